@@ -1,0 +1,64 @@
+"""The ``pouring-robot`` command: its subcommands, and how errors reach the user.
+
+Exit codes: 0 done, 2 bad input, 3 no solution. An error is one line on standard error; a traceback never reaches
+a user of a sound installation.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from typing import cast
+
+import typer
+
+from pouring_robot.cli import export, path, pose, robots, view
+from pouring_robot.exceptions import PouringRobotError
+
+app = typer.Typer(
+    name="pouring-robot",
+    help="Says where the ladle of a hybrid truss pouring robot really is.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+app.command("pose")(pose.pose)
+app.command("path")(path.path)
+app.command("robots")(robots.robots)
+app.command("view")(view.view)
+app.command("export")(export.export)
+
+
+# Typer carries a Click of its own; this is its ClickException, the base of every complaint about arguments.
+_ArgumentError: type[Exception] = typer.BadParameter.__mro__[2]
+
+
+def _complain(message: str) -> None:
+    print("pouring-robot: " + " ".join(message.split()), file=sys.stderr)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code (0 done, 2 bad input, 3 no solution)."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        outcome = app(args=given or ["--help"], prog_name="pouring-robot", standalone_mode=False)
+        sys.stdout.flush()
+        return outcome if isinstance(outcome, int) else 0
+    except PouringRobotError as error:
+        _complain(str(error))
+        return error.exit_code
+    except _ArgumentError as error:
+        _complain(f"{cast(typer.BadParameter, error).format_message()}; see pouring-robot --help")
+        return 2
+    except (typer.Abort, KeyboardInterrupt):
+        _complain("stopped")
+        return 130
+    except BrokenPipeError:
+        # The reader (such as `head`) has gone: say nothing, and keep Python from saying it at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,25 @@
+"""``pouring-robot export``: the robot as built for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pouring_robot.cli import options
+from pouring_robot.description import write_urdf
+from pouring_robot.files import write_whole
+from pouring_robot.model import loops_file
+
+OutFolder = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the URDF, its meshes and loops.")]
+
+
+def export(out: OutFolder, model: options.ModelFile = None, layout: options.LayoutName = None) -> None:
+    """Write the robot as built: URDF with its meshes, and loops.yaml that says how the tree closes."""
+    robot = options.robot_of(model, layout)
+    urdf = write_urdf(robot.model.urdf(), out)
+    loops = write_whole(out / "loops.yaml", loops_file().read_bytes())
+    console = options.console()
+    for path in (urdf, loops):
+        console.print(f"wrote {path}")

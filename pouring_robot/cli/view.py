@@ -1,0 +1,40 @@
+"""``pouring-robot view``: the scene of ``pose`` live in the browser, on this machine only."""
+
+from __future__ import annotations
+
+import contextlib
+import webbrowser
+from typing import Annotated
+
+import typer
+
+from pouring_robot.cli import options
+from pouring_robot.poses import PlatformPose
+
+MIDDLE_MM = (-100.0, 0.0, -600.0)
+
+
+def view(
+    at_mm: options.AtMm = MIDDLE_MM,
+    tilt_deg: options.TiltDeg = 0.0,
+    model: options.ModelFile = None,
+    layout: options.LayoutName = None,
+    exaggerate: options.Exaggeration = None,
+    port: Annotated[int, typer.Option(help="TCP port on the loopback address; 0 takes a free one.")] = 0,
+    browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
+) -> None:
+    """Show nominal and actual ladle live in the browser until Ctrl-C."""
+    # The drawing libraries take half a second to import; only commands that draw pay for it.
+    from pouring_robot.pose_scene import pose_scene
+    from pouring_robot.viewer import serve
+
+    robot = options.robot_of(model, layout)
+    scene = pose_scene([robot.locate(PlatformPose.from_mm_deg(*at_mm, tilt_deg))], exaggerate)
+    console = options.console()
+    with serve(scene, port) as live:
+        console.print(f"the ladle is shown at {live.url} (this machine only); Ctrl-C ends it")
+        if browser:
+            webbrowser.open(live.url)
+        with contextlib.suppress(KeyboardInterrupt):
+            live.wait()
+    console.print("closed; nothing is left running")

@@ -1,0 +1,231 @@
+"""Closing the loops: damped Newton on the closure energy, symmetric in the chains.
+
+Four UPU chains over-constrain the platform: any axis error makes rigid closure impossible. The answer is the
+minimum of :mod:`pouring_robot.energy`, and what is left open at that minimum is part of the result: it tells the
+user that parts would be forced together.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+import scipy.linalg
+
+from pouring_robot.energy import NO_LOADS, ClosureEnergy, EnergyState, Loads
+from pouring_robot.exceptions import BadInputError, ClosureError
+from pouring_robot.mechanism import ClosedChainMechanism, FloatArray
+
+# Singular values of the constraint Jacobian (m and rad, all of order one) below this are zero: perturbations
+# of interest start at a micrometre or a microradian.
+RANK_TOLERANCE = 1e-8
+
+
+@dataclass(frozen=True)
+class ClosureOptions:
+    """When a closure counts as found.
+
+    Attributes:
+        step_tolerance: largest component of the last Newton step, in m or rad; what is left after a step
+            this long is its square, times a factor of order one.
+        max_iterations: Newton steps before giving up.
+        max_gap_m: largest distance that may be left open; ``max_gap_rad``: largest angle.
+        closed_below: loops open by less than this (m or rad) count as closed exactly, where Gauss-Newton
+            converges quadratically and the exact Hessian adds nothing.
+    """
+
+    step_tolerance: float = 1e-7
+    max_iterations: int = 60
+    max_gap_m: float = 0.01
+    max_gap_rad: float = 0.1
+    closed_below: float = 1e-9
+
+
+DEFAULT_OPTIONS = ClosureOptions()
+
+
+@dataclass(frozen=True)
+class ClosureResult:
+    """A closed configuration and how well it is closed.
+
+    Attributes:
+        mechanism: the mechanism that was closed.
+        configuration: Pinocchio configuration, shape (nq,).
+        residual: what is left open in each loop, log6, shape (loops, 6), in m and rad.
+        internal_wrench: what each loop carries, shape (loops, 6), in N and Nm, in frame a of the loop.
+        energy: closure energy at the minimum, in J.
+        iterations: Newton steps taken.
+        jacobian: derivative of the residual by all joint velocities, shape (loops, 6, nv).
+    """
+
+    mechanism: ClosedChainMechanism
+    configuration: FloatArray
+    residual: FloatArray
+    internal_wrench: FloatArray
+    energy: float
+    iterations: int
+    jacobian: FloatArray
+
+    @functools.cached_property
+    def joint_values(self) -> dict[str, float]:
+        """Value of every one-freedom joint, in m or rad."""
+        return self.mechanism.joint_values(self.configuration)
+
+    @property
+    def gap_m(self) -> float:
+        """Largest distance left open between two frames that should coincide, in m."""
+        return float(np.linalg.norm(self.residual[:, :3], axis=1).max())
+
+    @property
+    def gap_rad(self) -> float:
+        """Largest angle left open, in rad."""
+        return float(np.linalg.norm(self.residual[:, 3:], axis=1).max())
+
+    @functools.cached_property
+    def rank(self) -> int:
+        """Rank of the loops' Jacobian over all joints that move: freedoms = joint freedoms - rank."""
+        columns = self.mechanism.closing_columns
+        return int(np.linalg.matrix_rank(self.jacobian.reshape(-1, self.jacobian.shape[2])[:, columns], RANK_TOLERANCE))
+
+    @property
+    def freedoms(self) -> int:
+        """Freedoms left to the closed mechanism, were its loops rigid."""
+        return int(self.mechanism.closing_columns.size) - self.rank
+
+    def pose(self, base_frame: str, frame: str) -> pin.SE3:
+        """Return the pose of ``frame`` in ``base_frame``.
+
+        Raises:
+            UnknownFrameError: a frame does not exist.
+        """
+        placements = self._placements
+        base, tip = (placements[self.mechanism.frame_id(name)] for name in (base_frame, frame))
+        return base.actInv(tip)
+
+    @functools.cached_property
+    def _placements(self) -> list[pin.SE3]:
+        model = self.mechanism.shared_model
+        data = model.createData()
+        pin.framesForwardKinematics(model, data, self.configuration)
+        return list(data.oMf)
+
+    @property
+    def pose_base_to_end(self) -> pin.SE3:
+        """Pose of the loops file's ``end_frame`` in its ``base_frame``."""
+        loops = self.mechanism.loops
+        if loops.end_frame is None:
+            raise BadInputError("the loops file names no end_frame; ask for a pose between two frames instead")
+        return self.pose(loops.base_frame, loops.end_frame)
+
+
+class ClosureSolver:
+    """Closes a mechanism for given drive values. Holds workspace: one solver a thread.
+
+    Args:
+        mechanism: the mechanism.
+        loads: weight and yielding drives; none by default.
+        options: tolerances.
+    """
+
+    def __init__(
+        self,
+        mechanism: ClosedChainMechanism,
+        loads: Loads = NO_LOADS,
+        options: ClosureOptions = DEFAULT_OPTIONS,
+    ) -> None:
+        """Keep the energy of the mechanism at hand."""
+        self.mechanism, self.options = mechanism, options
+        self.energy = ClosureEnergy(mechanism, loads)
+
+    def solve(self, drives: Mapping[str, float], start: FloatArray) -> ClosureResult:
+        """Close the loops.
+
+        Args:
+            drives: value of each drive, in m or rad; drives left out keep their value of ``start``.
+            start: configuration to start from, shape (nq,); also fixes the locked joints.
+
+        Raises:
+            UnknownJointError: a name is no joint.
+            BadInputError: a value is not finite.
+            ClosureError: the loops stay open, or Newton does not converge.
+        """
+        return self.solve_from(self.mechanism.with_joint_values(start, drives))
+
+    def solve_from(self, configuration: FloatArray) -> ClosureResult:
+        """Close the loops from a configuration that already holds the drive values; shape (nq,).
+
+        Raises:
+            ClosureError: the loops stay open, or Newton does not converge.
+        """
+        if not np.all(np.isfinite(configuration)):
+            raise BadInputError("the start configuration holds a value that is not a finite number")
+        state, iterations = self._minimise(configuration)
+        result = ClosureResult(
+            self.mechanism,
+            state.configuration,
+            state.residual,
+            state.wrench,
+            state.energy,
+            iterations,
+            state.jacobian,
+        )
+        if result.gap_m > self.options.max_gap_m or result.gap_rad > self.options.max_gap_rad:
+            raise self._failure("the parts do not fit together", state, iterations)
+        return result
+
+    def _minimise(self, commanded: FloatArray) -> tuple[EnergyState, int]:
+        """Run damped Newton: exact Hessian near the minimum, Gauss-Newton before, Levenberg's term on failure."""
+        options, energy = self.options, self.energy
+        state = energy.evaluate(commanded, commanded)
+        damping, exact = 0.0, False
+        for iteration in range(1, options.max_iterations + 1):
+            step = self._step(state, exact, damping)
+            length = max(step.max(), -step.min())
+            trial = energy.evaluate(pin.integrate(energy.model, state.configuration, step), commanded)
+            short = length < options.step_tolerance
+            # Round-off of the energy: near the minimum it may rise by a few last digits.
+            if trial.energy <= state.energy * (1.0 + 1e-12) + 1e-18 or short:
+                closed = np.abs(trial.residual).max() < options.closed_below and not energy.has_loads
+                if short and (exact or closed):
+                    return trial, iteration
+                # Energy that no longer falls steeply is there to stay: from here the residual's curvature counts.
+                exact = not closed and trial.energy > 0.01 * state.energy
+                state, damping = trial, 0.1 * damping if damping > 1e-8 else 0.0
+            else:
+                state = energy.evaluate(state.configuration, commanded)  # the Hessian reads the workspace
+                damping = max(10.0 * damping, 1e-4)
+        raise self._failure("Newton's steps do not settle", state, options.max_iterations)
+
+    def _step(self, state: EnergyState, exact: bool, damping: float) -> FloatArray:
+        """Return the Newton step over all velocity columns; shape (nv,)."""
+        energy = self.energy
+        free, block = energy.free_columns, energy.free_block
+        downhill = -state.gradient[free]
+        step = np.zeros(energy.model.nv)
+        for full in (energy.hessian, energy.gauss_newton_hessian)[0 if exact else 1 :]:
+            hessian = full(state)[block]
+            if damping:
+                hessian[np.diag_indices_from(hessian)] *= 1.0 + damping
+            _, solution, info = scipy.linalg.lapack.dposv(hessian, downhill)
+            if info == 0:  # positive definite: the step goes downhill
+                step[free] = solution
+                return step
+        # Gauss-Newton singular: the least-norm step keeps what is undetermined in place.
+        step[free] = np.linalg.lstsq(hessian, downhill, rcond=1e-12)[0]
+        return step
+
+    def _failure(self, reason: str, state: EnergyState, iterations: int) -> ClosureError:
+        gaps = np.linalg.norm(state.residual[:, :3], axis=1)
+        turns = np.linalg.norm(state.residual[:, 3:], axis=1)
+        worst = int(np.argmax(gaps + 0.1 * turns))
+        name = self.mechanism.loops.names[worst]
+        return ClosureError(
+            reason,
+            iterations=iterations,
+            gap_m=float(gaps.max()),
+            gap_rad=float(turns.max()),
+            worst_loop=name,
+        )

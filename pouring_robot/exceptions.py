@@ -1,0 +1,169 @@
+"""Every error the package raises on purpose, each with its figures and one line that says how to mend it.
+
+Two families: :class:`BadInputError` (what was given is wrong; exit code 2) and :class:`NoSolutionError`
+(the input is sound but the mechanism has no answer; exit code 3). ``str(error)`` is always one line.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+
+def closest(name: str, known: Iterable[str]) -> str:
+    """Return ``"; did you mean 'x'?"`` for the nearest of the known names, or the whole list when none is near."""
+    names = sorted(known)
+    near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+    if near:
+        return f"; did you mean '{near[0]}'?"
+    return f"; known: {', '.join(names)}" if names else ""
+
+
+class PouringRobotError(Exception):
+    """Base of all errors of this package."""
+
+    exit_code = 1
+
+
+class BadInputError(PouringRobotError):
+    """What the user gave cannot be used: a file, an option or a value."""
+
+    exit_code = 2
+
+
+class NoSolutionError(PouringRobotError):
+    """The input is sound, but the mechanism has no answer for it."""
+
+    exit_code = 3
+
+
+class DescriptionError(BadInputError):
+    """The robot's description (xacro, URDF, layouts or loops file) is broken.
+
+    Attributes:
+        path: the file at fault.
+        problem: what is wrong with it, on one line.
+    """
+
+    def __init__(self, path: Path | str, problem: str) -> None:
+        """Name the file and the problem."""
+        self.path = Path(path)
+        self.problem = " ".join(problem.split())
+        super().__init__(f"{path}: {self.problem}")
+
+
+class UnknownLayoutError(BadInputError):
+    """A layout was asked for that the dimensions file does not hold."""
+
+    def __init__(self, name: str, known: Sequence[str], path: Path | str) -> None:
+        """Name the layout, the known ones and the file."""
+        self.name, self.known, self.path = name, tuple(known), Path(path)
+        super().__init__(f"unknown layout '{name}' in {self.path.name}; known: {', '.join(known)}")
+
+
+class UnknownJointError(BadInputError):
+    """A joint was named that the robot does not have."""
+
+    def __init__(self, name: str, known: Iterable[str]) -> None:
+        """Name the joint and suggest the nearest known one."""
+        self.name, self.known = name, tuple(known)
+        super().__init__(f"the robot has no joint '{name}'{closest(name, self.known)}")
+
+
+class OutputError(BadInputError):
+    """A result cannot be written where it was asked for.
+
+    Attributes:
+        path: the file that was to be written.
+        problem: why it cannot be, on one line.
+    """
+
+    def __init__(self, path: Path | str, problem: str) -> None:
+        """Name the file and the problem."""
+        self.path = Path(path)
+        self.problem = " ".join(problem.split())
+        super().__init__(f"cannot write {path}: {self.problem}")
+
+
+class UnknownFrameError(BadInputError):
+    """A frame was named that the robot does not have."""
+
+    def __init__(self, name: str, known: Iterable[str]) -> None:
+        """Name the frame and suggest the nearest known one."""
+        self.name, self.known = name, tuple(known)
+        super().__init__(f"the robot has no frame '{name}'{closest(name, self.known)}")
+
+
+class ClosureError(NoSolutionError):
+    """The loops cannot be closed for these drive values.
+
+    Attributes:
+        iterations: Newton steps taken.
+        gap_m: largest distance left between two frames that should coincide, in m.
+        gap_rad: largest angle left between them, in rad.
+        worst_loop: the loop with the largest gap.
+    """
+
+    def __init__(self, reason: str, *, iterations: int, gap_m: float, gap_rad: float, worst_loop: str) -> None:
+        """Keep the figures and say them in mm and mrad."""
+        self.iterations, self.gap_m, self.gap_rad, self.worst_loop = iterations, gap_m, gap_rad, worst_loop
+        super().__init__(
+            f"the loops do not close: {reason} after {iterations} iterations; '{worst_loop}' is left open by "
+            f"{gap_m * 1e3:.4g} mm and {gap_rad * 1e3:.4g} mrad; check the drive values and the model's errors"
+        )
+
+
+class UnreachablePoseError(NoSolutionError):
+    """A pose asks a joint to go beyond its limits.
+
+    Attributes:
+        joint: the joint that limits.
+        value: the value asked of it, in m or rad.
+        lower: its lower limit; ``upper`` its upper one.
+    """
+
+    def __init__(self, joint: str, value: float, lower: float, upper: float, *, prismatic: bool) -> None:
+        """Keep the figures and say by how much the limit is passed."""
+        self.joint, self.value, self.lower, self.upper = joint, value, lower, upper
+        factor, unit = (1e3, "mm") if prismatic else (57.29577951308232, "deg")
+        excess = lower - value if value < lower else value - upper
+        self.excess = excess
+        super().__init__(
+            f"the pose is out of reach: joint '{joint}' would stand at {value * factor:.2f} {unit}, "
+            f"{excess * factor:.2f} {unit} beyond its limits {lower * factor:.2f} to {upper * factor:.2f} {unit}"
+        )
+
+
+class SingularPoseError(NoSolutionError):
+    """The drives do not determine the platform here.
+
+    Attributes:
+        ratio: smallest over largest eigenvalue of the closure's Hessian over the free joints.
+    """
+
+    def __init__(self, ratio: float) -> None:
+        """Keep the eigenvalue ratio."""
+        self.ratio = ratio
+        super().__init__(
+            f"the mechanism is singular here: with its drives held the platform can still move "
+            f"(eigenvalue ratio {ratio:.1e}); choose another pose"
+        )
+
+
+class ModelFileError(DescriptionError):
+    """A model file is wrong."""
+
+
+class TableError(BadInputError):
+    """A table of numbers (CSV) is wrong.
+
+    Attributes:
+        path: the file at fault.
+        problem: what is wrong, with line and column where they are known.
+    """
+
+    def __init__(self, path: Path | str, problem: str) -> None:
+        """Name the file and the problem."""
+        self.path, self.problem = Path(path), " ".join(problem.split())
+        super().__init__(f"{path}: {self.problem}")

@@ -1,0 +1,70 @@
+"""Commanded poses from a CSV file, whose column names carry the units."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+from pouring_robot.exceptions import TableError, closest
+from pouring_robot.poses import PlatformPose
+
+_LENGTHS = {"mm": 1e-3, "m": 1.0}
+_ANGLES = {"deg": math.radians(1.0), "rad": 1.0, "mrad": 1e-3}
+_COLUMNS = {
+    name: {f"{name}_{unit}": factor for unit, factor in units.items()}
+    for name, units in (("x", _LENGTHS), ("y", _LENGTHS), ("z", _LENGTHS), ("tilt", _ANGLES))
+}
+
+
+def read_poses(path: Path | str) -> list[PlatformPose]:
+    """Read commanded poses: columns x, y, z (``_mm`` or ``_m``) and tilt (``_deg``, ``_rad`` or ``_mrad``).
+
+    Raises:
+        TableError: the file cannot be read, a column is missing, doubled or unknown, or a cell is no finite number.
+    """
+    path = Path(path)
+    try:
+        rows = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
+    except OSError as error:
+        raise TableError(path, f"cannot be read: {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise TableError(path, "is not a CSV file in UTF-8") from error
+    if not rows:
+        raise TableError(path, "is empty; the first line must name the columns x_mm, y_mm, z_mm, tilt_deg")
+    columns = _find_columns(path, [cell.strip() for cell in rows[0]])
+    poses = []
+    for number, row in enumerate(rows[1:], start=2):
+        if any(cell.strip() for cell in row):
+            x, y, z, tilt = (_cell(path, number, row, *columns[name]) for name in _COLUMNS)
+            poses.append(PlatformPose((x, y, z), tilt))
+    if not poses:
+        raise TableError(path, "holds no pose below its header line")
+    return poses
+
+
+def _find_columns(path: Path, header: list[str]) -> dict[str, tuple[int, float, str]]:
+    """Return position, factor to SI and heading of each wanted column."""
+    known = [heading for units in _COLUMNS.values() for heading in units]
+    for heading in header:
+        if heading not in known:
+            raise TableError(path, f"line 1: unknown column '{heading}'{closest(heading, known)}")
+    found = {}
+    for name, units in _COLUMNS.items():
+        matches = [(i, units[heading], heading) for i, heading in enumerate(header) if heading in units]
+        if len(matches) != 1:
+            problem = "is missing" if not matches else "stands twice"
+            raise TableError(path, f"line 1: the column for {name} ({' or '.join(units)}) {problem}")
+        found[name] = matches[0]
+    return found
+
+
+def _cell(path: Path, number: int, row: list[str], index: int, factor: float, heading: str) -> float:
+    text = row[index].strip() if index < len(row) else ""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise TableError(path, f"line {number}, column {heading}: '{text}' is not a finite number")
+    return value * factor

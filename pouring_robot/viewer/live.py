@@ -1,0 +1,183 @@
+"""A scene in the browser while the program runs: a server on the loopback address and nowhere else.
+
+meshcat's own server is a process of its own that listens on every interface, outlives a killed parent and has
+a second port for commands. This one is a thread of the program: it ends with the program, however that ends.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import threading
+from types import TracebackType
+from typing import Any, Self
+
+import tornado.httpserver
+import tornado.netutil
+import tornado.web
+import tornado.websocket
+
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.viewer.commands import clear_command, drawing_commands
+from pouring_robot.viewer.page import overlay, page
+from pouring_robot.viewer.scene import Scene
+
+LOOPBACK = "127.0.0.1"
+_PATIENCE_S = 10.0
+"""Longest time the server's thread may take to start or to end."""
+
+
+def serve(scene: Scene, port: int = 0) -> LiveView:
+    """Show a scene in the browser for as long as the returned view is open.
+
+    Args:
+        scene: what to show.
+        port: TCP port on the loopback address; 0 takes a free one.
+
+    Returns:
+        The view; use it in a ``with`` statement. After that nothing listens and no thread is left.
+
+    Raises:
+        BadInputError: the port is taken or not allowed.
+        DescriptionError: a visual of a robot cannot be drawn.
+    """
+    return LiveView(scene, port)
+
+
+class LiveView:
+    """A scene that a browser on this machine can look at; several may at once.
+
+    Attributes:
+        url: address of the page.
+    """
+
+    def __init__(self, scene: Scene, port: int = 0) -> None:
+        """Start listening; see :func:`serve`."""
+        self._contents = _Contents(scene)
+        self._sockets = _listen_on(port)
+        self.url = f"http://{LOOPBACK}:{self._sockets[0].getsockname()[1]}/"
+        self._loop = asyncio.new_event_loop()
+        self._closing = threading.Event()
+        self._started = threading.Event()
+        # A daemon: a program that forgets to close the view must still be able to end.
+        self._thread = threading.Thread(target=self._run, name="pouring-robot-view", daemon=True)
+        self._thread.start()
+        self._started.wait(_PATIENCE_S)
+
+    def show(self, scene: Scene) -> None:
+        """Replace what every open page shows; the place of the camera is set anew too."""
+        contents = _Contents(scene)
+
+        def swap() -> None:
+            self._contents.take(contents)
+            for client in tuple(self._contents.clients):
+                client.send_all()
+
+        self._loop.call_soon_threadsafe(swap)
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Block until the view is closed, the time is over (s) or Ctrl-C; return whether it was closed."""
+        return self._closing.wait(timeout_s)
+
+    def close(self) -> None:
+        """Stop listening and end the thread; a second call does nothing."""
+        if not self._closing.is_set():
+            self._closing.set()
+            self._loop.call_soon_threadsafe(self._stop.set)
+            self._thread.join(_PATIENCE_S)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _run(self) -> None:
+        """Body of the thread."""
+        asyncio.set_event_loop(self._loop)
+        try:
+            self._loop.run_until_complete(self._listen())
+        finally:
+            self._loop.close()
+
+    async def _listen(self) -> None:
+        self._stop = asyncio.Event()
+        options = {"contents": self._contents}
+        # A browser's request for an icon is no news for a terminal, so nothing is logged.
+        application = tornado.web.Application(log_function=lambda handler: None)
+        # Asked for under any other name, the server knows nothing: a page from elsewhere whose name was made
+        # to point at this machine gets no answer.
+        application.add_handlers(
+            r"127\.0\.0\.1|localhost",
+            [(r"/(?:static/)?", _Page, options), (r"/commands", _Commands, options)],
+        )
+        server = tornado.httpserver.HTTPServer(application)
+        server.add_sockets(self._sockets)
+        self._started.set()
+        await self._stop.wait()
+        server.stop()
+        for client in tuple(self._contents.clients):
+            client.close()
+        await server.close_all_connections()
+
+
+def _listen_on(port: int) -> list[socket.socket]:
+    """Return sockets that listen on the loopback address and no other."""
+    try:
+        if not 0 <= port <= 65535:
+            raise OSError("ports go from 0 to 65535")
+        return list(tornado.netutil.bind_sockets(port, LOOPBACK))
+    except OSError as error:
+        raise BadInputError(
+            f"cannot listen on {LOOPBACK} port {port}: {error.strerror or error}; "
+            "choose another port, or 0 for a free one"
+        ) from error
+
+
+class _Contents:
+    """What the server hands out, and to whom; touched by the server's thread alone once that runs."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.page = page(scene, live=True)
+        self.overlay = overlay(scene)
+        self.commands = drawing_commands(scene)
+        self.clients: set[_Commands] = set()
+
+    def take(self, other: _Contents) -> None:
+        self.page, self.overlay, self.commands = other.page, other.overlay, other.commands
+
+
+class _Page(tornado.web.RequestHandler):
+    """The page itself."""
+
+    def initialize(self, contents: _Contents) -> None:
+        self.contents = contents
+
+    def get(self) -> None:
+        self.set_header("Cache-Control", "no-store")
+        self.write(self.contents.page)
+
+
+class _Commands(tornado.websocket.WebSocketHandler):
+    """The drawing commands; tornado itself refuses pages of other origins."""
+
+    def initialize(self, contents: _Contents) -> None:
+        self.contents = contents
+
+    def open(self, *args: Any, **kwargs: Any) -> None:
+        self.contents.clients.add(self)
+        self.send_all()
+
+    def send_all(self) -> None:
+        self.write_message(clear_command(), binary=True)
+        self.write_message(self.contents.overlay)
+        for command in self.contents.commands:
+            self.write_message(command, binary=True)
+
+    def on_message(self, message: str | bytes) -> None:
+        """Pages have nothing to say."""
+
+    def on_close(self) -> None:
+        self.contents.clients.discard(self)

@@ -1,0 +1,182 @@
+"""A scene as a picture file, made on any machine: no screen, no graphics card, no system library."""
+
+from __future__ import annotations
+
+import io
+import os
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.files import write_whole
+from pouring_robot.viewer.lettering import Panel, label_arrows
+from pouring_robot.viewer.raycast import Floats, Hits, Layer, Mask, View, edge_mask, lit_colours
+from pouring_robot.viewer.scene import SKY_BOTTOM, SKY_TOP, Scene
+from pouring_robot.viewer.solids import camera_on, solids, view_height
+
+Pixels = npt.NDArray[np.uint8]
+
+PICTURE_SIZE = (1200, 900)
+"""Default width and height, pixels."""
+_SMALLEST, _LARGEST = 160, 6000
+_SAMPLES = 2
+"""Rays along each side of a pixel."""
+_BAND = 96
+"""Rows of pixels drawn at once."""
+_MARGIN = 12
+"""Rows of samples drawn beyond a band; even, and wider than a blur reaches."""
+_THREADS = 4
+_TOUCHING_M = 1e-4
+"""A translucent surface this little in front of a solid one is not drawn: it would come out in specks."""
+
+
+def write_png(scene: Scene, path: Path | str, size: tuple[int, int] = PICTURE_SIZE) -> Path:
+    """Write a scene as a PNG picture.
+
+    Args:
+        scene: what to show.
+        path: the file; written whole or not at all.
+        size: width and height, pixels.
+
+    Returns:
+        The path.
+
+    Raises:
+        BadInputError: the size is out of range.
+        OutputError: the file cannot be written.
+        DescriptionError: a visual of a robot cannot be drawn.
+    """
+    buffer = io.BytesIO()
+    draw(scene, size).save(buffer, format="PNG")
+    return write_whole(path, buffer.getvalue())
+
+
+def draw(scene: Scene, size: tuple[int, int] = PICTURE_SIZE) -> Image.Image:
+    """Return the picture of a scene, title, legend and table included.
+
+    Solid bodies are shaded; of each translucent robot the surface nearest to the eye is laid over them, its
+    hidden edges are hinted at; arrows come last.
+
+    Args:
+        scene: what to show.
+        size: width and height, pixels.
+
+    Raises:
+        BadInputError: the size is out of range.
+        DescriptionError: a visual of a robot cannot be drawn.
+    """
+    width, height = size
+    if not all(_SMALLEST <= side <= _LARGEST for side in size):
+        raise BadInputError(f"picture size {width} × {height}: each side must be {_SMALLEST} to {_LARGEST} pixels")
+    panel = Panel(scene, size)
+    camera = scene.camera or camera_on(scene)
+    # The panel hides the left of the picture; what the camera looks at comes to the middle of the rest.
+    middle = 0.5 * width + min(0.5 * panel.right, 0.17 * width)
+    view = View(camera, width * _SAMPLES, height * _SAMPLES, middle * _SAMPLES)
+    stage = _Stage(scene, view)
+    with ThreadPoolExecutor(min(_THREADS, os.cpu_count() or 1)) as pool:
+        bands = list(pool.map(stage.band, range(0, height, _BAND)))
+    picture = Image.fromarray(np.concatenate(bands), mode="RGB")
+    panel.write(picture)
+    label_arrows(picture, scene, View(camera, width, height, middle))
+    return picture
+
+
+class _Stage:
+    """The solids of a scene, sorted by how they are laid over each other."""
+
+    def __init__(self, scene: Scene, view: View) -> None:
+        self._view = view
+        bodies = solids(scene)
+        on_top = [body for body in bodies if body.on_top]
+        opaque = [body for body in bodies if body.opacity == 1.0 and not body.on_top]
+        ghosts = [body for body in bodies if body.opacity < 1.0 and not body.on_top]
+        groups = dict.fromkeys(body.group for body in ghosts)
+        self._opaque = [Layer(opaque, view)] if opaque else []
+        self._ghosts = [Layer([body for body in ghosts if body.group == group], view) for group in groups]
+        self._on_top = [Layer(on_top, view)] if on_top else []
+
+    def band(self, first_pixel_row: int) -> Pixels:
+        """Return some rows of the picture, shape (rows, columns, 3), 0 to 255.
+
+        Bands fit into the processor's cache and can be drawn at the same time. Each is drawn with a margin,
+        in which edges and soft shadows find their neighbours, and then trimmed.
+        """
+        first = first_pixel_row * _SAMPLES
+        last = min(first + _BAND * _SAMPLES, self._view.rows)
+        top, bottom = max(first - _MARGIN, 0), min(last + _MARGIN, self._view.rows)
+        samples = self._composite(self._view.directions(top, bottom), top)[first - top : last - top]
+        rows, columns = (last - first) // _SAMPLES, self._view.columns // _SAMPLES
+        pixels = samples.reshape(rows, _SAMPLES, columns, _SAMPLES, 3).mean(axis=(1, 3))
+        return np.asarray(np.round(255 * np.clip(pixels, 0, 1)), dtype=np.uint8)
+
+    def _composite(self, directions: Floats, top: int) -> Floats:
+        """Lay background, solid bodies, translucent bodies and arrows over each other."""
+        rows, columns = directions.shape[:2]
+        samples = _background(self._view, top, rows)
+        nearest = np.full((rows, columns), np.inf, dtype=np.float32)
+        for layer in self._opaque:
+            hits = layer.meet(directions)
+            _over(samples, _shaded(layer, directions, hits), hits.mask, 1.0)
+            _over(samples, 0.35 * hits.colour, edge_mask(hits), 0.6)
+            nearest = hits.depth
+        for layer in self._ghosts:
+            part = _overlap(layer, top, rows)
+            _lay_ghost(samples[part], layer, directions[part], nearest[part])
+        for layer in self._on_top:
+            part = _overlap(layer, top, rows)
+            hits = layer.meet(directions[part])
+            colours = lit_colours(layer.camera, directions[part], hits, *_daylight_everywhere(hits))
+            _over(samples[part], colours, hits.mask, 1.0)
+            _over(samples[part], 0.4 * hits.colour, edge_mask(hits), 0.6)
+        return samples
+
+
+def _overlap(layer: Layer, top: int, rows: int) -> tuple[slice, slice]:
+    """Return the rows of a band, and the columns, in which a layer can be seen."""
+    down, across = layer.window
+    first = min(max(down.start - top, 0), rows)
+    return slice(first, min(max(down.stop - top, first), rows)), across
+
+
+def _lay_ghost(samples: Floats, layer: Layer, directions: Floats, nearest: Floats) -> None:
+    """Lay one translucent robot over the picture wherever it is in front of what is solid."""
+    hits = layer.meet(directions)
+    # Half of the light is flat: a ghost should read as one thing, not as a second shaded machine.
+    lit = lit_colours(layer.camera, directions, hits, *_daylight_everywhere(hits))
+    in_front = hits.mask & (hits.depth < nearest - np.float32(_TOUCHING_M))
+    _over(samples, 0.5 * (lit + hits.colour), in_front, layer.bodies[0].opacity)
+    edges = edge_mask(hits)
+    _over(samples, 0.5 * hits.colour, edges & in_front, 0.75)
+    _over(samples, 0.7 * hits.colour, edges & ~in_front, 0.25)
+
+
+def _shaded(layer: Layer, directions: Floats, hits: Hits) -> Floats:
+    """Shade solid bodies; the slow part, light that is blocked, is worked out for one sample a pixel."""
+    coarse = slice(None, None, _SAMPLES), slice(None, None, _SAMPLES)
+    reach = 0.16 * view_height(layer.camera)
+    open_, lit = layer.daylight(directions[coarse], hits.every(_SAMPLES), reach)
+    fine = (array.repeat(_SAMPLES, axis=0).repeat(_SAMPLES, axis=1) for array in (open_, lit))
+    return lit_colours(layer.camera, directions, hits, *fine)
+
+
+def _daylight_everywhere(hits: Hits) -> tuple[Floats, Floats]:
+    """Return the light that reaches bodies which cast no shadow on each other."""
+    full = np.ones(hits.depth.shape, dtype=np.float32)
+    return full, full
+
+
+def _over(below: Floats, above: Floats, where: Mask, opacity: float) -> None:
+    """Blend one picture over another, in place, where the mask says so."""
+    below[where] += np.float32(opacity) * (above[where] - below[where])
+
+
+def _background(view: View, top: int, rows: int) -> Floats:
+    """Return a pale sky that gets lighter towards the lower edge of the picture."""
+    down = (np.arange(top, top + rows, dtype=np.float32) / view.rows)[:, None, None]
+    high, low = (np.array(colour, dtype=np.float32) for colour in (SKY_TOP, SKY_BOTTOM))
+    return np.ascontiguousarray(np.broadcast_to(high + down * (low - high), (rows, view.columns, 3)))

@@ -1,0 +1,142 @@
+"""Triangles of a robot's visual geometry, whatever the URDF made them of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import coal
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+import trimesh
+
+from pouring_robot.exceptions import DescriptionError
+
+Vertices = npt.NDArray[np.float64]
+Faces = npt.NDArray[np.int64]
+
+_CREASE_RAD = np.radians(35.0)
+"""Neighbouring triangles that meet at more than this angle show an edge instead of a rounding."""
+_ROUND_SECTIONS = 40
+"""Sides of the prism that stands for a cylinder."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A surface of triangles in its own frame.
+
+    Attributes:
+        vertices: shape (v, 3), m; doubled along creases so that each copy has one normal.
+        normals: shape (v, 3), unit, outward where the triangles are wound counter-clockwise.
+        faces: shape (f, 3), rows of vertex numbers.
+        edges: shape (e, 2, 3), m: both ends of every crease and border.
+    """
+
+    vertices: Vertices
+    normals: Vertices
+    faces: Faces
+    edges: Vertices
+
+
+def visual_model(model: pin.Model, urdf_text: str, package_dirs: Sequence[Path | str] = ()) -> pin.GeometryModel:
+    """Return the visual geometry of a robot.
+
+    Args:
+        model: model built from the same URDF text, or one whose links carry the same names.
+        urdf_text: the URDF itself, not a path.
+        package_dirs: folders in which ``package://`` addresses of meshes are looked up.
+
+    Raises:
+        DescriptionError: the URDF does not parse, or a mesh is not found.
+    """
+    folders = [str(folder) for folder in package_dirs]
+    try:
+        return pin.buildGeomFromUrdfString(model, urdf_text, pin.GeometryType.VISUAL, package_dirs=folders)
+    except (ValueError, RuntimeError) as error:
+        raise DescriptionError("robot description", f"its visual geometry cannot be read: {error}") from error
+
+
+def shape_of(item: pin.GeometryObject) -> Shape:
+    """Return the triangles of one visual in its own frame, scale included.
+
+    Raises:
+        DescriptionError: the visual is of a kind that no URDF can hold (a plane, an octree, ...).
+    """
+    geometry = item.geometry
+    match geometry:
+        case coal.Box():
+            return _box(tuple(2.0 * geometry.halfSide))
+        case coal.Cylinder():
+            return cylinder(geometry.radius, 2.0 * geometry.halfLength)
+        case coal.Capsule():
+            return _capsule(geometry.radius, 2.0 * geometry.halfLength)
+        case coal.Sphere():
+            return _sphere(geometry.radius)
+        case coal.BVHModelBase():
+            return _from_mesh(geometry)
+    raise DescriptionError(
+        "robot description", f"visual '{item.name}' is a {type(geometry).__name__}, which cannot be drawn"
+    )
+
+
+@lru_cache(maxsize=256)
+def cylinder(radius: float, length: float) -> Shape:
+    """Return a closed cylinder along z, centred on its frame; radius and length in m."""
+    return smooth(trimesh.creation.cylinder(radius, length, sections=_ROUND_SECTIONS))
+
+
+@lru_cache(maxsize=256)
+def _box(extents: tuple[float, float, float]) -> Shape:
+    return smooth(trimesh.creation.box(extents))
+
+
+@lru_cache(maxsize=64)
+def _capsule(radius: float, length: float) -> Shape:
+    body = trimesh.creation.capsule(height=length, radius=radius)
+    # Releases of trimesh put the origin of a capsule in different places.
+    body.apply_translation(-body.bounds.mean(axis=0))
+    return smooth(body)
+
+
+@lru_cache(maxsize=64)
+def _sphere(radius: float) -> Shape:
+    return smooth(trimesh.creation.icosphere(subdivisions=3, radius=radius))
+
+
+_MESHES: dict[bytes, Shape] = {}
+"""Shapes of meshes by their content: both robots of a scene load the same files."""
+_MESHES_KEPT = 128
+
+
+def _from_mesh(geometry: coal.BVHModelBase) -> Shape:
+    """Return the shape of a mesh that Pinocchio loaded; its scale is already in the vertices."""
+    vertices = np.array(geometry.vertices(), dtype=np.float64)
+    triangles = map(geometry.tri_indices, range(geometry.num_tris))
+    faces = np.array([[one[0], one[1], one[2]] for one in triangles], dtype=np.int64).reshape(-1, 3)
+    key = vertices.tobytes() + faces.tobytes()
+    if key not in _MESHES:
+        if len(_MESHES) >= _MESHES_KEPT:
+            _MESHES.clear()
+        _MESHES[key] = smooth(trimesh.Trimesh(vertices, faces, process=True))
+    return _MESHES[key]
+
+
+def smooth(body: trimesh.Trimesh) -> Shape:
+    """Return the shape of a mesh: rounded where it is round, sharp along its creases."""
+    creases = body.face_adjacency_angles > _CREASE_RAD
+    borders = body.edges_unique[np.bincount(body.edges_unique_inverse, minlength=len(body.edges_unique)) == 1]
+    lines = np.concatenate([body.face_adjacency_edges[creases].reshape(-1, 2), borders.reshape(-1, 2)])
+    split = trimesh.graph.smooth_shade(body, angle=_CREASE_RAD)
+    arrays = (split.vertices, split.vertex_normals, split.faces, body.vertices[lines].reshape(-1, 2, 3))
+    shape = Shape(
+        vertices=np.array(arrays[0], dtype=np.float64),
+        normals=np.array(arrays[1], dtype=np.float64),
+        faces=np.array(arrays[2], dtype=np.int64),
+        edges=np.array(arrays[3], dtype=np.float64),
+    )
+    for array in (shape.vertices, shape.normals, shape.faces, shape.edges):
+        array.setflags(write=False)
+    return shape

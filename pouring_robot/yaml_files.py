@@ -1,0 +1,109 @@
+"""Reading YAML files into typed, validated objects, with errors that name file, line and key.
+
+Every YAML file of the package (loops, layouts, models, sweeps, campaigns) is read through :func:`read_yaml`
+and :func:`validate`, so that a misspelt key is reported in the same words everywhere.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import pydantic
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap, CommentedSeq
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+
+from pouring_robot.exceptions import DescriptionError
+
+FileModel = TypeVar("FileModel", bound=pydantic.BaseModel)
+
+
+class StrictModel(pydantic.BaseModel):
+    """Base of all file models: immutable, no unknown keys, no NaN or infinity."""
+
+    model_config = pydantic.ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def read_yaml(path: Path | str, error: type[DescriptionError] = DescriptionError) -> CommentedMap:
+    """Read a YAML file whose top level is a mapping.
+
+    Raises:
+        DescriptionError: (or the subclass given as ``error``) the file is missing, unreadable, not YAML,
+            has a key twice, or is not a mapping; the message names the line.
+    """
+    path = Path(path)
+    try:
+        content = YAML(typ="rt").load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as problem:
+        reason = problem.strerror if isinstance(problem, OSError) else "it is not UTF-8 text"
+        raise error(path, f"cannot be read: {reason}") from problem
+    except MarkedYAMLError as problem:
+        line = f"line {problem.problem_mark.line + 1}: " if problem.problem_mark else ""
+        summary = str(problem.problem or problem.context).splitlines()[0]
+        raise error(path, f"{line}not valid YAML: {summary}") from problem
+    except (YAMLError, ValueError) as problem:  # such as a number or a character YAML cannot hold
+        raise error(path, f"not valid YAML: {str(problem).splitlines()[0]}") from problem
+    if not isinstance(content, CommentedMap):
+        raise error(path, "must be a mapping of keys to values at its top level")
+    return content
+
+
+def _line_of(content: Any, location: Sequence[str | int]) -> int | None:
+    """Return the 1-based line of the deepest part of ``location`` that the file holds."""
+    line: int | None = None
+    for key in location:
+        if isinstance(content, CommentedMap) and key in content:
+            line = int(content.lc.key(key)[0]) + 1
+        elif isinstance(content, CommentedSeq) and isinstance(key, int) and key < len(content):
+            line = int(content.lc.item(key)[0]) + 1
+        else:
+            break
+        content = content[key]
+    return line
+
+
+def _known_keys(model: type[pydantic.BaseModel], location: Sequence[str | int]) -> list[str]:
+    """Return the keys allowed at a place of the file, as far as the types tell."""
+    current: Any = model
+    for key in location:
+        fields = getattr(current, "model_fields", {})
+        annotation = fields[key].annotation if key in fields else None
+        nested = [a for a in (annotation, *getattr(annotation, "__args__", ())) if hasattr(a, "model_fields")]
+        current = nested[0] if nested else (current if annotation is None else None)
+        if current is None:
+            return []
+    return [field.alias or name for name, field in current.model_fields.items()]
+
+
+def validate(
+    model: type[FileModel],
+    content: CommentedMap,
+    path: Path | str,
+    error: type[DescriptionError] = DescriptionError,
+) -> FileModel:
+    """Turn the content of a YAML file into ``model``.
+
+    Raises:
+        DescriptionError: (or the subclass given as ``error``) the first thing wrong, with its line, its key and,
+            for a key nobody knows, the nearest known one.
+    """
+    try:
+        return model.model_validate(content)
+    except pydantic.ValidationError as problem:
+        first, *others = problem.errors(include_url=False)
+        location = [part for part in first["loc"] if not str(part).startswith("function-")]
+        where = ".".join(str(part) for part in location)
+        line = _line_of(content, location)
+        if first["type"] == "extra_forbidden":
+            near = difflib.get_close_matches(str(location[-1]), _known_keys(model, location[:-1]), n=1)
+            message = f"unknown key '{where}'" + (f"; did you mean '{near[0]}'?" if near else "")
+        elif first["type"] == "missing":
+            message = f"key '{where}' is missing"
+        else:
+            given = "" if isinstance(first["input"], dict | list) else f" (it is {first['input']!r})"
+            message = f"'{where}': {first['msg'].removeprefix('Value error, ')}{given}"
+        more = f" (and {len(others)} more)" if others else ""
+        raise error(path, (f"line {line}: " if line else "") + message + more) from problem

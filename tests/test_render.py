@@ -1,0 +1,106 @@
+"""The picture that needs no screen."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from pouring_robot.exceptions import BadInputError, OutputError
+from pouring_robot.viewer import Camera, SceneArrow, camera_on, draw, solids, write_png
+from pouring_robot.viewer.raycast import Layer, View
+from tests.scenes import small_scene
+
+SIZE = (480, 360)
+
+
+def _pixels(scene, size=SIZE):
+    return np.asarray(draw(scene, size)).astype(int)
+
+
+def _changed(one, other):
+    return np.abs(one - other).max(axis=2) > 24
+
+
+def test_png_has_its_size_and_is_the_same_every_time(tmp_path):
+    scene = small_scene(tmp_path)
+    first = write_png(scene, tmp_path / "a.png", SIZE)
+    second = write_png(scene, tmp_path / "b.png", SIZE)
+    assert Image.open(first).size == SIZE
+    assert first.read_bytes() == second.read_bytes()
+    assert len(np.unique(np.asarray(Image.open(first)).reshape(-1, 3), axis=0)) > 1000
+
+
+def test_each_part_of_the_scene_changes_the_picture(tmp_path):
+    scene = small_scene(tmp_path)
+    nominal, actual = scene.robots
+    full = _pixels(scene)
+    for less in (
+        replace(scene, robots=(nominal,)),
+        replace(scene, robots=(actual,)),
+        replace(scene, arrows=()),
+        replace(scene, frames=()),
+        replace(scene, caption=()),
+        replace(scene, exaggeration=1.0),
+    ):
+        # The camera must not move with what is left out.
+        assert _changed(full, _pixels(replace(less, camera=camera_on(scene)))).sum() > 20
+
+
+def test_the_arrow_lies_over_what_hides_it(tmp_path):
+    scene = small_scene(tmp_path)
+    middle = np.array([1.0, 2.0, 0.05])  # inside the arm
+    camera = Camera(middle + np.array([0.2, -2.0, 0.3]), middle)
+    inside = SceneArrow("error", middle - np.array([0.02, 0, 0]), middle + np.array([0.02, 0, 0]))
+    pixels = _pixels(replace(scene, robots=(scene.robots[0],), arrows=(inside,), camera=camera, caption=()))
+    red = (pixels[..., 0] > 140) & (pixels[..., 1] < 90) & (pixels[..., 2] < 90)
+    assert red[:, SIZE[0] // 2 :].sum() > 10
+
+
+def test_translucent_bodies_let_the_background_through(tmp_path):
+    scene = small_scene(tmp_path, arrows=(), frames=(), caption=())
+    nominal = scene.robots[0]
+    camera = camera_on(scene)
+    empty = _pixels(replace(scene, robots=(replace(nominal, opacity=0.02),), camera=camera))
+    faint = _pixels(replace(scene, robots=(replace(nominal, opacity=0.3),), camera=camera))
+    solid = _pixels(replace(scene, robots=(replace(nominal, opacity=1.0),), camera=camera))
+    weak, strong = np.abs(faint - empty).sum(), np.abs(solid - empty).sum()
+    assert 0.1 * strong < weak < 0.7 * strong
+
+
+def test_rays_meet_the_surface_where_it_is(tmp_path):
+    scene = small_scene(tmp_path)
+    ball = next(body for body in solids(scene) if body.name.startswith("arm_1") and body.group == "actual")
+    centre = ball.pose_world_to_solid[:3, 3]
+    camera = Camera(centre + np.array([0.0, -2.0, 0.0]), centre)
+    view = View(camera, 201, 101, 80.5)
+    hits = Layer([ball], view).meet(view.directions(0, 101))
+    np.testing.assert_allclose(view.project(centre[None, :]), [[80.5, 50.5]])
+    assert hits.depth[50, 80] == pytest.approx(1.9, abs=1e-3)
+    np.testing.assert_allclose(hits.normal[50, 80], (0.0, -1.0, 0.0), atol=2e-2)
+    assert not hits.mask[50, 150]
+    rows, columns = view.window([ball])
+    outside = hits.mask.copy()
+    outside[rows, columns] = False
+    assert hits.mask[rows, columns].any()
+    assert not outside.any()
+
+
+def test_the_default_camera_shows_the_robots_and_not_all_of_the_truss(tmp_path):
+    scene = small_scene(tmp_path)
+    view = View(camera_on(scene), 400, 300, 200.0)
+    places = {body.link: view.project(body.vertices_in_world()) for body in solids(scene) if body.group == "actual"}
+    for link in ("arm", "cup"):
+        assert np.all((places[link] > 0.0) & (places[link] < (400.0, 300.0)))
+
+
+@pytest.mark.parametrize("size", [(10, 900), (1200, 100_000)])
+def test_refuses_sizes_out_of_range(tmp_path, size):
+    with pytest.raises(BadInputError, match="160 to 6000"):
+        draw(small_scene(tmp_path), size)
+
+
+def test_nothing_is_left_when_the_picture_cannot_be_written(tmp_path):
+    with pytest.raises(OutputError, match="is a folder"):
+        write_png(small_scene(tmp_path), tmp_path / "small", SIZE)
+    assert [path.name for path in tmp_path.iterdir()] == ["small"]
