@@ -59,6 +59,7 @@ class ClosureResult:
         energy: closure energy at the minimum, in J.
         iterations: Newton steps taken.
         jacobian: derivative of the residual by all joint velocities, shape (loops, 6, nv).
+        commanded: configuration that holds the commanded drives, shape (nq,); differs where drives yield.
     """
 
     mechanism: ClosedChainMechanism
@@ -68,6 +69,7 @@ class ClosureResult:
     energy: float
     iterations: int
     jacobian: FloatArray
+    commanded: FloatArray
 
     @functools.cached_property
     def joint_values(self) -> dict[str, float]:
@@ -171,6 +173,7 @@ class ClosureSolver:
             state.energy,
             iterations,
             state.jacobian,
+            configuration,
         )
         if result.gap_m > self.options.max_gap_m or result.gap_rad > self.options.max_gap_rad:
             raise self._failure("the parts do not fit together", state, iterations)

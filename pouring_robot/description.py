@@ -211,9 +211,10 @@ def _run_xacro(path: Path, arguments: Mapping[str, str]) -> str:
 
 
 def _file_at_fault(path: Path) -> Path:
-    """Return the file xacro was reading when it failed: it leaves its stack of files as it stood."""
-    stack = [name for name in xacro.filestack or [] if name]
-    return Path(os.path.normpath(stack[-1])) if stack else path
+    """Return the file of the macro, or else the file, xacro was in: on failure it leaves its stacks as they stood."""
+    stack = xacro.macrostack[-1].history[-1] if xacro.macrostack else xacro.filestack
+    files = [name for name in stack or [] if name]
+    return Path(os.path.normpath(files[-1])) if files else path
 
 
 def _displace(joint: etree._Element, placement: PlacementError) -> None:

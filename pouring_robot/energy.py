@@ -144,6 +144,30 @@ class EnergyState:
     jlog: FloatArray
 
 
+@dataclass(frozen=True)
+class TwistColumns:
+    """Twists that displace the tree at some place, in world coordinates, as each loop feels them.
+
+    Attributes:
+        on_a: twist of what carries frame a of each loop, zero where it is not displaced, shape (loops, 6, n).
+        on_b: the same for frame b.
+        depth: how deep in the tree each twist acts, shape (n,): a joint's placement at the number of frames
+            before it, its motion half a step later.
+    """
+
+    on_a: FloatArray
+    on_b: FloatArray
+    depth: FloatArray
+
+    def precedes(self, joints: TwistColumns) -> FloatArray:
+        """Return 1 where a twist (column) acts before a joint (row) of the same path; shape (joints, n)."""
+        return np.asarray(self.depth[None, :] < joints.depth[:, None], dtype=float)
+
+
+def _dual(left: FloatArray, form: FloatArray, right: FloatArray) -> FloatArray:
+    return np.asarray(np.swapaxes(left, 1, 2) @ form @ right)
+
+
 class ClosureEnergy:
     """The closure energy of a mechanism, evaluated with Pinocchio. Holds workspace: one object a thread.
 
@@ -254,29 +278,41 @@ class ClosureEnergy:
 
         It is the derivative of the gradient by joint twists where the gradient vanishes; shape (nv, nv).
         """
-        hessian = self.gauss_newton_hessian(state)
-        columns = self._relative_columns()
-        relative_wrench = (state.wrench[:, None, :] @ state.jlog)[:, 0]
-        body = np.stack([a.oMc2.toActionMatrixInverse() for a in self._anchor_data])
-        world_wrench = (relative_wrench[:, None, :] @ body)[:, 0]
-        form = bracket_form(world_wrench)
-        carrier_a, carrier_b = columns
-        local = body @ (carrier_b - carrier_a)
-        curvature = self._relative_curvature(state, relative_wrench)
-        hessian += (np.swapaxes(local, 1, 2) @ (curvature @ local)).sum(axis=0)
-        own_a = np.swapaxes(carrier_a, 1, 2) @ form @ carrier_a
-        own_b = np.swapaxes(carrier_b, 1, 2) @ form @ carrier_b
-        cross = np.swapaxes(carrier_b, 1, 2) @ form @ (carrier_b - carrier_a)
-        hessian += (self._precedes * (own_b - own_a) - cross).sum(axis=0)
+        hessian = self.gradient_derivative(state, self.joint_columns())
+        hessian[np.diag_indices_from(hessian)] += self.springs
         if self.loads.gravity:
             configuration = state.configuration
             hessian += pin.computeGeneralizedGravityDerivatives(self.model, self.data, configuration)
         return np.asarray(0.5 * (hessian + hessian.T))
 
-    def _relative_columns(self) -> tuple[FloatArray, FloatArray]:
-        """Return the world twist columns of the joints that carry frame a and frame b; (loops, 6, nv) each."""
+    def gradient_derivative(self, state: EnergyState, columns: TwistColumns) -> FloatArray:
+        """Return how the loops' part of the gradient changes when twists displace the tree; shape (nv, n).
+
+        Valid at the state's configuration, where :meth:`evaluate` was last called. Springs and weight are not
+        in it.
+
+        Args:
+            state: energy and first derivatives.
+            columns: n twists, each of a joint or of a placement somewhere on the tree.
+        """
+        joints = self.joint_columns()
+        body = np.stack([a.oMc2.toActionMatrixInverse() for a in self._anchor_data])
+        relative_wrench = (state.wrench[:, None, :] @ state.jlog)[:, 0]
+        form = bracket_form((relative_wrench[:, None, :] @ body)[:, 0])
+        motion = joints.on_b - joints.on_a
+        local, displaced = body @ motion, body @ (columns.on_b - columns.on_a)
+        stiff = np.swapaxes(state.jlog, 1, 2) @ (self._stiffness[:, :, None] * state.jlog)
+        curvature = stiff + self._relative_curvature(state, relative_wrench)
+        change = np.swapaxes(local, 1, 2) @ (curvature @ displaced)
+        # What turns the column of a joint: twists before it on its path to frame a or frame b.
+        own = _dual(joints.on_b, form, columns.on_b) - _dual(joints.on_a, form, columns.on_a)
+        change += _dual(motion, form, columns.on_b) - columns.precedes(joints) * own
+        return np.asarray(change.sum(axis=0))
+
+    def joint_columns(self) -> TwistColumns:
+        """Return the joints' own twists at the configuration where :meth:`evaluate` was last called."""
         mask_a, mask_b = self._support
-        return self.data.J * mask_a[:, None, :], self.data.J * mask_b[:, None, :]
+        return TwistColumns(self.data.J * mask_a[:, None, :], self.data.J * mask_b[:, None, :], self.joint_depths)
 
     def _relative_curvature(self, state: EnergyState, relative_wrench: FloatArray) -> FloatArray:
         """Return how each loop's wrench turns with its relative pose, beyond Jlog^T K Jlog; (loops, 6, 6)."""
@@ -299,8 +335,8 @@ class ClosureEnergy:
         return masks[0], masks[1]
 
     @functools.cached_property
-    def _precedes(self) -> FloatArray:
-        """Return 1 where the row's joint comes strictly before the column's in the tree; (nv, nv)."""
-        owner = np.concatenate([[j] * self.model.nvs[j] for j in range(1, self.model.njoints)]).astype(int)
-        # Within one support path Pinocchio's joint indices grow from root to tip.
-        return np.asarray(owner[:, None] < owner[None, :], dtype=float)
+    def joint_depths(self) -> FloatArray:
+        """Return how deep in the tree each joint column acts; (nv,)."""
+        paths = self.mechanism.path_depths
+        names = list(self.model.names)
+        return np.array([paths[names[j]] + 0.5 for j in range(1, self.model.njoints) for _ in range(self.model.nvs[j])])

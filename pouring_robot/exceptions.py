@@ -167,3 +167,38 @@ class TableError(BadInputError):
         """Name the file and the problem."""
         self.path, self.problem = Path(path), " ".join(problem.split())
         super().__init__(f"{path}: {self.problem}")
+
+
+class UnsupportedMechanismError(BadInputError):
+    """The batch engine cannot take this mechanism; the one-at-a-time solver can.
+
+    Attributes:
+        problem: what stands against it, on one line.
+    """
+
+    def __init__(self, problem: str) -> None:
+        """Name the problem and the way out."""
+        self.problem = problem
+        super().__init__(
+            f"the batch engine takes serial chains that end on one common body, but {problem}; "
+            "use ClosureSolver for this mechanism"
+        )
+
+
+class BatchClosureError(NoSolutionError):
+    """Some samples of a batch have no closed pose.
+
+    Attributes:
+        counts: number of samples by status, the closed ones left out.
+        samples: number of samples in all.
+        first: index of the first sample that failed.
+    """
+
+    def __init__(self, counts: dict[str, int], samples: int, first: int) -> None:
+        """Keep the figures."""
+        self.counts, self.samples, self.first = dict(counts), samples, first
+        failed = ", ".join(f"{count} {name}" for name, count in counts.items())
+        super().__init__(
+            f"{sum(counts.values())} of {samples} samples do not close ({failed}; the first is sample {first}); "
+            "check their drive values and errors, or leave out the samples whose status is not 0"
+        )

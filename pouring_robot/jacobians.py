@@ -1,8 +1,7 @@
 """Drive and passive-joint Jacobians of the closed mechanism, and how far it is from a singular pose.
 
-At the energy minimum the gradient over the free joints vanishes. Moving a drive keeps it zero, so by the implicit
-function theorem ``dq_free = -H_ff^-1 H_fd dq_drive`` with the exact Hessian H of the closure energy. This holds
-whether or not the loops close exactly.
+They are the columns of the error-transfer matrix that belong to the drives, so they are exact whether or not the
+loops close.
 """
 
 from __future__ import annotations
@@ -11,15 +10,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import pinocchio as pin
 
 from pouring_robot.closure import ClosureResult, ClosureSolver
-from pouring_robot.exceptions import SingularPoseError
 from pouring_robot.mechanism import FloatArray
+from pouring_robot.parameters import DriveParameter
+from pouring_robot.transfer import closed_chain_transfer
 
 # Rows of the platform twist that the four drives control: x, y, z and the tilt about y.
 TASK_ROWS = (0, 1, 2, 4)
-_SINGULAR_RATIO = 1e-13
 
 
 @dataclass(frozen=True)
@@ -68,41 +66,11 @@ def drive_jacobians(solver: ClosureSolver, result: ClosureResult) -> DriveJacobi
         SingularPoseError: the free joints are not determined by the drives here.
         BadInputError: the loops file names no end frame.
     """
-    energy, mechanism = solver.energy, solver.mechanism
-    state = energy.evaluate(result.configuration, result.configuration)
-    hessian = energy.hessian(state)
-    free, drives = energy.free_columns, mechanism.drive_columns
-    motion = np.zeros((energy.model.nv, drives.size))
-    right_side = np.zeros((free.size, drives.size))
-    for k, column in enumerate(drives):
-        if column in free:  # a yielding drive: its spring pulls the joint towards the command
-            right_side[free == column, k] = energy.springs[column]
-        else:
-            motion[column, k] = 1.0
-            right_side[:, k] = -hessian[free, column]
-    block = hessian[energy.free_block]
-    values, vectors = np.linalg.eigh(block)
-    if values[0] <= _SINGULAR_RATIO * values[-1]:
-        raise SingularPoseError(float(values[0] / values[-1]))
-    motion[free] += vectors @ ((vectors.T @ right_side) / values[:, None])
-    loops = state.jacobian.reshape(-1, energy.model.nv)[:, free]
+    drives = [DriveParameter(name, "") for name in solver.mechanism.loops.drives]
+    transfer = closed_chain_transfer(solver, result, drives)
+    loops = result.jacobian.reshape(-1, solver.energy.model.nv)[:, solver.energy.free_columns]
     margin = float(np.linalg.svd(loops, compute_uv=False)[-1])
-    return DriveJacobians(_end_twists(solver, result) @ motion, motion, margin)
-
-
-def _end_twists(solver: ClosureSolver, result: ClosureResult) -> FloatArray:
-    """Return the end frame's twist in base axes per joint velocity, shape (6, nv)."""
-    mechanism, model, data = solver.mechanism, solver.energy.model, solver.energy.data
-    pose = result.pose_base_to_end
-    base, end = (mechanism.frame_id(name) for name in (mechanism.loops.base_frame, mechanism.loops.end_frame or ""))
-    pin.computeJointJacobians(model, data, result.configuration)
-    pin.updateFramePlacements(model, data)
-    relative = pin.getFrameJacobian(model, data, end, pin.LOCAL) - data.oMf[end].actInv(
-        data.oMf[base]
-    ).toActionMatrix() @ pin.getFrameJacobian(model, data, base, pin.LOCAL)
-    axes = np.zeros((6, 6))
-    axes[:3, :3] = axes[3:, 3:] = pose.rotation
-    return np.asarray(axes @ relative)
+    return DriveJacobians(transfer.matrix, transfer.joints, margin)
 
 
 def dexterity(jacobians: DriveJacobians, prismatic: tuple[bool, ...], length_m: float) -> Dexterity:

@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from ruamel.yaml.comments import CommentedMap
 
 from pouring_robot.exceptions import DescriptionError, UnknownLayoutError
 from pouring_robot.layout_schema import Ladle, LayoutEntry, LayoutsFile, read_only
@@ -180,7 +179,6 @@ def _parse(path: Path, text: str) -> LayoutsFile:
         _refuse_ambiguous(path, content, yaml.safe_load(text))
     except yaml.YAMLError as error:
         raise DescriptionError(path, f"not valid YAML for xacro: {error}") from error
-    _place_merged(content)
     return validate(LayoutsFile, content, path)
 
 
@@ -198,16 +196,6 @@ def _refuse_ambiguous(path: Path, ours: object, theirs: object, key: str = "") -
     elif ours != theirs and not (isinstance(ours, float) and math.isnan(ours)):
         seen = f"YAML readers disagree on this value ({ours!r} or {theirs!r})"
         raise DescriptionError(path, f"'{key}': {seen}; write numbers as 12.5 or 1.0e+5")
-
-
-def _place_merged(content: object) -> None:
-    """Give keys that came in by ``<<`` the line of their mapping: they have none of their own."""
-    if isinstance(content, CommentedMap):
-        for key, value in content.items():
-            if key not in (content.lc.data or {}):
-                place = [content.lc.line, content.lc.col]
-                content.lc.add_kv_line_col(key, place + place)
-            _place_merged(value)
 
 
 def _ladle(entry: Ladle) -> LadleDimensions:

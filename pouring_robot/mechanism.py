@@ -173,6 +173,22 @@ class ClosedChainMechanism:
         """Velocity indices of all joints that are not locked: drives and passive joints together."""
         return np.sort(np.concatenate([self.drive_columns, self.passive_columns]))
 
+    @functools.cached_property
+    def frame_paths(self) -> dict[str, tuple[str, ...]]:
+        """Every frame by name: the names of the joints, moving and fixed, from the root down to it, it included."""
+        frames = list(self._model.frames)
+        paths: list[tuple[str, ...]] = []
+        for i, frame in enumerate(frames):  # Pinocchio lists a frame after its parent
+            before = paths[frame.parentFrame] if i else ()
+            is_joint = frame.type in (pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT)
+            paths.append((*before, frame.name) if is_joint else before)
+        return {frame.name: path for frame, path in zip(frames, paths, strict=True)}
+
+    @functools.cached_property
+    def path_depths(self) -> dict[str, int]:
+        """Number of joints, moving and fixed, before each joint on its way from the root."""
+        return {name: len(path) - 1 for name, path in self.frame_paths.items() if path and path[-1] == name}
+
     def frame_id(self, name: str) -> int:
         """Return Pinocchio's index of a frame.
 
@@ -192,6 +208,21 @@ class ClosedChainMechanism:
         if not self._model.existJointName(name):
             raise UnknownJointError(name, list(self._model.names)[1:])
         return int(self._model.getJointId(name))
+
+    def pose_world_to_placement(self, data: pin.Data, joint: str) -> pin.SE3:
+        """Return where the placement of a joint, fixed or moving, stands: before the joint's own motion.
+
+        Args:
+            data: Pinocchio's workspace with frame placements up to date.
+            joint: its name.
+
+        Raises:
+            UnknownFrameError: there is no such joint.
+        """
+        if self._model.existJointName(joint):
+            index = self._model.getJointId(joint)
+            return data.oMi[self._model.parents[index]] * self._model.jointPlacements[index]
+        return data.oMf[self.frame_id(joint)]
 
     def neutral_configuration(self) -> FloatArray:
         """Return the configuration with every joint at zero; shape (nq,)."""

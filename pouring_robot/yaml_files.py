@@ -55,11 +55,11 @@ def _line_of(content: Any, location: Sequence[str | int]) -> int | None:
     """Return the 1-based line of the deepest part of ``location`` that the file holds."""
     line: int | None = None
     for key in location:
-        if isinstance(content, CommentedMap) and key in content:
+        if isinstance(content, CommentedMap) and key in (content.lc.data or {}):
             line = int(content.lc.key(key)[0]) + 1
         elif isinstance(content, CommentedSeq) and isinstance(key, int) and key < len(content):
             line = int(content.lc.item(key)[0]) + 1
-        else:
+        elif not (isinstance(content, CommentedMap) and key in content):  # a key merged in by << has no line of its own
             break
         content = content[key]
     return line
@@ -93,7 +93,9 @@ def validate(
     try:
         return model.model_validate(content)
     except pydantic.ValidationError as problem:
-        first, *others = problem.errors(include_url=False)
+        # A misspelt key is also a missing one; the misspelling is what to mend.
+        errors = sorted(problem.errors(include_url=False), key=lambda error: error["type"] != "extra_forbidden")
+        first, *others = errors
         location = [part for part in first["loc"] if not str(part).startswith("function-")]
         where = ".".join(str(part) for part in location)
         line = _line_of(content, location)
