@@ -11,6 +11,7 @@ import os
 from pathlib import Path
 from typing import Any, Literal
 
+import pinocchio as pin
 import pydantic
 from ruamel.yaml import YAML
 
@@ -151,6 +152,14 @@ class RobotModel(StrictModel):
                 )
         return perturb_urdf(self.nominal_urdf(chain_order), self.placement_errors())
 
+    def tree_urdf(self) -> str:
+        """Return the robot as built for programs that know no loops.
+
+        In :meth:`urdf` the joint that only carries the platform in the tree stands as drawn. Here it stands so
+        that the carrying chain meets the platform at its displaced seat.
+        """
+        return meet_at_cut_joints(self.urdf(), self.loops())
+
     def nominal_mechanism(self, chain_order: tuple[int, ...] = (1, 2, 3, 4)) -> ClosedChainMechanism:
         """Return the mechanism of the drawing."""
         return ClosedChainMechanism(self.nominal_urdf(chain_order), self.loops(), loops_file())
@@ -158,6 +167,23 @@ class RobotModel(StrictModel):
     def mechanism(self, chain_order: tuple[int, ...] = (1, 2, 3, 4)) -> ClosedChainMechanism:
         """Return the mechanism as built."""
         return ClosedChainMechanism(self.urdf(chain_order), self.loops(), loops_file())
+
+
+def meet_at_cut_joints(urdf: str, loops: LoopsFile) -> str:
+    """Return the URDF with its cut joints placed so that the loops of the carrying chains are closed in the tree."""
+    mechanism = ClosedChainMechanism(urdf, loops)
+    model, paths = mechanism.shared_model, mechanism.frame_paths
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, mechanism.neutral_configuration())
+    errors = {}
+    for cut in loops.cut_joints:
+        for loop in loops.loops:
+            if paths[loop.frame_a] == paths[cut][:-1]:
+                mount, foot, seat = (data.oMf[mechanism.frame_id(name)] for name in (cut, loop.frame_a, loop.frame_b))
+                moved = mount.actInv(foot * seat.actInv(mount))
+                turn = pin.log3(moved.rotation)
+                errors[cut] = PlacementError(tuple(moved.translation.tolist()), tuple(turn.tolist()))
+    return perturb_urdf(urdf, errors)
 
 
 def loops_file() -> Path:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -81,19 +82,21 @@ class PayloadParameter:
 
 
 @dataclass(frozen=True)
-class BaseFrameParameter:
-    """Displaces the whole mechanism: twist of the base frame, in its own axes.
+class FrameParameter:
+    """Displaces a whole frame: the mechanism's base, or the observed frame on the end body, in its own axes.
 
     Attributes:
+        side: ``base`` or ``tool``.
         component: one of :data:`COMPONENTS`.
     """
 
+    side: Literal["base", "tool"]
     component: str
 
     @property
     def name(self) -> str:
         """Such as ``base.tx``."""
-        return f"base.{self.component}"
+        return f"{self.side}.{self.component}"
 
     @property
     def unit(self) -> str:
@@ -101,35 +104,7 @@ class BaseFrameParameter:
         return component_unit(self.component)
 
 
-@dataclass(frozen=True)
-class ToolFrameParameter:
-    """Displaces the observed frame on the end body: twist in its own axes.
-
-    Attributes:
-        component: one of :data:`COMPONENTS`.
-    """
-
-    component: str
-
-    @property
-    def name(self) -> str:
-        """Such as ``tool.tx``."""
-        return f"tool.{self.component}"
-
-    @property
-    def unit(self) -> str:
-        """Unit of the component."""
-        return component_unit(self.component)
-
-
-LocalParameter = (
-    PlacementParameter
-    | DriveParameter
-    | StiffnessParameter
-    | PayloadParameter
-    | BaseFrameParameter
-    | ToolFrameParameter
-)
+LocalParameter = PlacementParameter | DriveParameter | StiffnessParameter | PayloadParameter | FrameParameter
 
 
 def component_unit(component: str) -> str:

@@ -25,13 +25,12 @@ from pouring_robot.energy import EnergyState, TwistColumns
 from pouring_robot.exceptions import BadInputError, SingularPoseError, UnknownJointError
 from pouring_robot.mechanism import ClosedChainMechanism, FloatArray
 from pouring_robot.parameters import (
-    BaseFrameParameter,
     DriveParameter,
+    FrameParameter,
     LocalParameter,
     PayloadParameter,
     PlacementParameter,
     StiffnessParameter,
-    ToolFrameParameter,
     unit_twist,
 )
 from pouring_robot.weight import Weight
@@ -177,14 +176,14 @@ class _Observer:
                 if sign:
                     pose = self.mechanism.pose_world_to_placement(self._data, parameter.joint)
                     twists[:, k] = sign * self.from_world(pose.toActionMatrix() @ np.array(parameter.twist))
-            elif isinstance(parameter, BaseFrameParameter):
+            elif isinstance(parameter, FrameParameter):
                 twist = unit_twist(parameter.component)
-                lever = np.cross(twist[3:], self.pose_base_to_frame.translation)
-                twists[:, k] = np.concatenate([twist[:3] + lever, twist[3:]])
-            elif isinstance(parameter, ToolFrameParameter):
-                twist = unit_twist(parameter.component)
-                rotation = self.pose_base_to_frame.rotation
-                twists[:, k] = np.concatenate([rotation @ twist[:3], rotation @ twist[3:]])
+                pose = self.pose_base_to_frame
+                if parameter.side == "base":  # turning the base swings the frame about the base's origin
+                    twists[:, k] = twist
+                    twists[:3, k] += np.cross(twist[3:], pose.translation)
+                else:
+                    twists[:3, k], twists[3:, k] = pose.rotation @ twist[:3], pose.rotation @ twist[3:]
         return twists
 
 

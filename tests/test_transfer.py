@@ -13,12 +13,11 @@ from pouring_robot.description import PlacementError, perturb_urdf
 from pouring_robot.exceptions import BadInputError, UnknownJointError
 from pouring_robot.kinematics import FourUPUKinematics
 from pouring_robot.parameters import (
-    BaseFrameParameter,
     DriveParameter,
+    FrameParameter,
     PayloadParameter,
     PlacementParameter,
     StiffnessParameter,
-    ToolFrameParameter,
     placement_parameters,
 )
 from pouring_robot.transfer import closed_chain_transfer, open_branch_transfer
@@ -125,11 +124,11 @@ def test_frames_move_the_pose_as_a_rigid_body():
     result = solver.solve(case.drives, case.start)
     pose = result.pose_base_to_end
     components = ("tx", "ty", "tz", "rx", "ry", "rz")
-    parameters = [kind(c) for kind in (BaseFrameParameter, ToolFrameParameter) for c in components]
+    parameters = [FrameParameter(side, c) for side in ("base", "tool") for c in components]
     matrix = closed_chain_transfer(solver, result, parameters).matrix
     for k, parameter in enumerate(parameters):
         step = pin.exp6(pin.Motion(1e-6 * np.eye(6)[k % 6]))
-        moved = step * pose if isinstance(parameter, BaseFrameParameter) else pose * step
+        moved = step * pose if parameter.side == "base" else pose * step
         expected = np.concatenate([moved.translation - pose.translation, pin.log3(moved.rotation @ pose.rotation.T)])
         np.testing.assert_allclose(matrix[:, k], expected / 1e-6, atol=2e-6)
 

@@ -18,7 +18,7 @@ OutFolder = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder fo
 def export(out: OutFolder, model: options.ModelFile = None, layout: options.LayoutName = None) -> None:
     """Write the robot as built: URDF with its meshes, and loops.yaml that says how the tree closes."""
     robot = options.robot_of(model, layout)
-    urdf = write_urdf(robot.model.urdf(), out)
+    urdf = write_urdf(robot.model.tree_urdf(), out)
     loops = write_whole(out / "loops.yaml", loops_file().read_bytes())
     console = options.console()
     for path in (urdf, loops):
