@@ -22,6 +22,10 @@ from pouring_robot.mechanism import ClosedChainMechanism, FloatArray
 # Singular values of the constraint Jacobian (m and rad, all of order one) below this are zero: perturbations
 # of interest start at a micrometre or a microradian.
 RANK_TOLERANCE = 1e-8
+# Of the search: the iteration from which residuals count as lasting, how many steps may climb, when damping ends.
+_FIRST_EXACT = 4
+_PATIENCE = 4
+_LEAST_DAMPING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -180,27 +184,36 @@ class ClosureSolver:
         return result
 
     def _minimise(self, commanded: FloatArray) -> tuple[EnergyState, int]:
-        """Run damped Newton: exact Hessian near the minimum, Gauss-Newton before, Levenberg's term on failure."""
+        """Run Newton: Gauss-Newton far away, the exact Hessian where residuals stay, a watchdog over both.
+
+        The energy is a curved valley, stiff across and soft along, so a good step along it first climbs the wall.
+        A few steps may therefore end higher than the best one so far (watchdog technique: Chamberlain, Powell,
+        Lemarechal and Pedersen, Math. Programming Study 16, 1982); if they come to nothing, the search returns to
+        the best state and shortens its steps by Levenberg's term.
+        """
         options, energy = self.options, self.energy
-        state = energy.evaluate(commanded, commanded)
-        damping, exact = 0.0, False
+        best = state = energy.evaluate(commanded, commanded)
+        damping, climbs, exact = 0.0, 0, False
         for iteration in range(1, options.max_iterations + 1):
             step = self._step(state, exact, damping)
             length = max(step.max(), -step.min())
             trial = energy.evaluate(pin.integrate(energy.model, state.configuration, step), commanded)
+            closed = energy.can_close and np.abs(trial.residual).max() < options.closed_below
             short = length < options.step_tolerance
+            if short and damping == 0.0 and (exact or closed):
+                return trial, iteration
+            # Energy that no longer falls steeply is there to stay: from here the residual's curvature counts.
+            exact = not closed and (iteration >= _FIRST_EXACT or trial.elastic > 0.01 * state.elastic)
             # Round-off of the energy: near the minimum it may rise by a few last digits.
-            if trial.energy <= state.energy * (1.0 + 1e-12) + 1e-18 or short:
-                closed = np.abs(trial.residual).max() < options.closed_below and not energy.has_loads
-                if short and (exact or closed):
-                    return trial, iteration
-                # Energy that no longer falls steeply is there to stay: from here the residual's curvature counts.
-                exact = not closed and trial.energy > 0.01 * state.energy
-                state, damping = trial, 0.1 * damping if damping > 1e-8 else 0.0
+            if trial.energy <= best.energy + 1e-12 * abs(best.energy) + 1e-18 or short:
+                best = state = trial
+                damping, climbs = 0.1 * damping if damping > _LEAST_DAMPING else 0.0, 0
+            elif damping == 0.0 and climbs < _PATIENCE:
+                state, climbs = trial, climbs + 1
             else:
-                state = energy.evaluate(state.configuration, commanded)  # the Hessian reads the workspace
-                damping = max(10.0 * damping, 1e-4)
-        raise self._failure("Newton's steps do not settle", state, options.max_iterations)
+                best = state = energy.evaluate(best.configuration, commanded)  # the Hessian reads the workspace
+                damping, climbs = max(10.0 * damping, 1e-4), 0
+        raise self._failure("Newton's steps do not settle", best, options.max_iterations)
 
     def _step(self, state: EnergyState, exact: bool, damping: float) -> FloatArray:
         """Return the Newton step over all velocity columns; shape (nv,)."""

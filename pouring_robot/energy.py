@@ -55,6 +55,8 @@ class Loads:
 
     def __post_init__(self) -> None:
         """Refuse what has no physical meaning."""
+        if not all(np.isfinite(self.payload_centre_m)):
+            raise BadInputError(f"the payload's centre must be three finite numbers, not {self.payload_centre_m}")
         if not 0.0 <= self.payload_kg < np.inf:
             raise BadInputError(f"the payload must be zero or positive, not {self.payload_kg} kg")
         for joint, stiffness in self.drive_stiffness.items():
@@ -126,6 +128,7 @@ class EnergyState:
     Attributes:
         configuration: shape (nq,).
         energy: in J.
+        elastic: its part in the loops, in J.
         residual: e of each loop, shape (loops, 6), m and rad (3d loops: last three zero).
         jacobian: de/dq, shape (loops, 6, nv).
         wrench: K e of each loop, shape (loops, 6), in N and Nm.
@@ -136,6 +139,7 @@ class EnergyState:
 
     configuration: FloatArray
     energy: float
+    elastic: float
     residual: FloatArray
     jacobian: FloatArray
     wrench: FloatArray
@@ -224,9 +228,9 @@ class ClosureEnergy:
         return np.ix_(self.free_columns, self.free_columns)
 
     @property
-    def has_loads(self) -> bool:
-        """Whether weight or yielding drives keep the loops from closing exactly."""
-        return self.loads.gravity or bool(self.loads.drive_stiffness)
+    def can_close(self) -> bool:
+        """Whether the loops of a sound mechanism close exactly: no weight forces them."""
+        return not self.loads.gravity
 
     def evaluate(self, configuration: FloatArray, commanded: FloatArray | None = None) -> EnergyState:
         """Return energy and first derivatives at a configuration.
@@ -256,7 +260,7 @@ class ClosureEnergy:
         jacobian = (jlog @ inverse_actions) @ anchors.reshape(count, 6, model.nv)
         wrench = self._stiffness * residual
         gradient = wrench.ravel() @ jacobian.reshape(6 * count, model.nv)
-        energy = 0.5 * float(np.vdot(residual, wrench))
+        elastic = energy = 0.5 * float(np.vdot(residual, wrench))
         if self.loads.drive_stiffness:
             stretch = pin.difference(model, configuration if commanded is None else commanded, configuration)
             gradient += self.springs * stretch
@@ -264,7 +268,7 @@ class ClosureEnergy:
         if self.loads.gravity:
             gradient += pin.computeGeneralizedGravity(model, data, configuration)
             energy += pin.computePotentialEnergy(model, data, configuration)
-        return EnergyState(configuration, energy, residual, jacobian, wrench, gradient, tuple(poses), jlog)
+        return EnergyState(configuration, energy, elastic, residual, jacobian, wrench, gradient, tuple(poses), jlog)
 
     def gauss_newton_hessian(self, state: EnergyState) -> FloatArray:
         """Return the positive part J^T K J of the Hessian, plus drive springs; shape (nv, nv)."""

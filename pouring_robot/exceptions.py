@@ -202,3 +202,66 @@ class BatchClosureError(NoSolutionError):
             f"{sum(counts.values())} of {samples} samples do not close ({failed}; the first is sample {first}); "
             "check their drive values and errors, or leave out the samples whose status is not 0"
         )
+
+
+class SweepFileError(DescriptionError):
+    """A sweep file is wrong."""
+
+
+class SweepStoreError(BadInputError):
+    """Results of a sweep cannot be written, read, or gone on with.
+
+    Attributes:
+        path: the folder or store at fault.
+        problem: what is wrong, on one line.
+    """
+
+    def __init__(self, path: Path | str, problem: str) -> None:
+        """Name the place and the problem."""
+        self.path, self.problem = Path(path), " ".join(problem.split())
+        super().__init__(f"{path}: {self.problem}")
+
+
+class SweepWorkerError(BadInputError):
+    """The cluster of a sweep cannot be reached, or its workers fail."""
+
+
+class CampaignFileError(DescriptionError):
+    """The YAML file of a measurement campaign is wrong."""
+
+
+class CampaignError(BadInputError):
+    """A measurement campaign or a pose plan is wrong.
+
+    Attributes:
+        path: the file at fault.
+        problem: what is wrong and how to mend it, on one line.
+        row: line of the file (CSV; the header is line 1) or row from 1 (Parquet), where it is known.
+        column: heading of the column, where it is known.
+    """
+
+    def __init__(self, path: Path | str, problem: str, row: int | None = None, column: str | None = None) -> None:
+        """Name the file, the place in it and the problem."""
+        self.path, self.problem, self.row, self.column = Path(path), " ".join(problem.split()), row, column
+        places = [f"line {row}"] if row is not None else []
+        if column is not None:
+            places.append(f"column '{' '.join(column.split())}'")
+        where = f"{', '.join(places)}: " if places else ""
+        super().__init__(f"{path}: {where}{self.problem}")
+
+
+class FrameFitError(BadInputError):
+    """The frames of tracker and target cannot be fitted.
+
+    Attributes:
+        rows: rows that have drives which some pose has, and a complete measured position.
+        needed: rows that are needed.
+    """
+
+    def __init__(self, rows: int, needed: int) -> None:
+        """Keep the figures."""
+        self.rows, self.needed = rows, needed
+        super().__init__(
+            f"the frames of tracker and target need at least {needed} rows with reachable drives and a complete "
+            f"position, and there are {rows}; measure more poses, or mend the drive values"
+        )

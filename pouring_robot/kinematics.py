@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pouring_robot.exceptions import NoSolutionError, UnreachablePoseError
+from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError
 from pouring_robot.mechanism import ClosedChainMechanism, FloatArray
 from pouring_robot.poses import PlatformPose
 
@@ -111,7 +111,7 @@ class FourUPUKinematics:
             axis=-1,
         )
         leg = np.asarray(positions_m, dtype=float)[..., None, :] + turned - self.fixed_centres_m
-        length = np.linalg.norm(leg, axis=-1)
+        length = np.hypot(np.hypot(leg[..., 0], leg[..., 1]), leg[..., 2])
         psi = np.arctan2(-leg[..., 0], -leg[..., 2])
         phi = np.arcsin(leg[..., 1] / length)
         return ChainAngles(psi, phi, length, tilt - psi)
@@ -179,9 +179,12 @@ class FourUPUKinematics:
             near: a pose on the wanted branch.
 
         Raises:
+            BadInputError: a drive value is not finite.
             NoSolutionError: no pose has these leg lengths, or y cannot be found from them (equal half-widths).
         """
         l1, l2, l3, theta = (float(drives[name]) for name in ("leg1_s3", "leg2_s3", "leg3_s3", "leg4_s5"))
+        if not all(map(math.isfinite, (l1, l2, l3, theta))):
+            raise BadInputError(f"the drive values must be finite numbers, not {l1}, {l2}, {l3} m and {theta} rad")
         fixed, moving = self._pairs
         offsets = self.moving_centres_m[:, 1] - self.fixed_centres_m[:, 1]
         if abs(offsets[0] - offsets[1]) < 1e-9:

@@ -94,20 +94,19 @@ class LoopsFile(StrictModel):
 
 def _from_gepetto(content: CommentedMap, path: Path) -> dict[str, Any]:
     """Translate the keys of Gepetto's ``robot.yaml``."""
-    unknown = set(content) - {"closed_loop", "type", "name_mot", "joint_name", "joint_type"}
+    unknown = {str(key) for key in content} - {"closed_loop", "type", "name_mot", "joint_name", "joint_type"}
     if unknown:
         raise DescriptionError(path, f"unknown key '{min(unknown)}' beside 'closed_loop'")
     if content.get("joint_name"):
         raise DescriptionError(
-            path,
-            f"joint_type changes joints after loading ({content['joint_name'][0]}); write the joint into the URDF",
+            path, "'joint_name' and 'joint_type' change joints after loading; write those joints into the URDF"
         )
     pairs, drives = content["closed_loop"], content.get("name_mot") or []
-    kinds = content.get("type") or ["6d"] * len(pairs)
-    if len(kinds) != len(pairs):
-        raise DescriptionError(path, f"{len(pairs)} closed loops but {len(kinds)} types")
-    if any(not isinstance(pair, list) or len(pair) != 2 for pair in pairs):
+    if not isinstance(pairs, list) or any(not isinstance(pair, list) or len(pair) != 2 for pair in pairs):
         raise DescriptionError(path, "'closed_loop' must be a list of pairs of frame names")
+    kinds = content.get("type") or ["6d"] * len(pairs)
+    if not isinstance(kinds, list) or len(kinds) != len(pairs):
+        raise DescriptionError(path, f"'type' must be a list of {len(pairs)} kinds, one a closed loop")
     loops = [
         {"name": f"loop_{i}", "frame_a": pair[0], "frame_b": pair[1], "type": str(kind).lower()}
         for i, (pair, kind) in enumerate(zip(pairs, kinds, strict=True), start=1)

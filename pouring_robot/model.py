@@ -98,6 +98,16 @@ class RobotModel(StrictModel):
             raise ModelFileError(path, str(problem)) from problem
         return model
 
+    def __eq__(self, other: object) -> bool:
+        """Compare what the files say and which dimensions file they mean, not where the model files lie."""
+        if not isinstance(other, RobotModel):
+            return NotImplemented
+        here, there = (model.layouts_path and model.layouts_path.resolve() for model in (self, other))
+        ours, theirs = (model.model_dump(exclude={"layouts_file"}) for model in (self, other))
+        return ours == theirs and here == there
+
+    __hash__ = None  # type: ignore[assignment]
+
     def save(self, path: Path | str) -> Path:
         """Write the model file, whole or not at all; what equals the default is left out.
 

@@ -18,26 +18,44 @@ _COLUMNS = {
 
 
 def read_poses(path: Path | str) -> list[PlatformPose]:
-    """Read commanded poses: columns x, y, z (``_mm`` or ``_m``) and tilt (``_deg``, ``_rad`` or ``_mrad``).
+    """Read commanded poses in the file's order; see :func:`read_pose_lines`.
 
     Raises:
-        TableError: the file cannot be read, a column is missing, doubled or unknown, or a cell is no finite number.
+        TableError: the file is wrong.
+    """
+    return list(read_pose_lines(path).values())
+
+
+def read_pose_lines(path: Path | str) -> dict[int, PlatformPose]:
+    """Read commanded poses: columns x, y, z (``_mm`` or ``_m``) and tilt (``_deg``, ``_rad`` or ``_mrad``).
+
+    Returns:
+        The poses in the file's order, by the line they stand on.
+
+    Raises:
+        TableError: the file cannot be read, a column is missing, doubled or unknown, a row has too many cells, or
+            a cell is no finite number.
     """
     path = Path(path)
     try:
-        rows = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
+        with path.open(encoding="utf-8-sig", newline="") as stream:
+            reader = csv.reader(stream)
+            rows = [(reader.line_num, row) for row in reader]
     except OSError as error:
         raise TableError(path, f"cannot be read: {error.strerror}") from error
     except (UnicodeDecodeError, csv.Error) as error:
         raise TableError(path, "is not a CSV file in UTF-8") from error
     if not rows:
         raise TableError(path, "is empty; the first line must name the columns x_mm, y_mm, z_mm, tilt_deg")
-    columns = _find_columns(path, [cell.strip() for cell in rows[0]])
-    poses = []
-    for number, row in enumerate(rows[1:], start=2):
+    header = [cell.strip() for cell in rows[0][1]]
+    columns = _find_columns(path, header)
+    poses = {}
+    for number, row in rows[1:]:
+        if len(row) > len(header):
+            raise TableError(path, f"line {number}: {len(row)} cells, but the header names {len(header)} columns")
         if any(cell.strip() for cell in row):
             x, y, z, tilt = (_cell(path, number, row, *columns[name]) for name in _COLUMNS)
-            poses.append(PlatformPose((x, y, z), tilt))
+            poses[number] = PlatformPose((x, y, z), tilt)
     if not poses:
         raise TableError(path, "holds no pose below its header line")
     return poses

@@ -10,14 +10,23 @@ import typer
 from pouring_robot.cli import options
 from pouring_robot.cli.drawing import write_drawings
 from pouring_robot.cli.tables import path_table
-from pouring_robot.pose_table import read_poses
-from pouring_robot.poses import MM
+from pouring_robot.exceptions import NoSolutionError
+from pouring_robot.pose_table import read_pose_lines
+from pouring_robot.poses import MM, PlatformPose
 from pouring_robot.report import location_figures
+from pouring_robot.robot import LadleLocation, PouringRobot
 
 PosesFile = Annotated[
     Path,
     typer.Argument(metavar="POSES.csv", help="Columns x, y, z, tilt with units: x_mm, y_mm, z_mm, tilt_deg."),
 ]
+
+
+def _locate(robot: PouringRobot, pose: PlatformPose, file: Path, line: int) -> LadleLocation:
+    try:
+        return robot.locate(pose)
+    except NoSolutionError as error:
+        raise NoSolutionError(f"{file}: line {line}: {error}") from error
 
 
 def path(
@@ -31,9 +40,9 @@ def path(
 ) -> None:
     """Say where the ladle is for every pose of a CSV file, one row each."""
     options.refuse_unwritable(html, png)
-    commanded = read_poses(poses)
+    commanded = read_pose_lines(poses)
     robot = options.robot_of(model, layout)
-    locations = [robot.locate(pose) for pose in commanded]
+    locations = [_locate(robot, pose, poses, line) for line, pose in commanded.items()]
     written = write_drawings(locations, html, png, exaggerate)
     if as_json:
         rows = [location_figures(location, robot.dexterity(location)) for location in locations]
