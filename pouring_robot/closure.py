@@ -59,7 +59,8 @@ class ClosureResult:
         mechanism: the mechanism that was closed.
         configuration: Pinocchio configuration, shape (nq,).
         residual: what is left open in each loop, log6, shape (loops, 6), in m and rad.
-        internal_wrench: what each loop carries, shape (loops, 6), in N and Nm, in frame a of the loop.
+        internal_wrench: what each loop carries: the wrench with which frame b pulls at frame a's chain, in the axes
+            of frame b, shape (loops, 6), in N and Nm.
         energy: closure energy at the minimum, in J.
         iterations: Newton steps taken.
         jacobian: derivative of the residual by all joint velocities, shape (loops, 6, nv).
@@ -113,10 +114,10 @@ class ClosureResult:
 
     @functools.cached_property
     def _placements(self) -> list[pin.SE3]:
-        model = self.mechanism.shared_model
-        data = model.createData()
-        pin.framesForwardKinematics(model, data, self.configuration)
-        return list(data.oMf)
+        data = self.mechanism.thread_data()
+        pin.framesForwardKinematics(self.mechanism.shared_model, data, self.configuration)
+        # Copies: a frame of the workspace itself would keep the whole workspace alive, a megabyte a result.
+        return [pose.copy() for pose in data.oMf]
 
     @property
     def pose_base_to_end(self) -> pin.SE3:
@@ -173,7 +174,7 @@ class ClosureSolver:
             self.mechanism,
             state.configuration,
             state.residual,
-            state.wrench,
+            (state.wrench[:, None, :] @ state.jlog)[:, 0],
             state.energy,
             iterations,
             state.jacobian,

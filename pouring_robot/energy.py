@@ -55,6 +55,8 @@ class Loads:
 
     def __post_init__(self) -> None:
         """Refuse what has no physical meaning."""
+        if self.payload_kg and not self.gravity:
+            raise BadInputError(f"a payload of {self.payload_kg} kg weighs nothing without gravity; switch gravity on")
         if not all(np.isfinite(self.payload_centre_m)):
             raise BadInputError(f"the payload's centre must be three finite numbers, not {self.payload_centre_m}")
         if not 0.0 <= self.payload_kg < np.inf:

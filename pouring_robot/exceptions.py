@@ -119,20 +119,34 @@ class UnreachablePoseError(NoSolutionError):
 
     Attributes:
         joint: the joint that limits.
-        value: the value asked of it, in m or rad.
+        value: the value asked of it, in m or rad; ``unit`` says which.
         lower: its lower limit; ``upper`` its upper one.
     """
 
-    def __init__(self, joint: str, value: float, lower: float, upper: float, *, prismatic: bool) -> None:
+    def __init__(self, joint: str, value: float, lower: float, upper: float, unit: str) -> None:
         """Keep the figures and say by how much the limit is passed."""
-        self.joint, self.value, self.lower, self.upper = joint, value, lower, upper
-        factor, unit = (1e3, "mm") if prismatic else (57.29577951308232, "deg")
+        self.joint, self.value, self.lower, self.upper, self.unit = joint, value, lower, upper, unit
+        factor, shown = (1e3, "mm") if unit == "m" else (57.29577951308232, "deg")
         excess = lower - value if value < lower else value - upper
         self.excess = excess
         super().__init__(
-            f"the pose is out of reach: joint '{joint}' would stand at {value * factor:.2f} {unit}, "
-            f"{excess * factor:.2f} {unit} beyond its limits {lower * factor:.2f} to {upper * factor:.2f} {unit}"
+            f"the pose is out of reach: joint '{joint}' would stand at {value * factor:.2f} {shown}, "
+            f"{excess * factor:.2f} {shown} beyond its limits {lower * factor:.2f} to {upper * factor:.2f} {shown}"
         )
+
+
+class PathPoseError(NoSolutionError):
+    """A pose of a list has no solution.
+
+    Attributes:
+        path: the list; ``line``: the line of the pose.
+        reason: the error of that pose, with its figures.
+    """
+
+    def __init__(self, path: Path | str, line: int, reason: NoSolutionError) -> None:
+        """Say where the pose stands."""
+        self.path, self.line, self.reason = Path(path), line, reason
+        super().__init__(f"{path}: line {line}: {reason}")
 
 
 class SingularPoseError(NoSolutionError):

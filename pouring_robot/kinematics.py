@@ -10,8 +10,10 @@ import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
+import pinocchio as pin
 
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError
 from pouring_robot.mechanism import ClosedChainMechanism, FloatArray
@@ -39,16 +41,18 @@ class ChainAngles:
 
 @dataclass(frozen=True)
 class JointReach:
-    """How one joint stands within its limits at a pose; m or rad.
+    """How one joint stands within its limits at a pose.
 
     Attributes:
         joint: its name.
+        unit: ``m`` or ``rad``, of the three values.
         value: where it stands.
         lower: lower limit.
         upper: upper limit.
     """
 
     joint: str
+    unit: Literal["m", "rad"]
     value: float
     lower: float
     upper: float
@@ -80,8 +84,6 @@ class FourUPUKinematics:
         self._limits = nominal.joint_limits()
 
     def _centres(self, configuration: FloatArray) -> tuple[FloatArray, FloatArray]:
-        import pinocchio as pin
-
         model = self.mechanism.shared_model
         data = model.createData()
         pin.framesForwardKinematics(model, data, configuration)
@@ -133,15 +135,24 @@ class FourUPUKinematics:
             UnreachablePoseError: a joint would pass its limits; the error names the one that limits.
         """
         values = self.joint_values(pose)
+        self.refuse_beyond_limits(values)
+        return {drive: values[drive] for drive in self.mechanism.loops.drives}
+
+    def refuse_beyond_limits(self, values: Mapping[str, float]) -> None:
+        """Check joint values (m, rad) against the robot's limits.
+
+        Raises:
+            UnreachablePoseError: a joint is beyond its limits; the error names the one that is furthest.
+        """
         worst = self.limiting_joint(values)
         if worst.margin < 0.0:
-            prismatic = worst.joint.endswith("s3")
-            raise UnreachablePoseError(worst.joint, worst.value, worst.lower, worst.upper, prismatic=prismatic)
-        return {drive: values[drive] for drive in self.mechanism.loops.drives}
+            raise UnreachablePoseError(worst.joint, worst.value, worst.lower, worst.upper, worst.unit)
 
     def reach(self, values: Mapping[str, float]) -> tuple[JointReach, ...]:
         """Return how every chain joint stands within its limits, the most limiting one first."""
-        reaches = [JointReach(name, value, *self._limits[name]) for name, value in values.items()]
+        reaches = [
+            JointReach(name, self.mechanism.unit_of(name), value, *self._limits[name]) for name, value in values.items()
+        ]
         return tuple(sorted(reaches, key=lambda reach: reach.relative_margin))
 
     def limiting_joint(self, values: Mapping[str, float]) -> JointReach:

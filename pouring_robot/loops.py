@@ -89,6 +89,9 @@ class LoopsFile(StrictModel):
             twice = {name for name in names if names.count(name) > 1}
             if twice:
                 raise ValueError(f"{what} '{min(twice)}' stands twice")
+        both = set(self.drives) & {*self.locked_joints, *self.cut_joints}
+        if both:
+            raise ValueError(f"joint '{min(both)}' cannot be a drive and locked or cut as well")
         return self
 
 

@@ -9,9 +9,11 @@ carrying chain drops out of all results.
 from __future__ import annotations
 
 import functools
+import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
@@ -80,6 +82,7 @@ class ClosedChainMechanism:
     def __init__(self, urdf: str, loops: LoopsFile, source: Path | str = "loops.yaml") -> None:
         """Build the Pinocchio model once and resolve every name to an index."""
         self._urdf, self._loops, self._source = urdf, loops, Path(source)
+        self._workspace = threading.local()
         self._model = self._build()
         self._anchors = tuple(self._anchor(i) for i in range(len(loops.loops)))
         for name in (loops.base_frame, *((loops.end_frame,) if loops.end_frame else ()), *loops.tool_frames):
@@ -147,6 +150,12 @@ class ClosedChainMechanism:
         """Pinocchio's model itself, for solvers of this package: read it, never change it."""
         return self._model
 
+    def thread_data(self) -> pin.Data:
+        """Return this thread's workspace for Pinocchio's algorithms; the next call may overwrite what it holds."""
+        if not hasattr(self._workspace, "data"):
+            self._workspace.data = self._model.createData()
+        return self._workspace.data
+
     def copy_model(self) -> pin.Model:
         """Return a copy of the Pinocchio model, free to change."""
         return self._model.copy()
@@ -188,6 +197,15 @@ class ClosedChainMechanism:
     def path_depths(self) -> dict[str, int]:
         """Number of joints, moving and fixed, before each joint on its way from the root."""
         return {name: len(path) - 1 for name, path in self.frame_paths.items() if path and path[-1] == name}
+
+    def unit_of(self, joint: str) -> Literal["m", "rad"]:
+        """Return the unit of a one-freedom joint: a length or an angle.
+
+        Raises:
+            UnknownJointError: there is no such joint.
+        """
+        kind = self._model.joints[self.joint_id(joint)].shortname()
+        return "m" if kind.startswith("JointModelP") and not kind.startswith("JointModelPlanar") else "rad"
 
     def frame_id(self, name: str) -> int:
         """Return Pinocchio's index of a frame.
@@ -233,9 +251,12 @@ class ClosedChainMechanism:
 
         Raises:
             UnknownJointError: there is no such joint.
-            BadInputError: a value is not finite, or the joint has more than one freedom.
+            BadInputError: a value is not finite, the configuration has another length, or the joint has more than
+                one freedom.
         """
         result = np.array(configuration, dtype=float)
+        if result.shape != (self._model.nq,):
+            raise BadInputError(f"a configuration of this robot has shape ({self._model.nq},), not {result.shape}")
         for name, value in values.items():
             joint = self._model.joints[self.joint_id(name)]
             if not np.isfinite(value):

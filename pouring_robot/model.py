@@ -82,8 +82,7 @@ class RobotModel(StrictModel):
         """Read a model file and check that the robot has the joints it names.
 
         Raises:
-            ModelFileError: the file cannot be read, or a key, value or joint in it is wrong.
-            UnknownLayoutError: the dimensions file has no such layout.
+            ModelFileError: the file cannot be read, or a key, value, layout or joint in it is wrong.
         """
         path = Path(path)
         model = validate(cls, read_yaml(path, ModelFileError), path, ModelFileError)

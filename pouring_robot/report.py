@@ -6,21 +6,18 @@ import math
 from typing import Any
 
 from pouring_robot.jacobians import Dexterity
+from pouring_robot.mechanism import ClosedChainMechanism
 from pouring_robot.poses import MM, MRAD, PoseDifference
 from pouring_robot.robot import REPORTED_FRAMES, LadleLocation
 
 Figures = dict[str, Any]
 
 
-def _is_length(joint: str) -> bool:
-    return joint.endswith("s3")
-
-
-def joint_figures(values: dict[str, float]) -> Figures:
+def joint_figures(mechanism: ClosedChainMechanism, values: dict[str, float]) -> Figures:
     """Return joint values with their unit in the name: mm for prismatic, degrees for revolute joints."""
     figures = {}
     for joint, value in values.items():
-        if _is_length(joint):
+        if mechanism.unit_of(joint) == "m":
             figures[f"{joint}_mm"] = value / MM
         else:
             figures[f"{joint}_deg"] = math.degrees(value)
@@ -51,14 +48,13 @@ def location_figures(location: LadleLocation, dexterity: Dexterity) -> Figures:
     """Return everything known of one location, ready for JSON; units are in the names."""
     x, y, z, tilt = location.commanded.to_mm_deg()
     limiting = location.reach[0]
-    scale = MM if _is_length(limiting.joint) else math.radians(1.0)
-    unit = "mm" if _is_length(limiting.joint) else "deg"
+    scale, unit = (MM, "mm") if limiting.unit == "m" else (math.radians(1.0), "deg")
     return {
         "commanded": {"x_mm": x, "y_mm": y, "z_mm": z, "tilt_deg": tilt},
         "in_workspace": location.in_workspace,
         "outside_workspace_mm": (location.outside_workspace_m / MM).tolist(),
         "outside_workspace_deg": math.degrees(location.outside_workspace_rad),
-        "drives": joint_figures(location.drives),
+        "drives": joint_figures(location.nominal.mechanism, location.drives),
         "frames": {frame: _frame_figures(location, frame) for frame in REPORTED_FRAMES},
         "closure": {
             "left_open_mm": location.actual.gap_m / MM,

@@ -104,9 +104,14 @@ class PouringRobot:
 
         Raises:
             NoSolutionError: no pose has these drive values.
+            UnreachablePoseError: the pose that has them is beyond a joint's limits.
         """
         start = near or self.kinematics.forward(drives)
-        return self.actual_solver.solve(drives, self.kinematics.configuration(start))
+        result = self.actual_solver.solve(drives, self.kinematics.configuration(start))
+        # Far from `near` the loops may also close in another assembly, whose joints are then beyond their limits.
+        chain_joints = {name: result.joint_values[name] for name in self.kinematics.joint_values(start)}
+        self.kinematics.refuse_beyond_limits(chain_joints)
+        return result
 
     def locate(self, pose: PlatformPose) -> LadleLocation:
         """Return where the ladle should be and where it is for a commanded pose.
@@ -140,7 +145,8 @@ class PouringRobot:
 
     def dexterity(self, location: LadleLocation) -> Dexterity:
         """Return condition and distance to singularity of the actual robot at a location."""
-        prismatic = tuple(name.endswith("s3") for name in self.actual_solver.mechanism.loops.drives)
+        mechanism = self.actual_solver.mechanism
+        prismatic = tuple(mechanism.unit_of(name) == "m" for name in mechanism.loops.drives)
         length = float(np.linalg.norm(self.kinematics.moving_centres_m, axis=1).mean())
         return dexterity(self.drive_jacobians(location), prismatic, length)
 

@@ -197,7 +197,7 @@ def test_reach_is_sorted_by_share_of_the_range(drawing):
     assert shares == sorted(shares)
     assert [r.relative_margin for r in reach] == pytest.approx(shares, abs=1e-15)
     assert drawing.kinematics.limiting_joint(values) == reach[0]
-    assert JointReach("j", 1.2, 0.0, 1.0).margin == pytest.approx(-0.2)
+    assert JointReach("j", "m", 1.2, 0.0, 1.0).margin == pytest.approx(-0.2)
 
 
 @pytest.mark.filterwarnings("error")

@@ -66,7 +66,6 @@ def test_closing_does_not_depend_on_the_cut_when_the_loops_close(drawing):
         ({"end_frame": "a_tipp"}, "'a_tipp' is not a frame"),
         ({"tool_frames": ("b_tpi",)}, "'b_tpi' is not a frame"),
         ({"cut_joints": ("b_tip_mout",)}, "cut_joints: .*'b_tip_mount'"),
-        ({"cut_joints": ("b_tip_mount",), "drives": ("b_tip_mount",)}, "must have one freedom"),
     ],
 )
 def test_absent_names_are_refused_with_the_nearest_known(changes, words):

@@ -7,12 +7,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from pouring_robot.model import RobotModel
 from pouring_robot.poses import PlatformPose, PoseDifference
 from pouring_robot.report import difference_figures, joint_figures, location_figures
 
 
 def test_units_are_in_the_names():
-    figures = joint_figures({"leg1_s3": 0.55, "leg4_s5": math.pi / 4})
+    figures = joint_figures(RobotModel().nominal_mechanism(), {"leg1_s3": 0.55, "leg4_s5": math.pi / 4})
     assert figures == {"leg1_s3_mm": pytest.approx(550.0), "leg4_s5_deg": pytest.approx(45.0)}
 
 

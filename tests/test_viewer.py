@@ -266,10 +266,10 @@ def test_live_view_ends_with_ctrl_c_and_with_its_program(tmp_path):
         "import pathlib, sys\n"
         "from pouring_robot.viewer import serve\n"
         "from tests.scenes import small_scene\n"
-        f"view = serve(small_scene(pathlib.Path({str(tmp_path)!r})))\n"
-        "print(view.url, flush=True)\n"
         "try:\n"
-        "    with view: view.wait()\n"
+        f"    with serve(small_scene(pathlib.Path({str(tmp_path)!r}))) as view:\n"
+        "        print(view.url, flush=True)\n"
+        "        view.wait()\n"
         "except KeyboardInterrupt: sys.exit(7)\n"
     )
     for end, code in (("send_signal", 7), ("kill", -9)):
