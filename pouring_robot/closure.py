@@ -26,6 +26,8 @@ RANK_TOLERANCE = 1e-8
 _FIRST_EXACT = 4
 _PATIENCE = 4
 _LEAST_DAMPING = 1e-6
+# Steps shorter than this (m or rad) leave the Hessian nearly as it was.
+_KEEP_FACTORS_BELOW = 1e-5
 
 
 @dataclass(frozen=True)
@@ -33,8 +35,9 @@ class ClosureOptions:
     """When a closure counts as found.
 
     Attributes:
-        step_tolerance: largest component of the last Newton step, in m or rad; what is left after a step
-            this long is its square, times a factor of order one.
+        step_tolerance: largest component of the last Newton step, in m or rad.
+        left_over: what the last step may leave, in m or rad: its length times the share by which steps shrink.
+        round_off: steps that are shorter and no longer shrink are round-off, in m or rad.
         max_iterations: Newton steps before giving up.
         max_gap_m: largest distance that may be left open; ``max_gap_rad``: largest angle.
         closed_below: loops open by less than this (m or rad) count as closed exactly, where Gauss-Newton
@@ -42,6 +45,8 @@ class ClosureOptions:
     """
 
     step_tolerance: float = 1e-7
+    left_over: float = 3e-14
+    round_off: float = 1e-9
     max_iterations: int = 60
     max_gap_m: float = 0.01
     max_gap_rad: float = 0.1
@@ -146,6 +151,7 @@ class ClosureSolver:
         """Keep the energy of the mechanism at hand."""
         self.mechanism, self.options = mechanism, options
         self.energy = ClosureEnergy(mechanism, loads)
+        self._factors: FloatArray = np.empty((0, 0))
 
     def solve(self, drives: Mapping[str, float], start: FloatArray) -> ClosureResult:
         """Close the loops.
@@ -194,20 +200,31 @@ class ClosureSolver:
         """
         options, energy = self.options, self.energy
         best = state = energy.evaluate(commanded, commanded)
-        damping, climbs, exact = 0.0, 0, False
+        damping, climbs, exact, kept = 0.0, 0, False, False
+        previous, share_before = np.inf, 1.0
         for iteration in range(1, options.max_iterations + 1):
-            step = self._step(state, exact, damping)
+            # Next to the minimum the factors of the last Hessian still serve, and cost nothing.
+            step = self._step_with_kept_factors(state) if kept else self._step(state, exact, damping)
             length = max(step.max(), -step.min())
             trial = energy.evaluate(pin.integrate(energy.model, state.configuration, step), commanded)
             closed = energy.can_close and np.abs(trial.residual).max() < options.closed_below
             short = length < options.step_tolerance
-            if short and damping == 0.0 and (exact or closed):
+            share = length / previous if previous < np.inf else 1.0
+            # A step measures the error before it; it leaves less by as much as steps shrink. The worse of two steps
+            # counts, because Newton may set stiff and soft directions right in turns.
+            settled = length * max(share, share_before) < options.left_over or (
+                share > 0.5 and previous < options.round_off
+            )
+            sharp = damping == 0.0 and (exact or closed)
+            if settled and short and sharp:
                 return trial, iteration
+            kept = sharp and length < _KEEP_FACTORS_BELOW and not kept and self._factors.size > 0
             # Energy that no longer falls steeply is there to stay: from here the residual's curvature counts.
             exact = not closed and (iteration >= _FIRST_EXACT or trial.elastic > 0.01 * state.elastic)
             # Round-off of the energy: near the minimum it may rise by a few last digits.
             if trial.energy <= best.energy + 1e-12 * abs(best.energy) + 1e-18 or short:
                 best = state = trial
+                previous, share_before = length, share
                 damping, climbs = 0.1 * damping if damping > _LEAST_DAMPING else 0.0, 0
             elif damping == 0.0 and climbs < _PATIENCE:
                 state, climbs = trial, climbs + 1
@@ -226,12 +243,20 @@ class ClosureSolver:
             hessian = full(state)[block]
             if damping:
                 hessian[np.diag_indices_from(hessian)] *= 1.0 + damping
-            _, solution, info = scipy.linalg.lapack.dposv(hessian, downhill)
+            self._factors, solution, info = scipy.linalg.lapack.dposv(hessian, downhill)
             if info == 0:  # positive definite: the step goes downhill
                 step[free] = solution
                 return step
+        self._factors = np.empty((0, 0))
         # Gauss-Newton singular: the least-norm step keeps what is undetermined in place.
         step[free] = np.linalg.lstsq(hessian, downhill, rcond=1e-12)[0]
+        return step
+
+    def _step_with_kept_factors(self, state: EnergyState) -> FloatArray:
+        """Return a Newton step from the Hessian of the step before; shape (nv,)."""
+        step = np.zeros(self.energy.model.nv)
+        free = self.energy.free_columns
+        step[free], _ = scipy.linalg.lapack.dpotrs(self._factors, -state.gradient[free])
         return step
 
     def _failure(self, reason: str, state: EnergyState, iterations: int) -> ClosureError:

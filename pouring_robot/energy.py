@@ -32,7 +32,8 @@ from pouring_robot.mechanism import ClosedChainMechanism, FloatArray
 
 # Bernoulli series of the inverse right Jacobian: ad/2 + ad^2/12 - ad^4/720 + ad^6/30240 - ad^8/1209600.
 _JLOG_SERIES = {1: 1 / 2, 2: 1 / 12, 4: -1 / 720, 6: 1 / 30240, 8: -1 / 1209600}
-_SHORT_SERIES_BELOW = 0.01  # m or rad: the terms left out are below 1e-16 of the ones kept
+# Terms kept by the size of the residual (m or rad): those left out are below 2e-12 of those kept.
+_SERIES_LENGTHS = ((1e-3, 2), (1e-2, 4), (np.inf, 8))
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,8 @@ def log_wrench_derivative(residual: FloatArray, stiff_residual: FloatArray, jlog
     """
     transposed = np.swapaxes(motion_cross(residual), -1, -2)
     # d(ad^n)^T w = sum_k (ad^T)^(n-1-k) B((ad^T)^k w) de, summed over n by Horner's rule in ad^T.
-    highest = 8 if np.abs(residual).max() > _SHORT_SERIES_BELOW else 4
+    size = np.abs(residual).max()
+    highest = next(terms for limit, terms in _SERIES_LENGTHS if size <= limit)
     vectors = [stiff_residual[..., None]]
     for _ in range(highest - 1):
         vectors.append(transposed @ vectors[-1])
@@ -135,7 +137,6 @@ class EnergyState:
         jacobian: de/dq, shape (loops, 6, nv).
         wrench: K e of each loop, shape (loops, 6), in N and Nm.
         gradient: dE/dq, shape (nv,).
-        relative_poses: M of each loop.
         jlog: d e / d(relative twist in frame b), shape (loops, 6, 6).
     """
 
@@ -146,7 +147,6 @@ class EnergyState:
     jacobian: FloatArray
     wrench: FloatArray
     gradient: FloatArray
-    relative_poses: tuple[pin.SE3, ...]
     jlog: FloatArray
 
 
@@ -249,10 +249,8 @@ class ClosureEnergy:
         count = len(self._anchor_data)
         residual = np.zeros((count, 6))
         inverse_actions, jlog = np.empty((count, 6, 6)), np.empty((count, 6, 6))
-        poses = []
         for i, anchor in enumerate(self._anchor_data):
-            pose = anchor.c1Mc2.copy()
-            poses.append(pose)
+            pose = anchor.c1Mc2
             inverse_actions[i] = pose.toActionMatrixInverse()
             if self._is_3d[i]:
                 residual[i, :3], jlog[i] = pose.translation, 0.0
@@ -270,13 +268,13 @@ class ClosureEnergy:
         if self.loads.gravity:
             gradient += pin.computeGeneralizedGravity(model, data, configuration)
             energy += pin.computePotentialEnergy(model, data, configuration)
-        return EnergyState(configuration, energy, elastic, residual, jacobian, wrench, gradient, tuple(poses), jlog)
+        return EnergyState(configuration, energy, elastic, residual, jacobian, wrench, gradient, jlog)
 
     def gauss_newton_hessian(self, state: EnergyState) -> FloatArray:
         """Return the positive part J^T K J of the Hessian, plus drive springs; shape (nv, nv)."""
         scaled = state.jacobian.reshape(-1, self.model.nv) * self._root_stiffness
         hessian = scaled.T @ scaled
-        hessian[np.diag_indices_from(hessian)] += self.springs
+        hessian.flat[:: self.model.nv + 1] += self.springs
         return np.asarray(hessian)
 
     def hessian(self, state: EnergyState) -> FloatArray:
@@ -285,7 +283,7 @@ class ClosureEnergy:
         It is the derivative of the gradient by joint twists where the gradient vanishes; shape (nv, nv).
         """
         hessian = self.gradient_derivative(state, self.joint_columns())
-        hessian[np.diag_indices_from(hessian)] += self.springs
+        hessian.flat[:: self.model.nv + 1] += self.springs
         if self.loads.gravity:
             configuration = state.configuration
             hessian += pin.computeGeneralizedGravityDerivatives(self.model, self.data, configuration)

@@ -10,7 +10,7 @@ import typer
 from pouring_robot.cli import options
 from pouring_robot.cli.drawing import write_drawings
 from pouring_robot.cli.tables import path_table
-from pouring_robot.exceptions import NoSolutionError
+from pouring_robot.exceptions import NoSolutionError, PathPoseError
 from pouring_robot.pose_table import read_pose_lines
 from pouring_robot.poses import MM, PlatformPose
 from pouring_robot.report import location_figures
@@ -26,7 +26,7 @@ def _locate(robot: PouringRobot, pose: PlatformPose, file: Path, line: int) -> L
     try:
         return robot.locate(pose)
     except NoSolutionError as error:
-        raise NoSolutionError(f"{file}: line {line}: {error}") from error
+        raise PathPoseError(file, line, error) from error
 
 
 def path(

@@ -30,7 +30,7 @@ def pose(
         return
     console = options.console()
     drives = "  ".join(
-        f"{name} {value * 1e3:.4f} mm" if name.endswith("s3") else f"{name} {value:.7f} rad"
+        f"{name} {value * 1e3:.4f} mm" if location.actual.mechanism.unit_of(name) == "m" else f"{name} {value:.7f} rad"
         for name, value in location.drives.items()
     )
     console.print(f"drives: {drives}")

@@ -34,7 +34,7 @@ def robot_figures(robot: PouringRobot) -> dict[str, Any]:
             name: {
                 "lower": limits[name][0],
                 "upper": limits[name][1],
-                "unit": "m" if name.endswith("s3") else "rad",
+                "unit": mechanism.unit_of(name),
             }
             for name in mechanism.loops.drives
         },

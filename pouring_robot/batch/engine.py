@@ -1,0 +1,259 @@
+"""The batch engine: closures and transfer matrices of many samples at once, on all cores.
+
+It solves what :class:`~pouring_robot.closure.ClosureSolver` solves, without loads, on arrays read from the same
+Pinocchio model. A sample that has no answer says so by its status and holds NaN; nothing is left out in silence.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pouring_robot.batch.batch_kernels import close_samples
+from pouring_robot.batch.room import make_room
+from pouring_robot.batch.samples import BatchClosure, BatchStart, SiteErrors
+from pouring_robot.batch.structure import StarStructure, fixed
+from pouring_robot.batch.transfer_kernel import Columns, branch_samples, make_transfer_room, transfer_samples
+from pouring_robot.closure import DEFAULT_OPTIONS, ClosureOptions
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism import ClosedChainMechanism, FloatArray
+from pouring_robot.parameters import DriveParameter, LocalParameter, PlacementParameter
+
+_SAMPLES_AT_A_TIME = 512
+
+
+@dataclass(frozen=True)
+class BatchTransfer:
+    """G of many samples.
+
+    Attributes:
+        parameters: one a column.
+        matrix: shape (n, 6, columns): displacement of the end frame's origin (m) and rotation vector (rad), in base
+            axes, per unit of each parameter. NaN where the status is not 0.
+        status: as in :class:`~pouring_robot.batch.samples.BatchClosure`, shape (n,); 1 also where the pose is singular.
+    """
+
+    parameters: tuple[LocalParameter, ...]
+    matrix: FloatArray
+    status: NDArray[np.uint8]
+
+
+class BatchEngine:
+    """Closes a star mechanism for many samples. Safe to use from several threads.
+
+    Args:
+        mechanism: the mechanism; samples may displace its joints further.
+        threads: how many threads share the work; by default one a core. Results do not depend on it.
+        options: when a closure counts as found.
+
+    Raises:
+        UnsupportedMechanismError: the mechanism is no star of serial chains.
+        BadInputError: the number of threads is not positive.
+    """
+
+    def __init__(
+        self,
+        mechanism: ClosedChainMechanism,
+        threads: int | None = None,
+        options: ClosureOptions = DEFAULT_OPTIONS,
+    ) -> None:
+        """Read the mechanism's arrays; kernels are compiled, or read from disk, at first use."""
+        if threads is not None and threads < 1:
+            raise BadInputError(f"the number of threads must be positive, not {threads}")
+        self.structure = StarStructure.from_mechanism(mechanism)
+        self.threads = threads or len(os.sched_getaffinity(0))
+        self.options = options
+
+    @property
+    def parameters(self) -> tuple[PlacementParameter, ...]:
+        """All placement parameters of the mechanism, six a site."""
+        return self.structure.parameters
+
+    def close(
+        self, drives: FloatArray, start: BatchStart, errors: SiteErrors | FloatArray | None = None
+    ) -> BatchClosure:
+        """Close the loops of every sample.
+
+        Args:
+            drives: drive values in the order of the loops file, m or rad, shape (n, drives).
+            start: where to start from, of n samples; it also holds the values of locked joints.
+            errors: placement errors: one set for all samples, shape (sites * 6,), in the order of
+                :attr:`parameters`; a set for each, shape (n, sites * 6); or one displaced site a sample.
+                They displace the mechanism's present placements, as ``perturb_urdf`` does.
+
+        Raises:
+            BadInputError: a shape does not fit.
+        """
+        star, count = self.structure.star, len(start)
+        drives = _shaped(drives, (count, len(star.drives)), "drives")
+        start.check(self.structure)
+        placed = SiteErrors.take(errors, count, self.structure)
+        result = BatchClosure.empty(self.structure, count)
+        status, iterations = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
+        options = self.options
+        limits = (options.step_tolerance, options.closed_below, options.left_over, options.round_off)
+        settings = fixed([*limits, options.max_gap_m, options.max_gap_rad])
+
+        def run(first: int, last: int) -> None:
+            close_samples(
+                star,
+                make_room(star),
+                self.structure.site_axes,
+                first,
+                last,
+                drives,
+                start.position,
+                start.rotation,
+                start.joints,
+                placed.errors,
+                placed.site,
+                settings,
+                options.max_iterations,
+                result.position,
+                result.rotation,
+                result.joints,
+                result.residual,
+                iterations,
+                status,
+            )
+
+        self._share(run, count)
+        result.status[:], result.iterations[:] = status, iterations
+        return result
+
+    def transfer(
+        self,
+        closed: BatchClosure,
+        parameters: Sequence[LocalParameter] | None = None,
+        errors: SiteErrors | FloatArray | None = None,
+    ) -> BatchTransfer:
+        """Return the closed chain's G, exact at any residual.
+
+        Args:
+            closed: closed samples; those that failed give NaN and keep their status.
+            parameters: placement and drive parameters, each a twist at one joint; by default all of :attr:`parameters`.
+            errors: the placement errors the samples were closed with.
+
+        Raises:
+            UnknownJointError: a parameter names a joint that is in no chain.
+            BadInputError: a parameter is of another kind, or a shape does not fit.
+        """
+        star, count = self.structure.star, len(closed)
+        chosen = self._chosen(parameters)
+        columns = self._columns(chosen)
+        placed, start = SiteErrors.take(errors, count, self.structure), closed.as_start()
+        matrix, status = np.empty((count, len(chosen), 6)), np.empty(count, dtype=np.int64)
+
+        def run(first: int, last: int) -> None:
+            transfer_samples(
+                star,
+                make_room(star),
+                make_transfer_room(star),
+                self.structure.site_axes,
+                first,
+                last,
+                start.position,
+                start.rotation,
+                start.joints,
+                placed.errors,
+                placed.site,
+                columns,
+                matrix,
+                status,
+            )
+
+        self._share(run, count)
+        found = np.where(closed.status == 0, status, closed.status).astype(np.uint8)
+        return BatchTransfer(chosen, np.swapaxes(matrix, 1, 2), found)
+
+    def transfer_open_branch(
+        self,
+        joints: FloatArray,
+        parameters: Sequence[LocalParameter] | None = None,
+        errors: SiteErrors | FloatArray | None = None,
+    ) -> BatchTransfer:
+        """Return G of open branches: each column moves the platform as its own chain alone would carry it.
+
+        Args:
+            joints: joint values, held, in m and rad, shape (n, chains, joints).
+            parameters: as in :meth:`transfer`.
+            errors: the placement errors of the samples.
+
+        Raises:
+            UnknownJointError: a parameter names a joint that is in no chain.
+            BadInputError: a parameter is of another kind, or a shape does not fit.
+        """
+        star, count = self.structure.star, len(joints)
+        joints = _shaped(joints, (count, *star.revolute.shape), "joints")
+        chosen = self._chosen(parameters)
+        columns = self._columns(chosen)
+        placed = SiteErrors.take(errors, count, self.structure)
+        matrix, status = np.empty((count, len(chosen), 6)), np.empty(count, dtype=np.int64)
+
+        def run(first: int, last: int) -> None:
+            branch_samples(
+                star,
+                make_room(star),
+                self.structure.site_axes,
+                first,
+                last,
+                joints,
+                placed.errors,
+                placed.site,
+                columns,
+                matrix,
+                status,
+            )
+
+        self._share(run, count)
+        return BatchTransfer(chosen, np.swapaxes(matrix, 1, 2), status.astype(np.uint8))
+
+    def _chosen(self, parameters: Sequence[LocalParameter] | None) -> tuple[LocalParameter, ...]:
+        return tuple(self.parameters if parameters is None else parameters)
+
+    def _columns(self, parameters: Sequence[LocalParameter]) -> Columns:
+        """Sort the columns by the site that each displaces."""
+        structure = self.structure
+        sites = np.full(len(parameters), structure.site_count, dtype=np.int64)
+        twists = np.zeros((len(parameters), 6))
+        drive_names = structure.mechanism.loops.drives
+        drives = np.full(len(drive_names), -1, dtype=np.int64)
+        for p, parameter in enumerate(parameters):
+            if isinstance(parameter, PlacementParameter):
+                sites[p] = structure.site(parameter.joint)
+                twists[p] = (np.reshape(parameter.twist, (2, 3)) @ structure.site_axes[sites[p]]).ravel()
+            elif isinstance(parameter, DriveParameter) and parameter.joint in drive_names:
+                if drives[drive_names.index(parameter.joint)] >= 0:
+                    raise BadInputError(f"parameter '{parameter.name}' stands twice")
+                drives[drive_names.index(parameter.joint)] = p
+            else:
+                raise BadInputError(
+                    f"the batch engine has no column for '{parameter.name}'; it takes placement errors and drives: "
+                    "use closed_chain_transfer for the others"
+                )
+        order = np.argsort(sites, kind="stable")
+        start = np.searchsorted(sites[order], np.arange(structure.site_count + 1))
+        return Columns(fixed(start, np.int64), fixed(order, np.int64), fixed(twists), fixed(drives, np.int64))
+
+    def _share(self, run: Callable[[int, int], None], count: int) -> None:
+        """Run ranges of samples on the threads; the ranges do not depend on how many there are."""
+        ranges = [(k, min(k + _SAMPLES_AT_A_TIME, count)) for k in range(0, count, _SAMPLES_AT_A_TIME)]
+        if self.threads == 1 or len(ranges) < 2:
+            for first, last in ranges:
+                run(first, last)
+            return
+        with ThreadPoolExecutor(min(self.threads, len(ranges))) as pool:
+            for _ in pool.map(lambda limits: run(*limits), ranges):
+                pass
+
+
+def _shaped(array: FloatArray, shape: tuple[int, ...], name: str) -> FloatArray:
+    array = fixed(array)
+    if array.shape != shape:
+        raise BadInputError(f"'{name}' must have the shape {shape}, not {array.shape}")
+    return array

@@ -1,0 +1,250 @@
+"""What goes into the batch engine and what comes out: arrays with their meaning."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pouring_robot.batch.structure import IntArray, StarStructure, fixed
+from pouring_robot.exceptions import BadInputError, BatchClosureError
+from pouring_robot.kinematics import FourUPUKinematics
+from pouring_robot.mechanism import FloatArray
+
+STATUS_NAMES = ("closed", "not converged", "left open too far", "not finite")
+"""Meaning of the status codes 0 to 3."""
+
+
+@dataclass(frozen=True)
+class BatchStart:
+    """Where closures start.
+
+    Attributes:
+        position: origin of the end frame in the base frame, in m, shape (n, 3).
+        rotation: axes of the end frame in the base frame, shape (n, 3, 3).
+        joints: joint values by chain, from base to tip, in m and rad, shape (n, chains, joints).
+
+    Raises:
+        BadInputError: the arrays do not fit each other.
+    """
+
+    position: FloatArray
+    rotation: FloatArray
+    joints: FloatArray
+
+    def __post_init__(self) -> None:
+        """Make the arrays what the kernels take."""
+        for name in ("position", "rotation", "joints"):
+            object.__setattr__(self, name, fixed(getattr(self, name)))
+        count = len(self.position)
+        shapes = (self.position.shape, self.rotation.shape, self.joints.shape[:1])
+        if shapes != ((count, 3), (count, 3, 3), (count,)):
+            raise BadInputError(
+                f"a start needs position (n, 3), rotation (n, 3, 3) and joints (n, chains, joints), not {shapes[0]}, "
+                f"{shapes[1]} and {self.joints.shape}"
+            )
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.position)
+
+    def check(self, structure: StarStructure) -> None:
+        """Raise BadInputError unless the joints are those of the structure."""
+        expected = (len(self), structure.chain_count, structure.joint_count)
+        if self.joints.shape != expected:
+            raise BadInputError(f"the start's joints must have the shape {expected}, not {self.joints.shape}")
+        for i, names in enumerate(structure.joint_names):
+            if np.any(np.nan_to_num(self.joints[:, i, len(names) :])):
+                raise BadInputError(f"chain {i + 1} has {len(names)} joints; the start's values beyond them must be 0")
+
+    def __getitem__(self, samples: IntArray | slice) -> BatchStart:
+        """Return some samples, or the same ones many times, by index."""
+        return BatchStart(self.position[samples], self.rotation[samples], self.joints[samples])
+
+
+@dataclass(frozen=True)
+class BatchCommand:
+    """What the controller commands for many poses.
+
+    Attributes:
+        poses: x, y, z in m and the tilt in rad, shape (n, 4).
+        drives: nominal drive values, m or rad, shape (n, 4).
+        start: the closed nominal robot.
+    """
+
+    poses: FloatArray
+    drives: FloatArray
+    start: BatchStart
+
+    @classmethod
+    def from_poses(cls, kinematics: FourUPUKinematics, poses: FloatArray) -> BatchCommand:
+        """Run the nominal inverse kinematics; joint limits are not looked at.
+
+        Args:
+            kinematics: of the drawing.
+            poses: x, y, z in m and the tilt in rad, shape (n, 4).
+
+        Raises:
+            BadInputError: the array has another shape.
+        """
+        poses = np.ascontiguousarray(poses, dtype=float)
+        if poses.ndim != 2 or poses.shape[1] != 4:
+            raise BadInputError(f"poses must have the shape (n, 4): x, y, z, tilt; not {poses.shape}")
+        angles = kinematics.chain_angles(poses[:, :3], poses[:, 3])
+        parts = (angles.psi_rad, angles.phi_rad, angles.length_m, -angles.phi_rad, angles.foot_rad)
+        joints = np.stack(parts, axis=-1)
+        rotation = np.zeros((len(poses), 3, 3))
+        rotation[:, 0, 0] = rotation[:, 2, 2] = np.cos(poses[:, 3])
+        rotation[:, 0, 2] = np.sin(poses[:, 3])
+        rotation[:, 2, 0] = -rotation[:, 0, 2]
+        rotation[:, 1, 1] = 1.0
+        # leg{i}_s{k}: chain i, joint k, both counted from one.
+        places = [(int(name[3]) - 1, int(name[6]) - 1) for name in kinematics.mechanism.loops.drives]
+        drives = np.stack([joints[:, i, k] for i, k in places], axis=1)
+        return cls(poses, drives, BatchStart(poses[:, :3], rotation, joints))
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.poses)
+
+    def __getitem__(self, samples: IntArray | slice) -> BatchCommand:
+        """Return some samples, or the same ones many times, by index."""
+        return BatchCommand(self.poses[samples], self.drives[samples], self.start[samples])
+
+
+@dataclass(frozen=True)
+class SiteErrors:
+    """Placement errors of samples; see :meth:`take` and :meth:`one_each`.
+
+    Attributes:
+        errors: translation (m) and rotation vector (rad), shape (n, sites, 6); (n, 1, 6) if each sample displaces
+            one site; (0, sites, 6) for none.
+        site: the site each sample displaces, shape (n,), or (0,).
+    """
+
+    errors: FloatArray
+    site: IntArray
+
+    @classmethod
+    def one_each(cls, site: IntArray, error: FloatArray) -> SiteErrors:
+        """Displace one site a sample, for one-at-a-time studies.
+
+        Args:
+            site: number of the site (see :meth:`~pouring_robot.batch.structure.StarStructure.site`), shape (n,).
+            error: translation in m and rotation vector in rad, shape (n, 6).
+
+        Raises:
+            BadInputError: the shapes do not fit.
+        """
+        site, error = fixed(site, np.int64), fixed(error)
+        if site.ndim != 1 or error.shape != (len(site), 6):
+            raise BadInputError(f"one error a sample needs site (n,) and error (n, 6), not {site.shape}, {error.shape}")
+        return cls(fixed(error[:, None, :]), site)
+
+    @classmethod
+    def one_parameter_each(cls, parameter: IntArray, value: FloatArray) -> SiteErrors:
+        """Set one of the engine's placement parameters a sample.
+
+        Args:
+            parameter: its column in :attr:`~pouring_robot.batch.engine.BatchEngine.parameters`, shape (n,).
+            value: in m or rad, shape (n,).
+
+        Raises:
+            BadInputError: the shapes do not fit.
+        """
+        parameter = np.asarray(parameter, dtype=np.int64)
+        value = np.asarray(value, dtype=float)
+        if parameter.ndim != 1 or value.shape != parameter.shape:
+            raise BadInputError(
+                f"parameter and value must be lists of one length, not {parameter.shape}, {value.shape}"
+            )
+        error = np.zeros((len(parameter), 6))
+        error[np.arange(len(parameter)), parameter % 6] = value
+        return cls.one_each(parameter // 6, error)
+
+    @classmethod
+    def take(cls, errors: SiteErrors | FloatArray | None, count: int, structure: StarStructure) -> SiteErrors:
+        """Return what the kernels take for ``count`` samples from what the engine's methods accept.
+
+        Raises:
+            BadInputError: a shape does not fit, or a site does not exist.
+        """
+        sites = structure.site_count
+        nothing = fixed(np.zeros(0), np.int64)
+        if errors is None:
+            return cls(fixed(np.zeros((0, sites, 6))), nothing)
+        if isinstance(errors, SiteErrors):
+            if len(errors.errors) not in (0, count) or (errors.site.size and errors.errors.shape[1] != 1):
+                raise BadInputError(f"there are {count} samples but errors for {len(errors.errors)}")
+            if errors.site.size and not (errors.site.min() >= 0 and errors.site.max() < sites):
+                raise BadInputError(f"a site must be 0 to {sites - 1}, not {errors.site.min()} to {errors.site.max()}")
+            return cls(fixed(errors.errors), fixed(errors.site, np.int64))
+        array = fixed(errors)
+        if array.shape not in ((sites * 6,), (count, sites * 6)):
+            raise BadInputError(
+                f"errors must have the shape ({sites * 6},) or ({count}, {sites * 6}), not {array.shape}"
+            )
+        if array.ndim == 1 and not np.all(np.isfinite(array)):
+            raise BadInputError("the placement errors common to all samples hold a value that is not a finite number")
+        return cls(fixed(array.reshape(-1, sites, 6)), nothing)
+
+
+@dataclass(frozen=True)
+class BatchClosure:
+    """Closed poses of many samples; a sample that failed holds NaN and a status that is not 0.
+
+    Attributes:
+        position: origin of the end frame in the base frame, in m, shape (n, 3).
+        rotation: axes of the end frame in the base frame, shape (n, 3, 3).
+        joints: joint values by chain, in m and rad, shape (n, chains, joints).
+        residual: what is left open in each loop, log6, in m and rad, shape (n, chains, 6).
+        iterations: Newton steps taken, shape (n,).
+        status: 0 closed, 1 not converged, 2 left open too far, 3 input not finite, shape (n,).
+    """
+
+    position: FloatArray
+    rotation: FloatArray
+    joints: FloatArray
+    residual: FloatArray
+    iterations: NDArray[np.int32]
+    status: NDArray[np.uint8]
+
+    @classmethod
+    def empty(cls, structure: StarStructure, count: int) -> BatchClosure:
+        """Return room for ``count`` samples."""
+        chains, joints = structure.chain_count, structure.joint_count
+        return cls(
+            np.empty((count, 3)),
+            np.empty((count, 3, 3)),
+            np.empty((count, chains, joints)),
+            np.empty((count, chains, 6)),
+            np.empty(count, dtype=np.int32),
+            np.empty(count, dtype=np.uint8),
+        )
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.position)
+
+    @property
+    def closed(self) -> NDArray[np.bool_]:
+        """Which samples are closed, shape (n,)."""
+        return np.asarray(self.status == 0)
+
+    def require_all(self) -> BatchClosure:
+        """Return the same, if every sample is closed.
+
+        Raises:
+            BatchClosureError: some are not; holds their numbers by status.
+        """
+        failed = np.flatnonzero(self.status)
+        if failed.size:
+            counts = np.bincount(self.status[failed], minlength=len(STATUS_NAMES))
+            by_name = {STATUS_NAMES[k]: int(number) for k, number in enumerate(counts) if number}
+            raise BatchClosureError(by_name, len(self), int(failed[0]))
+        return self
+
+    def as_start(self) -> BatchStart:
+        """Return the closed poses as starts of further closures; samples that failed stay NaN."""
+        return BatchStart(self.position, self.rotation, self.joints)

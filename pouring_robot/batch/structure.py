@@ -1,0 +1,265 @@
+"""The geometry of a mechanism as plain arrays, for the compiled kernels.
+
+A star: serial chains of one-freedom joints start on one body and end on one common free body. Everything is read
+from the mechanism's Pinocchio model. Each joint frame is turned so that the joint's axis is its z axis; the turn is
+folded into the placements on both sides, so a kernel needs to know one kind of revolute and one of prismatic joint.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from pouring_robot.exceptions import UnknownJointError, UnsupportedMechanismError
+from pouring_robot.mechanism import ClosedChainMechanism, FloatArray, LoopAnchor
+from pouring_robot.parameters import PlacementParameter, placement_parameters
+
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+_FREE_BODY_FREEDOMS = 6
+
+
+class Star(NamedTuple):
+    """What the kernels see. C chains of at most J joints, at most P passive ones each.
+
+    Shorter chains end in joints that do nothing. Lengths of the tuples are known to the compiler.
+
+    Attributes:
+        placements: row-major rotation and translation of the J joint placements, the tip and the seat of each chain,
+            shape (C, J + 2, 12).
+        revolute: shape (C, J).
+        passive: joint in each passive place, -1 for an empty place, shape (C, P).
+        place: passive place of each joint, -1 if it is not passive, shape (C, J).
+        drives: chain and joint of each drive, shape (drives, 2).
+        stiffness: of a closure in N/m and Nm/rad, shape (2,).
+        joint_count: J entries of no meaning.
+        passive_count: P entries of no meaning.
+    """
+
+    placements: FloatArray
+    revolute: BoolArray
+    passive: IntArray
+    place: IntArray
+    drives: IntArray
+    stiffness: FloatArray
+    joint_count: tuple[int, ...]
+    passive_count: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class StarStructure:
+    """A star mechanism with its names.
+
+    Attributes:
+        mechanism: where it was read from.
+        star: the arrays.
+        joint_names: names of each chain's joints from base to tip.
+        site_joints: joint whose placement a site displaces, chain by chain: the J joints, then the seat; empty
+            where a chain is shorter. A site's number is its index here.
+        site_axes: turn of each site's frame that puts the joint's axis on z, shape (sites, 3, 3).
+    """
+
+    mechanism: ClosedChainMechanism
+    star: Star
+    joint_names: tuple[tuple[str, ...], ...]
+    site_joints: tuple[str, ...]
+    site_axes: FloatArray
+
+    @classmethod
+    def from_mechanism(cls, mechanism: ClosedChainMechanism) -> StarStructure:
+        """Read a mechanism.
+
+        Raises:
+            UnsupportedMechanismError: the mechanism is no star.
+        """
+        chains = _chains(mechanism)
+        joints = max(len(chain) for chain in chains)
+        placements = np.tile(np.r_[np.eye(3).ravel(), np.zeros(3)], (len(chains), joints + 2, 1))
+        axes = np.tile(np.eye(3), (len(chains), joints + 1, 1, 1))
+        revolute = np.zeros((len(chains), joints), dtype=bool)
+        for i, (chain, anchor) in enumerate(zip(chains, mechanism.anchors, strict=True)):
+            turns, revolute[i, : len(chain)] = _turns(mechanism, chain)
+            axes[i, : len(chain)] = turns
+            for k, placement in enumerate(_chain_placements(mechanism, chain, anchor)):
+                before = np.eye(3) if k == 0 else turns[k - 1]
+                after = turns[k] if k < len(chain) else np.eye(3)
+                at = k if k < len(chain) else joints  # the tip stands behind the joints that do nothing
+                turned = before.T @ placement.rotation @ after
+                placements[i, at] = np.r_[turned.ravel(), before.T @ placement.translation]
+            seat = _end_placement(mechanism).actInv(anchor.placement_b)
+            placements[i, joints + 1] = np.r_[seat.rotation.ravel(), seat.translation]
+        drives, passive = _roles(mechanism, chains)
+        star = Star(
+            placements=fixed(placements),
+            revolute=fixed(revolute, np.bool_),
+            passive=fixed(passive, np.int64),
+            place=fixed(_places(passive, joints), np.int64),
+            drives=fixed(drives, np.int64),
+            stiffness=fixed(np.array(mechanism.loops.stiffness_si)),
+            joint_count=(0,) * joints,
+            passive_count=(0,) * passive.shape[1],
+        )
+        names = tuple(tuple(mechanism.shared_model.names[j] for j in chain) for chain in chains)
+        seats = (_seat_joint(mechanism, i) for i in range(len(chains)))
+        sites = tuple((*chain, *[""] * (joints - len(chain)), next(seats)) for chain in names)
+        return cls(mechanism, star, names, sum(sites, ()), fixed(axes.reshape(-1, 3, 3)))
+
+    def __reduce__(self) -> tuple[Callable[[ClosedChainMechanism], StarStructure], tuple[ClosedChainMechanism]]:
+        """Pickle as the mechanism: the arrays come back as they were made."""
+        return StarStructure.from_mechanism, (self.mechanism,)
+
+    @property
+    def chain_count(self) -> int:
+        """Number of chains, C."""
+        return int(self.star.revolute.shape[0])
+
+    @property
+    def joint_count(self) -> int:
+        """Joints of the longest chain, J."""
+        return int(self.star.revolute.shape[1])
+
+    @property
+    def site_count(self) -> int:
+        """Number of sites: J + 1 for each chain."""
+        return len(self.site_joints)
+
+    @functools.cached_property
+    def parameters(self) -> tuple[PlacementParameter, ...]:
+        """All placement parameters, six a site, in the order of the columns of placement errors."""
+        return placement_parameters(name for name in self.site_joints if name)
+
+    def site(self, joint: str) -> int:
+        """Return the number of the site that displaces a joint's placement.
+
+        Raises:
+            UnknownJointError: no site displaces it: it is not a joint of a chain, nor a seat.
+        """
+        if joint not in self.site_joints or not joint:
+            raise UnknownJointError(joint, filter(None, self.site_joints))
+        return self.site_joints.index(joint)
+
+
+def fixed(array: ArrayLike, kind: type[np.float64] | type[np.int64] | type[np.bool_] = np.float64) -> NDArray[Any]:
+    """Return a read-only contiguous view, or a copy where needed: kernels are compiled for that one kind of array."""
+    view = np.require(array, kind, ["C", "A"]).view()
+    view.setflags(write=False)
+    return view
+
+
+def _chains(mechanism: ClosedChainMechanism) -> list[list[int]]:
+    """Return the joints of each chain from base to tip, after checking that they make a star."""
+    model, loops = mechanism.shared_model, mechanism.loops
+    names = list(model.names)
+    base = model.frames[mechanism.frame_id(loops.base_frame)].parentJoint
+    end = {anchor.joint_b for anchor in mechanism.anchors}
+    if len(end) != 1 or model.nvs[next(iter(end))] != _FREE_BODY_FREEDOMS:
+        raise UnsupportedMechanismError("the second frames of its loops are not on one free body (see cut_joints)")
+    if loops.end_frame is None or model.frames[mechanism.frame_id(loops.end_frame)].parentJoint not in end:
+        raise UnsupportedMechanismError("its end_frame is not on the body the chains end on")
+    chains = []
+    for anchor in mechanism.anchors:
+        support = [0, *list(model.supports[anchor.joint_a])[1:]]
+        if anchor.kind != "6d":
+            raise UnsupportedMechanismError(f"loop '{anchor.name}' holds its origins only (3d)")
+        if base not in support:
+            raise UnsupportedMechanismError(
+                f"the chain of loop '{anchor.name}' does not start on the base frame's body"
+            )
+        chain = support[support.index(base) + 1 :]
+        if not chain:
+            raise UnsupportedMechanismError(f"the chain of loop '{anchor.name}' has no joint")
+        wide = [names[j] for j in chain if model.nvs[j] != 1]
+        if wide:
+            raise UnsupportedMechanismError(f"joint '{wide[0]}' of loop '{anchor.name}' has more than one freedom")
+        chains.append(chain)
+    every = [j for chain in chains for j in chain]
+    shared = {names[j] for j in every if every.count(j) > 1}
+    if shared:
+        raise UnsupportedMechanismError(f"two chains share joint '{min(shared)}'")
+    return chains
+
+
+def _roles(mechanism: ClosedChainMechanism, chains: list[list[int]]) -> tuple[IntArray, IntArray]:
+    """Return chain and joint of each drive, and each chain's passive joints, filled up with -1."""
+    model = mechanism.shared_model
+    where = {model.idx_vs[j]: (i, k) for i, chain in enumerate(chains) for k, j in enumerate(chain)}
+    free_body = mechanism.anchors[0].joint_b
+    free = set(range(model.idx_vs[free_body], model.idx_vs[free_body] + _FREE_BODY_FREEDOMS))
+    passive_columns = mechanism.passive_columns.tolist()
+    if not free <= set(passive_columns):
+        raise UnsupportedMechanismError("the body the chains end on is driven or locked")
+    outside = (set(mechanism.drive_columns.tolist()) | set(passive_columns)) - set(where) - free
+    if outside:
+        owner = next(
+            j for j in range(1, model.njoints) if min(outside) in range(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])
+        )
+        raise UnsupportedMechanismError(f"joint '{model.names[owner]}' belongs to no chain")
+    drives = np.array([where[c] for c in mechanism.drive_columns.tolist()], dtype=np.int64)
+    per_chain = [[where[c][1] for c in passive_columns if where.get(c, (-1, 0))[0] == i] for i in range(len(chains))]
+    passive = np.full((len(chains), max(1, *map(len, per_chain))), -1, dtype=np.int64)
+    for i, places in enumerate(per_chain):
+        passive[i, : len(places)] = sorted(places)
+    return drives, passive
+
+
+def _places(passive: IntArray, joints: int) -> IntArray:
+    place = np.full((passive.shape[0], joints), -1, dtype=np.int64)
+    for i, row in enumerate(passive.tolist()):
+        for number, joint in enumerate(row):
+            if joint >= 0:
+                place[i, joint] = number
+    return place
+
+
+def _turns(mechanism: ClosedChainMechanism, chain: list[int]) -> tuple[FloatArray, BoolArray]:
+    """Return for each joint a rotation that puts z on its axis, shape (joints, 3, 3), and whether it is revolute."""
+    model = mechanism.shared_model
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    turns, revolute = [], []
+    for j in chain:
+        subspace = pin.getJointJacobian(model, data, j, pin.LOCAL)[:, model.idx_vs[j]]
+        linear, angular = np.linalg.norm(subspace[:3]), np.linalg.norm(subspace[3:])
+        if max(linear, angular) < 1.0 - 1e-9 or min(linear, angular) > 1e-12:
+            raise UnsupportedMechanismError(f"joint '{model.names[j]}' is neither revolute nor prismatic")
+        revolute.append(bool(angular > linear))
+        turns.append(_turn_to(subspace[3:] if revolute[-1] else subspace[:3]))
+    return np.array(turns), np.array(revolute)
+
+
+def _turn_to(axis: FloatArray) -> FloatArray:
+    """Return a rotation whose third column is the axis; exact permutations for the coordinate axes."""
+    unit = axis / np.linalg.norm(axis)
+    helper = np.roll(np.eye(3)[int(np.argmax(np.abs(unit)))], 1)
+    first = np.cross(helper, unit)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(unit, first), unit], axis=1)
+
+
+def _chain_placements(mechanism: ClosedChainMechanism, chain: list[int], anchor: LoopAnchor) -> list[pin.SE3]:
+    """Return the placements along a chain: of its joints, the first one in the base frame, and of frame a."""
+    model = mechanism.shared_model
+    base = model.frames[mechanism.frame_id(mechanism.loops.base_frame)].placement
+    first = base.actInv(model.jointPlacements[chain[0]])
+    return [first, *(model.jointPlacements[j] for j in chain[1:]), anchor.placement_a]
+
+
+def _end_placement(mechanism: ClosedChainMechanism) -> pin.SE3:
+    return mechanism.shared_model.frames[mechanism.frame_id(mechanism.loops.end_frame or "")].placement
+
+
+def _seat_joint(mechanism: ClosedChainMechanism, loop: int) -> str:
+    """Return the fixed joint that carries frame b of a loop, or nothing where none does."""
+    model = mechanism.shared_model
+    frame = model.frames[mechanism.frame_id(mechanism.loops.loops[loop].frame_b)]
+    if frame.type == pin.FrameType.FIXED_JOINT:
+        return str(frame.name)
+    carrier = model.frames[frame.parentFrame]
+    return str(carrier.name) if carrier.type == pin.FrameType.FIXED_JOINT else ""

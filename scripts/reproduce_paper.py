@@ -1,0 +1,65 @@
+"""Check what the paper says, claim by claim, against this robot.
+
+    python scripts/reproduce_paper.py geometry [--poses 10000] [--seed 2022] [--layout paper] [--out FOLDER]
+
+Each part prints a table with one row a claim (what the paper says, what we compute, the verdict and why) and writes it
+with its figures to a folder. Exit codes: 0 done, 2 bad input, 3 no solution.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import Progress
+
+from pouring_robot.errors.paper_report import GeometryReport, make_folder
+from pouring_robot.errors.paper_study import run_study
+from pouring_robot.exceptions import PouringRobotError
+
+DOCS = Path(__file__).resolve().parent.parent / "docs"
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None, no_args_is_help=True)
+
+
+@app.callback()
+def parts() -> None:
+    """Check what the paper says, claim by claim, against this robot."""
+
+
+@app.command()
+def geometry(
+    poses: Annotated[int, typer.Option(min=2, max=100_000, help="Poses drawn from the workspace.")] = 10_000,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the drawing.")] = 2022,
+    layout: Annotated[str, typer.Option(help="Layout of the dimensions file.")] = "paper",
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Where CSV, JSON, Markdown and figures go.")] = Path(
+        "output/paper_geometry"
+    ),
+    docs: Annotated[bool, typer.Option("--docs", help="Renew docs/paper_geometry.md and its figures as well.")] = False,
+) -> None:
+    """Geometric errors, section 4: in the paper's open branch, then in the closed chain."""
+    given = {"poses": (poses, 10_000), "seed": (seed, 2022), "layout": (layout, "paper")}
+    arguments = "".join(f" --{name} {value}" for name, (value, default) in given.items() if value != default)
+    try:
+        make_folder(out)
+        with Progress(console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task("closing the loops with one error each")
+            study = run_study(layout, poses, seed, lambda done, total: bar.update(task, completed=done, total=total))
+        report = GeometryReport.of(study)
+        console = Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+        for item in report.renderables():
+            console.print(item)
+        written = report.write(out, arguments)
+        if docs:
+            written += report.write_docs(DOCS, arguments)
+    except PouringRobotError as error:
+        typer.echo(f"reproduce_paper: {error}", err=True)
+        raise typer.Exit(error.exit_code) from None
+    typer.echo(f"wrote {', '.join(str(path) for path in written)}", err=True)
+
+
+if __name__ == "__main__":
+    app()

@@ -1,0 +1,481 @@
+"""The batch engine against the one-at-a-time solver, its own differences, and bad input."""
+
+import os
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from pouring_robot.batch import BatchCommand, BatchEngine, BatchStart, SiteErrors, StarStructure
+from pouring_robot.closure import ClosureOptions, ClosureSolver
+from pouring_robot.description import PlacementError, perturb_urdf
+from pouring_robot.exceptions import (
+    BadInputError,
+    BatchClosureError,
+    ClosureError,
+    UnknownJointError,
+    UnsupportedMechanismError,
+)
+from pouring_robot.kinematics import FourUPUKinematics
+from pouring_robot.loops import LoopsFile
+from pouring_robot.mechanism import ClosedChainMechanism
+from pouring_robot.model import RobotModel
+from pouring_robot.parameters import DriveParameter, PayloadParameter, PlacementParameter
+from pouring_robot.poses import PlatformPose
+from tests.checks import BOX_LOWER, BOX_UPPER, ROOT, planar_urdf
+
+SITES, PARAMETERS = 24, 144
+# Up to 2 mm and 4 mrad in every component of every placement at once.
+FULL_ERRORS = np.tile([2e-3] * 3 + [4e-3] * 3, SITES)
+SHIFTS_ONLY = np.tile([2e-3] * 3 + [0.0] * 3, SITES)
+
+
+def engine_and_kinematics(layout):
+    mechanism = RobotModel(layout=layout).nominal_mechanism()
+    return BatchEngine(mechanism, threads=2), FourUPUKinematics(mechanism)
+
+
+@pytest.fixture(scope="module")
+def robots():
+    """Engine and kinematics of both shipped layouts."""
+    return {layout: engine_and_kinematics(layout) for layout in ("paper", "wide")}
+
+
+@pytest.fixture(scope="module")
+def paper(robots):
+    return robots["paper"]
+
+
+def command_of(kinematics, count, seed):
+    poses = np.random.default_rng(seed).uniform(BOX_LOWER, BOX_UPPER, size=(count, 4))
+    return BatchCommand.from_poses(kinematics, poses)
+
+
+def errors_of(spread, count, seed):
+    return np.random.default_rng(seed).uniform(-1.0, 1.0, size=(count, PARAMETERS)) * spread
+
+
+def perturbed(mechanism, engine, errors):
+    """Return the mechanism whose URDF holds the errors of one sample, shape (sites * 6,)."""
+    sites = zip(engine.structure.site_joints, errors.reshape(-1, 6).tolist(), strict=True)
+    placements = {name: PlacementError(tuple(e[:3]), tuple(e[3:])) for name, e in sites}
+    return ClosedChainMechanism(perturb_urdf(mechanism.urdf, placements), mechanism.loops)
+
+
+def closed_one_at_a_time(mechanism, kinematics, command, sample):
+    """Close one sample with Pinocchio.
+
+    The solver may stop when its step is short though not its error; closing again from its answer settles it.
+    """
+    pose = command.poses[sample]
+    solver = ClosureSolver(mechanism)
+    result = solver.solve_from(kinematics.configuration(PlatformPose(tuple(pose[:3].tolist()), float(pose[3]))))
+    for _ in range(2):
+        result = solver.solve_from(result.configuration)
+    return result
+
+
+def difference_of(batch, sample, result):
+    """Return the largest difference of pose, joint values and residual, in m and rad."""
+    pose = result.pose_base_to_end
+    names = [[f"leg{leg}_s{k}" for k in range(1, 6)] for leg in range(1, 5)]
+    joints = np.array([[result.joint_values[name] for name in leg] for leg in names])
+    return max(
+        np.abs(batch.position[sample] - pose.translation).max(),
+        np.abs(batch.rotation[sample] - pose.rotation).max(),
+        np.abs(batch.joints[sample] - joints).max(),
+        np.abs(batch.residual[sample] - result.residual).max(),
+    )
+
+
+@pytest.mark.parametrize("layout", ["paper", "wide"])
+@pytest.mark.parametrize("spread", [SHIFTS_ONLY, 0.25 * FULL_ERRORS, FULL_ERRORS], ids=["shifts", "quarter", "full"])
+def test_it_equals_the_one_at_a_time_solver(robots, layout, spread):
+    engine, kinematics = robots[layout]
+    mechanism = engine.structure.mechanism
+    command, errors = command_of(kinematics, 30, seed=3), errors_of(spread, 30, seed=4)
+    batch = engine.close(command.drives, command.start, errors).require_all()
+    compared = 0
+    for sample in range(30):
+        try:
+            result = closed_one_at_a_time(perturbed(mechanism, engine, errors[sample]), kinematics, command, sample)
+        except ClosureError:  # the batch engine's search gets through some narrow valleys that stop the other
+            continue
+        assert difference_of(batch, sample, result) < 1e-12
+        compared += 1
+    assert compared >= 28
+
+
+def test_a_mechanism_that_is_displaced_already_equals_the_errors_given(paper):
+    engine, kinematics = paper
+    command, errors = command_of(kinematics, 20, seed=5), errors_of(FULL_ERRORS, 1, seed=6)[0]
+    as_built = BatchEngine(perturbed(engine.structure.mechanism, engine, errors))
+    one = as_built.close(command.drives, command.start).require_all()
+    other = engine.close(command.drives, command.start, errors).require_all()
+    np.testing.assert_allclose(one.position, other.position, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(one.residual, other.residual, rtol=0, atol=1e-12)
+
+
+def test_all_chain_orders_give_the_same(paper):
+    engine, kinematics = paper
+    command = command_of(kinematics, 20, seed=7)
+    errors = errors_of(FULL_ERRORS, 20, seed=8)
+    expected = engine.close(command.drives, command.start, errors)
+    other = BatchEngine(RobotModel().nominal_mechanism(chain_order=(3, 1, 4, 2)))
+    found = other.close(command.drives, command.start, errors)
+    assert other.structure.site_joints == engine.structure.site_joints
+    np.testing.assert_allclose(found.position, expected.position, rtol=0, atol=1e-12)
+
+
+def test_every_start_in_reach_finds_the_same_pose(paper):
+    engine, kinematics = paper
+    command = command_of(kinematics, 300, seed=9)
+    random = np.random.default_rng(10)
+    away = random.uniform(-1.0, 1.0, size=(300, 4)) * (0.012, 0.012, 0.012, 0.05)
+    start = BatchCommand.from_poses(kinematics, command.poses + away).start
+    closed = engine.close(command.drives, start).require_all()
+    np.testing.assert_allclose(closed.position, command.poses[:, :3], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(closed.joints, command.start.joints, rtol=0, atol=1e-12)
+    assert np.abs(closed.residual).max() < 1e-14
+    assert closed.iterations.max() <= 8
+
+
+def test_the_result_does_not_depend_on_threads_or_chunks(paper):
+    engine, kinematics = paper
+    count = 1500
+    command, errors = command_of(kinematics, count, seed=11), errors_of(FULL_ERRORS, count, seed=12)
+    whole = BatchEngine(engine.structure.mechanism, threads=1).close(command.drives, command.start, errors)
+    split = BatchEngine(engine.structure.mechanism, threads=7).close(command.drives, command.start, errors)
+    for name in ("position", "rotation", "joints", "residual", "iterations", "status"):
+        np.testing.assert_array_equal(getattr(whole, name), getattr(split, name))
+    part = slice(333, 901)
+    piece = engine.close(command.drives[part], command.start[part], errors[part])
+    np.testing.assert_array_equal(piece.joints, whole.joints[part])
+    one = BatchEngine(engine.structure.mechanism, threads=1).transfer(whole, None, errors)
+    two = engine.transfer(piece, None, errors[part])
+    np.testing.assert_array_equal(two.matrix, one.matrix[part])
+
+
+def test_one_displaced_parameter_a_sample_equals_a_full_row(paper):
+    engine, kinematics = paper
+    command = command_of(kinematics, PARAMETERS, seed=13)
+    values = np.where(np.arange(PARAMETERS) % 6 < 3, 2e-4, 4e-3)
+    sparse = SiteErrors.one_parameter_each(np.arange(PARAMETERS), values)
+    one = engine.close(command.drives, command.start, sparse).require_all()
+    full = engine.close(command.drives, command.start, np.diag(values)).require_all()
+    np.testing.assert_array_equal(one.position, full.position)
+    np.testing.assert_array_equal(
+        engine.transfer(one, None, sparse).matrix, engine.transfer(full, None, np.diag(values)).matrix
+    )
+
+
+def rotation_vectors(first, second):
+    return np.array([pin.log3(b @ a.T) for a, b in zip(first, second, strict=True)])
+
+
+def on_top(errors, parameter, step):
+    """Return the errors of one sample with a further displacement of one parameter on top, as perturb_urdf does."""
+    site, component = divmod(parameter, 6)
+    present = errors[6 * site : 6 * site + 6]
+    twist = step * np.eye(6)[component]
+    pose = pin.SE3(pin.exp3(present[3:]), present[:3]) * pin.SE3(pin.exp3(twist[3:]), twist[:3])
+    changed = errors.copy()
+    changed[6 * site : 6 * site + 6] = np.r_[pose.translation, pin.log3(pose.rotation)]
+    return changed
+
+
+def fourth_order(closures, step):
+    """Return the derivative of the pose from closures at -2, -1, 1 and 2 steps; shape (n, 6)."""
+    far_back, back, ahead, far_ahead = closures
+    columns = []
+    for less, more in ((back, ahead), (far_back, far_ahead)):
+        turn = rotation_vectors(less.rotation, more.rotation)
+        columns.append(np.concatenate([more.position - less.position, turn], axis=1))
+    return (8.0 * columns[0] - columns[1]) / (12.0 * step)
+
+
+STEPS, STEP = (-2, -1, 1, 2), 2e-5
+
+
+@pytest.mark.parametrize("spread", [0.0 * FULL_ERRORS, FULL_ERRORS], ids=["closed", "open_loops"])
+def test_the_transfer_matrix_equals_differences_of_closures(paper, spread):
+    engine, kinematics = paper
+    count = 200
+    command, errors = command_of(kinematics, count, seed=14), errors_of(spread, 1, seed=15)[0]
+    closed = engine.close(command.drives, command.start, errors).require_all()
+    drives = [DriveParameter(name, "m") for name in kinematics.mechanism.loops.drives]
+    transfer = engine.transfer(closed, [*engine.parameters, *drives], errors)
+    assert transfer.matrix.shape == (count, 6, PARAMETERS + 4)
+    assert not transfer.status.any()
+    start = closed.as_start()
+    scale = np.abs(transfer.matrix).max(axis=(1, 2), keepdims=False)[:, None]
+    for p in range(PARAMETERS):
+        closures = [engine.close(command.drives, start, on_top(errors, p, k * STEP)) for k in STEPS]
+        assert (np.abs(transfer.matrix[:, :, p] - fourth_order(closures, STEP)) < 1e-7 * scale).all()
+        column = np.abs(transfer.matrix[:, :, p]).max(axis=1, keepdims=True)
+        # Relative to the column itself, where it is not just round-off.
+        large = np.where(column > 1e-2, column, np.inf)
+        assert (np.abs(transfer.matrix[:, :, p] - fourth_order(closures, STEP)) <= 1e-6 * large).all()
+    for d in range(4):
+        moved = [command.drives + k * STEP * np.eye(4)[d] for k in STEPS]
+        expected = fourth_order([engine.close(m, start, errors) for m in moved], STEP)
+        assert (np.abs(transfer.matrix[:, :, PARAMETERS + d] - expected) < 1e-7 * scale).all()
+
+
+def test_the_transfer_matrix_equals_differences_of_perturbed_urdfs(paper):
+    engine, kinematics = paper
+    mechanism = engine.structure.mechanism
+    command, errors = command_of(kinematics, 1, seed=16), errors_of(FULL_ERRORS, 1, seed=17)[0]
+    closed = engine.close(command.drives, command.start, errors).require_all()
+    matrix = engine.transfer(closed, None, errors).matrix[0]
+    for p in range(0, PARAMETERS, 7):
+        poses = []
+        for k in (-1, 1):
+            changed = perturbed(mechanism, engine, on_top(errors, p, k * STEP))
+            poses.append(closed_one_at_a_time(changed, kinematics, command, 0).pose_base_to_end)
+        turn = pin.log3(poses[1].rotation @ poses[0].rotation.T)
+        expected = np.r_[poses[1].translation - poses[0].translation, turn] / (2.0 * STEP)
+        np.testing.assert_allclose(matrix[:, p], expected, rtol=0, atol=1e-6 * np.abs(matrix).max())
+
+
+def test_twists_at_sites_combine_the_unit_columns(paper):
+    engine, kinematics = paper
+    command, errors = command_of(kinematics, 5, seed=18), errors_of(FULL_ERRORS, 5, seed=19)
+    closed = engine.close(command.drives, command.start, errors)
+    twist = (0.3, -1.0, 0.2, 0.5, 0.1, -0.7)
+    unit = engine.transfer(closed, None, errors).matrix
+    screw = [PlacementParameter("screw", "rad", joint, twist) for joint in ("leg4_seat_mount", "leg2_s3")]
+    found = engine.transfer(closed, screw, errors).matrix
+    for k, joint in enumerate(("leg4_seat_mount", "leg2_s3")):
+        site = engine.structure.site(joint)
+        expected = unit[:, :, 6 * site : 6 * site + 6] @ np.array(twist)
+        np.testing.assert_allclose(found[:, :, k], expected, rtol=0, atol=1e-12 * np.abs(unit).max())
+
+
+def test_open_branches_equal_differences_of_pinocchios_kinematics(paper):
+    engine, kinematics = paper
+    mechanism = engine.structure.mechanism
+    command, errors = command_of(kinematics, 1, seed=20), errors_of(FULL_ERRORS, 1, seed=21)[0]
+    names = [name for chain in engine.structure.joint_names for name in chain]
+    drives = [DriveParameter(name, "m") for name in mechanism.loops.drives]
+    transfer = engine.transfer_open_branch(command.start.joints, [*engine.parameters, *drives], errors)
+
+    def carried(errors, leg, joints):
+        """Return the platform's pose as chain ``leg`` alone carries it."""
+        changed = perturbed(mechanism, engine, errors)
+        values = dict(zip(names, joints.ravel(), strict=True))
+        data = changed.copy_model().createData()
+        configuration = changed.with_joint_values(changed.neutral_configuration(), values)
+        pin.framesForwardKinematics(changed.shared_model, data, configuration)
+        pose = {n: data.oMf[changed.frame_id(n)] for n in ("fixed_platform", "moving_platform")}
+        foot, seat = (data.oMf[changed.frame_id(f"leg{leg}_{part}")] for part in ("foot", "seat"))
+        return pose["fixed_platform"].actInv(foot) * pose["moving_platform"].actInv(seat).inverse()
+
+    def difference(less, more):
+        turn = pin.log3(more.rotation @ less.rotation.T)
+        return np.r_[more.translation - less.translation, turn] / (2.0 * STEP)
+
+    held = command.start.joints[0]
+    for p in range(0, PARAMETERS, 5):
+        leg = p // 36 + 1
+        poses = [carried(on_top(errors, p, k * STEP), leg, held) for k in (-1, 1)]
+        np.testing.assert_allclose(transfer.matrix[0, :, p], difference(*poses), rtol=0, atol=1e-8)
+    for d, (chain, joint) in enumerate(engine.structure.star.drives):
+        poses = []
+        for k in (-1, 1):
+            moved = held.copy()
+            moved[chain, joint] += k * STEP
+            poses.append(carried(errors, chain + 1, moved))
+        np.testing.assert_allclose(transfer.matrix[0, :, PARAMETERS + d], difference(*poses), rtol=0, atol=1e-8)
+
+
+def test_failed_samples_say_so_and_leave_the_others_alone(paper):
+    engine, kinematics = paper
+    command = command_of(kinematics, 6, seed=22)
+    drives, errors = command.drives.copy(), errors_of(0.1 * FULL_ERRORS, 6, seed=23)
+    whole = engine.close(drives, command.start, errors).require_all()
+    drives[1, 0] = np.nan
+    drives[2] = (0.1, 5.0, 0.3, 1.0)
+    errors[3, 50] = np.inf
+    skewed = command.start.rotation.copy()
+    skewed[4] *= 1.01
+    start = BatchStart(command.start.position, skewed, command.start.joints)
+    closed = engine.close(drives, start, errors)
+    assert closed.status[[0, 1, 3, 4, 5]].tolist() == [0, 3, 3, 3, 0]
+    assert closed.status[2] in (1, 2)
+    np.testing.assert_array_equal(closed.position[0], whole.position[0])
+    for name in ("position", "rotation", "joints", "residual"):
+        assert np.isnan(getattr(closed, name)[1:5]).all()
+    transfer = engine.transfer(closed, None, errors)
+    np.testing.assert_array_equal(transfer.status, closed.status)
+    assert np.isnan(transfer.matrix[1:5]).all()
+    assert np.isfinite(transfer.matrix[[0, 5]]).all()
+    with pytest.raises(BatchClosureError, match=r"4 of 6 samples do not close .*3 not finite; the first is sample 1"):
+        closed.require_all()
+
+
+def test_loops_left_open_too_far_have_their_own_status(paper):
+    engine, kinematics = paper
+    command, errors = command_of(kinematics, 6, seed=22), errors_of(FULL_ERRORS, 6, seed=23)
+    strict = BatchEngine(engine.structure.mechanism, options=ClosureOptions(max_gap_m=1e-6, max_gap_rad=1e-5))
+    closed = strict.close(command.drives, command.start, errors)
+    assert closed.status.tolist() == [2] * 6
+    assert np.isnan(closed.position).all()
+    assert not closed.closed.any()
+
+
+def test_shapes_and_names_that_do_not_fit_are_refused(paper):
+    engine, kinematics = paper
+    command = command_of(kinematics, 3, seed=24)
+    closed = engine.close(command.drives, command.start)
+    with pytest.raises(BadInputError, match="'drives' must have the shape"):
+        engine.close(command.drives[:, :3], command.start)
+    with pytest.raises(BadInputError, match="errors must have the shape"):
+        engine.close(command.drives, command.start, np.zeros((2, PARAMETERS)))
+    with pytest.raises(BadInputError, match="not a finite number"):
+        engine.close(command.drives, command.start, np.full(PARAMETERS, np.nan))
+    with pytest.raises(BadInputError, match="a site must be 0 to 23"):
+        engine.close(command.drives, command.start, SiteErrors.one_each([0, 1, 24], np.zeros((3, 6))))
+    with pytest.raises(BadInputError, match="a start needs"):
+        BatchStart(np.zeros((2, 3)), np.zeros((3, 3)), np.zeros((2, 4, 5)))
+    with pytest.raises(BadInputError, match="the start's joints"):
+        engine.close(command.drives, BatchStart(np.zeros((3, 3)), np.zeros((3, 3, 3)), np.zeros((3, 4, 4))))
+    with pytest.raises(BadInputError, match="poses must have the shape"):
+        BatchCommand.from_poses(kinematics, np.zeros(4))
+    with pytest.raises(BadInputError, match="threads must be positive"):
+        BatchEngine(engine.structure.mechanism, threads=0)
+    with pytest.raises(BadInputError, match="no column for 'payload'"):
+        engine.transfer(closed, [PayloadParameter()])
+    with pytest.raises(UnknownJointError, match="leg1_s9"):
+        engine.transfer(closed, [PlacementParameter("a", "m", "leg1_s9", (1.0, 0.0, 0.0, 0.0, 0.0, 0.0))])
+    nothing = engine.close(command.drives[:0], command.start[:0]).require_all()
+    assert engine.transfer(nothing).matrix.shape == (0, 6, PARAMETERS)
+
+
+def platform_star(chains, drives, **changes):
+    """Return a planar platform on chains of revolute joints, each (name, ground x, link lengths, seat x)."""
+    urdf = planar_urdf("star", [chain[:3] for chain in chains]).removesuffix("</robot>")
+    first = chains[0][0]
+    parts = [
+        f'<link name="platform"/><joint name="platform_mount" type="fixed"><parent link="{first}_tip"/>',
+        '<child link="platform"/></joint>',
+    ]
+    for name, _, _, seat_x in chains:
+        parts.append(
+            f'<link name="{name}_seat"/><joint name="{name}_seat_mount" type="fixed"><parent link="platform"/>'
+            f'<child link="{name}_seat"/><origin xyz="{seat_x} 0 0"/></joint>'
+        )
+    loops = {
+        "base_frame": "ground",
+        "end_frame": "platform",
+        "cut_joints": ("platform_mount",),
+        "drives": drives,
+        "loops": [{"name": name, "frame_a": f"{name}_tip", "frame_b": f"{name}_seat"} for name, *_ in chains],
+    }
+    return ClosedChainMechanism(urdf + "".join(parts) + "</robot>", LoopsFile(**(loops | changes)))
+
+
+CHAINS = (("a", 0.0, (0.5, 0.6, 0.1), 0.0), ("b", 1.0, (0.5, 0.6, 0.1), 0.4), ("c", 0.4, (0.8, 0.1), 0.2))
+
+
+def closed_star(height=0.8, platform_x=0.3):
+    """Return joint values that hold the platform level at a height: chains a and b with their elbows outwards."""
+    values = {"c_j1": -np.pi / 2, "c_j2": np.pi / 2}
+    for (name, ground_x, (first, second, last), seat_x), side in zip(CHAINS[:2], (-1, 1), strict=True):
+        x = platform_x + seat_x - last - ground_x
+        distance = np.hypot(x, height)
+        to_elbow = np.arccos((first**2 + distance**2 - second**2) / (2 * first * distance))
+        at_elbow = np.arccos((first**2 + second**2 - distance**2) / (2 * first * second))
+        # About y, a positive turn lowers a link that points along x.
+        values[f"{name}_j1"] = np.arctan2(-height, x) + side * to_elbow
+        values[f"{name}_j2"] = side * (at_elbow - np.pi)
+        values[f"{name}_j3"] = -values[f"{name}_j1"] - values[f"{name}_j2"]
+    return values
+
+
+def test_another_star_with_chains_of_different_lengths():
+    mechanism = platform_star(CHAINS, ("a_j1", "b_j1"))
+    structure = StarStructure.from_mechanism(mechanism)
+    assert [len(names) for names in structure.joint_names] == [3, 3, 2]
+    assert structure.site_joints[8:] == ("c_j1", "c_j2", "", "c_seat_mount")
+    assert "c_seat_mount.rz" in {p.name for p in structure.parameters}
+    values = closed_star()
+    joints = np.zeros((1, 3, 3))
+    for i, names in enumerate(structure.joint_names):
+        joints[0, i, : len(names)] = [values[name] for name in names]
+    start = BatchStart(np.array([[0.3, 0.0, 0.8]]), np.eye(3)[None], joints)
+    drives = np.array([[values["a_j1"] + 0.02, values["b_j1"] - 0.01]])
+    engine = BatchEngine(mechanism)
+    closed = engine.close(drives, start).require_all()
+    solver = ClosureSolver(mechanism)
+    configuration = mechanism.with_joint_values(mechanism.neutral_configuration(), values)
+    moved = dict(zip(("a_j1", "b_j1"), drives[0].tolist(), strict=True))
+    expected = solver.solve_from(solver.solve(moved, configuration).configuration)
+    assert np.abs(closed.position[0] - start.position[0]).max() > 1e-3
+    np.testing.assert_allclose(closed.position[0], expected.pose_base_to_end.translation, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(closed.rotation[0], expected.pose_base_to_end.rotation, rtol=0, atol=1e-12)
+    with pytest.raises(BadInputError, match="chain 3 has 2 joints"):
+        engine.close(drives, BatchStart(start.position, start.rotation, np.ones((1, 3, 3))))
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"cut_joints": ()}, "not on one free body"),
+        ({"end_frame": None}, "end_frame is not on the body"),
+        ({"end_frame": "c_tip"}, "end_frame is not on the body"),
+        ({"base_frame": "c_l1"}, "'a' does not start on the base frame's body"),
+        ({"locked_joints": ("platform_mount",)}, "driven or locked"),
+        ({"loops": [{"name": "a", "frame_a": "a_tip", "frame_b": "a_seat"}]}, "joint 'b_j1' belongs to no chain"),
+        (
+            {
+                "loops": [
+                    {"name": "a", "frame_a": "a_tip", "frame_b": "a_seat"},
+                    {"name": "twice", "frame_a": "a_l2", "frame_b": "b_seat"},
+                ]
+            },
+            "two chains share joint 'a_j1'",
+        ),
+        ({"loops": [{"name": "a", "frame_a": "ground", "frame_b": "a_seat"}]}, "has no joint"),
+        ({"loops": [{"name": "a", "frame_a": "a_tip", "frame_b": "a_seat", "type": "3d"}]}, "3d"),
+    ],
+)
+def test_a_mechanism_that_is_no_star_is_refused(changes, problem):
+    mechanism = platform_star(CHAINS, ("a_j1", "b_j1"), **changes)
+    with pytest.raises(UnsupportedMechanismError, match=problem) as caught:
+        BatchEngine(mechanism)
+    assert "\n" not in str(caught.value)
+    assert "ClosureSolver" in str(caught.value)
+
+
+def test_results_and_commands_pickle(paper):
+    engine, kinematics = paper
+    command = command_of(kinematics, 3, seed=25)
+    closed = engine.close(command.drives, command.start)
+    again = pickle.loads(pickle.dumps(engine)).close(pickle.loads(pickle.dumps(command)).drives, command.start)
+    np.testing.assert_array_equal(again.joints, pickle.loads(pickle.dumps(closed)).joints)
+
+
+def test_a_second_process_reads_the_kernels_from_disk(tmp_path):
+    script = (
+        "import numpy as np\n"
+        "from pouring_robot.batch import BatchCommand, BatchEngine\n"
+        "from pouring_robot.batch.batch_kernels import close_samples\n"
+        "from pouring_robot.robot import PouringRobot\n"
+        "robot = PouringRobot()\n"
+        "command = BatchCommand.from_poses(robot.kinematics, np.array([[-0.1, 0.02, -0.6, 0.3]]))\n"
+        "BatchEngine(robot.nominal_solver.mechanism).close(command.drives, command.start).require_all()\n"
+        "print(sum(close_samples.stats.cache_hits.values()))\n"
+    )
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    run = [sys.executable, "-c", script]
+
+    def hits():
+        done = subprocess.run(run, env=environment, cwd=tmp_path, capture_output=True, text=True, check=True)
+        return int(done.stdout)
+
+    # Only where no test has compiled them yet, the first process has to.
+    assert hits() == 1 or hits() == 1
