@@ -1,0 +1,192 @@
+"""Fuzzy clustering and grey relation against hand-worked cases and explicit composition."""
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.cluster.hierarchy import cophenet, fcluster, linkage
+from scipy.spatial.distance import squareform
+from sklearn.base import clone
+from sklearn.feature_selection import SelectKBest
+from sklearn.utils.estimator_checks import check_estimator
+
+from pouring_robot.thermal.clustering import (
+    FuzzyClustering,
+    fuzzy_similarity,
+    max_min_composition,
+    transitive_closure,
+)
+from pouring_robot.thermal.grey import grey_relational_coefficients, grey_relational_degree
+from pouring_robot.thermal.regression_table import ErrorSetError
+
+# A textbook-sized relation: the best path 0-2-1 carries 0.6, set 3 hangs on by 0.3.
+RELATION = np.array([[1.0, 0.2, 0.8, 0.1], [0.2, 1.0, 0.6, 0.3], [0.8, 0.6, 1.0, 0.0], [0.1, 0.3, 0.0, 1.0]])
+CLOSURE = np.array([[1.0, 0.6, 0.8, 0.3], [0.6, 1.0, 0.6, 0.3], [0.8, 0.6, 1.0, 0.3], [0.3, 0.3, 0.3, 1.0]])
+
+
+def random_sets(seed, sets=9, numbers=12):
+    random = np.random.default_rng(seed)
+    trend = np.linspace(0.0, 1.0, numbers)
+    return random.uniform(-3, 3, size=(sets, 1)) * trend + 0.3 * random.normal(size=(sets, numbers))
+
+
+def weakest_links(similarity):
+    """Return the best of all paths between every two sets, each path as strong as its weakest link, by trying all."""
+    size = len(similarity)
+    best = np.array(similarity)
+    for i, j in itertools.permutations(range(size), 2):
+        others = [m for m in range(size) if m not in {i, j}]
+        for length in range(1, len(others) + 1):
+            for between in itertools.permutations(others, length):
+                path = (i, *between, j)
+                best[i, j] = max(best[i, j], min(similarity[a, b] for a, b in itertools.pairwise(path)))
+    return best
+
+
+def test_the_hand_worked_closure():
+    np.testing.assert_array_equal(max_min_composition(RELATION, RELATION)[0], [1.0, 0.6, 0.8, 0.2])
+    np.testing.assert_array_equal(transitive_closure(RELATION), CLOSURE)
+    np.testing.assert_array_equal(weakest_links(RELATION), CLOSURE)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_closure_is_single_linkage(seed):
+    model = FuzzyClustering().fit(random_sets(seed))
+    explicit = transitive_closure(model.similarity_)
+    np.testing.assert_allclose(model.closure_, explicit, atol=1e-12)
+    np.testing.assert_allclose(
+        1.0 - squareform(cophenet(linkage(squareform(1.0 - model.similarity_, checks=False), "single"))),
+        explicit,
+        atol=1e-12,
+    )
+    np.testing.assert_array_equal(max_min_composition(explicit, explicit), explicit)
+    if seed < 3:
+        small = FuzzyClustering().fit(random_sets(seed, sets=6))
+        np.testing.assert_allclose(small.closure_, weakest_links(small.similarity_), atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("n_clusters", [1, 2, 4, 9])
+def test_lambda_cut_and_number_of_groups_agree(seed, n_clusters):
+    sets = random_sets(seed)
+    by_number = FuzzyClustering(n_clusters).fit(sets)
+    low, high = by_number.lambda_range_
+    assert by_number.n_clusters_ == n_clusters and low < high
+    for threshold in (low + 1e-9, (low + high) / 2, high):
+        by_threshold = FuzzyClustering(lambda_cut=threshold).fit(sets)
+        np.testing.assert_array_equal(by_threshold.labels_, by_number.labels_)
+        classes = {tuple(np.flatnonzero(row)) for row in by_number.closure_ >= threshold - 1e-12}
+        assert classes == {tuple(group) for group in by_threshold.groups()}
+    reference = fcluster(by_number.linkage_, n_clusters, "maxclust")
+    assert len({*zip(reference, by_number.labels_, strict=True)}) == n_clusters
+    assert n_clusters == 9 or FuzzyClustering(lambda_cut=high + 1e-9).fit(sets).n_clusters_ > n_clusters
+
+
+def test_similarity_is_numpys_correlation():
+    sets = random_sets(3)
+    correlation = np.corrcoef(sets)
+    np.testing.assert_allclose(fuzzy_similarity(sets), np.abs(correlation), atol=1e-14)
+    np.testing.assert_allclose(fuzzy_similarity(sets, "shifted"), (1 + correlation) / 2, atol=1e-14)
+
+
+def test_the_same_set_in_other_units_is_one_group():
+    base = random_sets(1, sets=2)
+    model = FuzzyClustering().fit(np.vstack([base, 1e-3 * base[0] + 7.0, -base[1]]))
+    assert model.labels_.tolist() == [0, 1, 0, 1]
+    # Three sets alike but for rounding: no λ makes two groups of them.
+    alike = FuzzyClustering().fit(np.vstack([base[0], base[0] / 3.0, base[0] * 0.7 + 0.1]))
+    assert alike.n_clusters_ == 1
+    assert FuzzyClustering(n_clusters=1).fit(base).dendrogram(["P1", "P2"])["ivl"] == ["P1", "P2"]
+
+
+@pytest.mark.parametrize(
+    ("model", "words"),
+    [
+        (FuzzyClustering(0), "n_clusters = 0"),
+        (FuzzyClustering(lambda_cut=1.5), "lambda_cut = 1.5"),
+        (FuzzyClustering(similarity="cosine"), "'cosine' is not known"),
+    ],
+)
+def test_bad_settings(model, words):
+    with pytest.raises(ErrorSetError, match=words):
+        model.fit(random_sets(0))
+
+
+def test_a_constant_set_is_named():
+    sets = random_sets(0)
+    sets[4] = 2.5
+    with pytest.raises(ErrorSetError, match="error set 4 is constant"):
+        FuzzyClustering().fit(sets)
+
+
+def test_scikit_learns_checks():
+    # They cluster clouds of points in space, whole numbers and constant rows among them; ours are shapes of curves.
+    known = dict.fromkeys(["check_clustering", "check_estimators_dtypes"], "points in space are no error sets")
+    check_estimator(FuzzyClustering(), expected_failed_checks=known, on_skip=None)
+
+
+# --- grey relation --------------------------------------------------------------------------------
+
+
+def test_the_hand_worked_degree():
+    # Spread from 0 to 1: y' = 0, 1/2, 1; x1' = 0, 1/4, 1; x2' = 0, 1, 1. Deltas 0, 1/4, 0 and 0, 1/2, 0: with η = 0.5
+    # ξ = (0 + 1/4) / (Δ + 1/4) = 1, 1/2, 1 and 1, 1/3, 1.
+    X, y = np.array([[0.0, 5.0], [1.0, 7.0], [4.0, 7.0]]), np.array([600.0, 700.0, 800.0])
+    np.testing.assert_allclose(grey_relational_coefficients(X, y), [[1, 1], [1 / 2, 1 / 3], [1, 1]], rtol=1e-14)
+    np.testing.assert_allclose(grey_relational_degree(X, y), [5 / 6, 7 / 9], rtol=1e-14)
+    # Divided by the first number: y' = 1, 2, 3; x' = 1, 3, 3: Δ = 0, 1, 0; η = 1: 1, 1/2, 1.
+    degree = grey_relational_degree([[2.0], [6.0], [6.0]], [1.0, 2.0, 3.0], resolution=1.0, scaling="initial")
+    np.testing.assert_allclose(degree, [5 / 6], rtol=1e-14)
+    # Divided by the mean: y' = 1/2, 1, 3/2; x' = 0, 3/2, 3/2: Δ = 1/2, 1/2, 0, ξ = 1/3, 1/3, 1.
+    degree = grey_relational_degree([[0.0], [3.0], [3.0]], [1.0, 2.0, 3.0], scaling="mean")
+    np.testing.assert_allclose(degree, [5 / 9], rtol=1e-14)
+
+
+@pytest.mark.parametrize("scaling", ["range", "mean", "initial", "none"])
+def test_against_plain_loops(scaling):
+    random = np.random.default_rng(5)
+    X, y = random.uniform(1.0, 2.0, size=(12, 10)), np.linspace(1.0, 2.0, 12)
+    scale = {
+        "range": lambda v: (v - min(v)) / (max(v) - min(v)),
+        "mean": lambda v: v / (sum(v) / len(v)),
+        "initial": lambda v: v / v[0],
+        "none": lambda v: v,
+    }[scaling]
+    rising = [x if scaling != "range" or np.corrcoef(x, y)[0, 1] > 0 else -x for x in X.T]
+    deltas = [[abs(a - b) for a, b in zip(scale(y), scale(x), strict=True)] for x in rising]
+    least, most = min(map(min, deltas)), max(map(max, deltas))
+    expected = [sum((least + 0.5 * most) / (d + 0.5 * most) for d in row) / 12 for row in deltas]
+    np.testing.assert_allclose(grey_relational_degree(X, y, scaling=scaling), expected, rtol=1e-12)
+
+
+def test_units_and_sign_do_not_matter_and_perfect_following_is_one():
+    random = np.random.default_rng(6)
+    X, y = random.normal(size=(8, 3)) + np.linspace(0, 3, 8)[:, None], np.linspace(600, 1700, 8)
+    degrees = grey_relational_degree(X, y)
+    np.testing.assert_allclose(grey_relational_degree(-1e-3 * X + 4.0, y + 273.15), degrees, rtol=1e-10)
+    np.testing.assert_array_equal(grey_relational_degree(y[:, None], y), [1.0])
+    kept = SelectKBest(grey_relational_degree, k=1).fit(X, y)
+    assert kept.get_support().argmax() == degrees.argmax()
+
+
+@pytest.mark.parametrize(
+    ("X", "settings", "words"),
+    [
+        ([[1.0], [1.0], [1.0]], {}, "error set 0 is constant"),
+        ([[1.0], [2.0], [3.0]], {"resolution": 0.0}, "resolution = 0.0"),
+        ([[1.0], [2.0], [3.0]], {"scaling": "log"}, "'log' is not known"),
+        ([[0.0], [2.0], [3.0]], {"scaling": "initial"}, "divide by zero"),
+        ([[1.0], [2.0]], {}, "do not fit"),
+    ],
+)
+def test_grey_errors(X, settings, words):
+    with pytest.raises(ErrorSetError, match=words):
+        grey_relational_degree(X, [1.0, 2.0, 3.0], **settings)
+
+
+def test_clone_keeps_settings():
+    assert clone(FuzzyClustering(3, lambda_cut=0.5, similarity="shifted")).get_params() == {
+        "n_clusters": 3,
+        "lambda_cut": 0.5,
+        "similarity": "shifted",
+    }
