@@ -1,0 +1,157 @@
+"""``pouring-robot sweep``: a tolerance study from a file."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+
+from pouring_robot.cli import options
+from pouring_robot.exceptions import BadInputError
+
+if TYPE_CHECKING:
+    from pouring_robot.sweep import AllocatedTolerances, SweepReport
+    from pouring_robot.sweep.progress import Progress as ProgressCallback
+
+_SHOWN = 15
+
+
+def sweep(
+    config: Annotated[Path, typer.Argument(metavar="CONFIG.yaml", help="Sweep file; see examples/sweep.yaml.")],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the results; made if it is absent.")],
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with a sweep that was stopped.")] = False,
+    workers: Annotated[
+        int, typer.Option("--workers", metavar="N", min=0, help="Processes on this machine (default: this one).")
+    ] = 0,
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Compute on this Dask cluster instead.")
+    ] = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """Find out which tolerances matter, how far the ladle is off, and the loosest tolerances that will do."""
+    # xarray, Zarr and SciPy take a second to import; only this command pays for it.
+    from pouring_robot.sweep import SweepPlan, report, run_sweep
+
+    if workers and scheduler:
+        raise BadInputError("give --workers or --scheduler, not both: the cluster has workers of its own")
+    plan = SweepPlan.load(config)
+    with _progress() as show:
+        counted = [0, 0]
+
+        def progress(stage: str, done: int, total: int) -> None:
+            if stage == "sweep":
+                counted[:] = done, total
+            show(stage, done, total)
+
+        try:
+            store = run_sweep(plan, out, resume=resume, workers=workers, scheduler=scheduler, progress=progress)
+        except KeyboardInterrupt as stop:
+            done, total = counted
+            kept = f"{done} of {total} chunks are kept in {out}: go on with --resume" if done else "nothing is kept"
+            print(f"pouring-robot: stopped; {kept}", file=sys.stderr)
+            raise typer.Exit(130) from stop
+        outcome = report(store, progress)
+    written = outcome.write()
+    if as_json:
+        options.print_json(outcome.figures() | {"written": [str(path) for path in (store.path, *written)]})
+        return
+    console = options.console()
+    _print_summary(console, outcome)
+    console.print(ranking_table(outcome))
+    if outcome.allocation:
+        _print_allocation(console, outcome.allocation)
+    for path in (store.path, *written):
+        console.print(f"wrote {path}")
+
+
+@contextmanager
+def _progress() -> Iterator[ProgressCallback]:
+    """Show a bar with the time left, on standard error."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("gone,"),
+        TimeRemainingColumn(),
+        TextColumn("left"),
+    )
+    errors = Console(stderr=True)
+    with Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bar:
+        tasks: dict[str, TaskID] = {}
+
+        def show(stage: str, done: int, total: int) -> None:
+            if stage not in tasks:
+                tasks[stage] = bar.add_task(stage, total=total, completed=done)
+            bar.update(tasks[stage], completed=done, total=total)
+
+        yield show
+
+
+def ranking_table(outcome: SweepReport) -> Table:
+    """Return the tolerances that matter most, one row each."""
+    title = f"the tolerances that matter most ({outcome.summary.frame})"
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    shown = outcome.ranking[:_SHOWN]
+    for name in ("parameter", "part", "tolerance", *shown[0].figures):
+        table.add_column(name.replace("_", " "), justify="left" if name in ("parameter", "part") else "right")
+    for p in shown:
+        cells = (f"{v:.4g}" if isinstance(v, float) else str(v) for v in p.figures.values())
+        table.add_row(p.name, p.part, f"{p.tolerance:.4g} {p.unit}", *cells)
+    return table
+
+
+def _print_summary(console: Console, outcome: SweepReport) -> None:
+    figures = outcome.summary.figures()
+    quantiles = ", ".join(f"{float(k):.2%} {v:.3f}" for k, v in figures["quantiles_mm"].items() if v is not None)
+    what = "errors alone" if outcome.store.plan.config.study == "one_at_a_time" else "robots"
+    console.print(
+        f"{figures['robots']} {what} at {figures['poses']} poses: {figures['frame']} is off by {quantiles} mm "
+        f"(shares), at most {figures['largest_mm']:.3f} mm and {figures['largest_mrad']:.3f} mrad",
+        soft_wrap=True,
+    )
+    console.print(
+        f"within {figures['accuracy_mm']:g} mm: {figures['share_within']:.2%} of all, "
+        f"{figures['share_of_robots_within_everywhere']:.2%} of the {what} at every pose"
+    )
+    if outcome.summary.failed:
+        failed = ", ".join(f"{count} {name}" for name, count in figures["status"].items() if name != "ok")
+        console.print(f"note: without a solution, kept with their status: {failed}")
+    if outcome.indices and outcome.indices.dropped:
+        console.print(f"note: {outcome.indices.dropped} base samples without a solution are left out of the indices")
+
+
+def _print_allocation(console: Console, allocation: AllocatedTolerances) -> None:
+    figures = allocation.figures()
+    checked = figures["verified"]
+    console.print(
+        f"loosest tolerances that keep {figures['requirement_mm']:g} mm for {figures['wanted_share']:.2%} of the "
+        f"robots at every pose; {checked['robots']} of them closed exactly at the {checked['poses']} hardest poses: "
+        f"{checked['share_within']:.2%} within, {checked['share_at_worst_pose']:.2%} at the worst pose",
+        soft_wrap=True,
+    )
+    rows = sorted(figures["tolerances"], key=lambda row: row["factor"])
+    table = Table(title="tightest first", title_justify="left", box=None, pad_edge=False)
+    for name in ("parameter", "tolerance mm or mrad", "times the given one"):
+        table.add_column(name, justify="left" if name == "parameter" else "right")
+    for row in rows[:_SHOWN]:
+        table.add_row(row["parameter"], f"{row['tolerance_mm_or_mrad']:.4g}", f"{row['factor']:.3f}")
+    console.print(table)
+    at_cap = sum(row["at_cap"] for row in rows)
+    if at_cap:
+        console.print(f"note: {at_cap} tolerances hardly matter and stand at the cap; see summary.json for all")

@@ -1,0 +1,264 @@
+"""The sweep file: which errors, of which size, at which poses. It is kept in mm and mrad, as people write it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any, Literal
+
+import pydantic
+
+from pouring_robot.exceptions import BadInputError, SweepFileError, closest
+from pouring_robot.yaml_files import StrictModel, read_yaml, validate
+
+Study = Literal["one_at_a_time", "monte_carlo", "sobol"]
+Kind = Literal["closed_chain", "open_branch"]
+Distribution = Literal["uniform", "normal", "truncated_normal"]
+Grouping = Literal["parameter", "part", "entry"]
+
+_SIZES: dict[str, tuple[str, ...]] = {
+    "uniform": ("half_width",),
+    "normal": ("std",),
+    "truncated_normal": ("std", "limit"),
+}
+Positive = pydantic.Field(default=None, gt=0.0)
+
+
+class ErrorEntry(StrictModel):
+    """Errors that are distributed alike.
+
+    Attributes:
+        parameters: names or patterns such as ``alpha_e*_56``, ``leg1_s1.t?``, ``drive.*``.
+        distribution: of each error, about zero.
+        half_width_mm: of the uniform distribution, for lengths; ``half_width_mrad`` for angles.
+        std_mm: standard deviation of the normal distribution, before truncation; ``std_mrad`` for angles.
+        limit_mm: where the normal distribution is cut off on both sides; ``limit_mrad`` for angles.
+        correlation: of the normal deviates behind the errors of one part, 0 to 1. Between normal errors it is the
+            correlation itself, between uniform ones r it is (6/π) asin(r/2), at most 0.02 less.
+    """
+
+    parameters: tuple[str, ...] = pydantic.Field(min_length=1)
+    distribution: Distribution = "uniform"
+    half_width_mm: float | None = Positive
+    half_width_mrad: float | None = Positive
+    std_mm: float | None = Positive
+    std_mrad: float | None = Positive
+    limit_mm: float | None = Positive
+    limit_mrad: float | None = Positive
+    correlation: float = pydantic.Field(default=0.0, ge=0.0, le=1.0)
+
+    @pydantic.field_validator("parameters", mode="before")
+    @classmethod
+    def _one_is_a_list(cls, value: Any) -> Any:
+        return (value,) if isinstance(value, str) else value
+
+    @pydantic.field_validator("distribution", mode="before")
+    @classmethod
+    def _suggest(cls, value: Any) -> Any:
+        if value not in _SIZES:
+            raise ValueError(f"unknown distribution{closest(str(value), _SIZES)}")
+        return value
+
+    @pydantic.model_validator(mode="after")
+    def _sizes_fit(self) -> ErrorEntry:
+        wanted = _SIZES[self.distribution]
+        for size in ("half_width", "std", "limit"):
+            for unit in ("mm", "mrad"):
+                if size not in wanted and getattr(self, f"{size}_{unit}") is not None:
+                    raise ValueError(f"{size}_{unit} does not belong to distribution '{self.distribution}'")
+        for unit in ("mm", "mrad"):
+            given = [getattr(self, f"{size}_{unit}") is not None for size in wanted]
+            if any(given) and not all(given):
+                raise ValueError(f"{wanted[given.index(False)]}_{unit} is missing: a truncated normal needs both")
+        if all(getattr(self, f"{wanted[0]}_{unit}") is None for unit in ("mm", "mrad")):
+            names = " or ".join(f"{wanted[0]}_{unit}" for unit in ("mm", "mrad"))
+            raise ValueError(f"no size is given; a {self.distribution} distribution needs {names}")
+        return self
+
+    def size_si(self, size: str, unit: str) -> float | None:
+        """Return one size in m or rad; both file units are thousandths.
+
+        Args:
+            size: ``half_width``, ``std`` or ``limit``.
+            unit: ``m`` or ``rad``.
+        """
+        value = getattr(self, f"{size}_{'mm' if unit == 'm' else 'mrad'}")
+        return None if value is None else 1e-3 * float(value)
+
+
+class Box(StrictModel):
+    """A part of the workspace; what is left out is as in the layout.
+
+    Attributes:
+        x_mm: lower and upper limit; likewise ``y_mm``, ``z_mm`` and ``tilt_deg``.
+    """
+
+    x_mm: tuple[float, float] | None = None
+    y_mm: tuple[float, float] | None = None
+    z_mm: tuple[float, float] | None = None
+    tilt_deg: tuple[float, float] | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _ordered(self) -> Box:
+        for name in ("x_mm", "y_mm", "z_mm", "tilt_deg"):
+            limits = getattr(self, name)
+            if limits is not None and limits[0] > limits[1]:
+                raise ValueError(f"{name}: the lower limit {limits[0]:g} is above the upper one {limits[1]:g}")
+        return self
+
+    def limits_si(self) -> list[tuple[float, float] | None]:
+        """Return the limits of x, y, z and tilt in m and rad, None where the layout's apply."""
+        factors = (1e-3, 1e-3, 1e-3, math.radians(1.0))
+        given = (self.x_mm, self.y_mm, self.z_mm, self.tilt_deg)
+        return [None if pair is None else (pair[0] * f, pair[1] * f) for pair, f in zip(given, factors, strict=True)]
+
+
+class Grid(StrictModel):
+    """Evenly spaced poses, both ends of the box included; the middle where the number is one.
+
+    Attributes:
+        x: number of places along x; likewise ``y``, ``z`` and ``tilt``.
+        box: the part of the workspace.
+    """
+
+    x: int = pydantic.Field(default=1, ge=1, le=10_000)
+    y: int = pydantic.Field(default=1, ge=1, le=10_000)
+    z: int = pydantic.Field(default=1, ge=1, le=10_000)
+    tilt: int = pydantic.Field(default=1, ge=1, le=10_000)
+    box: Box = Box()
+
+
+class RandomBox(StrictModel):
+    """Poses drawn evenly from a box.
+
+    Attributes:
+        count: number of poses.
+        seed: of the draw.
+        box: the part of the workspace.
+    """
+
+    count: int = pydantic.Field(ge=1)
+    seed: int = pydantic.Field(default=0, ge=0)
+    box: Box = Box()
+
+
+class Poses(StrictModel):
+    """Where the robot is sent: one of the three.
+
+    Attributes:
+        grid: evenly spaced.
+        random: drawn from a box.
+        file: CSV with columns x, y, z, tilt, units in the names; relative to the sweep file's folder.
+    """
+
+    grid: Grid | None = None
+    random: RandomBox | None = None
+    file: str | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _one(self) -> Poses:
+        if sum(choice is not None for choice in (self.grid, self.random, self.file)) != 1:
+            raise ValueError("give exactly one of grid, random and file")
+        return self
+
+
+class Allocation(StrictModel):
+    """The loosest tolerances that keep the requirement.
+
+    Attributes:
+        share: of the robots that must meet it at each pose.
+        by: whether each parameter, each part or each entry of ``errors`` gets a tolerance factor of its own.
+        loosest_factor: no tolerance grows beyond this many times the one in ``errors``.
+        machines: robots drawn to verify the result by exact closures.
+    """
+
+    share: float = pydantic.Field(default=0.9973, gt=0.5, lt=1.0)
+    by: Grouping = "parameter"
+    loosest_factor: float = pydantic.Field(default=10.0, gt=0.0)
+    machines: int = pydantic.Field(default=1000, ge=1)
+
+
+class SweepConfig(StrictModel):
+    """A sweep file.
+
+    Attributes:
+        format: kind and version of the file.
+        description: a line for people.
+        layout: name of the layout in the shipped dimensions file; not together with ``model``.
+        model: model file of a robot as built, relative to the sweep file's folder; errors come on top of its own.
+        study: ``one_at_a_time`` sets each error alone to its tolerance; ``monte_carlo`` draws robots; ``sobol`` draws
+            robots by Saltelli's scheme for Sobol indices.
+        kind: ``closed_chain``, or ``open_branch``: the chain of the errors alone, its joints held, as in the paper.
+        frames: observed frames, rigid on the moving platform.
+        poses: where the robots are sent. Every robot goes to every pose.
+        errors: what may be wrong.
+        samples: number of robots (monte_carlo) or of base samples, a power of two (sobol).
+        seed: of the draws.
+        chunk: closures computed and written at a time; bounds the memory, changes no number.
+        accuracy_mm: required accuracy; by default that of the layout.
+        allocation: if given, the loosest tolerances are sought.
+    """
+
+    format: Literal["pouring_robot/sweep/1"] = "pouring_robot/sweep/1"
+    description: str = ""
+    layout: str | None = None
+    model: str | None = None
+    study: Study
+    kind: Kind = "closed_chain"
+    frames: tuple[str, ...] = pydantic.Field(default=("ladle_lip", "moving_platform"), min_length=1)
+    poses: Poses
+    errors: tuple[ErrorEntry, ...] = pydantic.Field(min_length=1)
+    samples: int | None = pydantic.Field(default=None, ge=1)
+    seed: int = pydantic.Field(default=0, ge=0)
+    chunk: int = pydantic.Field(default=20_000, ge=1, le=1_000_000)
+    accuracy_mm: float | None = pydantic.Field(default=None, gt=0.0)
+    allocation: Allocation | None = None
+
+    _folder: Path = pydantic.PrivateAttr(default_factory=Path)
+    _source: Path | None = pydantic.PrivateAttr(default=None)
+    _lines: tuple[int, ...] = pydantic.PrivateAttr(default=())
+
+    @pydantic.model_validator(mode="after")
+    def _fits_together(self) -> SweepConfig:
+        if self.layout is not None and self.model is not None:
+            raise ValueError("give layout or model, not both: the model file names its layout")
+        if (self.study == "one_at_a_time") != (self.samples is None):
+            need = "takes no samples" if self.samples is not None else "needs samples, the number of robots"
+            raise ValueError(f"study '{self.study}' {need}")
+        if self.study == "sobol" and (self.samples or 0) & ((self.samples or 0) - 1):
+            raise ValueError(f"study 'sobol' needs a power of two as samples, not {self.samples}")
+        if self.study == "sobol" and any(entry.correlation for entry in self.errors):
+            raise ValueError("Sobol indices need independent errors; leave correlation out, or take monte_carlo")
+        if self.kind == "open_branch" and self.model is not None:
+            raise ValueError("kind 'open_branch' is a study of the drawing; give layout instead of model")
+        if self.kind == "open_branch" and self.allocation is not None:
+            raise ValueError("allocation needs kind 'closed_chain': an open branch understates the errors")
+        if len(set(self.frames)) < len(self.frames):
+            raise ValueError("a frame stands twice")
+        return self
+
+    @classmethod
+    def load(cls, path: Path | str) -> SweepConfig:
+        """Read a sweep file.
+
+        Raises:
+            SweepFileError: the file cannot be read, or a key or value in it is wrong; names line and key.
+        """
+        path = Path(path)
+        content = read_yaml(path, SweepFileError)
+        config = validate(cls, content, path, SweepFileError)
+        config._folder, config._source = path.parent, path
+        entries = content["errors"]
+        config._lines = tuple(int(entries.lc.item(k)[0]) + 1 for k in range(len(entries)))
+        return config
+
+    def problem(self, message: str, entry: int | None = None) -> BadInputError:
+        """Return the error that says what is wrong with the file, or with one of its ``errors``; to be raised."""
+        if self._source is None:
+            return BadInputError(message)
+        line = f"line {self._lines[entry]}: errors.{entry}: " if entry is not None else ""
+        return SweepFileError(self._source, line + message)
+
+    def beside(self, name: str) -> Path:
+        """Return the path of a file that the sweep file names."""
+        return self._folder / name

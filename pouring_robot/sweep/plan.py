@@ -1,0 +1,291 @@
+"""A sweep made ready: the file resolved against the robot, cut into chunks, each of which can be computed anywhere."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
+
+import pouring_robot
+from pouring_robot.batch import BatchCommand
+from pouring_robot.exceptions import UnknownFrameError
+from pouring_robot.kinematics import FourUPUKinematics
+from pouring_robot.layout import Layout, load_layout
+from pouring_robot.mechanism import ClosedChainMechanism, FloatArray
+from pouring_robot.model import RobotModel
+from pouring_robot.poses import MM
+from pouring_robot.sweep.config import Grouping, SweepConfig
+from pouring_robot.sweep.draws import Draws
+from pouring_robot.sweep.evaluation import ByteArray, ClosedChains, Evaluator, OpenBranch, Platforms
+from pouring_robot.sweep.parameters import ErrorMap, ParameterCatalogue
+from pouring_robot.sweep.poses import sweep_commands
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """A block of robots (samples) at a block of poses; the last ones are not included.
+
+    Attributes:
+        index: place in the grid of chunks, by sample and by pose.
+        samples: first and last sample.
+        poses: first and last pose.
+    """
+
+    index: tuple[int, int]
+    samples: tuple[int, int]
+    poses: tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class ChunkResult:
+    """What one chunk found; NaN where the status is not 0.
+
+    Attributes:
+        displacement: with the errors minus without them, shape (samples, poses, frames, 3), in m.
+        rotation: rotation vector of that, shape (samples, poses, 3), in rad.
+        gap_m: largest distance left open in a loop, shape (samples, poses); ``gap_rad``: largest angle.
+        status: shape (samples, poses).
+        errors: the errors of each robot, shape (samples, parameters), in m and rad.
+        version: of the package that computed it.
+    """
+
+    displacement: FloatArray
+    rotation: FloatArray
+    gap_m: FloatArray
+    gap_rad: FloatArray
+    status: ByteArray
+    errors: FloatArray
+    version: str
+
+
+class SweepPlan:
+    """A sweep, ready to be computed.
+
+    Attributes:
+        threads: that share the work of a chunk; None for all there are.
+
+    Args:
+        config: the sweep file.
+
+    Raises:
+        BadInputError: a name in it does not fit the robot.
+        UnreachablePoseError: a pose is out of reach.
+    """
+
+    def __init__(self, config: SweepConfig) -> None:
+        """Resolve every name; nothing is computed yet."""
+        self.config = config
+        self.threads: int | None = None
+        self.model = RobotModel.load(config.beside(config.model)) if config.model else _drawing(config.layout)
+        nominal = self.model.nominal_mechanism()
+        self.mechanism: ClosedChainMechanism = self.model.mechanism()
+        self.layout: Layout = load_layout(self.model.layout, self.model.layouts_path)
+        self.catalogue = ParameterCatalogue(nominal)
+        self.parameters = self.catalogue.select(config)
+        self.draws = Draws.of(config, self.parameters)
+        self._refuse_many_chains()
+        if config.allocation:
+            self.groups(config.allocation.by)
+        self.tool_offsets_m = self._tool_offsets()
+        self.poses: BatchCommand = sweep_commands(config, self.layout, FourUPUKinematics(nominal))
+        self.pose_block = min(len(self.poses), config.chunk)
+        self.sample_block = max(1, min(self.draws.count, config.chunk // self.pose_block))
+
+    @classmethod
+    def load(cls, path: Path | str) -> SweepPlan:
+        """Read a sweep file and make it ready.
+
+        Raises:
+            SweepFileError: the file is wrong.
+            BadInputError: a file it names is wrong.
+            UnreachablePoseError: a pose is out of reach.
+        """
+        return cls(SweepConfig.load(path))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle as the parts it is made of: compiled engines stay at home, files need not exist elsewhere."""
+        state = {name: value for name, value in self.__dict__.items() if name not in _MADE_ON_DEMAND}
+        return _restored, (state,)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, in the order of the columns."""
+        return tuple(p.name for p in self.parameters)
+
+    @property
+    def accuracy_m(self) -> float:
+        """Required accuracy in m."""
+        given = self.config.accuracy_mm
+        return self.layout.accuracy_m if given is None else given * MM
+
+    @property
+    def chunk_grid(self) -> tuple[int, int]:
+        """Number of chunks by sample and by pose."""
+        return -(-self.draws.count // self.sample_block), -(-len(self.poses) // self.pose_block)
+
+    @property
+    def closures(self) -> int:
+        """Number of robots times number of poses."""
+        return self.draws.count * len(self.poses)
+
+    def chunks(self) -> Iterator[Chunk]:
+        """Yield all chunks, in order."""
+        for i in range(self.chunk_grid[0]):
+            for j in range(self.chunk_grid[1]):
+                yield self.chunk((i, j))
+
+    def chunk(self, index: tuple[int, int]) -> Chunk:
+        """Return the chunk at a place of the grid."""
+        (i, j), rows, columns = index, self.sample_block, self.pose_block
+        return Chunk(
+            index,
+            (i * rows, min((i + 1) * rows, self.draws.count)),
+            (j * columns, min((j + 1) * columns, len(self.poses))),
+        )
+
+    def compute(self, chunk: Chunk) -> ChunkResult:
+        """Compute one chunk; the numbers depend on the plan and the chunk alone."""
+        values = self.draws.values(*chunk.samples)
+        poses = self.poses[slice(*chunk.poses)]
+        actual = self.platforms(values, poses)
+        position, rotation = self._expected(poses)
+        return ChunkResult(
+            self._displacement(actual, position, rotation),
+            _rotation_vectors(actual.rotation, rotation),
+            actual.gap_m,
+            actual.gap_rad,
+            actual.status,
+            values,
+            pouring_robot.__version__,
+        )
+
+    def displacements(self, values: FloatArray, poses: BatchCommand) -> tuple[FloatArray, ByteArray]:
+        """Return the displacements that errors cause, by exact closures.
+
+        Args:
+            values: errors of each robot in m and rad, shape (robots, parameters).
+            poses: where the robots are sent.
+
+        Returns:
+            Displacements in m, shape (robots, poses, frames, 3), NaN where the status, shape (robots, poses), is not 0.
+        """
+        actual = self.platforms(values, poses)
+        return self._displacement(actual, *self._expected(poses)), actual.status
+
+    def _displacement(self, actual: Platforms, position: FloatArray, rotation: FloatArray) -> FloatArray:
+        offsets = self.tool_offsets_m
+        found = actual.position_m[:, :, None] + np.einsum("spij,fj->spfi", actual.rotation, offsets)
+        return np.asarray(found - (position[:, None] + np.einsum("pij,fj->pfi", rotation, offsets)))
+
+    def groups(self, by: Grouping) -> tuple[int, ...]:
+        """Return for each parameter the number of the group whose tolerances are scaled together.
+
+        Raises:
+            BadInputError: correlated errors would fall into different groups.
+        """
+        keys = [{"parameter": p.name, "part": p.part, "entry": str(p.entry)}[by] for p in self.parameters]
+        names = list(dict.fromkeys(keys))
+        owner: dict[str, str] = {}
+        for p, key, shared in zip(self.parameters, keys, self.draws.shared, strict=True):
+            if shared and owner.setdefault(p.part, key) != key:
+                raise self.config.problem(
+                    f"allocation by {by}: errors of {p.part} are correlated, so their tolerances must be scaled "
+                    "together; take 'by: part', or leave correlation out"
+                )
+        return tuple(names.index(key) for key in keys)
+
+    def platforms(self, values: FloatArray, poses: BatchCommand) -> Platforms:
+        """Return where the platforms of robots with errors (robots, parameters; m, rad) stand at poses."""
+        to_joints = self.error_map
+        return self.evaluator.platforms(poses, to_joints.placement_errors(values), to_joints.drive_errors(values))
+
+    @functools.cached_property
+    def error_map(self) -> ErrorMap:
+        """What parameter values do to the joints."""
+        return ErrorMap(self.catalogue, self.parameters)
+
+    @functools.cached_property
+    def evaluator(self) -> Evaluator:
+        """What puts robots at poses."""
+        if self.config.kind == "open_branch":
+            return OpenBranch(self.mechanism)
+        return ClosedChains(self.mechanism, self.error_map.joints, self.threads)
+
+    @functools.cached_property
+    def content(self) -> dict[str, Any]:
+        """Everything the numbers depend on, and how they are laid out; texts of files as SHA-256."""
+        config = self.config.model_dump(mode="json", exclude={"description", "allocation", "accuracy_mm", "model"})
+        return {
+            "config": config,
+            "parameters": list(self.names),
+            "urdf": _digest(self.mechanism.urdf.encode()),
+            "loops": _digest(self.mechanism.loops.model_dump_json().encode()),
+            "poses": _digest(self.poses.poses.tobytes()),
+            "version": pouring_robot.__version__,
+        }
+
+    @functools.cached_property
+    def content_hash(self) -> str:
+        """SHA-256 of :attr:`content`: two plans with the same one give the same numbers."""
+        return _digest(json.dumps(self.content, sort_keys=True).encode())
+
+    def _expected(self, poses: BatchCommand) -> tuple[FloatArray, FloatArray]:
+        """Return position (poses, 3) and axes (poses, 3, 3) of the platform without the errors of the sweep."""
+        if self.config.model is None:
+            return poses.start.position, poses.start.rotation
+        without = self.platforms(np.zeros((1, len(self.parameters))), poses)
+        return without.position_m[0], without.rotation[0]
+
+    def _refuse_many_chains(self) -> None:
+        chains = sorted({p.chain for p in self.parameters})
+        if self.config.kind == "open_branch" and self.config.study != "one_at_a_time" and len(chains) > 1:
+            raise self.config.problem(
+                f"an open branch is one chain alone, but the errors lie in chains {', '.join(map(str, chains))}; "
+                "choose those of one chain, or kind 'closed_chain'"
+            )
+
+    def _tool_offsets(self) -> FloatArray:
+        """Return the origins of the observed frames in the moving platform, shape (frames, 3), in m."""
+        mechanism = self.mechanism
+        model = mechanism.shared_model
+        end = model.frames[mechanism.frame_id(mechanism.loops.end_frame or "")]
+        carried = {f.name: f.placement for f in model.frames if f.parentJoint == end.parentJoint}
+        bodies = {f.name for f in model.frames if f.type == pin.FrameType.BODY} & set(carried)
+        for name in self.config.frames:
+            if name not in bodies:
+                raise self.config.problem(f"frames: {UnknownFrameError(name, bodies)}")
+        return np.array([end.placement.actInv(carried[name]).translation for name in self.config.frames])
+
+
+_MADE_ON_DEMAND = frozenset({"evaluator", "error_map"})
+
+
+def _restored(state: dict[str, Any]) -> SweepPlan:
+    plan = SweepPlan.__new__(SweepPlan)
+    plan.__dict__.update(state)
+    return plan
+
+
+def _drawing(layout: str | None) -> RobotModel:
+    return RobotModel(layout=layout) if layout else RobotModel()
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _rotation_vectors(actual: FloatArray, expected: FloatArray) -> FloatArray:
+    """Return the vectors that turn the expected axes (poses, 3, 3) into the actual ones (samples, poses, 3, 3)."""
+    relative = np.einsum("spij,pkj->spik", actual, expected).reshape(-1, 3, 3)
+    found = np.full((len(relative), 3), np.nan)
+    sound = np.isfinite(relative).all(axis=(1, 2))
+    found[sound] = Rotation.from_matrix(relative[sound]).as_rotvec()
+    return found.reshape((*actual.shape[:2], 3))

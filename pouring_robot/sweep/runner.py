@@ -1,0 +1,152 @@
+"""Runs a sweep: here, on local processes, or on a Dask cluster; always the same chunks, the same numbers."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+from collections.abc import Generator, Iterator
+from pathlib import Path
+from typing import Any
+
+import pouring_robot
+from pouring_robot.exceptions import SweepWorkerError
+from pouring_robot.sweep.plan import Chunk, ChunkResult, SweepPlan
+from pouring_robot.sweep.progress import Progress, say_nothing
+from pouring_robot.sweep.store import SweepStore
+
+_Results = Generator[tuple[Chunk, ChunkResult], None, None]
+_CONNECT_SECONDS = 15
+_AHEAD = 2  # chunks in flight for each thread of the cluster: none waits, and memory stays bounded
+
+
+def run_sweep(
+    plan: SweepPlan,
+    folder: Path | str,
+    *,
+    resume: bool = False,
+    workers: int = 0,
+    scheduler: str | None = None,
+    progress: Progress = say_nothing,
+) -> SweepStore:
+    """Compute what is missing of a sweep and write it, chunk by chunk.
+
+    Args:
+        plan: the sweep.
+        folder: where its store is or shall be.
+        resume: go on with a sweep that was begun there.
+        workers: processes on this machine; 0 computes in this one, with all its threads.
+        scheduler: address of a Dask cluster to compute on instead; results are written here.
+        progress: told of every chunk.
+
+    Raises:
+        SweepStoreError: the folder holds other results or cannot be written to, or no space is left.
+        SweepWorkerError: the cluster cannot be reached, or its workers fail.
+    """
+    store = SweepStore(folder, plan, resume=resume)
+    try:
+        with store.alone():
+            _complete(store, workers, scheduler, progress)
+    except BaseException:
+        store.discard_empty()
+        raise
+    return store
+
+
+def _complete(store: SweepStore, workers: int, scheduler: str | None, progress: Progress) -> None:
+    plan, missing = store.plan, store.missing()
+    total = plan.chunk_grid[0] * plan.chunk_grid[1]
+    done = total - len(missing)
+    progress("sweep", done, total)
+    if not missing:
+        return
+    results = _clustered(plan, missing, workers, scheduler) if workers or scheduler else _here(plan, missing)
+    with contextlib.closing(results):
+        for chunk, result in results:
+            store.write(chunk, result)
+            done += 1
+            progress("sweep", done, total)
+
+
+def _here(plan: SweepPlan, chunks: list[Chunk]) -> _Results:
+    for chunk in chunks:
+        yield chunk, plan.compute(chunk)
+
+
+def _clustered(plan: SweepPlan, chunks: list[Chunk], workers: int, scheduler: str | None) -> _Results:
+    """Yield chunks as a cluster finishes them; Dask gives those of a lost worker to another."""
+    with _client(workers, scheduler) as client:
+        import distributed
+
+        waiting = iter(chunks)
+        # The plan travels as a task, not as data: were its holders lost, Dask would make it again.
+        there = client.submit(_PlanTask(plan), pure=False)
+        finished = distributed.as_completed(loop=client.loop)
+        pending: dict[Any, Chunk] = {}
+
+        def send(count: int) -> None:
+            for chunk in itertools.islice(waiting, count):
+                future = client.submit(_compute, there, chunk, pure=False)
+                pending[future] = chunk
+                finished.add(future)
+
+        threads = max(1, sum(client.nthreads().values()))
+        send(_AHEAD * threads)
+        for future in finished:
+            result = _result(future)
+            send(1)
+            yield pending.pop(future), result
+
+
+class _PlanTask:
+    """Returns the plan it carries."""
+
+    def __init__(self, plan: SweepPlan) -> None:
+        self._plan = plan
+
+    def __call__(self) -> SweepPlan:
+        self._plan.threads = 1  # a worker computes as many chunks at a time as it has threads
+        return self._plan
+
+
+def _compute(plan: SweepPlan, chunk: Chunk) -> ChunkResult:
+    return plan.compute(chunk)
+
+
+def _result(future: Any) -> ChunkResult:
+    try:
+        result: ChunkResult = future.result()
+    except Exception as problem:
+        reason = f"{type(problem).__name__}: {' '.join(str(problem).split())[:200]}"
+        raise SweepWorkerError(
+            f"a worker of the cluster failed ({reason}); see its log, then go on with --resume"
+        ) from problem
+    if result.version != pouring_robot.__version__:
+        raise SweepWorkerError(
+            f"a worker runs pouring_robot {result.version}, this is {pouring_robot.__version__}; "
+            "install the same version everywhere"
+        )
+    return result
+
+
+@contextlib.contextmanager
+def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
+    """Connect to a cluster, or start one of processes on this machine."""
+    import distributed
+
+    with contextlib.ExitStack() as stack:
+        if scheduler is None:
+            cluster: Any = stack.enter_context(
+                distributed.LocalCluster(
+                    n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=40
+                )
+            )
+        else:
+            cluster = scheduler
+        try:
+            client = stack.enter_context(distributed.Client(cluster, timeout=_CONNECT_SECONDS, set_as_default=False))
+        except (OSError, ValueError, TypeError) as problem:
+            raise SweepWorkerError(
+                f"no Dask scheduler answers at '{scheduler}': {' '.join(str(problem).split())[:200]}; "
+                "give an address such as tcp://host:8786"
+            ) from problem
+        yield client

@@ -1,0 +1,353 @@
+"""The results of a sweep on disk: a Zarr v3 store that grows chunk by chunk and survives a kill at any moment.
+
+Arrays and their dimensions, SI units as attributes, to be opened with :func:`open_results` or ``xarray.open_zarr``:
+
+=============  =================================  ======  ==========================================================
+displacement   sample, pose, frame, axis          m       with the errors minus without them, fixed platform's axes
+rotation       sample, pose, axis                 rad     rotation vector of the same (all frames are on one body)
+gap_m          sample, pose                       m       largest distance left open in a loop
+gap_rad        sample, pose                       rad     largest angle left open in a loop
+status         sample, pose                               0 ok, 1 to 3 no solution, 255 not done yet
+errors         sample, parameter                  m, rad  the errors of each robot
+=============  =================================  ======  ==========================================================
+
+In a one-at-a-time study the first dimension is ``parameter`` itself, and ``tolerance`` takes the place of ``errors``.
+
+A chunk's status is written last, each file in one step (Zarr writes beside the target and renames): a chunk counts as
+done when its status can be read and holds no 255. Whatever else of it was written is written again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import json
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+import zarr
+from numpy.typing import NDArray
+
+from pouring_robot.exceptions import SweepStoreError
+from pouring_robot.sweep.evaluation import NOT_DONE, STATUS_NAMES
+from pouring_robot.sweep.plan import Chunk, ChunkResult, SweepPlan
+
+STORE = "results.zarr"
+SUMMARY, RANKING, PICTURE = REPORTS = ("summary.json", "ranking.csv", "sweep.png")
+FORMAT = "pouring_robot/sweep-results/1"
+AXES = ("x", "y", "z")
+
+
+class SweepStore:
+    """The store of one sweep, open for writing.
+
+    Args:
+        folder: where the sweep's files are.
+        plan: the sweep.
+        resume: go on with a store that is there.
+
+    Raises:
+        SweepStoreError: results are there and ``resume`` is not given, they belong to another sweep, or they are
+            damaged; the folder cannot be written to. Nothing that was there is changed.
+    """
+
+    def __init__(self, folder: Path | str, plan: SweepPlan, *, resume: bool = False) -> None:
+        """Open the store, or make it."""
+        self.folder, self.plan = Path(folder), plan
+        self.path = self.folder / STORE
+        self._made: Path | None = None
+        if self.path.exists() or self.path.is_symlink():
+            if not resume:
+                raise SweepStoreError(self.folder, "holds results already; go on with --resume or take another folder")
+            self._group = open_group(self.path)
+            self._refuse_other()
+        else:
+            self._refuse_left_overs()
+            with writing(self.folder):
+                self._made = self._make()
+            self._group = open_group(self.path)
+        self._arrays = {name: _array(self.path, self._group, name) for name in (*_shapes(plan), *_static(plan))}
+        self._refuse_misshapen()
+
+    def done(self, chunk: Chunk) -> bool:
+        """Return whether a chunk is whole."""
+        try:
+            status = self._arrays["status"][slice(*chunk.samples), slice(*chunk.poses)]
+        except Exception:  # whatever Zarr finds wrong with it, the chunk is not whole
+            return False
+        return bool((np.asarray(status) != NOT_DONE).all())
+
+    def missing(self) -> list[Chunk]:
+        """Return the chunks that are still to be computed, in order."""
+        return [chunk for chunk in self.plan.chunks() if not self.done(chunk)]
+
+    def write(self, chunk: Chunk, result: ChunkResult) -> None:
+        """Write a chunk, its status last.
+
+        Raises:
+            SweepStoreError: there is no space left, or the folder cannot be written to.
+        """
+        rows, columns = slice(*chunk.samples), slice(*chunk.poses)
+        with writing(self.folder, "the finished chunks are kept; mend it and go on with --resume"):
+            if "errors" in self._arrays and chunk.index[1] == 0:
+                self._arrays["errors"][rows] = result.errors
+            for name in ("displacement", "rotation", "gap_m", "gap_rad", "status"):
+                self._arrays[name][rows, columns] = getattr(result, name)
+
+    def read(self, name: str, chunk: Chunk) -> NDArray[Any]:
+        """Return one array of a chunk.
+
+        Raises:
+            SweepStoreError: the chunk is damaged.
+        """
+        try:
+            return np.asarray(self._arrays[name][slice(*chunk.samples), slice(*chunk.poses)])
+        except Exception as problem:
+            place = ".".join(str(k) for k in chunk.index)
+            raise SweepStoreError(
+                self.path,
+                f"chunk {place} of '{name}' is damaged; remove its file under status/c and go on with --resume",
+            ) from problem
+
+    @contextlib.contextmanager
+    def alone(self) -> Iterator[None]:
+        """Keep a second sweep out of the folder, and clear away what a killed one left half-written.
+
+        Raises:
+            SweepStoreError: another sweep is running in the folder.
+        """
+        handle = os.open(self.path, os.O_RDONLY)
+        try:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as problem:
+                raise SweepStoreError(self.folder, "another sweep is running in this folder; wait for it") from problem
+            for name in _shapes(self.plan):
+                for left in (self.path / name).rglob("*.partial"):
+                    left.unlink(missing_ok=True)
+            yield
+        finally:
+            os.close(handle)  # gives the lock back
+
+    def discard_empty(self) -> None:
+        """Take away what the constructor made, as long as no chunk is done."""
+        if self._made is not None and not any(self.done(chunk) for chunk in self.plan.chunks()):
+            shutil.rmtree(self._made, ignore_errors=True)
+
+    def _make(self) -> Path:
+        """Write the empty store beside its place, then put it there whole; return the topmost folder made."""
+        new = not self.folder.exists()
+        self.folder.mkdir(parents=True, exist_ok=True)
+        part = self.folder / f".{STORE}.part"
+        shutil.rmtree(part, ignore_errors=True)
+        try:
+            _write_empty(part, self.plan)
+            part.rename(self.path)
+        except BaseException:
+            shutil.rmtree(part, ignore_errors=True)
+            if new:
+                shutil.rmtree(self.folder, ignore_errors=True)
+            raise
+        return self.folder if new else self.path
+
+    def _refuse_left_overs(self) -> None:
+        for name in REPORTS:
+            if (self.folder / name).exists():
+                raise SweepStoreError(self.folder, f"holds {name} of another sweep; take another folder")
+
+    def _refuse_other(self) -> None:
+        attributes = dict(self._group.attrs)
+        if attributes.get("format") != FORMAT or "content" not in attributes:
+            raise SweepStoreError(self.path, "is not the store of a sweep; take another folder")
+        if attributes.get("content_hash") == self.plan.content_hash:
+            return
+        try:
+            other = json.loads(str(attributes["content"]))
+        except ValueError as problem:
+            raise _damaged(self.path, "its attributes cannot be read") from problem
+        raise SweepStoreError(
+            self.folder,
+            f"holds the results of another sweep ({_difference(other, self.plan.content)}); take another folder",
+        )
+
+    def _refuse_misshapen(self) -> None:
+        expected = {name: (shape, chunks) for name, (shape, chunks, _, _) in _shapes(self.plan).items()}
+        expected |= {name: (values.shape, values.shape) for name, (values, _, _) in _static(self.plan).items()}
+        for name, (shape, chunks) in expected.items():
+            array = self._arrays[name]
+            if array.shape != shape or array.chunks != chunks:
+                raise _damaged(self.path, f"array '{name}' has shape {array.shape}, not {shape}")
+
+
+def open_results(folder: Path | str) -> xr.Dataset:
+    """Open the results of a sweep, finished or not; arrays are read when they are used, chunk by chunk.
+
+    Args:
+        folder: the sweep's folder, or the store in it.
+
+    Raises:
+        SweepStoreError: there are no results, or they are damaged.
+    """
+    path = Path(folder) / STORE if (Path(folder) / STORE).exists() else Path(folder)
+    open_group(path)
+    try:
+        dataset: xr.Dataset = xr.open_zarr(path, consolidated=False)
+        return dataset
+    except Exception as problem:
+        raise _damaged(path, str(problem)) from problem
+
+
+def open_group(path: Path) -> zarr.Group:
+    """Open a store for reading and writing.
+
+    Raises:
+        SweepStoreError: it is missing or damaged.
+    """
+    if not path.is_dir():
+        raise SweepStoreError(path, "holds no results of a sweep")
+    try:
+        return zarr.open_group(path, mode="r+", zarr_format=3)
+    except Exception as problem:
+        raise _damaged(path, str(problem)) from problem
+
+
+@contextlib.contextmanager
+def writing(folder: Path, advice: str = "choose a place you may write to") -> Iterator[None]:
+    """Turn a failure to write into one line.
+
+    Raises:
+        SweepStoreError: in place of any OSError.
+    """
+    try:
+        yield
+    except OSError as problem:
+        full = problem.errno in (errno.ENOSPC, errno.EDQUOT)
+        reason = "there is no space left on the device" if full else (problem.strerror or str(problem))
+        raise SweepStoreError(folder, f"cannot be written to: {reason}; {advice}") from problem
+
+
+def _damaged(path: Path, reason: str) -> SweepStoreError:
+    short = " ".join(reason.split())[:200]
+    return SweepStoreError(path, f"is damaged ({short}); nothing was changed: restore it, or take another folder")
+
+
+def _array(path: Path, group: zarr.Group, name: str) -> Any:
+    try:
+        array = group[name]
+    except Exception as problem:
+        raise _damaged(path, f"array '{name}': {problem or 'missing'}") from problem
+    if not isinstance(array, zarr.Array):
+        raise _damaged(path, f"'{name}' is no array")
+    return array
+
+
+def _difference(other: Any, own: dict[str, Any]) -> str:
+    """Say in which keys two contents differ."""
+    if not isinstance(other, dict):
+        return "with unknown settings"
+    named = []
+    for key, value in own.items():
+        if other.get(key) == value:
+            continue
+        if key == "config" and isinstance(other.get(key), dict):
+            named += [k for k in value if other[key].get(k) != value[k]]
+        elif key == "version":
+            named.append(f"package version {other.get(key)}")
+        else:
+            named.append(key)
+    return "it differs in " + ", ".join(named or ["unknown settings"])
+
+
+_Shape = tuple[tuple[int, ...], tuple[int, ...], tuple[str, ...], dict[str, Any]]
+
+
+def _shapes(plan: SweepPlan) -> dict[str, _Shape]:
+    """Return shape, chunk shape, dimensions and attributes of the arrays that are written chunk by chunk."""
+    both = (plan.draws.count, len(plan.poses))
+    block = (plan.sample_block, plan.pose_block)
+    first = "parameter" if plan.config.study == "one_at_a_time" else "sample"
+    frames, columns = len(plan.config.frames), len(plan.parameters)
+    kinds = "; ".join(f"{code} {name}" for code, name in STATUS_NAMES.items())
+    shapes: dict[str, _Shape] = {
+        "displacement": ((*both, frames, 3), (*block, frames, 3), (first, "pose", "frame", "axis"), {"units": "m"}),
+        "rotation": ((*both, 3), (*block, 3), (first, "pose", "axis"), {"units": "rad"}),
+        "gap_m": (both, block, (first, "pose"), {"units": "m"}),
+        "gap_rad": (both, block, (first, "pose"), {"units": "rad"}),
+        "status": (both, block, (first, "pose"), {"codes": kinds}),
+    }
+    if first == "sample":
+        units = {"units": "m or rad, see coordinate 'unit'"}
+        shapes["errors"] = ((both[0], columns), (block[0], columns), ("sample", "parameter"), units)
+    return shapes
+
+
+def _static(plan: SweepPlan) -> dict[str, tuple[NDArray[Any], tuple[str, ...], dict[str, Any]]]:
+    """Return the arrays that are known from the start, with dimensions and attributes."""
+    tolerances = np.array([margin.tolerance for margin in plan.draws.margins])
+    deviations = np.array([margin.std for margin in plan.draws.margins])
+    either = {"units": "m or rad, see coordinate 'unit'"}
+    return {
+        "parameter": (_texts(plan.names), ("parameter",), {}),
+        "unit": (_texts([p.unit for p in plan.parameters]), ("parameter",), {}),
+        "part": (_texts([p.part for p in plan.parameters]), ("parameter",), {}),
+        "tolerance": (tolerances, ("parameter",), either),
+        "std": (deviations, ("parameter",), either),
+        "frame": (_texts(plan.config.frames), ("frame",), {}),
+        "axis": (_texts(AXES), ("axis",), {}),
+        "position": (plan.poses.start.position, ("pose", "axis"), {"units": "m", "of": "moving_platform, commanded"}),
+        "tilt": (plan.poses.poses[:, 3], ("pose",), {"units": "rad"}),
+        "drive": (_texts(plan.catalogue.drives), ("drive",), {}),
+        "command": (plan.poses.drives, ("pose", "drive"), {"units": "m or rad, by drive"}),
+    }
+
+
+def _texts(texts: Sequence[str]) -> NDArray[Any]:
+    return np.array(list(texts), dtype=object)
+
+
+def _write_empty(path: Path, plan: SweepPlan) -> None:
+    config = plan.config
+    group = zarr.create_group(
+        path,
+        zarr_format=3,
+        attributes={
+            "format": FORMAT,
+            "title": config.description or f"{config.study}, {config.kind}",
+            "study": config.study,
+            "kind": config.kind,
+            "seed": config.seed,
+            "layout": plan.model.layout,
+            "version": plan.content["version"],
+            "config": config.model_dump_json(),
+            "content": json.dumps(plan.content, sort_keys=True),
+            "content_hash": plan.content_hash,
+        },
+    )
+    for name, (values, dimensions, attributes) in _static(plan).items():
+        dtype: Any = str if values.dtype == object else values.dtype
+        array = group.create_array(
+            name,
+            shape=values.shape,
+            chunks=values.shape,
+            dtype=dtype,
+            dimension_names=dimensions,
+            attributes=attributes,
+        )
+        array[...] = values
+    for name, (shape, chunks, dimensions, attributes) in _shapes(plan).items():
+        status = name == "status"
+        group.create_array(
+            name,
+            shape=shape,
+            chunks=chunks,
+            dtype="uint8" if status else "float64",
+            fill_value=NOT_DONE if status else float("nan"),
+            dimension_names=dimensions,
+            attributes=attributes,
+        )

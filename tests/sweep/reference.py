@@ -1,0 +1,48 @@
+"""The slow way: every robot built as URDF, every pose closed by the one-at-a-time solver."""
+
+import numpy as np
+
+from pouring_robot.closure import ClosureSolver
+from pouring_robot.description import PlacementError, perturb_urdf
+from pouring_robot.exceptions import ClosureError
+from pouring_robot.mechanism import ClosedChainMechanism
+from pouring_robot.sweep.evaluation import Platforms
+
+
+class OneAtATime:
+    """An Evaluator for the drawing."""
+
+    def __init__(self, mechanism, joints):
+        self.mechanism, self.joints = mechanism, joints
+
+    def solver(self, errors):
+        placements = {
+            joint: PlacementError(tuple(row[:3].tolist()), tuple(row[3:].tolist()))
+            for joint, row in zip(self.joints, errors, strict=True)
+            if row.any()
+        }
+        urdf = perturb_urdf(self.mechanism.urdf, placements)
+        return ClosureSolver(ClosedChainMechanism(urdf, self.mechanism.loops))
+
+    def platforms(self, poses, placement_errors, drive_errors):
+        shape = (len(placement_errors), len(poses))
+        position, rotation = np.full((*shape, 3), np.nan), np.full((*shape, 3, 3), np.nan)
+        gaps, turns, status = np.full(shape, np.nan), np.full(shape, np.nan), np.ones(shape, np.uint8)
+        names = [joint for joint in self.joints if not joint.endswith("mount")]
+        for s in range(shape[0]):
+            solver = self.solver(placement_errors[s])
+            loops = self.mechanism.loops
+            neutral = self.mechanism.neutral_configuration()
+            for p in range(shape[1]):
+                start = solver.mechanism.with_joint_values(
+                    neutral, dict(zip(names, poses.start.joints[p].ravel().tolist(), strict=True))
+                )
+                drives = dict(zip(loops.drives, (poses.drives[p] + drive_errors[s]).tolist(), strict=True))
+                try:
+                    result = solver.solve(drives, start)
+                except ClosureError:
+                    continue
+                pose = result.pose_base_to_end
+                position[s, p], rotation[s, p] = pose.translation, pose.rotation
+                gaps[s, p], turns[s, p], status[s, p] = result.gap_m, result.gap_rad, 0
+        return Platforms(position, rotation, gaps, turns, status)

@@ -1,0 +1,85 @@
+"""Where robots with errors stand: closed chains against the slow solver, open branches against the DH table."""
+
+import numpy as np
+import pinocchio as pin
+
+from pouring_robot.sweep import ErrorEntry
+from tests.sweep.reference import OneAtATime
+
+SIZES = {"half_width_mm": 0.3, "half_width_mrad": 2.0}
+
+
+def test_closed_chains_equal_the_one_at_a_time_solver(plan):
+    values = plan.draws.values(0, 6)
+    errors, drives = plan.error_map.placement_errors(values), plan.error_map.drive_errors(values)
+    fast = plan.evaluator.platforms(plan.poses, errors, drives)
+    slow = OneAtATime(plan.mechanism, plan.error_map.joints).platforms(plan.poses, errors, drives)
+    assert (fast.status == 0).all() and (slow.status == 0).all()
+    assert np.abs(fast.position_m - slow.position_m).max() < 1e-11
+    assert np.abs(fast.rotation - slow.rotation).max() < 1e-11
+    assert np.abs(fast.gap_m - slow.gap_m).max() < 1e-11
+    assert np.abs(fast.gap_rad - slow.gap_rad).max() < 1e-10
+
+
+def test_displacements_are_those_of_the_robot_with_these_errors(plan):
+    values = plan.draws.values(3, 4)
+    found, _ = plan.displacements(values, plan.poses)
+    solver = OneAtATime(plan.mechanism, plan.error_map.joints).solver(plan.error_map.placement_errors(values)[0])
+    drives = dict(
+        zip(plan.catalogue.drives, plan.poses.drives[2] + plan.error_map.drive_errors(values)[0], strict=True)
+    )
+    names = [joint for joint in plan.error_map.joints if not joint.endswith("mount")]
+    start = dict(zip(names, plan.poses.start.joints[2].ravel().tolist(), strict=True))
+    neutral = plan.mechanism.neutral_configuration()
+    actual = solver.solve(drives, solver.mechanism.with_joint_values(neutral, start))
+    x, y, z, tilt = plan.poses.poses[2]
+    nominal = pin.SE3(pin.utils.rotate("y", tilt), np.array([x, y, z]))
+    lip = actual.pose("moving_platform", "ladle_lip")
+    expected = actual.pose("fixed_platform", "ladle_lip").translation - (nominal * lip).translation
+    assert np.abs(found[0, 2, 0] - expected).max() < 1e-11
+
+
+def test_an_open_branch_is_the_chain_of_the_dh_table(make_plan):
+    entry = ErrorEntry(parameters=("*_e?_*",), **SIZES)
+    plan = make_plan(study="one_at_a_time", kind="open_branch", samples=None, errors=[entry])
+    found = plan.platforms(plan.draws.values(0, plan.draws.count), plan.poses)
+    for k, p in enumerate(plan.parameters):
+        error = {p.name: plan.draws.margins[k].tolerance}
+        expected = plan.catalogue.table.chain_poses(p.chain, plan.poses.start.joints[:, p.chain - 1], error)
+        assert np.abs(found.position_m[k] - expected[:, :3, 3]).max() < 1e-12, p.name
+        assert np.abs(found.rotation[k] - expected[:, :3, :3]).max() < 1e-12, p.name
+
+
+def test_an_open_branch_takes_all_errors_of_its_chain(make_plan):
+    entry = ErrorEntry(parameters=("*_e4_*", "drive.leg4_s5"), **SIZES)
+    plan = make_plan(kind="open_branch", errors=[entry], samples=3)
+    values = plan.draws.values(0, 3)
+    found = plan.platforms(values, plan.poses)
+    errors = dict(zip(plan.names, values[1].tolist(), strict=True))
+    joints = plan.poses.start.joints[:, 3].copy()
+    joints[:, 4] += errors.pop("drive.leg4_s5")
+    expected = plan.catalogue.table.chain_poses(4, joints, errors)
+    assert np.abs(found.position_m[1] - expected[:, :3, 3]).max() < 1e-12
+
+
+def test_without_errors_nothing_moves(plan):
+    displacement, status = plan.displacements(np.zeros((1, len(plan.names))), plan.poses)
+    assert (status == 0).all() and np.abs(displacement).max() < 1e-12
+
+
+def test_a_robot_as_built_is_compared_with_itself(make_plan):
+    from tests.checks import ACTUAL
+
+    plan = make_plan(layout=None, model=str(ACTUAL))
+    displacement, _ = plan.displacements(np.zeros((1, len(plan.names))), plan.poses)
+    assert np.abs(displacement).max() < 1e-12
+    first, _ = plan.displacements(plan.draws.values(0, 1), plan.poses)
+    assert 1e-5 < np.abs(first).max() < 2e-2
+
+
+def test_robots_without_a_solution_keep_their_status(make_plan):
+    entry = {"parameters": ["leg?_s?.r?"], "half_width_mrad": 400.0}
+    plan = make_plan(errors=[entry], samples=10)
+    displacement, status = plan.displacements(plan.draws.values(0, 10), plan.poses)
+    assert (status != 0).any()
+    assert np.isnan(displacement[status != 0]).all() and np.isfinite(displacement[status == 0]).all()

@@ -1,0 +1,40 @@
+"""Sobol indices against the closed form of a linear model."""
+
+import numpy as np
+import pytest
+
+from pouring_robot.exceptions import NoSolutionError
+from pouring_robot.sweep import ErrorEntry, report, run_sweep
+from pouring_robot.sweep.linear import transfer_matrices
+
+FAILING_NOW_AND_THEN_MRAD = 150.0
+
+
+def test_first_order_indices_are_the_shares_of_the_variance(make_plan, tmp_path):
+    # Small errors: the ladle moves linearly, so the index of error j is its g²σ² over the sum of all.
+    names = ("alpha_e1_12", "theta_e2_0", "a_e3_56", "leg4_s1.ty", "drive.leg1_s3")
+    entry = ErrorEntry(parameters=names, half_width_mm=0.02, half_width_mrad=0.02)
+    plan = make_plan(study="sobol", samples=1024, errors=[entry], poses={"grid": {"y": 2, "tilt": 2}}, chunk=5000)
+    outcome = report(run_sweep(plan, tmp_path / "out"))
+    std = np.array([margin.std for margin in plan.draws.margins])
+    variances = ((transfer_matrices(plan, plan.poses)[:, :3] * std) ** 2).sum(axis=(0, 1))
+    expected = variances / variances.sum()
+    assert np.abs(outcome.indices.first - expected).max() < 0.01
+    assert np.abs(outcome.indices.total - expected).max() < 0.01
+    assert outcome.ranking[0].name == plan.names[int(np.argmax(expected))]
+    assert (outcome.indices.first_confidence > 0).all() and outcome.indices.dropped == 0
+
+
+def test_base_samples_without_a_solution_are_left_out_and_counted(make_plan, tmp_path):
+    entry = ErrorEntry(parameters=("leg?_s2.r?",), half_width_mrad=FAILING_NOW_AND_THEN_MRAD)
+    plan = make_plan(study="sobol", samples=32, errors=[entry], poses={"grid": {}}, chunk=1000)
+    outcome = report(run_sweep(plan, tmp_path / "out"))
+    assert 0 < outcome.indices.dropped < 32 and outcome.summary.failed > 0
+    assert np.isfinite(outcome.indices.total).all()
+
+
+def test_no_indices_without_a_solution(make_plan, tmp_path):
+    entry = ErrorEntry(parameters=("leg?_s?.r?",), half_width_mrad=900.0)
+    plan = make_plan(study="sobol", samples=2, errors=[entry], poses={"grid": {}})
+    with pytest.raises(NoSolutionError, match="of 2 base samples 2 have no solution"):
+        report(run_sweep(plan, tmp_path / "out"))

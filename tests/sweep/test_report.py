@@ -1,0 +1,136 @@
+"""Summary, ranking and the command's outputs."""
+
+import csv
+import json
+import runpy
+
+import numpy as np
+import pytest
+
+from pouring_robot.cli import main
+from pouring_robot.sweep import ErrorEntry, SweepPlan, open_results, report, run_sweep
+from pouring_robot.sweep.linear import transfer_matrices
+from pouring_robot.sweep.summary import Distances
+from tests.checks import ROOT
+from tests.sweep.sweep_files import write
+
+ALLOCATION = {"by": "part", "share": 0.95, "machines": 50}
+
+
+@pytest.fixture(scope="module")
+def one_at_a_time(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("one_at_a_time")
+    plan = SweepPlan.load(write(folder, study="one_at_a_time", samples=None, chunk=30))
+    return report(run_sweep(plan, folder / "out")), open_results(folder / "out")
+
+
+def test_the_summary_is_that_of_the_arrays(one_at_a_time):
+    outcome, data = one_at_a_time
+    distance = np.linalg.norm(data.displacement.sel(frame="ladle_lip").values, axis=-1)
+    figures = outcome.summary.figures()
+    assert figures["status"] == {"ok": distance.size}
+    assert figures["largest_mm"] == pytest.approx(1e3 * distance.max(), rel=1e-12)
+    assert figures["share_within"] == (distance <= 0.010).mean()
+    assert figures["worst_pose"] == int(np.argmax(distance.max(axis=0)))
+    rms = np.sqrt((data.displacement.sel(frame="ladle_lip").values ** 2).mean(axis=(0, 1)))
+    assert list(figures["rms_mm"].values()) == pytest.approx((1e3 * rms).tolist(), rel=1e-9)
+    for share, value in figures["quantiles_mm"].items():
+        exact = 1e3 * np.quantile(distance, float(share), method="inverted_cdf")
+        assert value == pytest.approx(exact, rel=2e-3)
+
+
+def test_the_ranking_is_by_the_largest_displacement(one_at_a_time):
+    outcome, data = one_at_a_time
+    distance = np.linalg.norm(data.displacement.sel(frame="ladle_lip").values, axis=-1).max(axis=1)
+    order = [str(data.parameter.values[k]) for k in np.argsort(-distance, kind="stable")]
+    assert [r.name for r in outcome.ranking][:5] == order[:5]
+    assert outcome.ranking[0].figures["main_axis"] == "y"
+
+
+def test_monte_carlo_ranks_by_first_order_scatter(make_plan, tmp_path):
+    plan = make_plan()
+    outcome = report(run_sweep(plan, tmp_path))
+    std = np.array([margin.std for margin in plan.draws.margins])
+    squares = ((transfer_matrices(plan, plan.poses)[:, :3] * std) ** 2).sum(axis=(0, 1))
+    weights = {name: float(s) for name, s in zip(plan.names, squares / squares.sum(), strict=True)}
+    assert sum(weights.values()) == pytest.approx(1.0)
+    assert [r.weight for r in outcome.ranking] == pytest.approx([weights[r.name] for r in outcome.ranking])
+    assert sorted(r.weight for r in outcome.ranking) == [r.weight for r in outcome.ranking][::-1]
+
+
+@pytest.mark.parametrize("kind", ["closed_chain", "open_branch"])
+def test_the_transfer_matrix_is_that_of_the_frame(make_plan, kind):
+    entry = ErrorEntry(parameters=("*_e1_*", "drive.leg1_s3"), half_width_mm=1.0, half_width_mrad=1.0)
+    plan = make_plan(study="one_at_a_time", samples=None, kind=kind, errors=[entry])
+    step = 1e-5
+    near, far = (plan.displacements(s * step * np.eye(len(plan.names)), plan.poses)[0] for s in (1.0, -1.0))
+    found = transfer_matrices(plan, plan.poses)[:, :3]
+    expected = np.moveaxis((near - far)[:, :, 0] / (2 * step), 0, -1)
+    assert np.abs(found - expected).max() < 1e-5 * np.abs(expected).max()
+
+
+def test_failures_are_counted_and_reported(tmp_path, capsys):
+    # Random tilts of 0.15 rad: at many poses the parts do not fit together any more.
+    config = write(tmp_path, errors=[{"parameters": "leg?_s2.r?", "half_width_mrad": 150}])
+    assert main(["sweep", str(config), "--out", str(tmp_path / "out")]) == 0
+    assert "without a solution, kept with their status" in capsys.readouterr().out
+    status = open_results(tmp_path / "out").status.values
+    figures = json.loads((tmp_path / "out/summary.json").read_text())["summary"]
+    assert sum(figures["status"].values()) == status.size
+    assert figures["status"]["ok"] == (status == 0).sum() < status.size
+    assert figures["share_within"] < (status == 0).mean() + 1e-12
+
+
+def test_nothing_but_failures_still_gives_a_report(tmp_path, capsys):
+    config = write(tmp_path, samples=3, errors=[{"parameters": "leg?_s?.r?", "half_width_mrad": 2000}])
+    assert main(["sweep", str(config), "--out", str(tmp_path / "out"), "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)["summary"]
+    assert "ok" not in figures["status"] and figures["quantiles_mm"]["0.5"] is None and figures["share_within"] == 0.0
+
+
+def test_the_command_prints_tables_and_writes_its_files(tmp_path, capsys):
+    config = write(tmp_path, allocation=ALLOCATION)
+    assert main(["sweep", str(config), "--out", str(tmp_path / "out")]) == 0
+    out = capsys.readouterr().out
+    assert "40 robots at 8 poses: ladle_lip is off by" in out
+    assert "the tolerances that matter most" in out and "loosest tolerances that keep 10 mm" in out
+    assert (tmp_path / "out/sweep.png").read_bytes().startswith(b"\x89PNG")
+    with (tmp_path / "out/ranking.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) > 30 and set(rows[0]) >= {"name", "part", "tolerance", "unit", "share_of_scatter"}
+    summary = json.loads((tmp_path / "out/summary.json").read_text())
+    assert summary["seed"] == 11 and len(summary["allocation"]["tolerances"]) == len(rows)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"study": "one_at_a_time", "samples": None},
+        {"study": "one_at_a_time", "samples": None, "kind": "open_branch"},
+        {"study": "sobol", "samples": 4, "errors": [{"parameters": "alpha_e1_*", "half_width_mrad": 1}]},
+        {"kind": "open_branch", "errors": [{"parameters": "alpha_e1_*", "half_width_mrad": 1}]},
+    ],
+)
+def test_every_study_speaks_json(tmp_path, capsys, changes):
+    config = write(tmp_path, **changes)
+    assert main(["sweep", str(config), "--out", str(tmp_path / "out"), "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["ranking"] and len(figures["written"]) == 4
+
+
+def test_distances_keep_their_quantiles():
+    drawn = np.random.default_rng(2).lognormal(sigma=3.0, size=50_000) * 1e-4
+    distances = Distances()
+    for part in np.split(drawn, 10):
+        distances.add(part)
+    for share in (0.01, 0.5, 0.9973):
+        assert distances.quantile(share) == pytest.approx(np.quantile(drawn, share, method="inverted_cdf"), rel=2e-3)
+    assert np.isnan(Distances().quantile(0.5))
+
+
+def test_the_script_runs_and_the_example_file_is_sound(tmp_path, capsys, monkeypatch):
+    SweepPlan.load(ROOT / "examples" / "sweep.yaml")
+    monkeypatch.setattr("sys.argv", ["error_sweep.py", "--out", str(tmp_path / "out")])
+    runpy.run_path(str(ROOT / "scripts" / "error_sweep.py"), run_name="__main__")
+    printed = capsys.readouterr().out
+    assert printed.count("at most") == 10 and "sweep.png" in printed

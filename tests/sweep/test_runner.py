@@ -1,0 +1,162 @@
+"""The same numbers whatever happens on the way: kills, workers, lost workers, Ctrl-C."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from pouring_robot.cli import main
+from pouring_robot.exceptions import SweepStoreError, SweepWorkerError
+from pouring_robot.sweep import SweepPlan, SweepStore, run_sweep
+from tests.checks import ROOT
+from tests.sweep.sweep_files import numbers, snapshot, write
+
+CHUNKS = 150
+MANY_CHUNKS = {"samples": CHUNKS, "chunk": 8}
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """A sweep of many chunks, run in one go: (sweep file, folder)."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    config = write(folder, **MANY_CHUNKS)
+    assert main(["sweep", str(config), "--out", str(folder / "out"), "--json"]) == 0
+    return config, folder / "out"
+
+
+def finished_chunks(out):
+    return len(list(out.glob("results.zarr/status/c/*/0")))
+
+
+def start(config, out):
+    command = [sys.executable, "-m", "pouring_robot", "sweep", str(config), "--out", str(out), "--resume", "--json"]
+    # A group of its own: the signal must not reach the tests.
+    return subprocess.Popen(
+        command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True
+    )
+
+
+def wait_for(out, chunks, process):
+    until = time.monotonic() + 60
+    while finished_chunks(out) < chunks and process.poll() is None and time.monotonic() < until:
+        time.sleep(0.001)
+
+
+def test_killed_at_three_moments_and_resumed_is_as_if_never_killed(undisturbed, tmp_path):
+    config, expected = undisturbed
+    out = tmp_path / "out"
+    moments = random.Random(int.from_bytes(os.urandom(4), "big"))
+    for low in (0, 45, 90):
+        process = start(config, out)
+        wait_for(out, low + moments.randrange(1, 40), process)
+        time.sleep(moments.random() * 0.01)
+        process.send_signal(signal.SIGKILL)
+        assert process.wait() == -signal.SIGKILL, "it ended before it was killed"
+        assert not (out / "summary.json").exists()
+    assert 90 < finished_chunks(out) < CHUNKS
+    assert main(["sweep", str(config), "--out", str(out), "--resume", "--json"]) == 0
+    assert snapshot(out) == snapshot(expected)  # the reports and every byte of the store, and nothing left over
+
+
+def test_ctrl_c_keeps_what_is_done(undisturbed, tmp_path, capsys, monkeypatch):
+    config, expected = undisturbed
+    out, write_chunk = tmp_path / "out", SweepStore.write
+
+    def write_twenty(store, chunk, result):
+        if chunk.index[0] == 20:
+            raise KeyboardInterrupt
+        write_chunk(store, chunk, result)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(SweepStore, "write", write_twenty)
+        assert main(["sweep", str(config), "--out", str(out)]) == 130
+    err = capsys.readouterr().err
+    assert err == f"pouring-robot: stopped; 20 of {CHUNKS} chunks are kept in {out}: go on with --resume\n"
+    assert finished_chunks(out) == 20
+    run_sweep(SweepPlan.load(config), out, resume=True)
+    assert numbers(out) == numbers(expected)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_worker_processes_give_the_same_numbers(undisturbed, tmp_path, workers):
+    config, expected = undisturbed
+    run_sweep(SweepPlan.load(config), tmp_path / "out", workers=workers)
+    assert numbers(tmp_path / "out") == numbers(expected)
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """A Dask cluster of two processes, as a user might have one."""
+    from distributed import LocalCluster
+
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+    ) as running:
+        yield running
+
+
+def test_a_killed_worker_loses_nothing(undisturbed, tmp_path, cluster):
+    from distributed import Client
+
+    config, expected = undisturbed
+    seen = []
+
+    def kill_one(stage, done, total):
+        seen.append(done)
+        if done in (20, 60):  # the second one may well be the worker that took over
+            with Client(cluster.scheduler_address, set_as_default=False) as client:
+                os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
+
+    run_sweep(SweepPlan.load(config), tmp_path / "out", scheduler=cluster.scheduler_address, progress=kill_one)
+    assert seen == list(range(CHUNKS + 1))
+    assert numbers(tmp_path / "out") == numbers(expected)
+
+
+def test_a_cluster_goes_on_where_this_process_stopped(undisturbed, tmp_path, cluster):
+    config, expected = undisturbed
+    plan = SweepPlan.load(config)
+
+    def stop(stage, done, total):
+        if done == 50:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_sweep(plan, tmp_path / "out", progress=stop)
+    run_sweep(plan, tmp_path / "out", resume=True, scheduler=cluster.scheduler_address)
+    assert numbers(tmp_path / "out") == numbers(expected)
+
+
+def fail(plan, chunk):
+    raise ValueError("a fault on the worker")
+
+
+def test_a_fault_on_a_worker_is_one_line(plan, tmp_path, cluster, monkeypatch):
+    monkeypatch.setattr("pouring_robot.sweep.runner._compute", fail)
+    with pytest.raises(SweepWorkerError, match=r"a worker of the cluster failed \(ValueError: a fault on the worker\)"):
+        run_sweep(plan, tmp_path / "out", scheduler=cluster.scheduler_address)
+    assert not (tmp_path / "out").exists()
+
+
+def test_workers_of_another_version_are_refused(plan, tmp_path, cluster, monkeypatch):
+    monkeypatch.setattr("pouring_robot.sweep.runner.pouring_robot.__version__", "99.0")
+    with pytest.raises(SweepWorkerError, match=r"a worker runs pouring_robot 0\..*, this is 99.0"):
+        run_sweep(plan, tmp_path / "out", scheduler=cluster.scheduler_address)
+
+
+def test_a_stop_before_the_first_chunk_leaves_nothing(plan, tmp_path):
+    def stop(stage, done, total):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_sweep(plan, tmp_path / "out", progress=stop)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_stop_does_not_take_older_results_away(undisturbed, tmp_path, plan):
+    with pytest.raises(SweepStoreError):
+        run_sweep(plan, undisturbed[1])
+    assert finished_chunks(undisturbed[1]) == CHUNKS
