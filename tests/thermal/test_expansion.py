@@ -1,0 +1,209 @@
+"""Expansion as local parameters, the pose that follows, and the bending of legs."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.integrate import solve_bvp
+
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.model import JointPlacement, RobotModel
+from pouring_robot.poses import PlatformPose, PoseDifference
+from pouring_robot.robot import PouringRobot
+from pouring_robot.thermal.expansion import ThermalExpansion
+from pouring_robot.thermal.expansion_bending import LegBending
+from pouring_robot.thermal.expansion_pose import pose_shares, solve_heated
+from pouring_robot.thermal.network import ThermalNetwork
+from pouring_robot.thermal.network_field import gradient_across_tube
+from pouring_robot.thermal.properties import load_thermal_properties
+from pouring_robot.thermal.thermal_errors import TemperatureError
+from tests.checks import CHAINS, oracle_cases, random_poses
+
+POSE = PlatformPose((-0.100, 0.020, -0.600), np.radians(10.0))
+PROPERTIES = load_thermal_properties()
+
+
+@pytest.fixture(scope="module")
+def network(drawing):
+    return ThermalNetwork(drawing)
+
+
+def heated(**degC):
+    return ThermalExpansion.from_temperatures(PROPERTIES, degC)
+
+
+@pytest.mark.parametrize("case", oracle_cases()[::6])
+def test_pose_against_the_independent_oracle(case):
+    """Offsets of joint centres and drives, and warm legs: length = (commanded + offset) (1 + alpha rise)."""
+    placements = {}
+    for i in CHAINS:
+        for joint, key in ((f"leg{i}_s1", "fixed"), (f"leg{i}_seat_mount", "moving")):
+            offset = np.array(case[f"{key}_joint_centre_offsets_m"][i - 1]) * 1e3
+            placements[joint] = JointPlacement(translation_mm=tuple(offset.tolist()))
+    robot = PouringRobot(RobotModel(joint_placements=placements))
+    assert case["expansion_per_K"] == PROPERTIES.steel.expansion.value
+    rises = {f"leg{i}": 20.0 + rise for i, rise in zip(CHAINS, case["leg_temperature_rise_K"], strict=True)}
+    offsets = {f"leg{i}_s3": case["drive_offsets"]["leg_lengths_m"][i - 1] for i in (1, 2, 3)}
+    offsets["leg4_s5"] = case["drive_offsets"]["tilt_drive_rad"]
+    commanded = case["commanded"]
+    pose = PlatformPose(tuple(commanded["position_m"]), commanded["tilt_rad"])
+    result = solve_heated(robot, heated(**rises), pose, drive_offsets=offsets).pose_base_to_end
+    assert np.abs(result.translation - case["platform"]["position_m"]).max() < 1e-9
+    assert np.abs(pin.log3(result.rotation) - case["platform"]["rotation_vector_rad"]).max() < 1e-9
+
+
+def test_drive_offsets_follow_the_convention():
+    expansion = heated(leg1=120.0, leg3=220.0)
+    drives = {"leg1_s3": 0.55, "leg2_s3": 0.55, "leg3_s3": 0.70, "leg4_s5": 0.1}
+    growth = expansion.drive_offsets(drives, {"leg1_s3": 0.002})
+    assert growth == pytest.approx({"leg1_s3": 0.552 * 1.2e-3, "leg2_s3": 0.0, "leg3_s3": 0.70 * 2.4e-3})
+    assert "leg4_s5" not in growth
+
+
+def test_placements_grow_the_platforms_and_the_passive_leg(drawing):
+    expansion = heated(leg4=120.0, platform=220.0, fixed_platform=70.0)
+    errors = expansion.placements(drawing.kinematics, {"leg4_s3": 0.7})
+    for k, i in enumerate(CHAINS):
+        seat, base = errors[f"leg{i}_seat_mount"], errors[f"leg{i}_s1"]
+        assert seat.translation_m == pytest.approx(2.4e-3 * drawing.kinematics.moving_centres_m[k])
+        assert base.translation_m == pytest.approx(6e-4 * drawing.kinematics.fixed_centres_m[k])
+        assert seat.rotation_rad == (0.0, 0.0, 0.0)
+    assert errors["leg4_s3"].translation_m == pytest.approx((0.0, 0.0, -0.7 * 1.2e-3))
+
+
+def test_all_equally_warm_is_a_larger_robot(drawing):
+    """Everything 100 K warmer: the same shape, scaled; the platform moves away along its own place."""
+    warm = dict.fromkeys(("leg1", "leg2", "leg3", "leg4", "platform", "fixed_platform"), 120.0)
+    for pose in random_poses(4, seed=9):
+        result = solve_heated(drawing, heated(**warm), pose).pose_base_to_end
+        assert result.translation == pytest.approx(np.array(pose.position_m) * (1 + 1.2e-3), abs=1e-10)
+        assert result.rotation == pytest.approx(pose.to_se3().rotation, abs=1e-9)
+
+
+def test_growth_of_the_passive_leg_moves_nothing(drawing):
+    cold = drawing.locate(POSE).nominal.pose_base_to_end
+    warm = solve_heated(drawing, heated(leg4=500.0), POSE)
+    assert warm.pose_base_to_end.translation == pytest.approx(cold.translation, abs=1e-10)
+    assert warm.joint_values["leg4_s3"] < drawing.kinematics.joint_values(POSE)["leg4_s3"] - 1e-3
+
+
+def test_measured_temperatures_replace_computed_ones(network):
+    field = network.steady(POSE)
+    computed = ThermalExpansion.from_field(field)
+    measured = ThermalExpansion.from_field(field, {"leg2": 20.0, "platform": 120.0})
+    assert computed.leg_strain == pytest.approx(1.2e-5 * (field.leg_degC - 20.0))
+    assert measured.leg_strain[1] == 0.0
+    assert measured.platform_strain == pytest.approx(1.2e-3)
+    assert measured.leg_strain[0] == computed.leg_strain[0]
+    assert measured.fixed_platform_strain == computed.fixed_platform_strain
+
+
+def test_strain_is_the_integral_along_the_leg(network):
+    field = network.steady(POSE)
+    growth = 1.2e-5 * np.sum(field.between_joints * (field.leg_elements_degC - 20.0), axis=1)
+    expansion = ThermalExpansion.from_field(field)
+    assert np.array(expansion.leg_strain) * field.exposure.lengths_m == pytest.approx(growth, rel=1e-12)
+
+
+def test_bad_parts_and_temperatures():
+    with pytest.raises(BadInputError, match="did you mean 'leg1'"):
+        heated(leg_1=100.0)
+    with pytest.raises(TemperatureError, match="platform"):
+        heated(platform=-300.0)
+
+
+def test_shares_need_not_add_up(as_built, network):
+    expansion = ThermalExpansion.from_field(network.steady(POSE))
+    shares = pose_shares(as_built, expansion, POSE)
+    assert shares.heat.distance_m > 1e-3
+    assert shares.geometry.distance_m > 1e-5
+    assert 0.0 < np.linalg.norm(shares.remainder_m) < 0.1 * shares.together.distance_m
+
+
+def test_cold_robot_is_the_robot_as_built(as_built):
+    cold = solve_heated(as_built, heated(), POSE).pose_base_to_end
+    located = as_built.locate(POSE).actual.pose_base_to_end
+    assert PoseDifference.between(located, cold).distance_m < 1e-12
+
+
+def test_paper_millimetres_in_one_direction_and_linear_in_the_melts_temperature(network, drawing):
+    """Ten poses at 10 degrees of tilt, as in the paper: about 3 mm, downwards in all, straight over temperature."""
+    poses = [PlatformPose(pose.position_m, np.radians(10.0)) for pose in random_poses(10, seed=1)]
+    melts = np.linspace(600.0, 1700.0, 5)
+    moves = np.array(
+        [
+            [
+                solve_heated(
+                    drawing, ThermalExpansion.from_field(network.steady(pose, melt)), pose
+                ).pose_base_to_end.translation
+                - np.array(pose.position_m)
+                for melt in melts
+            ]
+            for pose in poses
+        ]
+    )
+    size = np.linalg.norm(moves[:, -1], axis=1)
+    assert 1.5e-3 < size.mean() < 4.5e-3
+    assert np.all(moves[:, -1, 2] < 0.0)
+    assert np.all(moves[:, -1, 0] < 0.0)
+    correlations = [np.corrcoef(melts, moves[k, :, axis])[0, 1] for k in range(len(poses)) for axis in (0, 2)]
+    assert np.abs(correlations).min() > 0.98
+
+
+def test_gradient_across_a_tube_against_a_boundary_value_solver():
+    """First harmonic of the temperature: (rho T')' = T / rho, flux outside, nothing lost inside."""
+    conductivity, loss, outer, inner, flux = 60.0, 60.0, 0.048, 0.028, 20e3
+
+    def slope(r, y):
+        return np.vstack([y[1], y[0] / r**2 - y[1] / r])
+
+    def ends(a, b):
+        return np.array([a[1], conductivity * b[1] + loss * b[0] - flux])
+
+    grid = np.linspace(inner, outer, 100)
+    solution = solve_bvp(slope, ends, grid, np.ones((2, 100)), tol=1e-9)
+    r = np.linspace(inner, outer, 4001)
+    moment = np.trapezoid(solution.sol(r)[0] * r**2, r) * 4.0 / (outer**4 - inner**4)
+    found = gradient_across_tube(flux, conductivity, np.array(loss), np.array(outer), np.array(inner))
+    assert found == pytest.approx(moment, rel=1e-6)
+    solid = gradient_across_tube(flux, conductivity, np.array(loss), np.array(0.02), np.array(0.0))
+    assert solid == pytest.approx(flux / (conductivity + loss * 0.02))
+
+
+def test_even_gradient_bends_a_leg_into_a_circle():
+    """Tip deflection kappa l²/2, rotation kappa l, free ends turn by half of it, bow kappa l²/8."""
+    length, gradient = 0.8, 400.0
+    weights = np.full((4, 40), length / 40)
+    depth = np.tile(length * (np.arange(40) + 0.5) / 40, (4, 1))
+    field = SimpleNamespace(
+        between_joints=weights,
+        leg_positions_m=depth,
+        exposure=SimpleNamespace(lengths_m=np.full(4, length)),
+        properties=PROPERTIES,
+        gradient_K_per_m=np.broadcast_to([gradient, 0.0, 0.0], (4, 40, 3)),
+        leg_directions=np.broadcast_to([0.0, 0.0, -1.0], (4, 3)),
+        leg_difference_K=np.full(4, gradient * 0.046),
+    )
+    bending = LegBending.of(field)
+    curvature = 1.2e-5 * gradient
+    assert bending.curvature_per_m == pytest.approx(curvature)
+    assert bending.tip_deflection_m == pytest.approx(curvature * length**2 / 2)
+    assert bending.tip_rotation_rad == pytest.approx(curvature * length)
+    assert bending.bow_m == pytest.approx(curvature * length**2 / 8)
+    # Hot in front: the bow goes to the front, so the lower end points back, which is a positive turn about y.
+    assert bending.end_rotation_rad == pytest.approx(np.tile([0.0, curvature * length / 2, 0.0], (4, 1)))
+    assert bending.tilt_error_rad == pytest.approx(curvature * length / 2)
+    assert bending.matters(1.0, 0.010)
+    assert not bending.matters(0.1, 0.010)
+
+
+def test_legs_bend_outwards_over_the_melt(network):
+    field = network.steady(PlatformPose((-0.1, 0.0, -0.6), 0.0))
+    bending = LegBending.of(field)
+    assert np.all(bending.difference_K > 5.0)
+    assert np.all(bending.shortening_m < 1e-6)
+    # The hot side looks at the melt, between the legs in y.
+    middle = field.gradient_K_per_m[:, 4]
+    assert np.all(middle[[0, 2], 1] < 0.0)
+    assert np.all(middle[[1, 3], 1] > 0.0)

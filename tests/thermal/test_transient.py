@@ -1,0 +1,175 @@
+"""Temperatures over time: closed form, settling, heat stored, changing poses, bad histories."""
+
+import numpy as np
+import pytest
+
+from pouring_robot.exceptions import TableError
+from pouring_robot.poses import PlatformPose
+from pouring_robot.thermal.network import ThermalNetwork
+from pouring_robot.thermal.network_circuit import Circuit
+from pouring_robot.thermal.thermal_errors import HistoryError, TemperatureError
+from pouring_robot.thermal.transient import TransientOptions, _integrate
+from pouring_robot.thermal.transient_history import HeatHistory, PoseSchedule, read_history
+
+POSE = PlatformPose((-0.100, 0.020, -0.600), 0.2)
+OTHER = PlatformPose((-0.060, -0.030, -0.800), -0.1)
+DAY_S = 86400.0
+
+
+@pytest.fixture(scope="module")
+def network(drawing):
+    return ThermalNetwork(drawing)
+
+
+@pytest.mark.parametrize("method", ["BDF", "Radau"])
+def test_a_lump_cools_exponentially(method):
+    circuit = Circuit(np.zeros((1, 1)), np.zeros(1), np.array([2.0]), np.zeros(1), np.zeros(1), np.array([1000.0]))
+    history = HeatHistory.constant(20.0, 20.0, 2000.0)
+    times = np.linspace(0.0, 2000.0, 9)
+    start = np.array([793.15])
+    reported, _ = _integrate(circuit, history, (0.0, 2000.0), start, times, TransientOptions(method))
+    expected = 293.15 + 500.0 * np.exp(-times / 500.0)
+    assert np.array(reported)[:, 0] == pytest.approx(expected, abs=5e-3)
+
+
+def test_a_lump_follows_a_ramp():
+    circuit = Circuit(np.zeros((1, 1)), np.zeros(1), np.array([2.0]), np.zeros(1), np.zeros(1), np.array([1000.0]))
+    history = HeatHistory(np.array([0.0, 5000.0]), np.array([20.0, 20.0]), np.array([20.0, 520.0]))
+    reported, last = _integrate(
+        circuit, history, (0.0, 5000.0), np.array([293.15]), np.array([5000.0]), TransientOptions()
+    )
+    expected = 293.15 + 0.1 * (5000.0 - 500.0 * (1.0 - np.exp(-10.0)))
+    assert last[0] == pytest.approx(expected, abs=5e-3)
+    assert len(reported) == 1
+
+
+@pytest.mark.parametrize("method", ["BDF", "Radau"])
+def test_settles_to_steady(network, method):
+    result = network.transient(HeatHistory.constant(1700.0, 20.0, 2 * DAY_S), POSE, options=TransientOptions(method))
+    steady = network.steady(POSE, 1700.0, 20.0)
+    assert np.abs(result.last.temperatures_K - steady.temperatures_K).max() < 1e-3
+    assert result.last.balance.relative_error < 1e-5
+
+
+def test_starts_at_the_surroundings_or_where_told(network):
+    history = HeatHistory.constant(1700.0, 35.0, 3600.0)
+    cold = network.transient(history, POSE)
+    assert np.all(cold.fields[0].temperatures_K == 308.15)
+    steady = network.steady(POSE, 1700.0, 35.0)
+    warm = network.transient(history, POSE, start=steady)
+    assert np.abs(warm.last.temperatures_K - steady.temperatures_K).max() < 1e-3
+
+
+def test_heat_that_came_in_is_there(network):
+    """Stored heat against the integral of the network's balance."""
+    times = np.linspace(0.0, 3600.0, 721)
+    result = network.transient(HeatHistory.constant(1700.0, 20.0, 3600.0), POSE, times_s=times)
+    capacity = network.circuit(POSE).capacity
+    stored = capacity @ (result.last.temperatures_K - result.fields[0].temperatures_K)
+    rates = [field.balance.stored_W for field in result.fields]
+    assert np.trapezoid(rates[4:], times[4:]) == pytest.approx(
+        capacity @ (result.last.temperatures_K - result.fields[4].temperatures_K), rel=1e-3
+    )
+    assert stored > 0.0
+
+
+def test_both_solvers_agree_through_history_and_poses(network):
+    history = HeatHistory(
+        np.array([0.0, 1800.0, 2400.0, 7200.0]),
+        np.array([1500.0, 1700.0, 1700.0, 1600.0]),
+        np.array([20.0, 20.0, 30.0, 30.0]),
+    )
+    poses = [(0.0, POSE), (2000.0, OTHER), (5000.0, POSE)]
+    bdf, radau = (
+        network.transient(history, poses, times_s=np.arange(0.0, 7201.0, 600.0), options=TransientOptions(method))
+        for method in ("BDF", "Radau")
+    )
+    assert bdf.leg_degC == pytest.approx(radau.leg_degC, abs=0.02)
+    assert bdf.platform_degC == pytest.approx(radau.platform_degC, abs=0.02)
+
+
+def test_after_a_change_of_pose_the_steel_keeps_its_heat(network):
+    history = HeatHistory.constant(1700.0, 20.0, 2 * DAY_S)
+    result = network.transient(
+        history, [(0.0, POSE), (DAY_S, OTHER)], times_s=np.array([DAY_S - 1.0, DAY_S, DAY_S + 1.0, 2 * DAY_S])
+    )
+    before, at, after, end = (field.temperatures_K for field in result.fields)
+    assert np.abs(at - before).max() < 0.01
+    # Only the cladding's thin surface is quick.
+    assert np.abs(after - at)[network.nodes.legs].max() < 3.0
+    assert np.abs(end - network.steady(OTHER).temperatures_K).max() < 1e-3
+    # The field's geometry is that of the pose held from then on.
+    assert result.fields[1].exposure.lengths_m == pytest.approx(network.exposure(OTHER).lengths_m)
+    assert result.fields[0].exposure.lengths_m == pytest.approx(network.exposure(POSE).lengths_m)
+
+
+def test_corners_are_where_the_slope_changes():
+    history = HeatHistory(np.arange(6.0), np.array([0.0, 1.0, 2.0, 2.0, 2.0, 3.0]), np.full(6, 20.0))
+    assert history.corners_s.tolist() == [2.0, 4.0]
+
+
+@pytest.mark.parametrize(
+    ("times", "melt", "says"),
+    [
+        ([0.0, 10.0, 5.0], [1700.0] * 3, "entry 3: its time of 5 s does not come after 10 s"),
+        ([0.0, 0.0], [1700.0] * 2, "entry 2"),
+        ([0.0], [1700.0], "at least two entries"),
+        ([0.0, float("nan")], [1700.0] * 2, "finite"),
+        ([0.0, 1.0], [1700.0] * 3, "3 entries"),
+    ],
+)
+def test_bad_histories(times, melt, says):
+    with pytest.raises(HistoryError, match=says) as caught:
+        HeatHistory(np.array(times), np.array(melt), np.full(len(times), 20.0))
+    assert "\n" not in str(caught.value)
+
+
+def test_impossible_temperatures_in_a_history():
+    with pytest.raises(TemperatureError, match="entry 2: melt"):
+        HeatHistory(np.array([0.0, 1.0]), np.array([1700.0, -400.0]), np.full(2, 20.0))
+
+
+def test_bad_schedules(network):
+    history = HeatHistory.constant(1700.0, 20.0, 100.0)
+    with pytest.raises(HistoryError, match="entry 2"):
+        network.transient(history, [(50.0, POSE), (10.0, OTHER)])
+    with pytest.raises(HistoryError, match="after the history's end"):
+        network.transient(history, [(0.0, POSE), (200.0, OTHER)])
+    with pytest.raises(HistoryError, match="no pose"):
+        PoseSchedule(())
+    for times in ([5.0, 1.0], [], [0.0, 200.0]):
+        with pytest.raises(HistoryError, match="times to report"):
+            network.transient(history, POSE, times_s=np.array(times))
+
+
+def test_a_history_file(tmp_path):
+    path = tmp_path / "shift.csv"
+    path.write_text("time_min, melt_degC, ambient_degC\n0,1500,20\n\n30,1700,25\n", encoding="utf-8")
+    history = read_history(path)
+    assert history.times_s.tolist() == [0.0, 1800.0]
+    assert history.at(900.0) == pytest.approx((1873.15, 295.65))
+    path.write_text("time_s,melt_degC\n0,1500\n30,1700\n", encoding="utf-8")
+    assert read_history(path, 15.0).ambient_degC.tolist() == [15.0, 15.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "line 1"),
+        ("time_s,melt\n0,1\n", "unknown column 'melt'; did you mean 'melt_degC'"),
+        ("time_s,time_min,melt_degC\n0,0,1\n", "one time column"),
+        ("time_s,melt_degC,melt_degC\n0,0,1\n", "stands twice"),
+        ("time_s,melt_degC\n0,1700\n5,\n", "line 3, column melt_degC"),
+        ("time_s,melt_degC\n0,1700\n5,1700\n4,1700\n", "line 4, column time_s: does not come after"),
+        ("time_s,melt_degC\n0,1700\n5,-300\n", "line 3, column melt_degC: -300 degC lies below"),
+        ("time_s,melt_degC\n0,1700\n", "at least two entries"),
+    ],
+)
+def test_bad_history_files(tmp_path, text, says):
+    path = tmp_path / "shift.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(TableError) as caught:
+        read_history(path)
+    assert says in str(caught.value)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
