@@ -13,7 +13,7 @@ from typing import cast
 
 import typer
 
-from pouring_robot.cli import export, path, pose, robots, sweep, view
+from pouring_robot.cli import campaign, export, path, pose, robots, sweep, view
 from pouring_robot.exceptions import PouringRobotError
 
 app = typer.Typer(
@@ -25,10 +25,11 @@ app = typer.Typer(
 )
 app.command("pose")(pose.pose)
 app.command("path")(path.path)
-app.command("sweep")(sweep.sweep)
 app.command("robots")(robots.robots)
 app.command("view")(view.view)
 app.command("export")(export.export)
+app.command("sweep")(sweep.sweep)
+app.add_typer(campaign.app, name="campaign")
 
 
 # Typer carries a Click of its own; this is its ClickException, the base of every complaint about arguments.

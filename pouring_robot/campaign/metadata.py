@@ -1,0 +1,239 @@
+"""``campaign.yaml``: what holds for a whole campaign. The file in its own units, and the same in SI units."""
+
+from __future__ import annotations
+
+import io
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import pydantic
+from pydantic import Field, Strict
+from ruamel.yaml import YAML
+
+from pouring_robot.campaign.columns import ABSOLUTE_ZERO_DEGC
+from pouring_robot.exceptions import CampaignError, CampaignFileError
+from pouring_robot.yaml_files import StrictModel, read_yaml, validate
+
+_Number = Annotated[float, Strict()]
+_Size = Annotated[_Number, Field(gt=0.0, lt=1e9)]
+_Triple = tuple[_Number, _Number, _Number]
+Triple = tuple[float, float, float]
+
+
+class CampaignMetadata(StrictModel):
+    """What holds for a whole campaign, in SI units. None: not stated.
+
+    Attributes:
+        robot: name of the robot.
+        description: a line for people.
+        target: the body the target sits on; where on it is unknown and always fitted.
+        frame: the frame the measurements are given in; where it stands is unknown and always fitted.
+        sigma_position_m: standard deviation of a measured coordinate, in m.
+        sigma_rotation_rad: standard deviation of a component of the measured rotation, in rad.
+        screw_pitch_m: travel of a leg a turn of its screw, in m.
+        truss_span_m: length of the rails, in m.
+        ladle_tare_kg: mass of the empty ladle, in kg.
+        ladle_centre_of_mass_m: centre of mass of the ladle in the moving platform's frame, in m.
+        reference_temperature_degC: temperature at which the drawing holds, in °C.
+    """
+
+    robot: str = "pouring_robot"
+    description: str = ""
+    target: str = "moving_platform"
+    frame: str = "tracker"
+    sigma_position_m: _Size | None = None
+    sigma_rotation_rad: _Size | None = None
+    screw_pitch_m: _Size | None = None
+    truss_span_m: _Size | None = None
+    ladle_tare_kg: _Size | None = None
+    ladle_centre_of_mass_m: Triple | None = None
+    reference_temperature_degC: float | None = None  # noqa: N815 - the unit is spelt as in the campaign files
+
+    def missing(self) -> tuple[str, ...]:
+        """Return the names of the facts that are not stated."""
+        return tuple(name for name, value in self if value is None)
+
+
+class _Section(StrictModel):
+    """A part of the file in which each fact may be given in one of several units."""
+
+    def _one_of(self, *names: str) -> Any:
+        given = [name for name in names if getattr(self, name) is not None]
+        if len(given) > 1:
+            raise ValueError(f"'{given[0]}' and '{given[1]}' say the same thing; keep one")
+        return getattr(self, given[0]) if given else None
+
+    def _scaled(self, **per_unit: float) -> float | None:
+        value = self._one_of(*per_unit)
+        name = next((name for name in per_unit if getattr(self, name) is not None), None)
+        return None if value is None or name is None else float(value) / per_unit[name]
+
+
+class _Metrology(_Section):
+    target: str = "moving_platform"
+    frame: str = "tracker"
+    sigma_position_mm: _Size | None = None
+    sigma_position_m: _Size | None = None
+    sigma_rotation_rad: _Size | None = None
+    sigma_rotation_mrad: _Size | None = None
+    sigma_rotation_deg: _Size | None = None
+
+    def position(self) -> float | None:
+        return self._scaled(sigma_position_m=1.0, sigma_position_mm=1e3)
+
+    def rotation(self) -> float | None:
+        return self._scaled(sigma_rotation_rad=1.0, sigma_rotation_mrad=1e3, sigma_rotation_deg=180.0 / math.pi)
+
+    @pydantic.model_validator(mode="after")
+    def _unambiguous(self) -> _Metrology:
+        self.position()
+        self.rotation()
+        return self
+
+
+class _Drives(_Section):
+    screw_pitch_mm: _Size | None = None
+    screw_pitch_m: _Size | None = None
+
+    def pitch(self) -> float | None:
+        return self._scaled(screw_pitch_m=1.0, screw_pitch_mm=1e3)
+
+    @pydantic.model_validator(mode="after")
+    def _unambiguous(self) -> _Drives:
+        self.pitch()
+        return self
+
+
+class _Truss(_Section):
+    span_m: _Size | None = None
+    span_mm: _Size | None = None
+
+    def span(self) -> float | None:
+        return self._scaled(span_m=1.0, span_mm=1e3)
+
+    @pydantic.model_validator(mode="after")
+    def _unambiguous(self) -> _Truss:
+        self.span()
+        return self
+
+
+class _Ladle(_Section):
+    tare_kg: _Size | None = None
+    centre_of_mass_mm: _Triple | None = None
+    centre_of_mass_m: _Triple | None = None
+
+    def centre(self) -> Triple | None:
+        triple = self._one_of("centre_of_mass_m", "centre_of_mass_mm")
+        if triple is None:
+            return None
+        divisor = 1.0 if self.centre_of_mass_m is not None else 1e3
+        x, y, z = (float(value) / divisor for value in triple)
+        return x, y, z
+
+    @pydantic.model_validator(mode="after")
+    def _unambiguous(self) -> _Ladle:
+        self.centre()
+        return self
+
+
+class _CampaignFile(_Section):
+    """The file as it is written."""
+
+    robot: str = "pouring_robot"
+    description: str = ""
+    metrology: _Metrology = _Metrology()
+    drives: _Drives = _Drives()
+    truss: _Truss = _Truss()
+    ladle: _Ladle = _Ladle()
+    reference_temperature_degC: Annotated[_Number, Field(ge=ABSOLUTE_ZERO_DEGC, lt=1e4)] | None = None  # noqa: N815
+    reference_temperature_K: Annotated[_Number, Field(ge=0.0, lt=1e4)] | None = None  # noqa: N815
+
+    def reference(self) -> float | None:
+        self._one_of("reference_temperature_degC", "reference_temperature_K")
+        kelvin = self.reference_temperature_K
+        return self.reference_temperature_degC if kelvin is None else kelvin + ABSOLUTE_ZERO_DEGC
+
+    @pydantic.model_validator(mode="after")
+    def _unambiguous(self) -> _CampaignFile:
+        self.reference()
+        return self
+
+    def to_si(self) -> CampaignMetadata:
+        return CampaignMetadata(
+            robot=self.robot,
+            description=self.description,
+            target=self.metrology.target,
+            frame=self.metrology.frame,
+            sigma_position_m=self.metrology.position(),
+            sigma_rotation_rad=self.metrology.rotation(),
+            screw_pitch_m=self.drives.pitch(),
+            truss_span_m=self.truss.span(),
+            ladle_tare_kg=self.ladle.tare_kg,
+            ladle_centre_of_mass_m=self.ladle.centre(),
+            reference_temperature_degC=self.reference(),
+        )
+
+
+def metadata_path(path: Path | str) -> Path:
+    """Return the YAML file that belongs to a campaign's table: the same stem, ``.yaml`` or ``.yml``.
+
+    Raises:
+        CampaignError: there is none.
+    """
+    table = Path(path)
+    try:
+        for suffix in (".yaml", ".yml"):
+            candidate = table.with_suffix(suffix)
+            if candidate.is_file():
+                return candidate
+    except (OSError, ValueError) as error:
+        raise CampaignError(table, f"is no usable file name: {error}") from error
+    beside = table.with_suffix(".yaml").name
+    raise CampaignError(table, f"the file {beside} with metrology noise and robot data is missing beside it; write one")
+
+
+def read_metadata(path: Path | str) -> CampaignMetadata:
+    """Read the YAML file of a campaign.
+
+    Raises:
+        CampaignFileError: the file cannot be read, or a key or value in it is wrong; names line and key.
+    """
+    path = Path(path)
+    return validate(_CampaignFile, read_yaml(path, CampaignFileError), path, CampaignFileError).to_si()
+
+
+def metadata_text(metadata: CampaignMetadata) -> str:
+    """Return metadata as the text of a campaign's YAML file, in the units people use; what is None is left out."""
+
+    def times(value: float | None, factor: float) -> float | None:
+        return None if value is None else float(f"{value * factor:.12g}")
+
+    centre = metadata.ladle_centre_of_mass_m
+    content: dict[str, Any] = {
+        "robot": metadata.robot,
+        "description": metadata.description,
+        "metrology": {
+            "target": metadata.target,
+            "frame": metadata.frame,
+            "sigma_position_mm": times(metadata.sigma_position_m, 1e3),
+            "sigma_rotation_rad": times(metadata.sigma_rotation_rad, 1.0),
+        },
+        "drives": {"screw_pitch_mm": times(metadata.screw_pitch_m, 1e3)},
+        "truss": {"span_m": times(metadata.truss_span_m, 1.0)},
+        "ladle": {
+            "tare_kg": times(metadata.ladle_tare_kg, 1.0),
+            "centre_of_mass_mm": None if centre is None else [times(value, 1e3) for value in centre],
+        },
+        "reference_temperature_degC": metadata.reference_temperature_degC,
+    }
+    stream = io.StringIO()
+    yaml = YAML()
+    yaml.width = 110
+    yaml.dump(_without_none(content), stream)
+    return stream.getvalue()
+
+
+def _without_none(content: dict[str, Any]) -> dict[str, Any]:
+    kept = {key: _without_none(value) if isinstance(value, dict) else value for key, value in content.items()}
+    return {key: value for key, value in kept.items() if value is not None and value != {}}

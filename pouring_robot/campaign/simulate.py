@@ -1,0 +1,225 @@
+"""Virtual measurement: the campaign that a robot as built would give, with noise, outliers, frames and lost cells."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from pouring_robot.campaign.columns import POSITION, ROTATION
+from pouring_robot.campaign.data import DRIVE_JOINTS, Campaign, arrays_from
+from pouring_robot.campaign.metadata import CampaignMetadata
+from pouring_robot.campaign.nominal import rotation_vectors
+from pouring_robot.campaign.plan import PosePlan
+from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
+from pouring_robot.mechanism import FloatArray
+from pouring_robot.robot import PouringRobot
+
+Progress = Callable[[Iterable[int]], Iterable[int]]
+ActualPoses = Callable[[PosePlan], list[pin.SE3]]
+_SCREW_PITCH_M = 0.010
+_REFERENCE_DEGC = 20.0
+
+
+@dataclass(frozen=True)
+class MeasurementOptions:
+    """How the virtual tracker measures.
+
+    Attributes:
+        sigma_position_m: standard deviation of a coordinate, in m; 0: exact.
+        sigma_rotation_rad: standard deviation of a rotation component, in rad; None: positions only.
+        outliers: number of rows with a gross error.
+        outlier_m: their shift is 0.5 to 1.5 times this, in a random direction, in m.
+        lost: share of measured cells that are empty, 0 to 1.
+        pose_tracker_to_fixed_platform: the fixed platform in the tracker frame; None: drawn.
+        pose_platform_to_target: the target on the moving platform; None: drawn.
+        seed: of everything random.
+
+    Raises:
+        BadInputError: a figure is out of range.
+    """
+
+    sigma_position_m: float = 5e-5
+    sigma_rotation_rad: float | None = 5e-5
+    outliers: int = 0
+    outlier_m: float = 5e-3
+    lost: float = 0.0
+    pose_tracker_to_fixed_platform: pin.SE3 | None = None
+    pose_platform_to_target: pin.SE3 | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse figures that mean nothing."""
+        for name, value, most in (
+            ("noise of a position", self.sigma_position_m, 1.0),
+            ("noise of a rotation", self.sigma_rotation_rad or 0.0, 1.0),
+            ("size of an outlier", self.outlier_m, 100.0),
+            ("share of lost cells", self.lost, 0.9),
+        ):
+            if not (math.isfinite(value) and 0.0 <= value <= most):
+                raise BadInputError(f"the {name} must be between 0 and {most:g}, not {value:g}")
+        if self.seed < 0 or self.outliers < 0:
+            raise BadInputError("the seed and the number of outliers must not be negative")
+
+
+@dataclass(frozen=True, eq=False)
+class VirtualMeasurement:
+    """A campaign and what was hidden in it.
+
+    Attributes:
+        campaign: what a user would get.
+        actual_poses: pose of the moving platform in the fixed platform of the robot as built, row by row.
+        pose_tracker_to_fixed_platform: the hidden outer frame.
+        pose_platform_to_target: the hidden inner frame.
+        outlier_rows: rows with a gross error, from 0.
+        lost_cells: row and quantity of each cell that was emptied.
+        seed: of everything random.
+    """
+
+    campaign: Campaign
+    actual_poses: tuple[pin.SE3, ...] = field(repr=False)
+    pose_tracker_to_fixed_platform: pin.SE3
+    pose_platform_to_target: pin.SE3
+    outlier_rows: tuple[int, ...]
+    lost_cells: tuple[tuple[int, str], ...]
+    seed: int
+
+    def truth_text(self, model: Path | None = None) -> str:
+        """Return what was hidden as JSON text; ``model`` is the model file the robot came from."""
+        content = {
+            "seed": self.seed,
+            "model": None if model is None else str(model),
+            "pose_tracker_to_fixed_platform": _frame_figures(self.pose_tracker_to_fixed_platform),
+            "pose_platform_to_target": _frame_figures(self.pose_platform_to_target),
+            "outliers": list(self.outlier_rows),
+            "outlier_lines": [int(self.campaign.lines[row]) for row in self.outlier_rows],
+            "lost_cells": [{"row": row, "column": self.campaign.heading(name)} for row, name in self.lost_cells],
+            "actual_poses": [_frame_figures(pose) for pose in self.actual_poses],
+        }
+        return json.dumps(content, indent=1, allow_nan=False) + "\n"
+
+
+def simulate_campaign(
+    robot: PouringRobot,
+    plan: PosePlan,
+    options: MeasurementOptions | None = None,
+    *,
+    path: Path | str = "campaign.csv",
+    actual_poses: ActualPoses | None = None,
+    progress: Progress | None = None,
+) -> VirtualMeasurement:
+    """Measure a robot as built without having it.
+
+    Args:
+        robot: the robot as built closes its loops at the drives that the drawing's kinematics command.
+        plan: the poses.
+        options: noise, outliers, frames, seed.
+        path: the name the campaign is to have.
+        actual_poses: gives the poses instead of the robot's closure, moving platform in fixed platform, row by row:
+            for effects that depend on the conditions of the plan.
+        progress: wraps the loop over the rows, such as a progress bar does.
+
+    Raises:
+        BadInputError: more outliers than rows are asked for.
+        CampaignError: the robot as built cannot take a pose; names the row.
+    """
+    options = options or MeasurementOptions()
+    rows = len(plan)
+    if options.outliers > rows:
+        raise BadInputError(f"{options.outliers} outliers do not fit into {rows} rows")
+    path = Path(path)
+    random = np.random.default_rng([options.seed, 2])
+    outer, inner = _frames(options, random)
+    actual = actual_poses(plan) if actual_poses else _close(robot, plan, path, progress)
+    seen = [outer * pose * inner for pose in actual]
+    position = np.array([pose.translation for pose in seen]) + random.normal(size=(rows, 3)) * options.sigma_position_m
+    wrong = np.sort(random.choice(rows, options.outliers, replace=False))
+    direction = random.normal(size=(wrong.size, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    position[wrong] += direction * random.uniform(0.5, 1.5, (wrong.size, 1)) * options.outlier_m
+    measured = dict(zip(POSITION, position.T, strict=True))
+    if options.sigma_rotation_rad is not None:
+        noise = random.normal(size=(rows, 3)) * options.sigma_rotation_rad
+        turned = np.array([pin.exp3(turn) @ pose.rotation for turn, pose in zip(noise, seen, strict=True)])
+        measured |= dict(zip(ROTATION, rotation_vectors(turned).T, strict=True))
+    lost = _lose(measured, options.lost, random)
+    campaign = _campaign(robot, plan, options, path, measured)
+    return VirtualMeasurement(
+        campaign, tuple(actual), outer, inner, tuple(int(row) for row in wrong), lost, options.seed
+    )
+
+
+def _close(robot: PouringRobot, plan: PosePlan, path: Path, progress: Progress | None) -> list[pin.SE3]:
+    actual = []
+    numbers: Iterable[int] = range(len(plan))
+    for row in progress(numbers) if progress else numbers:
+        drives = dict(zip(DRIVE_JOINTS, plan.drives[row].tolist(), strict=True))
+        try:
+            actual.append(robot.forward(drives, near=plan.poses[row]).pose("fixed_platform", "moving_platform"))
+        except NoSolutionError as error:
+            raise CampaignError(path, f"pose {row + 1} of the plan: {error}") from error
+    return actual
+
+
+def _frames(options: MeasurementOptions, random: np.random.Generator) -> tuple[pin.SE3, pin.SE3]:
+    """Return the frames given, or drawn: a tracker a few metres off, a target within reach of a hand; any attitude."""
+
+    def draw(lower: float, upper: float) -> pin.SE3:
+        direction, attitude = random.normal(size=3), random.normal(size=4)
+        distance = random.uniform(lower, upper) / np.linalg.norm(direction)
+        attitude /= np.linalg.norm(attitude)
+        return pin.SE3(pin.Quaternion(*attitude.tolist()).toRotationMatrix(), distance * direction)
+
+    # Both are always drawn, so that giving one does not change the noise.
+    outer, inner = draw(2.0, 5.0), draw(0.05, 0.25)
+    return options.pose_tracker_to_fixed_platform or outer, options.pose_platform_to_target or inner
+
+
+def _lose(measured: dict[str, FloatArray], share: float, random: np.random.Generator) -> tuple[tuple[int, str], ...]:
+    lost = []
+    for name, values in measured.items():
+        for row in np.flatnonzero(random.random(values.size) < share):
+            values[row] = np.nan
+            lost.append((int(row), name))
+    return tuple(lost)
+
+
+def _campaign(
+    robot: PouringRobot, plan: PosePlan, options: MeasurementOptions, path: Path, measured: dict[str, FloatArray]
+) -> Campaign:
+    ladle = robot.layout.ladle
+    metadata = CampaignMetadata(
+        description=f"virtual measurement of layout {robot.model.layout}, {len(plan)} poses, seed {options.seed}",
+        sigma_position_m=options.sigma_position_m or None,
+        sigma_rotation_rad=options.sigma_rotation_rad or None,
+        screw_pitch_m=_SCREW_PITCH_M,
+        truss_span_m=robot.layout.truss_span_m,
+        ladle_tare_kg=ladle.tare_kg,
+        ladle_centre_of_mass_m=ladle.centre_of_mass_m,
+        reference_temperature_degC=_REFERENCE_DEGC,
+    )
+    drives = {f"q{k + 1}": plan.drives[:, k] for k in range(4)}
+    arrays: dict[str, Any] = arrays_from(drives | plan.conditions | measured)
+    return Campaign(
+        path=path,
+        metadata=metadata,
+        lines=np.arange(2, len(plan) + 2),
+        samples=plan.samples,
+        sessions=plan.sessions,
+        headings={"session": "session", **{name: f"{name}_mm" for name in (*POSITION, "q1", "q2", "q3")}},
+        ignored_columns=(),
+        **arrays,
+    )
+
+
+def _frame_figures(pose: pin.SE3) -> dict[str, list[float]]:
+    return {
+        "translation_mm": (pose.translation * 1e3).tolist(),
+        "rotation_vector_rad": np.asarray(pin.log3(pose.rotation)).tolist(),
+    }

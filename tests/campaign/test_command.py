@@ -1,0 +1,88 @@
+"""``pouring-robot campaign``: exit codes, one-line errors, JSON, pictures, nothing half-written."""
+
+import json
+
+import pytest
+from PIL import Image
+
+from pouring_robot.cli import main
+from tests.checks import ACTUAL
+
+
+def simulate(folder, *more, name="c.csv"):
+    return main(["campaign", "simulate", "--out", str(folder / name), "--random", "40", "--seed", "6", *more])
+
+
+def test_simulate_and_check(tmp_path, capsys):
+    truth = tmp_path / "truth.json"
+    assert simulate(tmp_path, "--model", str(ACTUAL), "--outliers", "2", "--truth", str(truth)) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["c.csv", "c.yaml", "truth.json"]
+    hidden = json.loads(truth.read_text())
+    capsys.readouterr()
+    assert main(["campaign", "check", str(tmp_path / "c.csv"), "--png", str(tmp_path / "c.png")]) == 0
+    output = capsys.readouterr().out
+    for line in hidden["outlier_lines"]:
+        assert f"line {line}: outlier" in output
+    assert "40 rows of full poses" in output
+    with Image.open(tmp_path / "c.png") as picture:
+        assert picture.width > 1000
+        assert len(picture.convert("RGB").getcolors(1 << 20)) > 20
+    assert main(["campaign", "check", str(tmp_path / "c.csv"), "--json", "--model", str(ACTUAL)]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["outlier_rows"] == hidden["outliers"]
+    assert figures["rows"] == 40
+    assert figures["ranges"]["q1"]["unit"] == "mm"
+
+
+def test_parquet_frames_and_positions(tmp_path, capsys):
+    frame = ["100", "200", "300", "10", "20", "30"]
+    more = ["--position-only", "--tracker-frame", *frame, "--target-frame", *frame, "--lost", "0.05"]
+    assert simulate(tmp_path, *more, "--truth", str(tmp_path / "t.json"), name="c.parquet") == 0
+    capsys.readouterr()
+    assert json.loads((tmp_path / "t.json").read_text())["pose_platform_to_target"]["translation_mm"] == pytest.approx(
+        [100, 200, 300]
+    )
+    assert main(["campaign", "check", str(tmp_path / "c.parquet")]) == 0
+    output = capsys.readouterr().out
+    assert "40 rows of positions" in output
+    assert "checks: nothing found" in output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["campaign", "check", "no.csv"], "cannot be read"),
+        (["campaign", "simulate", "--out", "x.csv"], "--plan FILE or by --random"),
+        (["campaign", "simulate", "--out", "x.csv", "--random", "0"], "1 to 100000"),
+        (["campaign", "simulate", "--out", "x.csv", "--random", "5", "--lost", "7"], "share of lost cells"),
+        (["campaign", "simulate", "--out", "x.csv", "--random", "5", "--outliers", "9"], "9 outliers"),
+        (["campaign", "simulate", "--out", "x.yaml", "--random", "5"], "x.yaml"),
+        (["campaign", "simulate", "--out", "x.csv", "--random", "5", "--truth", "x.csv"], "same file name"),
+        (["campaign", "simulate", "--out", "no/x.csv", "--random", "5"], "does not exist"),
+        (["campaign"], "Missing command"),
+    ],
+)
+def test_bad_input_is_one_line(tmp_path, monkeypatch, capsys, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_does_not_overwrite_unless_told(tmp_path, capsys):
+    assert simulate(tmp_path) == 0
+    before = (tmp_path / "c.csv").read_bytes()
+    assert simulate(tmp_path) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert (tmp_path / "c.csv").read_bytes() == before
+    assert simulate(tmp_path, "--overwrite", "--noise-mm", "0.1") == 0
+    assert (tmp_path / "c.csv").read_bytes() != before
+
+
+def test_pictures_with_nothing_to_fit(tmp_path, capsys):
+    assert main(["campaign", "simulate", "--out", str(tmp_path / "c.csv"), "--random", "3"]) == 0
+    assert main(["campaign", "check", str(tmp_path / "c.csv"), "--png", str(tmp_path / "c.png")]) == 0
+    assert "too few" in capsys.readouterr().out
+    assert (tmp_path / "c.png").stat().st_size > 0

@@ -1,0 +1,161 @@
+"""Virtual measurement: seeded, whole or not at all, and read back as it was made."""
+
+import json
+import os
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from pouring_robot.campaign import (
+    MeasurementOptions,
+    check_campaign,
+    outlier_rows,
+    random_plan,
+    read_campaign,
+    read_plan,
+    simulate_campaign,
+    write_campaign,
+)
+from pouring_robot.exceptions import BadInputError, CampaignError, OutputError
+from tests.campaign.simulated import measure
+
+PLAN = "x_mm,y_mm,z_mm,tilt_deg,session,payload_kg\n-100,0,-600,10,a,300\n-110,10,-610,12,a,\n-90,-10,-500,0,b,100\n"
+
+
+@pytest.mark.parametrize("full", [True, False])
+def test_round_trip_simulate_read_check(tmp_path, as_built, full):
+    measured = measure(as_built, count=70, seed=21, outliers=3, lost=0.01, sigma_rotation_rad=5e-5 if full else None)
+    write_campaign(measured.campaign, tmp_path / "c.csv")
+    campaign = read_campaign(tmp_path / "c.csv")
+    assert campaign.full_pose is full
+    for name in ("drives", "position_m", "approach", "time_s", "payload_kg", "leg_degC", "platform_degC"):
+        np.testing.assert_allclose(getattr(campaign, name), getattr(measured.campaign, name), atol=1e-6, err_msg=name)
+    assert campaign.metadata == measured.campaign.metadata
+    assert "seed 21" in campaign.metadata.description
+    assert campaign.headings["q1"] == "q1_mm"
+    assert set(outlier_rows(check_campaign(campaign, as_built)).tolist()) == set(measured.outlier_rows)
+
+
+def test_noise_outliers_and_lost_cells_are_as_asked(as_built):
+    exact = measure(as_built, seed=3, sigma_position_m=0.0, sigma_rotation_rad=0.0)
+    noisy = measure(as_built, seed=3, count=60, outliers=4, outlier_m=0.01, lost=0.1)
+    error = noisy.campaign.position_m - exact.campaign.position_m
+    wrong = list(noisy.outlier_rows)
+    sound = np.setdiff1d(np.arange(60), wrong)
+    assert np.nanstd(error[sound]) == pytest.approx(5e-5, rel=0.2)
+    sizes = np.linalg.norm(error[wrong], axis=1)
+    assert np.all((sizes[np.isfinite(sizes)] > 0.0049) & (sizes[np.isfinite(sizes)] < 0.0151))
+    lost = ~np.isfinite(np.concatenate([noisy.campaign.position_m, noisy.campaign.rotation_vector_rad], axis=1))
+    assert lost.sum() == len(noisy.lost_cells)
+    assert 15 < lost.sum() < 60
+    seen = exact.pose_tracker_to_fixed_platform * exact.actual_poses[7] * exact.pose_platform_to_target
+    np.testing.assert_allclose(exact.campaign.position_m[7], seen.translation, atol=1e-14)
+    assert exact.campaign.metadata.sigma_position_m is None
+
+
+def test_is_seeded(drawing):
+    one, two, other = (measure(drawing, count=10, seed=seed).campaign for seed in (4, 4, 5))
+    np.testing.assert_array_equal(one.position_m, two.position_m)
+    assert not np.array_equal(one.position_m, other.position_m)
+
+
+def test_frames_may_be_given(drawing):
+    outer = pin.SE3(np.eye(3), np.array([1.0, 2.0, 3.0]))
+    measured = simulate_campaign(
+        drawing,
+        random_plan(drawing, 3, 0),
+        MeasurementOptions(0.0, None, pose_tracker_to_fixed_platform=outer, pose_platform_to_target=pin.SE3.Identity()),
+    )
+    expected = np.array([pose.translation for pose in measured.actual_poses]) + outer.translation
+    np.testing.assert_allclose(measured.campaign.position_m, expected, atol=1e-14)
+
+
+def test_conditions_may_move_the_robot(drawing):
+    def sagging(plan):
+        shift = -1e-5 * plan.conditions["payload"]
+        return [
+            pin.SE3(pose.to_se3().rotation, pose.to_se3().translation + np.array([0, 0, down]))
+            for pose, down in zip(plan.poses, shift, strict=True)
+        ]
+
+    plan = random_plan(drawing, 5, 0)
+    measured = simulate_campaign(drawing, plan, actual_poses=sagging)
+    heights = [pose.translation[2] for pose in measured.actual_poses]
+    expected = [
+        pose.position_m[2] - 1e-5 * load for pose, load in zip(plan.poses, plan.conditions["payload"], strict=True)
+    ]
+    assert heights == pytest.approx(expected)
+
+
+def test_reads_a_plan_with_conditions(tmp_path, drawing):
+    path = tmp_path / "plan.csv"
+    path.write_text(PLAN)
+    plan = read_plan(path, drawing)
+    assert plan.sessions == ("a", "a", "b")
+    assert plan.poses[1].position_m == pytest.approx((-0.11, 0.01, -0.61))
+    assert plan.conditions["payload"][0] == 300.0
+    assert np.isnan(plan.conditions["payload"][1])
+    assert plan.conditions["approach_q1"][1:].tolist() == np.sign(np.diff(plan.drives[:, 0])).tolist()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("-110", "-5000", ["line 3", "out of reach"]),
+        ("-110", "", ["line 3", "x_mm"]),
+        ("tilt_deg", "tilt_mm", ["tilt_mm"]),
+        ("payload_kg", "approach_q1", ["approach"]),
+    ],
+)
+def test_names_the_fault_of_a_plan(tmp_path, drawing, old, new, words):
+    path = tmp_path / "plan.csv"
+    path.write_text(PLAN.replace(old, new))
+    with pytest.raises(CampaignError) as caught:
+        read_plan(path, drawing)
+    for word in words:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"sigma_position_m": -1.0}, {"sigma_position_m": np.nan}, {"lost": 1.0}, {"seed": -1}, {"outliers": 99}],
+)
+def test_refuses_figures_that_mean_nothing(drawing, options):
+    with pytest.raises(BadInputError):
+        simulate_campaign(drawing, random_plan(drawing, 3, 0), MeasurementOptions(**options))
+    with pytest.raises(BadInputError):
+        random_plan(drawing, 0, 0)
+
+
+def test_writes_both_files_or_none(tmp_path, clean, monkeypatch):
+    path = tmp_path / "c.csv"
+    sync, calls = os.fsync, []
+
+    def fails_second(descriptor):
+        calls.append(descriptor)
+        if len(calls) == 2:
+            raise OSError(28, "No space left on device")
+        sync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", fails_second)
+    with pytest.raises(OutputError, match="No space"):
+        write_campaign(clean.campaign, path)
+    assert list(tmp_path.iterdir()) == []
+    path.write_text("old")
+    calls.clear()
+    with pytest.raises(OutputError, match="--overwrite"):
+        write_campaign(clean.campaign, path)
+    with pytest.raises(OutputError, match="No space"):
+        write_campaign(clean.campaign, path, overwrite=True)
+    assert path.read_text() == "old"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["c.csv"]
+    with pytest.raises(OutputError, match="beside it"):
+        write_campaign(clean.campaign, tmp_path / "c.yaml")
+
+
+def test_truth_is_json(real):
+    truth = json.loads(real.truth_text())
+    assert truth["seed"] == 5
+    assert len(truth["actual_poses"]) == 80
+    assert set(truth["pose_platform_to_target"]) == {"translation_mm", "rotation_vector_rad"}
