@@ -66,10 +66,14 @@ def check_writable(path: Path | str) -> None:
         OutputError: as :func:`write_whole` would.
     """
     given = Path(path)
-    target = given.resolve()
-    if target.is_dir():
-        raise OutputError(given, "it is a folder; give a file name")
-    if not target.parent.is_dir():
-        raise OutputError(given, f"the folder {given.parent} does not exist; make it first")
-    if not os.access(target if target.exists() and not target.is_file() else target.parent, os.W_OK):
-        raise OutputError(given, "permission denied; choose a place you may write to")
+    try:
+        target = given.resolve()
+        if target.is_dir():
+            raise OutputError(given, "it is a folder; give a file name")
+        if not target.parent.is_dir():
+            raise OutputError(given, f"the folder {given.parent} does not exist; make it first")
+        place = target if target.exists() and not target.is_file() else target.parent
+        if not os.access(place, os.W_OK):
+            raise OutputError(given, "permission denied; choose a place you may write to")
+    except OSError as error:
+        raise OutputError(given, f"{error.strerror or error}; choose a place you may write to") from error

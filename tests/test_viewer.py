@@ -263,7 +263,8 @@ def test_a_taken_port_is_one_line(tmp_path):
 
 def test_live_view_ends_with_ctrl_c_and_with_its_program(tmp_path):
     program = (
-        "import pathlib, sys\n"
+        "import pathlib, signal, sys\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # even where it is inherited as ignored
         "from pouring_robot.viewer import serve\n"
         "from tests.scenes import small_scene\n"
         "try:\n"
@@ -277,7 +278,10 @@ def test_live_view_ends_with_ctrl_c_and_with_its_program(tmp_path):
             port = int(process.stdout.readline().rsplit(":", 1)[1].strip("/\n"))
             socket.create_connection(("127.0.0.1", port), timeout=5).close()
             getattr(process, end)(*([2] if end == "send_signal" else []))
-            assert process.wait(10) == code
+            try:
+                assert process.wait(10) == code
+            finally:
+                process.kill()
         with pytest.raises(ConnectionRefusedError):
             socket.create_connection(("127.0.0.1", port), timeout=2)
 

@@ -29,8 +29,11 @@ def compiled(function: Function) -> Function:
 
 
 def outermost(function: Function) -> Function:
-    """Compile a kernel that Python calls, and keep it on disk."""
-    return cast("Function", numba.njit(cache=True, **_OPTIONS)(function))
+    """Compile a kernel that Python calls, and keep it on disk where there is a place that may be written."""
+    try:
+        return cast("Function", numba.njit(cache=True, **_OPTIONS)(function))
+    except RuntimeError:  # a read-only installation without a home: compiled anew in each process, same numbers
+        return cast("Function", numba.njit(**_OPTIONS)(function))
 
 
 def _stamp() -> int:

@@ -71,5 +71,6 @@ def print_json(content: Any) -> None:
 
 def console() -> Console:
     """Return the console that tables and notes are printed on."""
-    # Tables are cut to the terminal's width; where there is none (a pipe, a log) they must not be.
-    return Console(width=None if sys.stdout.isatty() else 120, highlight=False, soft_wrap=False)
+    # A figure must never be cut: on a narrow terminal long rows wrap instead.
+    found = Console(highlight=False, soft_wrap=False)
+    return Console(width=max(found.width, 120), highlight=False, soft_wrap=False)

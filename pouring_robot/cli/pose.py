@@ -23,9 +23,10 @@ def pose(
     options.refuse_unwritable(html, png)
     robot = options.robot_of(model, layout)
     location = robot.locate(PlatformPose.from_mm_deg(*at_mm, tilt_deg))
+    dexterity = robot.dexterity(location)  # may find a singular pose: before anything is written
     written = write_drawings([location], html, png, exaggerate)
     if as_json:
-        figures = location_figures(location, robot.dexterity(location))
+        figures = location_figures(location, dexterity)
         options.print_json(figures | {"layout": robot.model.layout, "written": [str(path) for path in written]})
         return
     console = options.console()

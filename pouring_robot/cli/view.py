@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import signal
 import webbrowser
 from typing import Annotated
 
@@ -31,6 +32,8 @@ def view(
     robot = options.robot_of(model, layout)
     scene = pose_scene([robot.locate(PlatformPose.from_mm_deg(*at_mm, tilt_deg))], exaggerate)
     console = options.console()
+    # Programs started in the background inherit Ctrl-C as ignored; this one ends with it all the same.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     with serve(scene, port) as live:
         console.print(f"the ladle is shown at {live.url} (this machine only); Ctrl-C ends it")
         if browser:
