@@ -279,3 +279,17 @@ class FrameFitError(BadInputError):
             f"the frames of tracker and target need at least {needed} rows with reachable drives and a complete "
             f"position, and there are {rows}; measure more poses, or mend the drive values"
         )
+
+
+class CalibrationError(NoSolutionError):
+    """A robot cannot be calibrated with these data; nothing is exported.
+
+    Attributes:
+        problem: what stands against it.
+        mend: what to do about it.
+    """
+
+    def __init__(self, problem: str, mend: str) -> None:
+        """Keep both."""
+        self.problem, self.mend = " ".join(problem.split()), " ".join(mend.split())
+        super().__init__(f"{self.problem}; {self.mend}")

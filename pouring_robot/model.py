@@ -1,7 +1,8 @@
 """The model file: one YAML that says how this robot differs from the drawing.
 
-It names a layout and the placement errors of joints. It is kept in the units people write (mm, mrad), so that
-reading and writing again changes no digit; SI values come out of :meth:`RobotModel.placement_errors`.
+It names a layout, the placement errors of joints and the offsets of drives. It is kept in the units people write
+(mm, mrad), so that reading and writing again changes no digit; SI values come out of
+:meth:`RobotModel.placement_errors` and :meth:`RobotModel.drive_offset_values`.
 """
 
 from __future__ import annotations
@@ -11,12 +12,14 @@ import os
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import pinocchio as pin
 import pydantic
+from lxml import etree
 from ruamel.yaml import YAML
 
 from pouring_robot.description import PlacementError, description_folder, perturb_urdf, render_urdf
-from pouring_robot.exceptions import BadInputError, DescriptionError, ModelFileError, UnknownJointError
+from pouring_robot.exceptions import BadInputError, DescriptionError, ModelFileError, UnknownJointError, closest
 from pouring_robot.files import write_whole
 from pouring_robot.loops import LoopsFile, load_loops
 from pouring_robot.mechanism import ClosedChainMechanism
@@ -57,6 +60,51 @@ class JointPlacement(StrictModel):
         rx, ry, rz = (value * MRAD for value in self.rotation_mrad)
         return PlacementError(translation_m=(tx, ty, tz), rotation_rad=(rx, ry, rz))
 
+    def to_se3(self) -> pin.SE3:
+        """Return the displacement as a pose: of the actual placement in the nominal one."""
+        error = self.to_si()
+        return pin.SE3(pin.exp3(np.array(error.rotation_rad)), np.array(error.translation_m))
+
+    @classmethod
+    def from_se3(cls, pose_nominal_to_actual: pin.SE3) -> JointPlacement:
+        """Take a displacement given as a pose.
+
+        Raises:
+            ValueError: it is too large for an error.
+        """
+        shift, turn = pose_nominal_to_actual.translation / MM, pin.log3(pose_nominal_to_actual.rotation) / MRAD
+        return cls(translation_mm=tuple(shift.tolist()), rotation_mrad=tuple(turn.tolist()))
+
+
+class DriveOffset(StrictModel):
+    """By how much a drive stands beyond its command: one of the two, as the drive is a length or an angle.
+
+    Attributes:
+        offset_mm: of a leg.
+        offset_mrad: of the tilt drive.
+    """
+
+    offset_mm: float | None = None
+    offset_mrad: float | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _one_small(self) -> DriveOffset:
+        if (self.offset_mm is None) == (self.offset_mrad is None):
+            raise ValueError("give either offset_mm or offset_mrad")
+        for value, limit, unit in ((self.offset_mm, _LARGEST_MM, "mm"), (self.offset_mrad, _LARGEST_MRAD, "mrad")):
+            if value is not None and abs(value) > limit:
+                raise ValueError(f"{value} {unit} is no drive offset (limit {limit} {unit}); check the unit")
+        return self
+
+    @property
+    def unit(self) -> Literal["m", "rad"]:
+        """Unit of the drive it fits."""
+        return "rad" if self.offset_mm is None else "m"
+
+    def to_si(self) -> float:
+        """Return the offset in m or rad."""
+        return (self.offset_mrad or 0.0) * MRAD if self.offset_mm is None else self.offset_mm * MM
+
 
 class RobotModel(StrictModel):
     """A robot as built: a layout and its errors.
@@ -67,6 +115,7 @@ class RobotModel(StrictModel):
         layout: name of the layout in the dimensions file.
         layouts_file: another dimensions file than the shipped one, relative to the model file's folder.
         joint_placements: placement error of each joint that has one, by URDF joint name.
+        drive_offsets: what is added to the command of each drive that has an offset, by URDF joint name.
     """
 
     format: Literal["pouring_robot/model/1"] = "pouring_robot/model/1"
@@ -74,12 +123,13 @@ class RobotModel(StrictModel):
     layout: str = "paper"
     layouts_file: str | None = None
     joint_placements: dict[str, JointPlacement] = pydantic.Field(default_factory=dict)
+    drive_offsets: dict[str, DriveOffset] = pydantic.Field(default_factory=dict)
 
     _folder: Path = pydantic.PrivateAttr(default_factory=Path)
 
     @classmethod
     def load(cls, path: Path | str) -> RobotModel:
-        """Read a model file and check that the robot has the joints it names.
+        """Read a model file and check that the robot has the joints and drives it names.
 
         Raises:
             ModelFileError: the file cannot be read, or a key, value, layout or joint in it is wrong.
@@ -88,6 +138,7 @@ class RobotModel(StrictModel):
         model = validate(cls, read_yaml(path, ModelFileError), path, ModelFileError)
         model._folder = path.parent
         try:
+            model.check_drive_offsets()
             model.urdf()
         except UnknownJointError as problem:
             raise ModelFileError(path, f"joint_placements: {problem}") from problem
@@ -133,6 +184,28 @@ class RobotModel(StrictModel):
         """Return the joint placement errors in m and rad."""
         return {joint: error.to_si() for joint, error in self.joint_placements.items()}
 
+    def drive_offset_values(self) -> dict[str, float]:
+        """Return the offset of each drive that has one, in m or rad."""
+        return {drive: offset.to_si() for drive, offset in self.drive_offsets.items()}
+
+    def check_drive_offsets(self) -> None:
+        """Check that every offset is one of a drive, in its unit.
+
+        Raises:
+            BadInputError: there is no such drive, or it is a length where an angle is given or the other way round.
+        """
+        if not self.drive_offsets:
+            return
+        drives = self.loops().drives
+        joints = {j.get("name"): j.get("type") for j in etree.fromstring(self.nominal_urdf().encode()).iter("joint")}
+        for drive, offset in self.drive_offsets.items():
+            if drive not in drives:
+                raise BadInputError(f"drive_offsets: the robot has no drive '{drive}'{closest(drive, drives)}")
+            unit = "m" if joints[drive] == "prismatic" else "rad"
+            if offset.unit != unit:
+                wanted = "offset_mm" if unit == "m" else "offset_mrad"
+                raise BadInputError(f"drive_offsets: '{drive}' needs {wanted}")
+
     def loops(self) -> LoopsFile:
         """Return the shipped declaration of the four loops."""
         return load_loops(loops_file())
@@ -165,9 +238,29 @@ class RobotModel(StrictModel):
         """Return the robot as built for programs that know no loops.
 
         In :meth:`urdf` the joint that only carries the platform in the tree stands as drawn. Here it stands so
-        that the carrying chain meets the platform at its displaced seat.
+        that the carrying chain meets the platform at its displaced seat, and the joint of a drive with an offset is
+        displaced by it, so that its value is the command.
         """
-        return meet_at_cut_joints(self.urdf(), self.loops())
+        return meet_at_cut_joints(self.with_offsets_placed().urdf(), self.loops())
+
+    def with_offsets_placed(self) -> RobotModel:
+        """Return the same robot with each drive's offset as a displacement of its joint along or about its axis.
+
+        A joint's placement M moved by an offset o and then by the command q is M moved by q + o.
+        """
+        if not self.drive_offsets:
+            return self
+        self.check_drive_offsets()
+        model = self.mechanism().shared_model
+        data = model.createData()
+        pin.computeJointJacobians(model, data, pin.neutral(model))
+        placements = dict(self.joint_placements)
+        for drive, offset in self.drive_offset_values().items():
+            joint = model.getJointId(drive)
+            axis = pin.getJointJacobian(model, data, joint, pin.LOCAL)[:, model.idx_vs[joint]]
+            present = placements.get(drive, JointPlacement()).to_se3()
+            placements[drive] = JointPlacement.from_se3(present * pin.exp6(pin.Motion(axis * offset)))
+        return self.model_copy(update={"joint_placements": placements, "drive_offsets": {}})
 
     def nominal_mechanism(self, chain_order: tuple[int, ...] = (1, 2, 3, 4)) -> ClosedChainMechanism:
         """Return the mechanism of the drawing."""

@@ -33,7 +33,7 @@ class LadleLocation:
         commanded: the pose the controller was asked for.
         drives: drive values it commands, in m and rad.
         nominal: the closed robot of the drawing.
-        actual: the closed robot as built, at the same drive values.
+        actual: the closed robot as built at the same commands; its drives stand at command plus their offsets.
         reach: every chain joint within its limits, the most limiting first.
         outside_workspace_m: by how far the position leaves the workspace box, per axis, in m; zero inside.
         outside_workspace_rad: by how far the tilt leaves it, in rad.
@@ -84,8 +84,14 @@ class PouringRobot:
         loads: Loads = NO_LOADS,
         options: ClosureOptions = DEFAULT_OPTIONS,
     ) -> None:
-        """Build both mechanisms."""
+        """Build both mechanisms.
+
+        Raises:
+            BadInputError: the model names a joint or drive that the robot does not have.
+        """
         self.model = model or RobotModel()
+        self.model.check_drive_offsets()
+        self._drive_offsets = self.model.drive_offset_values()
         self.nominal_solver = ClosureSolver(self.model.nominal_mechanism(), options=options)
         self.actual_solver = ClosureSolver(self.model.mechanism(), loads, options)
         self.kinematics = FourUPUKinematics(self.nominal_solver.mechanism)
@@ -95,8 +101,12 @@ class PouringRobot:
         """Workspace and ladle of the layout, in SI units."""
         return load_layout(self.model.layout, self.model.layouts_path)
 
+    def actual_drives(self, drives: dict[str, float]) -> dict[str, float]:
+        """Return where the drives of the robot as built stand for commanded values, in m and rad."""
+        return {name: value + self._drive_offsets.get(name, 0.0) for name, value in drives.items()}
+
     def forward(self, drives: dict[str, float], near: PlatformPose | None = None) -> ClosureResult:
-        """Close the robot as built for drive values (m, rad).
+        """Close the robot as built for commanded drive values (m, rad).
 
         Args:
             drives: l1, l2, l3 and theta46 by joint name.
@@ -107,7 +117,7 @@ class PouringRobot:
             UnreachablePoseError: the pose that has them is beyond a joint's limits.
         """
         start = near or self.kinematics.forward(drives)
-        result = self.actual_solver.solve(drives, self.kinematics.configuration(start))
+        result = self.actual_solver.solve(self.actual_drives(drives), self.kinematics.configuration(start))
         # Far from `near` the loops may also close in another assembly, whose joints are then beyond their limits.
         chain_joints = {name: result.joint_values[name] for name in self.kinematics.joint_values(start)}
         self.kinematics.refuse_beyond_limits(chain_joints)
@@ -133,7 +143,7 @@ class PouringRobot:
             commanded=pose,
             drives=drives,
             nominal=self.nominal_solver.solve(drives, start),
-            actual=self.actual_solver.solve(drives, start),
+            actual=self.actual_solver.solve(self.actual_drives(drives), start),
             reach=self.kinematics.reach(self.kinematics.joint_values(pose)),
             outside_workspace_m=outside,
             outside_workspace_rad=tilt_outside if tilt_outside > 1e-9 else 0.0,

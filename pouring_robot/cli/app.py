@@ -13,7 +13,7 @@ from typing import cast
 
 import typer
 
-from pouring_robot.cli import campaign, export, path, pose, robots, sweep, view
+from pouring_robot.cli import calibrate, campaign, export, path, pose, robots, sweep, view
 from pouring_robot.exceptions import PouringRobotError
 
 app = typer.Typer(
@@ -30,6 +30,7 @@ app.command("view")(view.view)
 app.command("export")(export.export)
 app.command("sweep")(sweep.sweep)
 app.add_typer(campaign.app, name="campaign")
+app.command("calibrate")(calibrate.calibrate)
 
 
 # Typer carries a Click of its own; this is its ClickException, the base of every complaint about arguments.

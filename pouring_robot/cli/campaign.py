@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from pouring_robot.cli import options
+from pouring_robot.cli import campaign_plan, options
 from pouring_robot.exceptions import BadInputError
 
 app = typer.Typer(
@@ -22,6 +22,7 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
+app.command("plan")(campaign_plan.plan)
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "cyan"}
 _BAR_FROM_ROWS = 500
 

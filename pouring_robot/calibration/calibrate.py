@@ -1,0 +1,249 @@
+"""From a campaign to a calibrated robot: check, split, choose, fit, judge on rows nobody has looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.stats
+from numpy.typing import NDArray
+
+from pouring_robot.calibration.amend import amended_model
+from pouring_robot.calibration.base_parameters import BaseParameters, base_parameters
+from pouring_robot.calibration.figures import Misfit, PosePerformance, pose_performance
+from pouring_robot.calibration.frames import first_frames
+from pouring_robot.calibration.ladle import LadleUncertainty, ladle_uncertainty, pose_platform_to_lip, workspace_rows
+from pouring_robot.calibration.measurement import FRAMES, MeasurementModel, ModelledRows, Unknowns
+from pouring_robot.calibration.noise import NoiseLevel, fit_with_noise, repeats, stated_noise
+from pouring_robot.calibration.parameter_sets import ParameterCatalogue, ParameterGroup, all_parameters
+from pouring_robot.calibration.residuals import MeasuredPoses, regressor
+from pouring_robot.calibration.selection import Selection, select_groups
+from pouring_robot.calibration.solver import Fit, FitOptions, identify
+from pouring_robot.calibration.splits import HoldOut, Split, split
+from pouring_robot.calibration.tolerances import Tolerances
+from pouring_robot.campaign import Campaign, DataFlag, FlagCode, Severity, check_campaign, outlier_rows
+from pouring_robot.exceptions import CampaignError
+from pouring_robot.mechanism import FloatArray
+from pouring_robot.model import RobotModel
+from pouring_robot.robot import PouringRobot
+
+Progress = Callable[[str], None]
+_ROW_FLAGS = (FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES)
+_SURE = 1e-3  # chance at which residuals count as larger than the noise
+
+
+@dataclass(frozen=True)
+class CalibrationOptions:
+    """What to identify and how.
+
+    Attributes:
+        parameters: sets, groups or patterns; each becomes a group that is kept or dropped as a whole.
+        tolerances: priors; by default the shipped ones.
+        hold_out: what kind of blocks to hold out.
+        choose: whether groups are kept only where they help held-out rows; otherwise all are kept.
+        fit: loss and limits.
+        threads: how many share the work; by default one a core.
+    """
+
+    parameters: tuple[str, ...] = ("geometry",)
+    tolerances: Tolerances | None = None
+    hold_out: HoldOut = "auto"
+    choose: bool = True
+    fit: FitOptions = field(default_factory=FitOptions)
+    threads: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A calibrated robot and everything that says how far to trust it.
+
+    Attributes:
+        campaign: the data.
+        present: the robot before.
+        calibrated: the robot after: what to export.
+        flags: what the checks of the data found.
+        left_out: rows that took no part: outliers, and poses or drives out of reach.
+        split: who was held out when.
+        noise: of the measurement.
+        candidates: the groups that were to choose from.
+        selection: the groups kept and what was tried.
+        fit: the answer, to all training rows with the groups kept; its covariance is at the noise level as given.
+        inflation: factor on all standard deviations where the residuals are larger than the noise; 1 where not.
+        unknown_names: name of each unknown, frames first; ``unknown_units`` its unit.
+        before: measured minus predicted by the present robot with its frames fitted to the training rows; all rows,
+            shape (n, 6), in m and rad, tracker axes; NaN where missing. ``after`` by the calibrated robot.
+        base: what the training rows can tell of the groups kept, at the present robot.
+        ladle: how well the calibrated robot knows its ladle over the workspace.
+        performance: ISO 9283-style figures; None without repeats.
+    """
+
+    campaign: Campaign
+    present: RobotModel
+    calibrated: RobotModel
+    flags: tuple[DataFlag, ...]
+    left_out: NDArray[np.intp]
+    split: Split
+    noise: NoiseLevel
+    candidates: tuple[ParameterGroup, ...]
+    selection: Selection
+    fit: Fit
+    inflation: float
+    unknown_names: tuple[str, ...]
+    unknown_units: tuple[str, ...]
+    before: FloatArray
+    after: FloatArray
+    base: BaseParameters
+    ladle: LadleUncertainty
+    performance: PosePerformance | None
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviation of each unknown, shape (12 + P,), in m and rad, inflation included."""
+        return self.fit.std * self.inflation
+
+    @property
+    def correlation(self) -> FloatArray:
+        """Correlation of the unknowns, shape (12 + P, 12 + P)."""
+        return np.asarray(self.fit.covariance / np.outer(self.fit.std, self.fit.std))
+
+    @property
+    def changed(self) -> bool:
+        """Whether any parameter was kept."""
+        return bool(self.selection.groups)
+
+    def misfit(self, rows: NDArray[np.intp], *, after: bool) -> Misfit:
+        """Return the misfit over rows, those left out excluded."""
+        return Misfit.of((self.after if after else self.before)[np.setdiff1d(rows, self.left_out)])
+
+
+def calibrate(
+    campaign: Campaign,
+    model: RobotModel | None = None,
+    options: CalibrationOptions | None = None,
+    progress: Progress | None = None,
+) -> Calibration:
+    """Calibrate a robot.
+
+    Args:
+        campaign: the data.
+        model: the present robot; parameters come on top of its errors. By default the drawing.
+        options: what to identify and how.
+        progress: is told what is being done.
+
+    Raises:
+        CampaignError: the data are wrong as a whole (units, frames, columns); ``campaign check`` says more.
+        FrameFitError: too few rows.
+        CalibrationError: too few rows, or the fit fails; nothing is to be exported.
+        BadInputError: the parameters or tolerances are wrong.
+    """
+    options, model = options or CalibrationOptions(), model or RobotModel()
+    say = progress or (lambda text: None)
+    tolerances = options.tolerances or Tolerances.load()
+    robot = PouringRobot(model)
+    candidates = ParameterCatalogue(robot.nominal_solver.mechanism).groups(options.parameters)
+    say("checking the data")
+    flags, left_out = _checked(campaign, robot)
+    parts = split(campaign, left_out, options.hold_out)
+    everything = MeasurementModel(model, all_parameters(candidates), options.threads)
+    rows = everything.at(campaign.drives)
+    noise = stated_noise(campaign, parts.train)
+    measured = _measured(campaign, left_out, noise)
+    if noise.from_residuals:
+        say("estimating the noise from residuals")
+        noise = _residual_noise(rows, measured, parts, tolerances, noise, options.fit)
+        measured = measured.with_noise(noise.position_m, noise.rotation_rad)
+    say("choosing parameters")
+    selection = Selection(candidates, ())
+    if options.choose:
+        selection = select_groups(rows, measured, parts, candidates, tolerances, options.fit, progress)
+    say("fitting")
+    chosen = rows.with_model(everything.with_parameters(all_parameters(selection.groups)))
+    prior = tolerances.prior(chosen.model.parameters)
+    start, _ = first_frames(chosen[parts.train], measured[parts.train])
+    fit = identify(chosen[parts.train], measured[parts.train], start, prior, options.fit)
+    calibrated = amended_model(model, chosen.model, fit.unknowns.parameters)
+    say("judging")
+    full = MeasuredPoses.from_campaign(campaign, noise.position_m, noise.rotation_rad)
+    frames_only = rows.with_model(everything.with_parameters(()))
+    before = full.difference(frames_only.predict(_before(frames_only, measured, parts, tolerances, options.fit)))
+    after = full.difference(chosen.predict(fit.unknowns))
+    inflation = _inflation(fit)
+    alike = repeats(campaign, np.setdiff1d(np.flatnonzero(campaign.usable), left_out))
+    seen = regressor(chosen[parts.train].linearise(start), measured.sigma, measured[parts.train].known)
+    return Calibration(
+        campaign=campaign,
+        present=model,
+        calibrated=calibrated,
+        flags=flags,
+        left_out=left_out,
+        split=parts,
+        noise=noise,
+        candidates=candidates,
+        selection=selection,
+        fit=fit,
+        inflation=inflation,
+        unknown_names=chosen.model.names,
+        unknown_units=chosen.model.units,
+        before=before,
+        after=after,
+        base=base_parameters(seen, chosen.model.names, lead=chosen.model.names[:FRAMES]),
+        ladle=_ladle(robot, chosen.model, fit.unknowns, fit.covariance * inflation**2),
+        performance=pose_performance(measured, before, after, alike),
+    )
+
+
+def _checked(campaign: Campaign, robot: PouringRobot) -> tuple[tuple[DataFlag, ...], NDArray[np.intp]]:
+    """Return what the checks found and the rows to leave out; refuse data that are wrong as a whole."""
+    flags = tuple(check_campaign(campaign, robot))
+    for flag in flags:
+        if flag.severity == Severity.ERROR and flag.code not in _ROW_FLAGS:
+            raise CampaignError(campaign.path, f"{flag.message}; {flag.mend}")
+    return flags, outlier_rows(flags)
+
+
+def _measured(campaign: Campaign, left_out: NDArray[np.intp], noise: NoiseLevel) -> MeasuredPoses:
+    """Return what was measured, rows left out as missing."""
+    measured = MeasuredPoses.from_campaign(campaign, noise.position_m, noise.rotation_rad)
+    measured.position_m[left_out], measured.rotation[left_out] = np.nan, np.nan
+    return measured
+
+
+def _residual_noise(
+    rows: ModelledRows,
+    measured: MeasuredPoses,
+    parts: Split,
+    tolerances: Tolerances,
+    noise: NoiseLevel,
+    options: FitOptions,
+) -> NoiseLevel:
+    """Return the noise as what the richest model leaves over of the training rows."""
+    train, seen = rows[parts.train], measured[parts.train]
+    start, _ = first_frames(train, seen)
+    _, found = fit_with_noise(train, seen, start, tolerances.prior(rows.model.parameters), noise, options)
+    return found
+
+
+def _before(
+    frames_only: ModelledRows, measured: MeasuredPoses, parts: Split, tolerances: Tolerances, options: FitOptions
+) -> Unknowns:
+    """Return the frames alone, fitted to the training rows with the present robot."""
+    train, seen = frames_only[parts.train], measured[parts.train]
+    start, _ = first_frames(train, seen)
+    return identify(train, seen, start, tolerances.prior(()), options).unknowns
+
+
+def _inflation(fit: Fit) -> float:
+    """Return by how much residuals exceed the noise, where that is no accident; else 1."""
+    freedom = fit.freedom()
+    if freedom < 1.0:
+        return 1.0
+    ratio = fit.chi_square() / freedom
+    return float(np.sqrt(ratio)) if scipy.stats.chi2.sf(fit.chi_square(), freedom) < _SURE else 1.0
+
+
+def _ladle(
+    robot: PouringRobot, model: MeasurementModel, unknowns: Unknowns, covariance: FloatArray
+) -> LadleUncertainty:
+    poses, rows = workspace_rows(model, robot.layout)
+    return ladle_uncertainty(rows, poses, unknowns, covariance, pose_platform_to_lip(model.engine.structure.mechanism))

@@ -1,0 +1,100 @@
+"""How well the calibrated model knows the ladle: prediction intervals over the workspace and at measured poses."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from pouring_robot.calibration.measurement import FRAMES, MeasurementModel, ModelledRows, Unknowns
+from pouring_robot.exceptions import NoSolutionError
+from pouring_robot.layout import Layout
+from pouring_robot.mechanism import ClosedChainMechanism, FloatArray
+from pouring_robot.poses import PlatformPose
+
+_SHARES = (0.1, 0.5, 0.9)  # of the workspace box along each axis
+
+
+@dataclass(frozen=True, eq=False)
+class LadleUncertainty:
+    """Standard deviation of the predicted pouring lip, as the tracker would see it, noise apart.
+
+    The lip is taken to move rigidly with the target, where the target was measured; so the place of the target on
+    the platform, which no campaign shows, does not count.
+
+    Attributes:
+        poses: commanded poses x, y, z in m and the tilt in rad, shape (n, 4).
+        std_m: of x, y and z in tracker axes, shape (n, 3), in m.
+        std_rad: of the rotation, shape (n, 3), in rad.
+    """
+
+    poses: FloatArray
+    std_m: FloatArray
+    std_rad: FloatArray
+
+    @property
+    def half_width_m(self) -> FloatArray:
+        """Half the 95 % interval of the worst coordinate of each pose, shape (n,), in m."""
+        return np.asarray(1.96 * self.std_m.max(axis=1))
+
+
+def pose_platform_to_lip(mechanism: ClosedChainMechanism) -> pin.SE3:
+    """Return where the pouring lip sits on the moving platform.
+
+    Raises:
+        UnknownFrameError: the robot has no lip.
+    """
+    frames = mechanism.shared_model.frames
+    platform, lip = (frames[mechanism.frame_id(name)].placement for name in ("moving_platform", "ladle_lip"))
+    return platform.actInv(lip)
+
+
+def workspace_poses(layout: Layout) -> list[PlatformPose]:
+    """Return the poses of a grid inside the workspace box."""
+    lower = np.append(layout.position_lower_m, layout.tilt_lower_rad)
+    upper = np.append(layout.position_upper_m, layout.tilt_upper_rad)
+    grid = (lower + np.array(shares) * (upper - lower) for shares in itertools.product(_SHARES, repeat=4))
+    return [PlatformPose((float(p[0]), float(p[1]), float(p[2])), float(p[3])) for p in grid]
+
+
+def workspace_rows(model: MeasurementModel, layout: Layout) -> tuple[FloatArray, ModelledRows]:
+    """Return the poses of the grid that the robot can take, shape (n, 4), and their rows."""
+    poses, drives = [], []
+    for pose in workspace_poses(layout):
+        try:
+            drives.append(list(model.kinematics.inverse(pose).values()))
+        except NoSolutionError:
+            continue
+        poses.append([*pose.position_m, pose.tilt_rad])
+    return np.array(poses).reshape(-1, 4), model.at(np.array(drives).reshape(-1, 4))
+
+
+def ladle_uncertainty(
+    rows: ModelledRows, poses: FloatArray, unknowns: Unknowns, covariance: FloatArray, pose_platform_to_lip: pin.SE3
+) -> LadleUncertainty:
+    """Carry the covariance of the unknowns to the lip.
+
+    Args:
+        rows: commands to predict.
+        poses: the same as poses, for the report, shape (n, 4).
+        unknowns: the calibrated values.
+        covariance: of all unknowns, in m and rad.
+        pose_platform_to_lip: where the lip sits on the moving platform.
+    """
+    seen = rows.linearise(unknowns)
+    closed = seen.closed
+    if seen.jacobian is None:
+        raise NoSolutionError("the prediction holds no Jacobian")
+    jacobian, rotation = seen.jacobian[closed], seen.closure.rotation[closed]
+    turning = jacobian[:, 3:].copy()
+    turning[:, :, 6:FRAMES] = 0.0  # the attitude of the target on the platform does not move the lip
+    arm = pose_platform_to_lip.translation - unknowns.inner.translation
+    lever = np.einsum("ij,njk,k->ni", unknowns.outer.rotation, rotation, arm)
+    lip = jacobian[:, :3] + np.cross(turning.transpose(0, 2, 1), lever[:, None, :]).transpose(0, 2, 1)
+    return LadleUncertainty(poses[closed], _std(lip, covariance), _std(turning, covariance))
+
+
+def _std(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
+    return np.asarray(np.sqrt(np.maximum(((jacobian @ covariance) * jacobian).sum(axis=2), 0.0)))

@@ -1,0 +1,103 @@
+"""What moved: single parameters, and the combinations of them that a campaign determines."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from pouring_robot.calibration.base_parameters import combination_text, robot_combinations
+from pouring_robot.calibration.calibrate import Calibration
+from pouring_robot.calibration.measurement import FRAMES
+from pouring_robot.poses import MM, MRAD
+
+Z95 = 1.959963984540054
+"""Half the 95 % interval of a normal deviate."""
+LEARNT = 0.5
+"""A parameter is measured when the data took at least this share of its prior variance away."""
+
+
+@dataclasses.dataclass(frozen=True)
+class ParameterLine:
+    """One parameter as it is shown.
+
+    Attributes:
+        name: of the parameter; ``group`` it was kept with.
+        unit: mm or mrad.
+        value: in that unit, on top of the present model; ``std`` its standard deviation; ``prior_std`` before.
+        learnt: share of the prior variance that the data took away, 0 to 1.
+    """
+
+    name: str
+    group: str
+    unit: str
+    value: float
+    std: float
+    prior_std: float
+    learnt: float
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval."""
+        return self.value - Z95 * self.std, self.value + Z95 * self.std
+
+    @property
+    def verdict(self) -> str:
+        """What to make of it, in words."""
+        if self.learnt < LEARNT:
+            return "held by its tolerance"
+        return "moved" if abs(self.value) > Z95 * self.std else "measured, not off"
+
+
+def parameter_lines(calibration: Calibration) -> list[ParameterLine]:
+    """Return the parameters kept, in order."""
+    fit, std = calibration.fit, calibration.std
+    names = [(group.name, p) for group in calibration.selection.groups for p in group.parameters]
+    lines = []
+    for k, (group, parameter) in enumerate(names, start=FRAMES):
+        unit, factor = ("mm", MM) if parameter.unit == "m" else ("mrad", MRAD)
+        value, error, prior = (float(v[k]) / factor for v in (fit.unknowns.values, std, fit.prior_std))
+        lines.append(ParameterLine(parameter.name, group, unit, value, error, prior, float(fit.learnt[k])))
+    return lines
+
+
+@dataclasses.dataclass(frozen=True)
+class CombinationLine:
+    """One combination of parameters that the campaign determines, the frames left out.
+
+    Attributes:
+        text: the combination by name.
+        unit: mm or mrad.
+        value: in that unit; ``std`` its standard deviation; ``prior_std`` before.
+    """
+
+    text: str
+    unit: str
+    value: float
+    std: float
+    prior_std: float
+
+    @property
+    def moved(self) -> bool:
+        """Whether the 95 % interval leaves out zero."""
+        return abs(self.value) > Z95 * self.std
+
+
+def combination_lines(calibration: Calibration) -> list[CombinationLine]:
+    """Return what the campaign determines, the surest movement first.
+
+    Combinations with an outer frame in them say nothing of the robot.
+    """
+    base, fit = calibration.base, calibration.fit
+    lines = []
+    for combination in robot_combinations(base, base.names[:FRAMES]):
+        shares = np.zeros(len(base.names))
+        for name, share in combination.items():
+            shares[base.names.index(name)] = share
+        leader = calibration.unknown_units[base.names.index(next(iter(combination)))]
+        unit, factor = ("mm", MM) if leader == "m" else ("mrad", MRAD)
+        std = float(np.sqrt(shares @ fit.covariance @ shares)) * calibration.inflation
+        prior = float(np.linalg.norm(shares * fit.prior_std))
+        value = float(shares @ fit.unknowns.values)
+        lines.append(CombinationLine(combination_text(combination), unit, value / factor, std / factor, prior / factor))
+    return sorted(lines, key=lambda line: -abs(line.value) / line.std)

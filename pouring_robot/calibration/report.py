@@ -1,0 +1,219 @@
+"""The exit report: what a shop-floor engineer reads, as text and as one self-contained HTML page."""
+
+from __future__ import annotations
+
+import base64
+import html
+import math
+from collections.abc import Iterable, Sequence
+
+from pouring_robot.calibration.calibrate import Calibration
+from pouring_robot.calibration.figures import Misfit
+from pouring_robot.calibration.lines import CombinationLine, ParameterLine, combination_lines, parameter_lines
+from pouring_robot.calibration.pictures import pictures
+from pouring_robot.calibration.summary import next_measurements, noise_floor, warnings_of
+from pouring_robot.poses import MM
+
+SHOWN, WIDTH = 12, 60
+"""Combinations, and letters of each, shown on a terminal; the page shows all."""
+Row = Sequence[str]
+
+
+def headline(calibration: Calibration) -> str:
+    """Return the outcome in one sentence."""
+    before, after = (calibration.misfit(calibration.split.test, after=a) for a in (False, True))
+    floor = noise_floor(calibration)
+    if not calibration.changed:
+        return f"Nothing to calibrate: held-out rows are at {before.rms_mm:.3f} mm RMS, noise {floor['rms_mm']:.3f} mm."
+    turn = f" and {before.rms_mrad:.3f} to {after.rms_mrad:.3f} mrad" if math.isfinite(after.rms_mrad) else ""
+    return (
+        f"Held-out error {before.rms_mm:.3f} to {after.rms_mm:.3f} mm RMS{turn}; noise floor {floor['rms_mm']:.3f} mm."
+    )
+
+
+def gap_rows(calibration: Calibration) -> list[Row]:
+    """Return the table of errors: rows, what, RMS, P95 and largest in mm and mrad."""
+    floor, split = noise_floor(calibration), calibration.split
+    table: list[Row] = []
+    for name, rows in (("held out", split.test), ("fitted", split.train)):
+        for label, after in (("before", False), ("after", True)):
+            table.append((name, label, *_misfit_cells(calibration.misfit(rows, after=after))))
+    nothing = "–"
+    table.append(
+        (
+            "noise",
+            "floor",
+            *(_number(v) for v in (floor["rms_mm"], floor["p95_mm"])),
+            nothing,
+            *(_number(v) for v in (floor["rms_mrad"], floor["p95_mrad"])),
+            nothing,
+            nothing,
+        )
+    )
+    return table
+
+
+GAP_HEAD = ("rows", "", "RMS mm", "P95 mm", "max mm", "RMS mrad", "P95 mrad", "max mrad", "count")
+
+
+def _misfit_cells(misfit: Misfit) -> Row:
+    figures = (misfit.rms_mm, misfit.p95_mm, misfit.max_mm, misfit.rms_mrad, misfit.p95_mrad, misfit.max_mrad)
+    return (*(_number(v) for v in figures), str(misfit.rows))
+
+
+def _number(value: float) -> str:
+    return f"{value:.4f}" if math.isfinite(value) else "–"
+
+
+PARAMETER_HEAD = ("parameter", "off by", "± 95 %", "unit", "tolerance (1σ)", "learnt", "")
+
+
+def parameter_rows(lines: Iterable[ParameterLine]) -> list[Row]:
+    """Return the table of parameters, the surest movement first."""
+    order = sorted(lines, key=lambda line: (line.verdict != "moved", -abs(line.value) / line.std))
+    return [
+        (
+            line.name,
+            f"{line.value:+.4f}",
+            f"{1.96 * line.std:.4f}",
+            line.unit,
+            f"{line.prior_std:.3g}",
+            f"{line.learnt:.0%}",
+            line.verdict,
+        )
+        for line in order
+    ]
+
+
+COMBINATION_HEAD = ("what the data determine", "off by", "± 95 %", "unit", "tolerance (1σ)", "")
+
+
+def combination_rows(lines: Iterable[CombinationLine], width: int = 10_000) -> list[Row]:
+    """Return the table of identifiable combinations, their texts cut to a width."""
+    return [
+        (
+            line.text if len(line.text) <= width else line.text[: width - 2] + " …",
+            f"{line.value:+.4f}",
+            f"{1.96 * line.std:.4f}",
+            line.unit,
+            f"{line.prior_std:.3g}",
+            "moved" if line.moved else "",
+        )
+        for line in lines
+    ]
+
+
+def performance_lines(calibration: Calibration) -> list[str]:
+    """Return accuracy and repeatability in words."""
+    found = calibration.performance
+    if found is None:
+        return ["ISO 9283 accuracy and repeatability: not known, no pose was measured three times or more"]
+    turn = ""
+    if math.isfinite(found.rp_mrad):
+        turn = (
+            f"; attitude {found.ap_before_mrad:.3f} before, {found.ap_after_mrad:.3f} after, repeatability "
+            f"{found.rp_mrad:.3f} mrad"
+        )
+    return [
+        f"after ISO 9283 ({found.poses} poses, {found.cycles} or more repeats; the standard asks for 30): accuracy "
+        f"{found.ap_before_mm:.3f} mm before, {found.ap_after_mm:.3f} mm after; repeatability {found.rp_mm:.3f} mm"
+        + turn
+    ]
+
+
+def ladle_line(calibration: Calibration) -> str:
+    """Return how well the ladle is known."""
+    half = calibration.ladle.half_width_m / MM
+    if not half.size:
+        return "the workspace box holds no pose the robot can take"
+    return (
+        f"the model knows each coordinate of the pouring lip to ±{sorted(half)[half.size // 2]:.3f} mm (95 %, median "
+        f"of {half.size} poses), at worst ±{half.max():.3f} mm; measurement noise comes on top"
+    )
+
+
+def group_lines(calibration: Calibration) -> list[str]:
+    """Return the dependent groups by name: what can be told, and how much cannot."""
+    lines = []
+    for group in calibration.base.groups:
+        lines.append(f"{len(group.members)} tied, {group.hidden} direction(s) unseen: {', '.join(group.members)}")
+        lines += [f"    identifiable: {text}" for text in group.texts()]
+    if calibration.base.unseen:
+        lines.append(f"without any effect here: {', '.join(calibration.base.unseen)}")
+    return lines
+
+
+def split_line(calibration: Calibration) -> str:
+    """Return which rows served for what."""
+    split = calibration.split
+    return (
+        f"held out: {split.test_name} ({split.test.size} rows), used for the final figures only; fitted: "
+        f"{split.train.size} rows in {len(split.folds)} blocks; left out: {calibration.left_out.size} rows"
+    )
+
+
+# --- HTML -----------------------------------------------------------------------------------------------------------
+
+_STYLE = """
+body{font:15px/1.45 system-ui,sans-serif;max-width:68rem;margin:2rem auto;padding:0 1rem;color:#1b1f23}
+table{border-collapse:collapse;margin:.6rem 0;font-variant-numeric:tabular-nums}
+th,td{padding:.2rem .7rem;text-align:right;border-bottom:1px solid #d8dee4}
+th:first-child,td:first-child,th:nth-child(2),td:last-child{text-align:left}
+.warn{background:#fff4d6;border-left:4px solid #d99000;padding:.4rem .8rem;margin:.3rem 0}
+.lead{font-size:1.25rem}img{max-width:100%}code,li.mono{font-family:ui-monospace,monospace;font-size:.9em}
+"""
+
+
+def html_report(calibration: Calibration) -> str:
+    """Return the report as one page without any outside file."""
+    text = html.escape
+    lines = parameter_lines(calibration)
+    parts = [
+        "<!doctype html><html lang='en'><head><meta charset='utf-8'><title>Calibration report</title>",
+        f"<style>{_STYLE}</style></head><body><h1>Calibration report</h1>",
+        f"<p class='lead'>{text(headline(calibration))}</p>",
+        *(f"<p class='warn'>{text(line)}</p>" for line in warnings_of(calibration)),
+        f"<p>{text(str(calibration.campaign.path))}: {text(split_line(calibration))}</p>",
+        "<h2>Error before and after</h2>",
+        _table(GAP_HEAD, gap_rows(calibration)),
+        *(f"<p>{text(line)}</p>" for line in (*performance_lines(calibration), ladle_line(calibration))),
+        "<h2>What moved</h2>",
+        _table(COMBINATION_HEAD, combination_rows(combination_lines(calibration))) if lines else "<p>nothing</p>",
+        "<p>Each parameter by itself; where several act alike, tolerances share the movement out among them:</p>",
+        _table(PARAMETER_HEAD, parameter_rows(lines)),
+        "<h2>What to measure next</h2><ul>",
+        *(f"<li>{text(line)}</li>" for line in next_measurements(calibration)),
+        "</ul><h2>Pictures</h2>",
+        *(
+            f"<figure><img alt='{text(title)}' src='data:image/png;base64,{base64.b64encode(png).decode()}'>"
+            f"<figcaption>{text(title)}</figcaption></figure>"
+            for title, png in pictures(calibration)
+        ),
+        "<h2>Which combinations this campaign can tell apart</h2><ul>",
+        *(f"<li class='mono'>{text(line)}</li>" for line in group_lines(calibration)),
+        "</ul><h2>How groups were chosen</h2>",
+        _table(
+            ("kept so far", "tried", "validation RMS / noise", "gain", "± 1σ", ""),
+            [
+                (
+                    " + ".join(step.kept) or "frames only",
+                    step.tried or "–",
+                    f"{step.rms:.3f}",
+                    f"{step.gain:+.4f}",
+                    f"{step.gain_error:.4f}",
+                    "kept" if step.accepted and step.tried else "",
+                )
+                for step in calibration.selection.steps
+            ],
+        ),
+        "<h2>Findings of the data checks</h2><ul>",
+        *(f"<li>{text(str(flag))}</li>" for flag in calibration.flags),
+        "</ul></body></html>\n",
+    ]
+    return "\n".join(parts)
+
+
+def _table(head: Row, rows: Sequence[Row]) -> str:
+    cells = "".join(f"<th>{html.escape(name)}</th>" for name in head)
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    return f"<table><tr>{cells}</tr>{body}</table>"

@@ -1,0 +1,164 @@
+"""Which groups of parameters to keep: those that help rows the fit has not seen, and no others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pouring_robot.calibration.frames import first_frames
+from pouring_robot.calibration.measurement import MeasurementModel, ModelledRows
+from pouring_robot.calibration.parameter_sets import ParameterGroup, all_parameters
+from pouring_robot.calibration.residuals import MeasuredPoses, whiten
+from pouring_robot.calibration.solver import FitOptions, identify
+from pouring_robot.calibration.splits import Split
+from pouring_robot.calibration.tolerances import Tolerances
+from pouring_robot.exceptions import CalibrationError
+from pouring_robot.mechanism import FloatArray
+
+Progress = Callable[[str], None]
+_FAILED = 1e6
+_STANDARD_ERRORS = 2.0
+
+
+@dataclass(frozen=True)
+class SelectionStep:
+    """One candidate that was tried.
+
+    Attributes:
+        kept: groups that were in already.
+        tried: the group added to them; "" for the start.
+        rms: root mean square of the validation rows' residuals over their noise; 1 is pure noise.
+        gain: mean over the rows of log(1 + s²) without the group minus with it; s² is a row's mean squared residual
+            over its noise. The logarithm keeps single rows from deciding.
+        gain_error: standard error of the gain.
+        accepted: whether it was kept in this round.
+    """
+
+    kept: tuple[str, ...]
+    tried: str
+    rms: float
+    gain: float
+    gain_error: float
+    accepted: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """What was kept and why.
+
+    Attributes:
+        groups: the groups kept, in the order they were found.
+        steps: every candidate that was tried.
+    """
+
+    groups: tuple[ParameterGroup, ...]
+    steps: tuple[SelectionStep, ...]
+
+
+class _CrossValidation:
+    """Scores a choice of groups: fitted to some training blocks and judged on another, in turn."""
+
+    def __init__(
+        self,
+        rows: ModelledRows,
+        measured: MeasuredPoses,
+        split: Split,
+        tolerances: Tolerances,
+        options: FitOptions,
+    ) -> None:
+        self.rows, self.measured, self.split = rows, measured, split
+        self.tolerances, self.options = tolerances, options
+
+    def __call__(self, groups: Sequence[ParameterGroup]) -> FloatArray:
+        """Return the mean squared whitened residual of each judged row, of position and rotation, shape (rows, 2)."""
+        model = self.rows.model.with_parameters(all_parameters(groups))
+        prior = self.tolerances.prior(model.parameters)
+        scores = np.full((len(self.rows), 2), np.nan)
+        for train, validation in self.split.validations:
+            scores[validation] = self._fold(model, prior, train, validation)
+        return np.asarray(scores[np.isfinite(scores).any(axis=1)])
+
+    def _fold(
+        self, model: MeasurementModel, prior: FloatArray, train: np.ndarray, validation: np.ndarray
+    ) -> FloatArray:
+        rows, measured = self.rows.with_model(model), self.measured
+        start, _ = first_frames(rows[train], measured[train])
+        try:
+            fit = identify(rows[train], measured[train], start, prior, self.options)
+        except CalibrationError:
+            return np.full((validation.size, 2), _FAILED)  # a choice that cannot be fitted is no choice
+        equations = whiten(measured[validation], rows[validation].predict(fit.unknowns))
+        size = 2 * validation.size
+        place = 2 * equations.rows + (equations.components >= 3)
+        total = np.bincount(place, equations.residual**2, minlength=size)
+        count = np.bincount(place, minlength=size)
+        score = np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(-1, 2)
+        score[equations.failed] = _FAILED
+        return score
+
+
+def select_groups(
+    rows: ModelledRows,
+    measured: MeasuredPoses,
+    split: Split,
+    candidates: Sequence[ParameterGroup],
+    tolerances: Tolerances,
+    options: FitOptions | None = None,
+    progress: Progress | None = None,
+) -> Selection:
+    """Choose groups by forward selection on the training blocks; the test block is not looked at.
+
+    A group is kept when the rows held out in turn come out better by more than two standard errors of that gain, and
+    neither their positions nor their rotations get worse by more than one standard error; of
+    several, the one that gains most. The round is repeated until none helps.
+
+    Args:
+        rows: all rows of the campaign, of a model of any parameters.
+        measured: what was seen of them, with the noise to judge by.
+        split: who is held out when.
+        candidates: the groups to choose from.
+        tolerances: priors.
+        options: of the fits.
+        progress: is told what is being tried.
+    """
+    validate = _CrossValidation(rows, measured, split, tolerances, options or FitOptions())
+    kept: list[ParameterGroup] = []
+    left = list(candidates)
+    present = validate(kept)
+    steps = [SelectionStep((), "", _rms(present), 0.0, 0.0, True)]
+    while left:
+        names = tuple(group.name for group in kept)
+        trials = []
+        for group in left:
+            if progress:
+                progress(" + ".join((*names, group.name)))
+            trials.append(validate([*kept, group]))
+        judged = [_judge(present, trial) for trial in trials]
+        mean, error = [one[0] for one in judged], [one[1] for one in judged]
+        helps = [one[2] for one in judged]
+        best = max(range(len(left)), key=lambda k: (helps[k], mean[k]))
+        for k, group in enumerate(left):
+            steps.append(SelectionStep(names, group.name, _rms(trials[k]), mean[k], error[k], helps[k] and k == best))
+        if not helps[best]:
+            break
+        present = trials[best]
+        kept.append(left.pop(best))
+    return Selection(tuple(kept), tuple(steps))
+
+
+def _judge(present: FloatArray, trial: FloatArray) -> tuple[float, float, bool]:
+    """Return gain, its standard error and whether the group helps; scores have the shape (rows, 2)."""
+    gain, error = _mean_and_error(np.nanmean(np.log1p(present) - np.log1p(trial), axis=1))
+    harm = [_mean_and_error(column) for column in (trial - present).T]
+    return gain, error, gain > _STANDARD_ERRORS * error > 0.0 and all(mean <= spread for mean, spread in harm)
+
+
+def _mean_and_error(values: FloatArray) -> tuple[float, float]:
+    known = values[np.isfinite(values)]
+    return (float(known.mean()), float(known.std() / np.sqrt(known.size))) if known.size else (0.0, 0.0)
+
+
+def _rms(scores: FloatArray) -> float:
+    return float(np.sqrt(np.nanmean(scores)))

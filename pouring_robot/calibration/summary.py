@@ -1,0 +1,258 @@
+"""A calibration in figures, ready for JSON; units are in the names."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import scipy.stats
+
+from pouring_robot.calibration.base_parameters import observability
+from pouring_robot.calibration.calibrate import Calibration
+from pouring_robot.calibration.figures import Misfit
+from pouring_robot.calibration.lines import (
+    LEARNT,
+    Z95,
+    CombinationLine,
+    ParameterLine,
+    combination_lines,
+    parameter_lines,
+)
+from pouring_robot.calibration.measurement import FRAMES
+from pouring_robot.poses import MM, MRAD
+
+Figures = dict[str, Any]
+
+
+def noise_floor(calibration: Calibration) -> dict[str, float]:
+    """Return what noise alone would leave: RMS of a coordinate, P95 of a length; NaN where nothing was measured."""
+    noise, factor = calibration.noise, math.sqrt(float(scipy.stats.chi2.ppf(0.95, 3)))
+    rotation = noise.rotation_rad if noise.rotation_source != "none" else float("nan")
+    return {
+        "rms_mm": noise.position_m / MM,
+        "p95_mm": factor * noise.position_m / MM,
+        "rms_mrad": rotation / MRAD,
+        "p95_mrad": factor * rotation / MRAD,
+    }
+
+
+def warnings_of(calibration: Calibration) -> list[str]:
+    """Return what a user must know before using the result; one line each."""
+    lines = parameter_lines(calibration)
+    found = []
+    if not calibration.changed:
+        found.append("no parameter helped rows that were held out, so the model is unchanged")
+    held = [line.name for line in lines if line.learnt < LEARNT]
+    if calibration.base.deficient:
+        hidden = len(calibration.base.names) - calibration.base.rank
+        found.append(
+            f"rank deficient: {hidden} of {len(calibration.base.names)} directions (frames included) cannot be seen in "
+            "this campaign; tolerances alone decide along them, see the dependent groups"
+        )
+    if held:
+        shown = ", ".join(held[:6]) + (f" and {len(held) - 6} more" if len(held) > 6 else "")
+        found.append(f"{len(held)} of {len(lines)} parameters are held by their tolerances: {shown}")
+    if calibration.inflation > 1.0:
+        found.append(
+            f"residuals are {calibration.inflation:.2f} times the noise: the model lacks an effect; standard "
+            "deviations are widened by that factor"
+        )
+    if calibration.noise.from_residuals:
+        found.append("the noise was not stated and comes from the fit's own residuals; it cannot judge the fit")
+    if calibration.fit.failed.size:
+        found.append(f"{calibration.fit.failed.size} rows have drives that no pose of the robot has; left out")
+    worse = _worse(calibration)
+    if worse:
+        found.append(worse)
+    return found
+
+
+def _worse(calibration: Calibration) -> str:
+    before, after = (calibration.misfit(calibration.split.test, after=a) for a in (False, True))
+    parts = [
+        f"{name} {b:.4g} to {a:.4g} {unit}"
+        for name, unit, b, a in (
+            ("position", "mm", before.rms_mm, after.rms_mm),
+            ("rotation", "mrad", before.rms_mrad, after.rms_mrad),
+        )
+        if a > 1.05 * b
+    ]
+    return f"worse on held-out rows: {', '.join(parts)}; do not use this model" if parts else ""
+
+
+def calibration_figures(calibration: Calibration) -> Figures:
+    """Return everything found."""
+    split, fit = calibration.split, calibration.fit
+    lines = parameter_lines(calibration)
+    test = np.setdiff1d(split.test, calibration.left_out)
+    content: Figures = {
+        "format": "pouring_robot/calibration/1",
+        "status": "calibrated" if calibration.changed else "unchanged",
+        "rank_deficient": calibration.base.deficient,
+        "warnings": warnings_of(calibration),
+        "campaign": str(calibration.campaign.path),
+        "rows": {
+            "all": len(calibration.campaign),
+            "train": int(split.train.size),
+            "held_out": int(test.size),
+            "left_out_lines": [int(calibration.campaign.lines[row]) for row in calibration.left_out],
+            "not_closing": int(fit.failed.size),
+        },
+        "held_out_by": split.kind,
+        "held_out_block": split.test_name,
+        "noise": _noise(calibration),
+        "gap": {
+            name: {
+                "before": _misfit(calibration.misfit(rows, after=False)),
+                "after": _misfit(calibration.misfit(rows, after=True)),
+                "floor": noise_floor(calibration),
+            }
+            for name, rows in (("train", split.train), ("held_out", split.test))
+        },
+        "iso_9283": calibration.performance and dataclasses.asdict(calibration.performance),
+        "groups": [{"name": g.name, "meaning": g.meaning, "parameters": len(g.parameters)} for g in _kept(calibration)],
+        "candidates": [group.name for group in calibration.candidates],
+        "selection": [dataclasses.asdict(step) for step in calibration.selection.steps],
+        "parameters": [_line(line) for line in lines],
+        "frames": {
+            "tracker_to_fixed_platform": _pose(fit.unknowns.outer),
+            "platform_to_target": _pose(fit.unknowns.inner),
+        },
+        "combinations": [_combination(line) for line in combination_lines(calibration)],
+        "base_parameters": _base(calibration),
+        "correlation": {
+            "names": list(calibration.unknown_names[FRAMES:]),
+            "matrix": np.round(calibration.correlation[FRAMES:, FRAMES:], 6).tolist(),
+        },
+        "ladle": _ladle(calibration),
+        "fit": {
+            "evaluations": fit.evaluations,
+            "chi_square": fit.chi_square(),
+            "freedom": fit.freedom(),
+            "inflation": calibration.inflation,
+        },
+        "data_flags": [flag.to_json(calibration.campaign) for flag in calibration.flags],
+        "next": next_measurements(calibration),
+    }
+    cleaned: Figures = _without_nan(content)
+    return cleaned
+
+
+def _kept(calibration: Calibration) -> tuple[Any, ...]:
+    return calibration.selection.groups
+
+
+def _noise(calibration: Calibration) -> Figures:
+    noise = calibration.noise
+    return {
+        "position_mm": noise.position_m / MM,
+        "position_source": noise.position_source,
+        "rotation_mrad": noise.rotation_rad / MRAD if noise.rotation_source != "none" else None,
+        "rotation_source": noise.rotation_source,
+    }
+
+
+def _misfit(misfit: Misfit) -> Figures:
+    return dataclasses.asdict(misfit)
+
+
+def _line(line: ParameterLine) -> Figures:
+    low, high = line.interval
+    content = {
+        "name": line.name,
+        "group": line.group,
+        f"value_{line.unit}": line.value,
+        f"std_{line.unit}": line.std,
+        f"low95_{line.unit}": low,
+        f"high95_{line.unit}": high,
+        f"prior_std_{line.unit}": line.prior_std,
+        "learnt": line.learnt,
+        "verdict": line.verdict,
+    }
+    return content
+
+
+def _combination(line: CombinationLine) -> Figures:
+    return {
+        "combination": line.text,
+        f"value_{line.unit}": line.value,
+        f"std_{line.unit}": line.std,
+        f"prior_std_{line.unit}": line.prior_std,
+        "moved": line.moved,
+    }
+
+
+def _pose(pose: pin.SE3) -> Figures:
+    return {
+        "translation_mm": (pose.translation / MM).tolist(),
+        "rotation_vector_rad": np.asarray(pin.log3(pose.rotation)).tolist(),
+    }
+
+
+def _base(calibration: Calibration) -> Figures:
+    base = calibration.base
+    return {
+        "unknowns": len(base.names),
+        "rank": base.rank,
+        "base": list(base.base),
+        "unseen": list(base.unseen),
+        "dependent_groups": [
+            {"members": list(g.members), "identifiable": list(g.texts()), "hidden_directions": g.hidden}
+            for g in base.groups
+        ],
+        "observability": observability(base.singular[: base.rank], int(calibration.split.train.size)),
+    }
+
+
+def _ladle(calibration: Calibration) -> Figures:
+    ladle = calibration.ladle
+    if not len(ladle.poses):
+        return {"poses": 0}
+    half = ladle.half_width_m / MM
+    worst = int(np.argmax(half))
+    x, y, z, tilt = ladle.poses[worst].tolist()
+    return {
+        "poses": len(half),
+        "half_width95_mm": {"median": float(np.median(half)), "largest": float(half.max())},
+        "with_noise95_mm": {
+            "median": float(np.median(np.hypot(half, Z95 * calibration.noise.position_m / MM))),
+        },
+        "worst_pose": {"x_mm": x / MM, "y_mm": y / MM, "z_mm": z / MM, "tilt_deg": math.degrees(tilt)},
+    }
+
+
+def next_measurements(calibration: Calibration) -> list[str]:
+    """Return what to measure next, one sentence each."""
+    found = []
+    held = [line.name for line in parameter_lines(calibration) if line.learnt < LEARNT]
+    wanted = held or [p.name for group in calibration.candidates for p in group.parameters]
+    groups = [g.name for g in calibration.candidates if {p.name for p in g.parameters} & set(wanted)]
+    found.append(
+        "poses that determine what is still open: pouring-robot campaign plan --parameters "
+        + " --parameters ".join(groups)
+    )
+    ladle = _ladle(calibration)
+    if ladle["poses"]:
+        pose = ladle["worst_pose"]
+        found.append(
+            f"the ladle is known least at x {pose['x_mm']:.0f}, y {pose['y_mm']:.0f}, z {pose['z_mm']:.0f} mm, tilt "
+            f"{pose['tilt_deg']:.0f}°: measure there (95 % interval ±{ladle['half_width95_mm']['largest']:.3f} mm)"
+        )
+    if calibration.performance is None:
+        found.append("no pose was measured three times: repeat some, to know the repeatability and the noise")
+    if not calibration.campaign.full_pose:
+        found.append("only positions were measured: full poses tell axes from centres with fewer rows")
+    if calibration.inflation > 1.0:
+        found.append("residuals exceed the noise: run pouring-robot diagnose on this campaign to name what is missing")
+    return found
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_nan(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

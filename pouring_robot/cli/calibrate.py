@@ -1,0 +1,129 @@
+"""``pouring-robot calibrate``: measured data in, calibrated robot out."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from pouring_robot.cli import options
+from pouring_robot.model import RobotModel
+
+if TYPE_CHECKING:
+    from pouring_robot.calibration.calibrate import Calibration, Progress
+
+CampaignFile = Annotated[
+    Path, typer.Argument(metavar="CAMPAIGN", help="CSV or Parquet table; the YAML of the same stem lies beside it.")
+]
+OutFolder = Annotated[
+    Path,
+    typer.Option("--out", metavar="DIR", help="Folder for model file, URDF, calibration.json and report.html."),
+]
+Parameters = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--parameters",
+        metavar="SET",
+        help="What to identify: geometry (default), centres, axes, all, dh, a group, or a pattern such as "
+        "'leg1_s1.*'; may be given more than once. Each group is kept only where it helps held-out rows.",
+    ),
+]
+TolerancesFile = Annotated[
+    Path | None, typer.Option("--tolerances", metavar="FILE", help="Tolerances of the parts (default: the shipped).")
+]
+HoldOutBy = Annotated[
+    Literal["auto", "session", "time", "region"], typer.Option("--hold-out", help="What blocks to hold out.")
+]
+LossName = Annotated[Literal["huber", "soft_l1", "linear"], typer.Option("--loss", help="How outliers count.")]
+KeepAll = Annotated[bool, typer.Option("--keep-all", help="Keep all parameters, whether or not they help.")]
+
+
+def calibrate(
+    campaign: CampaignFile,
+    out: OutFolder,
+    model: options.ModelFile = None,
+    parameters: Parameters = None,
+    tolerances: TolerancesFile = None,
+    hold_out: HoldOutBy = "auto",
+    loss: LossName = "huber",
+    keep_all: KeepAll = False,
+    as_json: options.AsJson = False,
+) -> None:
+    """Identify the robot as built from a measurement campaign, and write its model file, URDF and report."""
+    from pouring_robot.calibration.calibrate import CalibrationOptions
+    from pouring_robot.calibration.calibrate import calibrate as run
+    from pouring_robot.calibration.export import check_folder, write_calibration
+    from pouring_robot.calibration.solver import FitOptions
+    from pouring_robot.calibration.summary import calibration_figures
+    from pouring_robot.calibration.tolerances import Tolerances
+    from pouring_robot.campaign import read_campaign
+
+    check_folder(out)
+    present = RobotModel.load(model) if model else RobotModel()
+    data = read_campaign(campaign)
+    chosen = CalibrationOptions(
+        parameters=tuple(parameters or ("geometry",)),
+        tolerances=Tolerances.load(tolerances),
+        hold_out=hold_out,
+        choose=not keep_all,
+        fit=FitOptions(loss=loss),
+    )
+    with _progress() as say:
+        found = run(data, present, chosen, say)
+        say("writing")
+        written = write_calibration(found, out)
+    if as_json:
+        options.print_json(calibration_figures(found) | {"written": [str(path) for path in written]})
+        return
+    console = options.console()
+    _print(console, found)
+    for path in written:
+        console.print(f"wrote {path}", markup=False)
+
+
+@contextmanager
+def _progress() -> Iterator[Progress]:
+    """Show what is being done on a terminal's error stream; elsewhere nothing."""
+    console = Console(stderr=True, highlight=False)
+    if not sys.stderr.isatty():
+        yield lambda text: None
+        return
+    with console.status("reading") as status:
+        yield lambda text: status.update(text[:100])
+
+
+def _print(console: Console, found: Calibration) -> None:
+    from pouring_robot.calibration import report
+    from pouring_robot.calibration.lines import combination_lines
+    from pouring_robot.calibration.summary import next_measurements, warnings_of
+
+    console.print(report.headline(found), style="bold", markup=False)
+    for line in warnings_of(found):
+        console.print(f"warning: {line}", style="yellow", markup=False)
+    console.print(report.split_line(found), markup=False)
+    console.print(_table(report.GAP_HEAD, report.gap_rows(found)))
+    for line in (*report.performance_lines(found), report.ladle_line(found)):
+        console.print(line, markup=False)
+    rows = report.combination_rows(combination_lines(found), report.WIDTH)
+    if rows:
+        console.print(_table(report.COMBINATION_HEAD, rows[: report.SHOWN]))
+        if len(rows) > report.SHOWN:
+            console.print(f"{len(rows) - report.SHOWN} more in the report, and each parameter by itself")
+    console.print("next:")
+    for line in next_measurements(found):
+        console.print(f"  {line}", markup=False)
+
+
+def _table(head: Sequence[str], rows: list[Sequence[str]]) -> Table:
+    table = Table(box=None, pad_edge=False)
+    for k, name in enumerate(head):
+        table.add_column(name, justify="left" if k in (0, len(head) - 1) else "right", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    return table

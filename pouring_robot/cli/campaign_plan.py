@@ -1,0 +1,158 @@
+"""``pouring-robot campaign plan``: which poses to measure, and how well the robot will then be known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from pouring_robot.cli import options
+from pouring_robot.exceptions import BadInputError
+
+if TYPE_CHECKING:
+    from pouring_robot.calibration.planning_exchange import Progress
+
+_COMPARED = 25
+
+
+def plan(
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FILE.csv", help="Plan to write; 'campaign simulate' reads it.")
+    ],
+    poses: Annotated[int, typer.Option("--poses", metavar="N", help="How many poses.")] = 30,
+    parameters: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--parameters",
+            metavar="PATTERN",
+            help="What to determine: a set (geometry, centres, axes, dh, all), a group, a name or pattern such as "
+            "'leg?_s1.t?'; may be repeated. Default: drives and U-joint centres as far as they can be told apart.",
+        ),
+    ] = None,
+    criterion: Annotated[str, typer.Option("--criterion", metavar="D|O1..O5", help="What the plan is best in.")] = "D",
+    model: options.ModelFile = None,
+    layout: options.LayoutName = None,
+    sigma_mm: Annotated[float, typer.Option("--sigma-mm", help="Noise of a measured coordinate.")] = 0.05,
+    sigma_mrad: Annotated[float, typer.Option("--sigma-mrad", help="Noise of a rotation component.")] = 0.05,
+    position_only: Annotated[bool, typer.Option("--position-only", help="No rotations will be measured.")] = False,
+    target_mm: Annotated[
+        tuple[float, float, float],
+        typer.Option("--target-mm", metavar="X Y Z", help="About where the target sits on the moving platform."),
+    ] = (0.0, 0.0, 0.0),
+    priors: Annotated[bool, typer.Option("--priors", help="Tolerances count as known beforehand.")] = False,
+    tolerances: Annotated[
+        Path | None, typer.Option("--tolerances", metavar="FILE", help="Tolerances for --priors (default: shipped).")
+    ] = None,
+    both_sides: Annotated[
+        int, typer.Option("--both-sides", metavar="K", help="Visit K of the poses from both sides: finds backlash.")
+    ] = 0,
+    loads: Annotated[
+        tuple[float, float] | None,
+        typer.Option("--loads", metavar="A B", help="Melt in kg to choose from: finds how the drives yield."),
+    ] = None,
+    temperatures: Annotated[
+        tuple[float, float] | None,
+        typer.Option("--temperatures", metavar="A B", help="Leg temperatures in °C: finds how the legs grow."),
+    ] = None,
+    reduce: Annotated[
+        bool, typer.Option("--reduce", help="Leave out parameters that measurements cannot tell from others.")
+    ] = False,
+    candidates: Annotated[int, typer.Option("--candidates", help="About how many poses to choose from.")] = 2000,
+    starts: Annotated[int, typer.Option("--starts", help="How many random plans the search starts from.")] = 4,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of everything random.")] = 0,
+    png: options.PngFile = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """Choose the poses that determine parameters best, and say how well, before a single measurement."""
+    from pouring_robot.calibration.planning import Planner, PlanRequest
+    from pouring_robot.calibration.planning_columns import Noise
+    from pouring_robot.calibration.planning_compare import compare_with_random
+    from pouring_robot.calibration.planning_output import plan_figures, plan_table, plan_text, write_picture
+    from pouring_robot.calibration.tolerances import Tolerances
+    from pouring_robot.files import write_whole
+
+    if tolerances is not None and not priors:
+        raise BadInputError("--tolerances says how sure the priors are; give --priors too")
+    options.refuse_unwritable(out, png)
+    request = PlanRequest(
+        poses=poses,
+        parameters=tuple(parameters or ()),
+        criterion=criterion.upper(),  # type: ignore[arg-type]  # checked by the request
+        noise=Noise(sigma_mm * 1e-3, None if position_only else sigma_mrad * 1e-3),
+        target_m=(target_mm[0] * 1e-3, target_mm[1] * 1e-3, target_mm[2] * 1e-3),
+        priors=Tolerances.load(tolerances) if priors else None,
+        both_sides=both_sides,
+        loads_kg=tuple(loads or ()),
+        leg_degC=tuple(temperatures or ()),
+        reduce=reduce,
+        candidates=candidates,
+        starts=starts,
+        seed=seed,
+    )
+    robot = options.robot_of(model, layout)
+    planner = Planner(robot, request)
+    with _progress() as progress:
+        found = planner.plan(progress)
+    comparison = compare_with_random(planner, found, _COMPARED, seed)
+    written = [write_whole(out, plan_text(found))]
+    written += [write_picture(found, robot.layout, png)] if png else []
+    figures = plan_figures(found, comparison)
+    if as_json:
+        options.print_json(figures | {"written": [str(path) for path in written]})
+        return
+    console = options.console()
+    console.print(_table("poses, in the order to measure them", *plan_table(found)))
+    _print_expected(console, figures)
+    for path in written:
+        console.print(f"wrote {path}", markup=False)
+
+
+@contextmanager
+def _progress() -> Iterator[Progress]:
+    """Show a bar on standard error while the search runs."""
+    from rich.progress import Progress as Bar
+
+    errors = Console(stderr=True)
+    with Bar(console=errors, transient=True, disable=not errors.is_terminal) as bar:
+        task = bar.add_task("exchanging poses", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _table(title: str, headings: list[str], rows: list[list[str]], names: int = 1) -> Table:
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    for k, heading in enumerate(headings):
+        table.add_column(heading, justify="left" if k < names else "right")
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def _print_expected(console: Console, figures: dict[str, Any]) -> None:
+    ladle, compared = figures["ladle"], figures["random_plans"]
+    rows = [[p["name"], f"{p['std']:.4g}", p["unit"]] for p in figures["parameters"]]
+    console.print(_table("expected standard deviation", ["parameter", "std", "unit"], rows))
+    if figures["left_out"]:
+        left = figures["left_out"]
+        named = ", ".join(left[:8]) + (f" and {len(left) - 8} more (--json has all)" if len(left) > 8 else "")
+        console.print(f"left out, because those above show the same: {named}", markup=False)
+    sides = ", ".join(f"{axis} {value:.3f}" for axis, value in ladle["rms_by_axis_mm"].items())
+    worst = ladle["worst_at"]
+    at = f"{worst['x_mm']:.0f} {worst['y_mm']:.0f} {worst['z_mm']:.0f} mm {worst['tilt_deg']:.1f}°"
+    console.print(
+        f"pouring lip, seen by the tracker: known to {ladle['rms_mm']:.4f} mm and {ladle['rms_mrad']:.4f} mrad RMS "
+        f"over the workspace ({sides} mm), {ladle['worst_mm']:.4f} mm at worst, at {at}",
+        markup=False,
+        soft_wrap=True,
+    )
+    console.print(
+        f"random plans of as many poses: {compared['median_rms_mm']:.4f} mm and {compared['median_rms_mrad']:.4f} mrad "
+        f"(median of {compared['count']}); this one has {compared['ratio_mm']:.0%} of that",
+        soft_wrap=True,
+    )
+    indices = ", ".join(f"{name} {value:.4g}" for name, value in figures["indices"].items())
+    console.print(f"observability (per mm, mrad; larger is better): {indices}")

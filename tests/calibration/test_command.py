@@ -1,0 +1,64 @@
+"""From a virtual measurement to a calibrated robot, through the command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from pouring_robot import ClosedChainMechanism, ClosureSolver, PlatformPose, RobotModel, load_loops, load_robot
+from pouring_robot.cli import main
+
+ACTUAL = str(Path(__file__).resolve().parents[2] / "examples" / "actual.yaml")
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("calibrated")
+    campaign = folder / "measured.csv"
+    assert (
+        main(["campaign", "simulate", "--out", str(campaign), "--random", "80", "--model", ACTUAL, "--seed", "5"]) == 0
+    )
+    assert main(["calibrate", str(campaign), "--out", str(folder / "out")]) == 0
+    return folder / "out"
+
+
+def test_held_out_rows_come_down_to_the_noise(calibrated):
+    held_out = json.loads((calibrated / "calibration.json").read_text())["gap"]["held_out"]
+    assert held_out["before"]["rms_mm"] > 5.0 * held_out["floor"]["rms_mm"]
+    # Ten rows of six coordinates: their rms scatters by about ten per cent.
+    assert held_out["after"]["rms_mm"] < 1.3 * held_out["floor"]["rms_mm"]
+    assert held_out["after"]["rms_mrad"] < 1.4 * held_out["floor"]["rms_mrad"]
+
+
+def test_the_calibrated_urdf_predicts_what_the_model_file_predicts(calibrated):
+    robot = load_robot(calibrated / "calibrated.yaml")
+    urdf = (calibrated / "pouring_robot.urdf").read_text()
+    solver = ClosureSolver(ClosedChainMechanism(urdf, load_loops(calibrated / "loops.yaml")))
+    for pose in (PlatformPose.from_mm_deg(-100, 20, -600, 17), PlatformPose.from_mm_deg(-140, -40, -780, -20)):
+        location = robot.locate(pose)
+        drives = {name: location.actual.joint_values[name] for name in location.drives}
+        found = solver.solve(drives, robot.kinematics.configuration(pose)).pose_base_to_end
+        expected = location.actual.pose_base_to_end
+        np.testing.assert_allclose(found.translation, expected.translation, atol=1e-9)
+        np.testing.assert_allclose(pin.log3(found.rotation @ expected.rotation.T), 0.0, atol=1e-9)
+
+
+def test_a_sound_robot_is_left_alone(tmp_path):
+    campaign = tmp_path / "measured.csv"
+    assert main(["campaign", "simulate", "--out", str(campaign), "--random", "60", "--seed", "3"]) == 0
+    assert main(["calibrate", str(campaign), "--out", str(tmp_path / "out")]) == 0
+    model = RobotModel.load(tmp_path / "out" / "calibrated.yaml")
+    assert not model.joint_placements
+    assert not model.drive_offsets
+
+
+def test_damaged_input_writes_nothing(tmp_path, capsys):
+    (tmp_path / "bad.csv").write_text("q1_mm,q2_mm\n1,x\n")
+    assert main(["calibrate", str(tmp_path / "bad.csv"), "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
