@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 import scipy.linalg
 
+from pouring_robot.arrays import read_only
 from pouring_robot.energy import NO_LOADS, ClosureEnergy, EnergyState, Loads
 from pouring_robot.exceptions import BadInputError, ClosureError
 from pouring_robot.mechanism import ClosedChainMechanism, FloatArray
@@ -56,9 +57,9 @@ class ClosureOptions:
 DEFAULT_OPTIONS = ClosureOptions()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ClosureResult:
-    """A closed configuration and how well it is closed.
+    """A closed configuration and how well it is closed. Its arrays are read-only; results compare by identity.
 
     Attributes:
         mechanism: the mechanism that was closed.
@@ -95,6 +96,16 @@ class ClosureResult:
     def gap_rad(self) -> float:
         """Largest angle left open, in rad."""
         return float(np.linalg.norm(self.residual[:, 3:], axis=1).max())
+
+    @property
+    def internal_force_n(self) -> float:
+        """Largest force with which a loop's two frames pull at each other, in N."""
+        return float(np.linalg.norm(self.internal_wrench[:, :3], axis=1).max())
+
+    @property
+    def internal_torque_nm(self) -> float:
+        """Largest torque between a loop's two frames, in Nm."""
+        return float(np.linalg.norm(self.internal_wrench[:, 3:], axis=1).max())
 
     @functools.cached_property
     def rank(self) -> int:
@@ -178,13 +189,13 @@ class ClosureSolver:
         state, iterations = self._minimise(configuration)
         result = ClosureResult(
             self.mechanism,
-            state.configuration,
-            state.residual,
-            (state.wrench[:, None, :] @ state.jlog)[:, 0],
+            read_only(state.configuration),
+            read_only(state.residual),
+            read_only((state.wrench[:, None, :] @ state.jlog)[:, 0]),
             state.energy,
             iterations,
-            state.jacobian,
-            configuration,
+            read_only(state.jacobian),
+            read_only(configuration.copy()),  # the caller may go on with its own
         )
         if result.gap_m > self.options.max_gap_m or result.gap_rad > self.options.max_gap_rad:
             raise self._failure("the parts do not fit together", state, iterations)

@@ -8,10 +8,10 @@ meshes, so that any other program can load it.
 from __future__ import annotations
 
 import hashlib
+import html
 import math
 import os
 import re
-import tempfile
 import threading
 import xml.parsers.expat
 from collections import OrderedDict
@@ -26,6 +26,7 @@ from lxml import etree
 from numpy.typing import NDArray
 
 from pouring_robot.exceptions import DescriptionError, UnknownJointError
+from pouring_robot.files import write_together
 from pouring_robot.layout import (
     CHAINS,
     LadleDimensions,
@@ -52,6 +53,8 @@ __all__ = [
 
 _MESH_PACKAGE = "package://robot_description/meshes"
 _CACHE_SIZE = 64
+# How xacro begins to complain about the way a macro is called.
+_CALLERS_FAULTS = ("Invalid parameter", "Undefined parameters", "Not enough blocks", "Unused block")
 
 # xacro keeps its file stack, arguments and include list in module globals.
 _xacro_lock = threading.Lock()
@@ -106,7 +109,7 @@ def render_urdf(
         UnknownLayoutError: the dimensions file holds no such layout.
         ValueError: ``chain_order`` is not an order of 1, 2, 3, 4.
     """
-    if sorted(chain_order) != list(range(1, CHAINS + 1)):
+    if sorted(chain_order) != list(CHAINS):
         raise ValueError(f"chain_order must hold 1, 2, 3 and 4 once each, not {tuple(chain_order)}")
     path = (layouts_file or shipped_layouts_file()).absolute()
     dimensions = read_text(path)
@@ -155,34 +158,40 @@ def perturb_urdf(urdf: str, placements: Mapping[str, PlacementError]) -> str:
     return text + "\n"
 
 
-def write_urdf(urdf: str, folder: Path) -> Path:
-    """Write a URDF and its meshes into a folder and return the URDF's path, ``<robot name>.urdf``.
+def write_urdf(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = None) -> Path:
+    """Write a URDF and its meshes into a folder, all or nothing.
 
     Mesh addresses become relative (``meshes/…``), which readers resolve from the URDF's own folder, so that
-    the folder can be moved or sent away. Nothing half-written is left: each file is written under a temporary
-    name and then renamed, the URDF last.
+    the folder can be moved or sent away.
 
     Args:
         urdf: as :func:`render_urdf` or :func:`perturb_urdf` give it.
         folder: made if it is not there.
+        beside: further files to write with it, by name.
+
+    Returns:
+        The URDF's path, ``<robot name>.urdf``.
 
     Raises:
-        DescriptionError: the URDF is not readable XML, a mesh is missing, or the folder cannot be written.
+        DescriptionError: the URDF is not readable XML, or a mesh is missing.
+        OutputError: the folder cannot be written; it is left as it was.
     """
     try:
         root = etree.fromstring(urdf.encode())
     except etree.XMLSyntaxError as error:
         raise DescriptionError("URDF", f"line {error.lineno}: {error.msg}") from error
+    files: dict[Path, bytes] = {}
+    for mesh in root.iter("mesh"):
+        source = _mesh_path(mesh.get("filename", ""))
+        try:
+            files[folder / "meshes" / source.name] = source.read_bytes()
+        except OSError as error:
+            raise DescriptionError(source, f"cannot be read: {error.strerror}") from error
+        mesh.set("filename", f"meshes/{source.name}")
+    files |= {folder / name: content for name, content in (beside or {}).items()}
     target = folder / f"{root.get('name', 'robot')}.urdf"
-    try:
-        (folder / "meshes").mkdir(parents=True, exist_ok=True)
-        for mesh in root.iter("mesh"):
-            source = _mesh_path(mesh.get("filename", ""))
-            _replace(folder / "meshes" / source.name, source.read_bytes())
-            mesh.set("filename", f"meshes/{source.name}")
-        _replace(target, etree.tostring(root, xml_declaration=True, encoding="utf-8") + b"\n")
-    except OSError as error:
-        raise DescriptionError(error.filename or folder, f"cannot be written: {error.strerror}") from error
+    files[target] = etree.tostring(root, xml_declaration=True, encoding="utf-8") + b"\n"
+    write_together(files)
     return target
 
 
@@ -200,9 +209,9 @@ def _run_xacro(path: Path, arguments: Mapping[str, str]) -> str:
     try:
         document = xacro.process_file(str(path), mappings=dict(arguments), verbosity=0)
     except xml.parsers.expat.ExpatError as error:
-        raise DescriptionError(_file_at_fault(path), f"not valid XML: {error}") from error
+        raise DescriptionError(_file_at_fault(path, ""), f"not valid XML: {error}") from error
     except Exception as error:  # xacro evaluates expressions, so a broken file can raise anything
-        raise DescriptionError(_file_at_fault(path), f"xacro: {error or type(error).__name__}") from error
+        raise DescriptionError(_file_at_fault(path, str(error)), f"xacro: {error or type(error).__name__}") from error
     # The banner names the path of this machine; the same description must give the same text anywhere.
     for node in list(document.childNodes):
         if node.nodeType == node.COMMENT_NODE:
@@ -210,11 +219,29 @@ def _run_xacro(path: Path, arguments: Mapping[str, str]) -> str:
     return re.sub(r"\n\s*\n", "\n", document.toprettyxml(indent="  "))
 
 
-def _file_at_fault(path: Path) -> Path:
-    """Return the file of the macro, or else the file, xacro was in: on failure it leaves its stacks as they stood."""
-    stack = xacro.macrostack[-1].history[-1] if xacro.macrostack else xacro.filestack
-    files = [name for name in stack or [] if name]
-    return Path(os.path.normpath(files[-1])) if files else path
+def _file_at_fault(path: Path, problem: str) -> Path:
+    """Return the file xacro stumbled over: on failure it leaves its stacks as they stood.
+
+    The macro on top is not always at fault: xacro enters it before it evaluates what its caller passes, and evaluates
+    properties where they are used. So the file must hold the text that the problem quotes.
+    """
+    stacks = [xacro.filestack, *(macro.history[-1] for macro in xacro.macrostack or [])]
+    entered = [Path(os.path.normpath(stack[-1])) for stack in stacks if stack and stack[-1]] or [path]
+    quoted = re.search(
+        r"evaluating expression '(.*?)'(?:\s+when evaluating |\s*$)|unknown macro name: (\S+)", problem, re.DOTALL
+    )
+    if quoted:
+        wanted = _plain(f"${{{quoted[1]}}}" if quoted[1] is not None else f"<{quoted[2]}")
+        for file in (*reversed(entered), *sorted(path.parent.glob("*.xacro"))):
+            if wanted in _plain(html.unescape(read_text(file))):
+                return file
+    if len(entered) > 1 and problem.startswith(_CALLERS_FAULTS):
+        return entered[-2]
+    return entered[-1]
+
+
+def _plain(text: str) -> str:
+    return "".join(text.split())
 
 
 def _displace(joint: etree._Element, placement: PlacementError) -> None:
@@ -250,16 +277,3 @@ def _mesh_path(address: str) -> Path:
     if not path.is_file():
         raise DescriptionError(path, "this mesh is missing")
     return path
-
-
-def _replace(path: Path, content: bytes) -> None:
-    """Write a file in one step: under a temporary name beside it, then renamed."""
-    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(descriptor, "wb") as stream:
-            stream.write(content)
-        Path(temporary).chmod(0o644)
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise

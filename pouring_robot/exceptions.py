@@ -7,6 +7,7 @@ Two families: :class:`BadInputError` (what was given is wrong; exit code 2) and 
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -126,7 +127,7 @@ class UnreachablePoseError(NoSolutionError):
     def __init__(self, joint: str, value: float, lower: float, upper: float, unit: str) -> None:
         """Keep the figures and say by how much the limit is passed."""
         self.joint, self.value, self.lower, self.upper, self.unit = joint, value, lower, upper, unit
-        factor, shown = (1e3, "mm") if unit == "m" else (57.29577951308232, "deg")
+        factor, shown = (1e3, "mm") if unit == "m" else (math.degrees(1.0), "deg")
         excess = lower - value if value < lower else value - upper
         self.excess = excess
         super().__init__(
@@ -283,6 +284,20 @@ class FrameFitError(BadInputError):
 
 class CalibrationError(NoSolutionError):
     """A robot cannot be calibrated with these data; nothing is exported.
+
+    Attributes:
+        problem: what stands against it.
+        mend: what to do about it.
+    """
+
+    def __init__(self, problem: str, mend: str) -> None:
+        """Keep both."""
+        self.problem, self.mend = " ".join(problem.split()), " ".join(mend.split())
+        super().__init__(f"{self.problem}; {self.mend}")
+
+
+class DiagnosisError(NoSolutionError):
+    """A campaign cannot be diagnosed; nothing is written.
 
     Attributes:
         problem: what stands against it.

@@ -11,16 +11,17 @@ from typing import Literal
 
 import numpy as np
 
+from pouring_robot.arrays import lock_fields
 from pouring_robot.closure import ClosureResult, ClosureSolver
 from pouring_robot.mechanism import FloatArray
-from pouring_robot.parameters import DriveParameter
+from pouring_robot.parameters import DriveParameter, placement_parameters
 from pouring_robot.transfer import closed_chain_transfer
 
 # Rows of the platform twist that the four drives control: x, y, z and the tilt about y.
 TASK_ROWS = (0, 1, 2, 4)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DriveJacobians:
     """How the closed mechanism moves with its drives (columns, in the order of the loops file).
 
@@ -35,6 +36,10 @@ class DriveJacobians:
     platform: FloatArray
     joints: FloatArray
     closure_margin: float
+
+    def __post_init__(self) -> None:
+        """Lock the arrays."""
+        lock_fields(self, "platform", "joints")
 
 
 @dataclass(frozen=True)
@@ -53,6 +58,39 @@ class Dexterity:
     singularity: Literal["serial", "parallel"]
     distance: float
     length_m: float
+
+
+@dataclass(frozen=True)
+class AxisWeakness:
+    """How far one tilted joint axis moves a frame sideways (along y of the base frame), at the worst joint.
+
+    Attributes:
+        parameter: the placement parameter that moves it most, such as ``leg1_s2.rz``.
+        m_per_rad: what it does, in m per rad (the same number in mm per mrad); never negative.
+    """
+
+    parameter: str
+    m_per_rad: float
+
+
+def axis_weakness(solver: ClosureSolver, result: ClosureResult, frame: str) -> AxisWeakness:
+    """Return the largest sideways entry of the error-transfer matrix over all axis tilts of the chains.
+
+    Args:
+        solver: the solver that found ``result`` (its loads count).
+        result: the closed configuration.
+        frame: the observed frame.
+
+    Raises:
+        SingularPoseError: the drives do not determine the platform here.
+    """
+    paths, loops = solver.mechanism.frame_paths, solver.mechanism.loops
+    shared = {*paths[loops.base_frame], *loops.cut_joints}
+    chains = dict.fromkeys(name for loop in loops.loops for name in (*paths[loop.frame_a], *paths[loop.frame_b]))
+    tilts = [p for p in placement_parameters(name for name in chains if name not in shared) if p.unit == "rad"]
+    sideways = np.abs(closed_chain_transfer(solver, result, tilts, frame).matrix[1])
+    worst = int(np.argmax(sideways))
+    return AxisWeakness(tilts[worst].name, float(sideways[worst]))
 
 
 def drive_jacobians(solver: ClosureSolver, result: ClosureResult) -> DriveJacobians:

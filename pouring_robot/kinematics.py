@@ -15,14 +15,16 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError
+from pouring_robot.arrays import lock_fields
+from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError, closest
+from pouring_robot.layout import CHAINS
 from pouring_robot.mechanism import ClosedChainMechanism, FloatArray
 from pouring_robot.poses import PlatformPose
 
-CHAINS = (1, 2, 3, 4)
+__all__ = ["CHAINS", "ChainAngles", "FourUPUKinematics", "JointReach"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ChainAngles:
     """Joint values of the four nominal chains; last axis: chains 1 to 4.
 
@@ -37,6 +39,10 @@ class ChainAngles:
     phi_rad: FloatArray
     length_m: FloatArray
     foot_rad: FloatArray
+
+    def __post_init__(self) -> None:
+        """Lock the arrays."""
+        lock_fields(self, "psi_rad", "phi_rad", "length_m", "foot_rad")
 
 
 @dataclass(frozen=True)
@@ -82,6 +88,7 @@ class FourUPUKinematics:
         fixed, moving = self._centres(closed_at_zero)
         self.fixed_centres_m, self.moving_centres_m = fixed, moving
         self._limits = nominal.joint_limits()
+        self._units = {name: nominal.unit_of(name) for name in self._limits}
 
     def _centres(self, configuration: FloatArray) -> tuple[FloatArray, FloatArray]:
         model = self.mechanism.shared_model
@@ -92,8 +99,9 @@ class FourUPUKinematics:
             base_id, frame_id = (self.mechanism.frame_id(name) for name in (base, frame))
             return np.array(data.oMf[base_id].actInv(data.oMf[frame_id]).translation)
 
-        fixed = np.array([place("fixed_platform", f"leg{i}_s1") for i in CHAINS])
-        moving = np.array([place("moving_platform", f"leg{i}_seat") for i in CHAINS])
+        loops = self.mechanism.loops
+        fixed = np.array([place(loops.base_frame, f"leg{i}_s1") for i in CHAINS])
+        moving = np.array([place(str(loops.end_frame), f"leg{i}_seat") for i in CHAINS])
         return fixed, moving
 
     def chain_angles(self, positions_m: FloatArray, tilts_rad: FloatArray) -> ChainAngles:
@@ -117,6 +125,11 @@ class FourUPUKinematics:
         psi = np.arctan2(-leg[..., 0], -leg[..., 2])
         phi = np.arcsin(leg[..., 1] / length)
         return ChainAngles(psi, phi, length, tilt - psi)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the 20 chain joints, chain by chain from base to tip."""
+        return tuple(f"leg{i}_s{j}" for i in CHAINS for j in range(1, 6))
 
     def joint_values(self, pose: PlatformPose) -> dict[str, float]:
         """Return the value of all 20 chain joints at a pose of the nominal robot, in m and rad."""
@@ -150,9 +163,7 @@ class FourUPUKinematics:
 
     def reach(self, values: Mapping[str, float]) -> tuple[JointReach, ...]:
         """Return how every chain joint stands within its limits, the most limiting one first."""
-        reaches = [
-            JointReach(name, self.mechanism.unit_of(name), value, *self._limits[name]) for name, value in values.items()
-        ]
+        reaches = [JointReach(name, self._units[name], value, *self._limits[name]) for name, value in values.items()]
         return tuple(sorted(reaches, key=lambda reach: reach.relative_margin))
 
     def limiting_joint(self, values: Mapping[str, float]) -> JointReach:
@@ -190,9 +201,10 @@ class FourUPUKinematics:
             near: a pose on the wanted branch.
 
         Raises:
-            BadInputError: a drive value is not finite.
+            BadInputError: a drive value is missing or not finite, or a name is no drive.
             NoSolutionError: no pose has these leg lengths, or y cannot be found from them (equal half-widths).
         """
+        self.check_drives(drives)
         l1, l2, l3, theta = (float(drives[name]) for name in ("leg1_s3", "leg2_s3", "leg3_s3", "leg4_s5"))
         if not all(map(math.isfinite, (l1, l2, l3, theta))):
             raise BadInputError(f"the drive values must be finite numbers, not {l1}, {l2}, {l3} m and {theta} rad")
@@ -207,6 +219,20 @@ class FourUPUKinematics:
         candidates = _circle_meetings(moving[0], rear, front_fixed, float(np.linalg.norm(fixed[1] - fixed[0])))
         poses = [self._pose_from(front_fixed, rear_fixed, y) for rear_fixed in candidates]
         return min(poses, key=lambda pose: _branch_distance(pose, near))
+
+    def check_drives(self, drives: Mapping[str, float]) -> None:
+        """Check that there is one value for each drive and for nothing else.
+
+        Raises:
+            BadInputError: a drive value is missing, or a name is no drive.
+        """
+        wanted = self.mechanism.loops.drives
+        for name in drives:
+            if name not in wanted:
+                raise BadInputError(f"'{name}' is no drive{closest(name, wanted)}")
+        missing = [name for name in wanted if name not in drives]
+        if missing:
+            raise BadInputError(f"the value of drive '{missing[0]}' is missing; give all of {', '.join(wanted)}")
 
     @staticmethod
     def _side(length: float, across: float) -> float:

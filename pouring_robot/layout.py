@@ -16,12 +16,13 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from pouring_robot.arrays import read_only
 from pouring_robot.exceptions import DescriptionError, UnknownLayoutError
-from pouring_robot.layout_schema import Ladle, LayoutEntry, LayoutsFile, read_only
+from pouring_robot.layout_schema import Ladle, LayoutEntry, LayoutsFile
 from pouring_robot.yaml_files import read_yaml, validate
 
-CHAINS = 4
-"""Chains of the mechanism; they are numbered from 1."""
+CHAINS = (1, 2, 3, 4)
+"""Numbers of the mechanism's chains, as they stand in the names of its joints."""
 
 
 @dataclass(frozen=True)

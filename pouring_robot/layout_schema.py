@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 from pydantic import Strict as OnlyOfType
 
+from pouring_robot.arrays import read_only
 from pouring_robot.yaml_files import StrictModel
 
 # Only numbers count as numbers: the text "350" and the switch `true` would otherwise be turned into one.
@@ -337,9 +338,3 @@ class LayoutsFile(StrictModel):
 
     common: Common | None = None
     layouts: Annotated[dict[str, LayoutEntry], Field(min_length=1)]
-
-
-def read_only(array: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the array itself, locked against writing."""
-    array.flags.writeable = False
-    return array

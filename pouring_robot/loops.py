@@ -13,7 +13,7 @@ from typing import Any, Literal
 import pydantic
 from ruamel.yaml.comments import CommentedMap
 
-from pouring_robot.exceptions import DescriptionError
+from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.yaml_files import StrictModel, read_yaml, validate
 
 LoopKind = Literal["6d", "3d"]
@@ -58,7 +58,19 @@ class LoopStiffness(StrictModel):
 
 
 class LoopsFile(StrictModel):
-    """A loops file as written, in our own dialect."""
+    """A loops file as written, in our own dialect.
+
+    Attributes:
+        mechanism: what it is called.
+        base_frame: poses are seen from it.
+        end_frame: the body that all chains carry.
+        tool_frames: further frames on that body that are reported; the last is where the tool works.
+        cut_joints: joints that carry the end body in the tree only.
+        locked_joints: joints that take no part in the closure.
+        drives: driven joints.
+        loops: what is closed.
+        stiffness: of each closure.
+    """
 
     mechanism: str = "closed chain"
     base_frame: str = "universe"
@@ -77,6 +89,22 @@ class LoopsFile(StrictModel):
     def names(self) -> tuple[str, ...]:
         """Names of the loops, in order."""
         return tuple(loop.name for loop in self.loops)
+
+    @property
+    def reported_frames(self) -> tuple[str, ...]:
+        """The frames whose poses are reported: the end frame, then the tool frames."""
+        return (*((self.end_frame,) if self.end_frame else ()), *self.tool_frames)
+
+    @property
+    def working_frame(self) -> str:
+        """The frame whose error counts: the last of the reported ones.
+
+        Raises:
+            BadInputError: the file names neither an end frame nor a tool frame.
+        """
+        if not self.reported_frames:
+            raise BadInputError("the loops file names no end_frame and no tool_frames; name the frame that counts")
+        return self.reported_frames[-1]
 
     @property
     def stiffness_si(self) -> tuple[float, float]:

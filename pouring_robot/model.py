@@ -19,11 +19,13 @@ from lxml import etree
 from ruamel.yaml import YAML
 
 from pouring_robot.description import PlacementError, description_folder, perturb_urdf, render_urdf
+from pouring_robot.effect_stack import EffectEntry
 from pouring_robot.exceptions import BadInputError, DescriptionError, ModelFileError, UnknownJointError, closest
 from pouring_robot.files import write_whole
 from pouring_robot.loops import LoopsFile, load_loops
 from pouring_robot.mechanism import ClosedChainMechanism
 from pouring_robot.poses import MM, MRAD
+from pouring_robot.thermal.heat_section import HeatSection
 from pouring_robot.yaml_files import StrictModel, read_yaml, validate
 
 Triple = tuple[float, float, float]
@@ -116,6 +118,8 @@ class RobotModel(StrictModel):
         layouts_file: another dimensions file than the shipped one, relative to the model file's folder.
         joint_placements: placement error of each joint that has one, by URDF joint name.
         drive_offsets: what is added to the command of each drive that has an offset, by URDF joint name.
+        heat: how warm it is; left out: as cold as the drawing.
+        effects: effects that diagnosis found, in the order they were added.
     """
 
     format: Literal["pouring_robot/model/1"] = "pouring_robot/model/1"
@@ -124,6 +128,8 @@ class RobotModel(StrictModel):
     layouts_file: str | None = None
     joint_placements: dict[str, JointPlacement] = pydantic.Field(default_factory=dict)
     drive_offsets: dict[str, DriveOffset] = pydantic.Field(default_factory=dict)
+    heat: HeatSection | None = None
+    effects: list[EffectEntry] = pydantic.Field(default_factory=list)
 
     _folder: Path = pydantic.PrivateAttr(default_factory=Path)
 
@@ -179,6 +185,12 @@ class RobotModel(StrictModel):
     def layouts_path(self) -> Path | None:
         """The dimensions file in use, or None for the shipped one."""
         return self._folder / self.layouts_file if self.layouts_file else None
+
+    @property
+    def is_drawing(self) -> bool:
+        """Whether the model says nothing that makes the robot as built differ from the drawing."""
+        told = {"format", "description", "layout", "layouts_file", "heat", "effects"}
+        return not _says_something(self.model_dump(exclude=told, exclude_defaults=True))
 
     def placement_errors(self) -> dict[str, PlacementError]:
         """Return the joint placement errors in m and rad."""
@@ -269,6 +281,11 @@ class RobotModel(StrictModel):
     def mechanism(self, chain_order: tuple[int, ...] = (1, 2, 3, 4)) -> ClosedChainMechanism:
         """Return the mechanism as built."""
         return ClosedChainMechanism(self.urdf(chain_order), self.loops(), loops_file())
+
+
+def _says_something(content: Any) -> bool:
+    """Return whether there is anything in nested mappings, such as ``{"leg1_s1": {}}``, but empty ones."""
+    return any(map(_says_something, content.values())) if isinstance(content, dict) else True
 
 
 def meet_at_cut_joints(urdf: str, loops: LoopsFile) -> str:

@@ -17,11 +17,10 @@ import pinocchio as pin
 from pouring_robot.description import description_folder
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism import ClosedChainMechanism, FloatArray, release_joints
-from pouring_robot.poses import MM, PoseDifference
+from pouring_robot.poses import MM, MRAD, PoseDifference
 from pouring_robot.robot import LadleLocation
 from pouring_robot.viewer import GHOST_TINT, Scene, SceneArrow, SceneRobot, camera_on, visual_model
 
-ARROW_FRAME = "ladle_lip"
 # The largest error is drawn about this long unless the user says otherwise.
 _DRAWN_ERROR_M = 0.15
 _LARGEST_FACTOR = 1000.0
@@ -31,7 +30,7 @@ _VIEW_DIRECTION = (1.0, -0.7, 0.38)
 
 def automatic_exaggeration(locations: Sequence[LadleLocation]) -> float:
     """Return a factor of the series 1, 2, 5, 10 … that makes the largest error visible."""
-    largest = max(location.difference(ARROW_FRAME).distance_m for location in locations)
+    largest = max(location.difference().distance_m for location in locations)
     if largest <= _DRAWN_ERROR_M / _LARGEST_FACTOR:
         return _LARGEST_FACTOR
     wanted = max(1.0, _DRAWN_ERROR_M / largest)
@@ -54,7 +53,7 @@ def pose_scene(locations: Sequence[LadleLocation], exaggeration: float | None = 
     factor = automatic_exaggeration(locations) if exaggeration is None else exaggeration
     if not 0.0 < factor <= _LARGEST_FACTOR:
         raise BadInputError(f"the exaggeration factor must be above 0 and at most {_LARGEST_FACTOR:g}, not {factor}")
-    worst = max(locations, key=lambda location: location.difference(ARROW_FRAME).distance_m)
+    worst = max(locations, key=lambda location: location.difference().distance_m)
     x, y, z, tilt = worst.commanded.to_mm_deg()
     scene = Scene(
         title=f"Where the ladle really is: x {x:.0f}, y {y:.0f}, z {z:.0f} mm, tilt {tilt:.1f}°",
@@ -107,15 +106,16 @@ def exaggerated_configuration(location: LadleLocation, factor: float) -> FloatAr
     mechanism = location.actual.mechanism
     model = mechanism.shared_model
     configuration = pin.interpolate(model, location.nominal.configuration, location.actual.configuration, factor)
-    nominal, _ = location.poses("moving_platform")
-    target = enlarged_pose(nominal, location.difference("moving_platform"), factor)
+    base, end = location.loops.base_frame, str(location.loops.end_frame)
+    nominal, _ = location.poses(end)
+    target = enlarged_pose(nominal, location.difference(end), factor)
     data = model.createData()
     pin.framesForwardKinematics(model, data, configuration)
-    pose_world_to_platform = data.oMf[mechanism.frame_id("fixed_platform")] * target
+    pose_world_to_platform = data.oMf[mechanism.frame_id(base)] * target
     for cut in mechanism.loops.cut_joints:
         joint = mechanism.joint_id(cut)
         current = data.oMi[joint]
-        platform = data.oMf[mechanism.frame_id("moving_platform")]
+        platform = data.oMf[mechanism.frame_id(end)]
         # The joint's own motion so that the platform, rigid on it, arrives at its target.
         moved = current * pin.XYZQUATToSE3(configuration[_stored(model, joint)]).inverse()
         wanted = moved.actInv(pose_world_to_platform * platform.actInv(current))
@@ -128,12 +128,13 @@ def _stored(model: pin.Model, joint: int) -> slice:
 
 
 def _arrow(name: str, location: LadleLocation, factor: float) -> SceneArrow:
-    nominal_base = location.nominal.pose("universe", "fixed_platform")
-    nominal, _ = location.poses(ARROW_FRAME)
-    platform, _ = location.poses("moving_platform")
-    drawn_platform = enlarged_pose(platform, location.difference("moving_platform"), factor)
+    end_frame = str(location.loops.end_frame)
+    nominal_base = location.nominal.pose("universe", location.loops.base_frame)
+    nominal, _ = location.poses(location.loops.working_frame)
+    platform, _ = location.poses(end_frame)
+    drawn_platform = enlarged_pose(platform, location.difference(end_frame), factor)
     end = drawn_platform * platform.actInv(nominal)
-    difference = location.difference(ARROW_FRAME)
+    difference = location.difference()
     return SceneArrow(
         name,
         nominal_base.act(nominal.translation),
@@ -143,13 +144,13 @@ def _arrow(name: str, location: LadleLocation, factor: float) -> SceneArrow:
 
 
 def _caption(location: LadleLocation, count: int) -> tuple[tuple[str, str], ...]:
-    translation, rotation = location.difference(ARROW_FRAME).to_mm_mrad()
+    translation, rotation = location.difference().to_mm_mrad()
     rows = [
         ("error at the lip, x y z", "{:+.2f} {:+.2f} {:+.2f} mm".format(*translation)),
         ("rotation of the ladle", "{:+.2f} {:+.2f} {:+.2f} mrad".format(*rotation)),
         (
             "left open at the joints",
-            f"{location.actual.gap_m / MM:.4f} mm, {location.actual.gap_rad / MM:.3f} mrad",
+            f"{location.actual.gap_m / MM:.4f} mm, {location.actual.gap_rad / MRAD:.3f} mrad",
         ),
     ]
     if count > 1:

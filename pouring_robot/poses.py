@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from pouring_robot.arrays import lock_fields
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism import FloatArray
 
@@ -60,7 +61,7 @@ class PlatformPose:
         return x / MM, y / MM, z / MM, math.degrees(self.tilt_rad)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PoseDifference:
     """Where the actual frame stands, seen from where it should be; both axes of the fixed platform.
 
@@ -71,6 +72,10 @@ class PoseDifference:
 
     translation_m: FloatArray
     rotation_rad: FloatArray
+
+    def __post_init__(self) -> None:
+        """Lock the arrays."""
+        lock_fields(self, "translation_m", "rotation_rad")
 
     @classmethod
     def between(cls, nominal: pin.SE3, actual: pin.SE3) -> PoseDifference:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from pouring_robot.jacobians import Dexterity
+from pouring_robot.closure import ClosureResult
+from pouring_robot.jacobians import AxisWeakness, Dexterity
 from pouring_robot.mechanism import ClosedChainMechanism
 from pouring_robot.poses import MM, MRAD, PoseDifference
-from pouring_robot.robot import REPORTED_FRAMES, LadleLocation
+from pouring_robot.robot import LadleLocation
 
 Figures = dict[str, Any]
 
@@ -44,8 +45,26 @@ def _frame_figures(location: LadleLocation, frame: str) -> Figures:
     }
 
 
-def location_figures(location: LadleLocation, dexterity: Dexterity) -> Figures:
+def internal_load_figures(result: ClosureResult) -> Figures:
+    """Return what the joints are forced by because the chains over-constrain the platform, in N and Nm.
+
+    Each loop's force and torque are those with which its second frame pulls at the first one's chain, in the axes of
+    the second frame. They follow from the stiffness in the loops file, which is assumed.
+    """
+    names = result.mechanism.loops.names
+    return {
+        "force_N": result.internal_force_n,
+        "torque_Nm": result.internal_torque_nm,
+        "loops": {
+            name: {"force_N": wrench[:3].tolist(), "torque_Nm": wrench[3:].tolist()}
+            for name, wrench in zip(names, result.internal_wrench, strict=True)
+        },
+    }
+
+
+def location_figures(location: LadleLocation, dexterity: Dexterity, weakness: AxisWeakness | None = None) -> Figures:
     """Return everything known of one location, ready for JSON; units are in the names."""
+    sideways = {} if weakness is None else {"sideways": sideways_figures(weakness)}
     x, y, z, tilt = location.commanded.to_mm_deg()
     limiting = location.reach[0]
     scale, unit = (MM, "mm") if limiting.unit == "m" else (math.radians(1.0), "deg")
@@ -55,7 +74,7 @@ def location_figures(location: LadleLocation, dexterity: Dexterity) -> Figures:
         "outside_workspace_mm": (location.outside_workspace_m / MM).tolist(),
         "outside_workspace_deg": math.degrees(location.outside_workspace_rad),
         "drives": joint_figures(location.nominal.mechanism, location.drives),
-        "frames": {frame: _frame_figures(location, frame) for frame in REPORTED_FRAMES},
+        "frames": {frame: _frame_figures(location, frame) for frame in location.loops.reported_frames},
         "closure": {
             "left_open_mm": location.actual.gap_m / MM,
             "left_open_mrad": location.actual.gap_rad / MRAD,
@@ -63,6 +82,7 @@ def location_figures(location: LadleLocation, dexterity: Dexterity) -> Figures:
             "rank_actual": location.actual.rank,
             "freedoms_nominal": location.nominal.freedoms,
             "iterations": location.actual.iterations,
+            "internal_load": internal_load_figures(location.actual),
         },
         "limiting_joint": {
             "joint": limiting.joint,
@@ -75,4 +95,10 @@ def location_figures(location: LadleLocation, dexterity: Dexterity) -> Figures:
             "distance": dexterity.distance,
             "characteristic_length_mm": dexterity.length_m / MM,
         },
+        **sideways,
     }
+
+
+def sideways_figures(weakness: AxisWeakness) -> Figures:
+    """Return how far the most harmful axis tilt moves the pouring lip along y."""
+    return {"mm_per_mrad": weakness.m_per_rad, "axis_tilt": weakness.parameter}

@@ -13,21 +13,21 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from pouring_robot.arrays import lock_fields
 from pouring_robot.closure import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
 from pouring_robot.energy import NO_LOADS, Loads
-from pouring_robot.jacobians import Dexterity, DriveJacobians, dexterity, drive_jacobians
+from pouring_robot.jacobians import AxisWeakness, Dexterity, DriveJacobians, axis_weakness, dexterity, drive_jacobians
 from pouring_robot.kinematics import FourUPUKinematics, JointReach
 from pouring_robot.layout import Layout, load_layout
+from pouring_robot.loops import LoopsFile
 from pouring_robot.mechanism import FloatArray
 from pouring_robot.model import RobotModel
 from pouring_robot.poses import PlatformPose, PoseDifference
 
-REPORTED_FRAMES = ("moving_platform", "ladle", "ladle_lip")
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LadleLocation:
-    """Nominal and actual pose for one command.
+    """Nominal and actual pose for one command. Arrays are read-only; locations compare by identity.
 
     Attributes:
         commanded: the pose the controller was asked for.
@@ -47,6 +47,15 @@ class LadleLocation:
     outside_workspace_m: FloatArray
     outside_workspace_rad: float
 
+    def __post_init__(self) -> None:
+        """Lock the array."""
+        lock_fields(self, "outside_workspace_m")
+
+    @property
+    def loops(self) -> LoopsFile:
+        """The declaration of the mechanism: it names base, end and tool frames."""
+        return self.nominal.mechanism.loops
+
     @property
     def in_workspace(self) -> bool:
         """Whether the commanded pose lies in the workspace box."""
@@ -58,15 +67,16 @@ class LadleLocation:
         Raises:
             UnknownFrameError: there is no such frame.
         """
-        return self.nominal.pose("fixed_platform", frame), self.actual.pose("fixed_platform", frame)
+        base = self.loops.base_frame
+        return self.nominal.pose(base, frame), self.actual.pose(base, frame)
 
-    def difference(self, frame: str = "ladle_lip") -> PoseDifference:
-        """Return actual minus nominal pose of a frame, in the axes of the fixed platform.
+    def difference(self, frame: str | None = None) -> PoseDifference:
+        """Return actual minus nominal pose of a frame (default: the pouring lip), in the axes of the fixed platform.
 
         Raises:
             UnknownFrameError: there is no such frame.
         """
-        return PoseDifference.between(*self.poses(frame))
+        return PoseDifference.between(*self.poses(frame or self.loops.working_frame))
 
 
 class PouringRobot:
@@ -101,6 +111,14 @@ class PouringRobot:
         """Workspace and ladle of the layout, in SI units."""
         return load_layout(self.model.layout, self.model.layouts_path)
 
+    @functools.cached_property
+    def unseen_displacements(self) -> tuple[str, ...]:
+        """Displaced joints that no pose seen from the fixed platform shows: they carry it, such as ``truss_travel``."""
+        paths, loops = self.actual_solver.mechanism.frame_paths, self.actual_solver.mechanism.loops
+        frames = (*loops.reported_frames, *(name for loop in loops.loops for name in (loop.frame_a, loop.frame_b)))
+        seen = {joint for frame in frames for joint in paths[frame]} - {*paths[loops.base_frame]}
+        return tuple(joint for joint in self.model.joint_placements if joint not in seen)
+
     def actual_drives(self, drives: dict[str, float]) -> dict[str, float]:
         """Return where the drives of the robot as built stand for commanded values, in m and rad."""
         return {name: value + self._drive_offsets.get(name, 0.0) for name, value in drives.items()}
@@ -113,21 +131,26 @@ class PouringRobot:
             near: a pose to start from; by default the nominal pose for these drives.
 
         Raises:
+            BadInputError: a drive value is missing or not finite, or a name is no drive.
             NoSolutionError: no pose has these drive values.
             UnreachablePoseError: the pose that has them is beyond a joint's limits.
         """
+        self.kinematics.check_drives(drives)
         start = near or self.kinematics.forward(drives)
-        result = self.actual_solver.solve(self.actual_drives(drives), self.kinematics.configuration(start))
-        # Far from `near` the loops may also close in another assembly, whose joints are then beyond their limits.
-        chain_joints = {name: result.joint_values[name] for name in self.kinematics.joint_values(start)}
-        self.kinematics.refuse_beyond_limits(chain_joints)
+        return self._closed_as_built(drives, self.kinematics.configuration(start))
+
+    def _closed_as_built(self, drives: dict[str, float], start: FloatArray) -> ClosureResult:
+        """Close the robot as built for commanded drive values, and check its own joints against their limits."""
+        result = self.actual_solver.solve(self.actual_drives(drives), start)
+        # Far from the start the loops may also close in another assembly, whose joints are then beyond their limits.
+        self.kinematics.refuse_beyond_limits({name: result.joint_values[name] for name in self.kinematics.joint_names})
         return result
 
     def locate(self, pose: PlatformPose) -> LadleLocation:
         """Return where the ladle should be and where it is for a commanded pose.
 
         Raises:
-            UnreachablePoseError: a joint would pass its limits.
+            UnreachablePoseError: a joint of the drawing or of the robot as built would pass its limits.
             ClosureError: the robot as built cannot take these drive values.
         """
         drives = self.kinematics.inverse(pose)
@@ -143,7 +166,7 @@ class PouringRobot:
             commanded=pose,
             drives=drives,
             nominal=self.nominal_solver.solve(drives, start),
-            actual=self.actual_solver.solve(self.actual_drives(drives), start),
+            actual=self._closed_as_built(drives, start),
             reach=self.kinematics.reach(self.kinematics.joint_values(pose)),
             outside_workspace_m=outside,
             outside_workspace_rad=tilt_outside if tilt_outside > 1e-9 else 0.0,
@@ -159,6 +182,10 @@ class PouringRobot:
         prismatic = tuple(mechanism.unit_of(name) == "m" for name in mechanism.loops.drives)
         length = float(np.linalg.norm(self.kinematics.moving_centres_m, axis=1).mean())
         return dexterity(self.drive_jacobians(location), prismatic, length)
+
+    def axis_weakness(self, location: LadleLocation) -> AxisWeakness:
+        """Return how far one tilted joint axis moves the pouring lip sideways, at the worst joint."""
+        return axis_weakness(self.actual_solver, location.actual, location.loops.working_frame)
 
 
 def load_robot(model: RobotModel | Path | str | None = None) -> PouringRobot:

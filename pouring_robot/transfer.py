@@ -20,6 +20,7 @@ import numpy as np
 import pinocchio as pin
 import scipy.linalg
 
+from pouring_robot.arrays import lock_fields
 from pouring_robot.closure import ClosureResult, ClosureSolver
 from pouring_robot.energy import EnergyState, TwistColumns
 from pouring_robot.exceptions import BadInputError, SingularPoseError, UnknownJointError
@@ -38,7 +39,7 @@ from pouring_robot.weight import Weight
 _SINGULAR_RATIO = 1e-13
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TransferMatrix:
     """G with its labels.
 
@@ -54,6 +55,10 @@ class TransferMatrix:
     parameters: tuple[LocalParameter, ...]
     matrix: FloatArray
     joints: FloatArray
+
+    def __post_init__(self) -> None:
+        """Lock the arrays."""
+        lock_fields(self, "matrix", "joints")
 
     @property
     def names(self) -> tuple[str, ...]:

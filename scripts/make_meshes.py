@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.description import description_folder
+from pouring_robot.files import write_whole
 from pouring_robot.layout import LadleDimensions, load_layout
 
 SEGMENTS = 72
@@ -85,7 +86,7 @@ def write_stl(path: Path, triangles: NDArray[np.float64]) -> None:
     records["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     records["corners"] = triangles
     header = b"ladle of pouring_robot, metres".ljust(80, b" ")
-    path.write_bytes(header + np.uint32(len(triangles)).tobytes() + records.tobytes())
+    write_whole(path, header + np.uint32(len(triangles)).tobytes() + records.tobytes())
 
 
 def main(argv: list[str] | None = None) -> None:

@@ -1,6 +1,7 @@
 """Check what the paper says, claim by claim, against this robot.
 
     python scripts/reproduce_paper.py geometry [--poses 10000] [--seed 2022] [--layout paper] [--out FOLDER]
+    python scripts/reproduce_paper.py thermal [--draws 8] [--seed 2022] [--layout paper] [--out FOLDER]
 
 Each part prints a table with one row a claim (what the paper says, what we compute, the verdict and why) and writes it
 with its figures to a folder. Exit codes: 0 done, 2 bad input, 3 no solution.
@@ -49,6 +50,43 @@ def geometry(
             task = bar.add_task("closing the loops with one error each")
             study = run_study(layout, poses, seed, lambda done, total: bar.update(task, completed=done, total=total))
         report = GeometryReport.of(study)
+        console = Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+        for item in report.renderables():
+            console.print(item)
+        written = report.write(out, arguments)
+        if docs:
+            written += report.write_docs(DOCS, arguments)
+    except PouringRobotError as error:
+        typer.echo(f"reproduce_paper: {error}", err=True)
+        raise typer.Exit(error.exit_code) from None
+    typer.echo(f"wrote {', '.join(str(path) for path in written)}", err=True)
+
+
+@app.command()
+def thermal(
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the drawing.")] = 2022,
+    layout: Annotated[str, typer.Option(help="Layout of the dimensions file.")] = "paper",
+    draws: Annotated[int, typer.Option(min=0, max=200, help="Further drawings of ten poses.")] = 8,
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Where CSV, JSON, Markdown and figures go.")] = Path(
+        "output/paper_thermal"
+    ),
+    docs: Annotated[bool, typer.Option("--docs", help="Renew docs/paper_thermal.md and its figures as well.")] = False,
+) -> None:
+    """Heat and the joint regression, section 5: the melt's radiation, ten poses, twelve temperatures."""
+    # scikit-learn takes a second to import; only this part pays for it.
+    from pouring_robot.thermal.paper_report import ThermalReport
+    from pouring_robot.thermal.paper_study import run_thermal_study
+
+    given = {"seed": (seed, 2022), "layout": (layout, "paper"), "draws": (draws, 8)}
+    arguments = "".join(f" --{name} {value}" for name, (value, default) in given.items() if value != default)
+    try:
+        make_folder(out)
+        with Progress(console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task("heating the robot")
+            study = run_thermal_study(
+                layout, seed, draws, lambda done, total: bar.update(task, completed=done, total=total)
+            )
+        report = ThermalReport.of(study)
         console = Console(width=None if sys.stdout.isatty() else 120, highlight=False)
         for item in report.renderables():
             console.print(item)

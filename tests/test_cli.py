@@ -13,13 +13,16 @@ import pinocchio as pin
 import psutil
 import pytest
 
+import pouring_robot
 from pouring_robot.cli import main
 from pouring_robot.closure import ClosureSolver
+from pouring_robot.exceptions import SingularPoseError
 from pouring_robot.layout import shipped_layouts_file
 from pouring_robot.loops import load_loops
 from pouring_robot.mechanism import ClosedChainMechanism
 from pouring_robot.pose_table import read_poses
 from pouring_robot.poses import PlatformPose
+from pouring_robot.robot import PouringRobot
 from tests.checks import ACTUAL, ROOT, pose_gap
 
 POSES = ROOT / "examples" / "poses.csv"
@@ -76,7 +79,81 @@ def test_pose_as_a_table(run, as_built):
         assert f"{value:.3f}" in out
     assert "rank 22 nominal, 24 as built" in out
     assert f"{location.drives['leg1_s3'] * 1e3:.4f} mm" in out
+    assert f"leg4_s5 {np.degrees(location.drives['leg4_s5']):.5f} deg" in out  # the unit of the JSON output
+    torque = np.linalg.norm(location.actual.internal_wrench[:, 3:], axis=1).max()
+    assert f" N and {torque:.1f} Nm in a chain" in out
+    weakness = as_built.axis_weakness(location)
+    assert f"sideways: {weakness.m_per_rad:.1f} mm at the lip per mrad of axis tilt" in out
     assert max(map(len, out.splitlines())) <= 120
+
+
+def test_pose_as_json_holds_load_and_weakness(run, as_built):
+    figures = json.loads(run("pose", *AT, "--model", ACTUAL, "--json")[1])
+    location = as_built.locate(PlatformPose.from_mm_deg(-100.0, 20.0, -600.0, 17.0))
+    load = figures["closure"]["internal_load"]
+    wrench = location.actual.internal_wrench
+    assert load["torque_Nm"] == pytest.approx(np.linalg.norm(wrench[:, 3:], axis=1).max(), rel=1e-6)
+    assert load["torque_Nm"] > 1.0
+    for i in range(4):
+        assert load["loops"][f"chain_{i + 1}"]["torque_Nm"] == pytest.approx(wrench[i, 3:], rel=1e-5, abs=1e-6)
+    weakness = as_built.axis_weakness(location)
+    assert figures["sideways"] == {"mm_per_mrad": pytest.approx(weakness.m_per_rad), "axis_tilt": weakness.parameter}
+    assert figures["notes"] == []
+
+
+@pytest.mark.parametrize(
+    ("text", "words", "absent"),
+    [
+        (None, "no model file was given", "holds no errors"),
+        ("layout: paper\n", "the model file holds no errors", "no model file"),
+        ("joint_placements: {leg1_s1: {}}\n", "the model file holds no errors", "no model file"),
+        ("drive_offsets: {leg1_s3: {offset_mm: 1.0}}\n", "", "is the drawing"),
+        ("joint_placements: {truss_travel: {translation_mm: [1, 2, 3]}}\n", "displacing 'truss_travel'", "the drawing"),
+        ("joint_placements: {trolley_travel: {rotation_mrad: [1, 0, 0]}}\n", "displacing 'trolley_travel'", "drawing"),
+    ],
+)
+def test_notes_say_what_the_model_does_not_change(run, tmp_path, text, words, absent):
+    model = ["--model", tmp_path / "model.yaml"] if text else []
+    if text:
+        (tmp_path / "model.yaml").write_text(text)
+    for command in (["pose", *AT], ["path", POSES]):
+        code, out, err = run(*command, *model)
+        assert (code, err) == (0, "")
+        assert words in out
+        assert absent not in out
+        notes = json.loads(run(*command, *model, "--json")[1])["notes"]
+        assert len(notes) == (1 if words else 0)
+        assert all(words in note for note in notes)
+
+
+def test_a_picture_of_another_ladle_is_noted(run, tmp_path):
+    text = shipped_layouts_file().read_text(encoding="utf-8")
+    start = text.index("    height:", text.index("  ladle:"))
+    line = text[start : text.index("\n", start)]
+    assert "value: " in line
+    value = float(line.split("value: ")[1].split(",")[0])
+    larger = line.replace(line.split("value: ")[1].split(",")[0], str(value * 1.2))
+    (tmp_path / "mine.yaml").write_text(text.replace(line, larger, 1), encoding="utf-8")
+    (tmp_path / "model.yaml").write_text("layouts_file: mine.yaml\n")
+    model = ["--model", tmp_path / "model.yaml"]
+    assert "make_meshes" not in run("pose", *AT, *model)[1]  # no picture, no matter
+    noted = run("pose", *AT, *model, "--html", "view.html")[1]
+    assert f"ladle.stl, which is {0.2 * value:.0f} mm off" in noted.replace("\n", " ")
+    assert "ladle.stl" not in run("pose", *AT, "--html", "view.html")[1]
+    assert "note: the ladle is drawn" in run("export", "--out", "robot", *model)[1]
+
+
+def test_a_terminal_sees_how_far_a_path_is(run, monkeypatch):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    code, out, err = run("path", POSES, "--json")
+    assert code == 0
+    assert "closing" in err
+    assert "5/5" in err
+    assert len(json.loads(out)["poses"]) == 5
+
+
+def test_the_version(run):
+    assert run("--version") == (0, f"pouring-robot {pouring_robot.__version__}\n", "")
 
 
 def test_pose_outside_the_box_says_so(run):
@@ -110,11 +187,18 @@ def test_robots_lists_both_layouts(run):
     for robot in robots.values():
         assert (robot["equations"], robot["rank_nominal"], robot["freedoms"], robot["joints"]) == (24, 22, 4, 20)
         assert list(robot["drives"]) == ["leg1_s3", "leg2_s3", "leg3_s3", "leg4_s5"]
-        assert robot["drives"]["leg4_s5"]["unit"] == "rad"
-        assert robot["workspace"]["position_lower_mm"] == pytest.approx([-150.0, -50.0, -825.0])
+        assert robot["drives"]["leg1_s3"]["unit"] == "mm"
+        assert robot["drives"]["leg4_s5"]["unit"] == "deg"
+        # Exactly, not nearly: -824.9999999999999 is no figure for people.
+        assert robot["workspace"]["position_lower_mm"] == [-150.0, -50.0, -825.0]
+        tilt = robot["workspace"]["tilt"]
+        assert (tilt["lower"], tilt["upper"]) == pytest.approx((np.degrees(-0.4884), np.degrees(1.08155)), abs=1e-8)
+    assert robots["paper"]["drives"]["leg1_s3"] == {"lower": 260.0, "upper": 1100.0, "unit": "mm"}
     code, out, _ = run("robots", "--model", ACTUAL)
     assert code == 0
     assert "20 joints displaced, rank 24" in out
+    assert "drive leg1_s3: 260 … 1100 mm" in out
+    assert "rad" not in out
     assert "4 freedoms" in out
 
 
@@ -204,7 +288,7 @@ def refused(run, tmp_path, code, words, *arguments):
         (2, "--exaggerate", ["pose", *AT, "--html", "view.html", "--exaggerate", "much"]),
         (2, ("absent.csv", "cannot be read"), ["path", "absent.csv"]),
         (2, "POSES.csv", ["path"]),
-        (2, "cannot be written", ["export", "--out", "/proc/no/such/place"]),
+        (2, "cannot write", ["export", "--out", "/proc/no/such/place"]),
         (2, "--out", ["export"]),
         (2, "port", ["view", "--port", "70000", "--no-browser"]),
         (2, "poes", ["poes", *AT]),
@@ -275,6 +359,20 @@ def test_broken_dimensions_file(run, tmp_path):
     (tmp_path / "mine.yaml").write_text(text.replace("fixed_centres:", "fixed_centers:", 1), encoding="utf-8")
     (tmp_path / "model.yaml").write_text("layouts_file: mine.yaml\n")
     refused(run, tmp_path, 2, ("mine.yaml", "line", "fixed_cent"), "pose", *AT, "--model", tmp_path / "model.yaml")
+
+
+def test_a_singular_pose_draws_nothing(run, tmp_path, monkeypatch):
+    def singular(robot, location):
+        raise SingularPoseError(1e-16)
+
+    monkeypatch.setattr(PouringRobot, "dexterity", singular)
+    refused(run, tmp_path, 3, ("line 2", "singular"), "path", POSES, "--json", "--png", "view.png")
+    refused(run, tmp_path, 3, "singular", "pose", *AT, "--png", "view.png")
+
+
+def test_an_export_that_fails_leaves_the_folder_as_it_was(run, tmp_path):
+    (tmp_path / "robot" / "loops.yaml").mkdir(parents=True)
+    refused(run, tmp_path, 2, ("loops.yaml", "it is a folder"), "export", "--out", "robot")
 
 
 def test_an_older_output_survives_a_failure(run, tmp_path):

@@ -458,6 +458,29 @@ def test_four_bar_follows_its_closed_form():
         assert (found.rank, found.freedoms) == (3, 1)
 
 
+# --- what is handed out -----------------------------------------------------------------------------------
+
+
+def test_a_result_stays_as_it_was_found(very_crooked):
+    solver = very_crooked.actual_solver
+    start, drives = start_and_drives(very_crooked, PlatformPose((-0.1, 0.0, -0.6), 0.2))
+    given = solver.mechanism.with_joint_values(start, drives)
+    found = solver.solve_from(given)
+    for name in ("configuration", "residual", "internal_wrench", "jacobian", "commanded"):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(found, name)[0] = 0.0
+    # What the caller gave is still the caller's.
+    held = found.commanded.copy()
+    given += 1.0
+    assert found.commanded.tolist() == held.tolist()
+    again = solver.solve_from(found.commanded)
+    assert again != found
+    assert again.configuration.tolist() == found.configuration.tolist()
+    forces, torques = found.internal_wrench[:, :3], found.internal_wrench[:, 3:]
+    assert found.internal_force_n == pytest.approx(max(np.linalg.norm(force) for force in forces))
+    assert found.internal_torque_nm == pytest.approx(max(np.linalg.norm(torque) for torque in torques))
+
+
 # --- failures ----------------------------------------------------------------------------------------------
 
 

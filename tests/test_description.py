@@ -31,7 +31,7 @@ from pouring_robot.description import (
     render_urdf,
     write_urdf,
 )
-from pouring_robot.exceptions import DescriptionError, UnknownJointError, UnknownLayoutError
+from pouring_robot.exceptions import DescriptionError, OutputError, UnknownJointError, UnknownLayoutError
 
 LAYOUTS = ("paper", "wide")
 ORDERS = tuple(itertools.permutations((1, 2, 3, 4)))
@@ -352,8 +352,16 @@ def test_written_folder_is_complete_and_can_be_moved(tmp_path: Path) -> None:
 
 def test_written_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("a file", encoding="utf-8")
-    with pytest.raises(DescriptionError, match="cannot be written"):
+    with pytest.raises(OutputError, match="cannot write"):
         write_urdf(render_urdf(), tmp_path / "taken")
+
+
+def test_a_folder_that_cannot_be_filled_is_left_as_it_was(tmp_path: Path) -> None:
+    (tmp_path / "here" / "pouring_robot.urdf").mkdir(parents=True)
+    with pytest.raises(OutputError, match="it is a folder"):
+        write_urdf(render_urdf(), tmp_path / "here", {"beside.txt": b"new"})
+    left = [path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")]
+    assert sorted(left) == ["here", "here/pouring_robot.urdf"]
 
 
 def test_mesh_folder_is_written_into_the_urdf(tmp_path: Path) -> None:
@@ -550,6 +558,11 @@ def test_missing_layouts_file_is_named(tmp_path: Path) -> None:
         ("ladle.urdf.xacro", "${-height / 2}", "${-hight / 2}", "hight"),
         ("upu_chain.urdf.xacro", "<xacro:body name=", "<xacro:boddy name=", "boddy"),
         ("pouring_robot.urdf.xacro", "truss.urdf.xacro", "trus.urdf.xacro", "No such file"),
+        # Evaluated inside a macro of common.urdf.xacro, but written by its caller; a property is evaluated where it
+        # is used; and a macro cannot help how it is called.
+        ("upu_chain.urdf.xacro", "${si_list(limits.s1)}", "${si_list(limit.s1)}", "limit.s1"),
+        ("truss.urdf.xacro", "${si(t.rail_width)}", "${si(t.rial_width)}", "rial_width"),
+        ("pouring_robot.urdf.xacro", "carrier=", "carier=", "carier"),
     ],
 )
 def test_broken_xacro_is_refused_on_one_line(

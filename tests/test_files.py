@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pouring_robot.exceptions import BadInputError, OutputError
-from pouring_robot.files import write_whole
+from pouring_robot.files import write_together, write_whole
 
 
 def test_writes_text_and_bytes_and_leaves_nothing_else(tmp_path):
@@ -74,3 +74,35 @@ def test_says_why_it_cannot_write(tmp_path, name, problem):
     assert isinstance(caught.value, BadInputError)
     assert caught.value.exit_code == 2
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_several_files_are_written_all_or_none(tmp_path, monkeypatch, error):
+    (tmp_path / "old.txt").write_text("old")
+    files = {tmp_path / "old.txt": "new", tmp_path / "a" / "b" / "c.txt": b"c", tmp_path / "d.txt": "d"}
+    before = sorted(tmp_path.rglob("*"))
+    calls = []
+
+    def fails_once_at_the_third(descriptor):
+        calls.append(descriptor)
+        if len(calls) == 3:
+            raise error
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "fsync", fails_once_at_the_third)
+        with pytest.raises(OutputError if isinstance(error, OSError) else KeyboardInterrupt):
+            write_together(files)
+    assert len(calls) == 4  # the older file was written again
+    assert (tmp_path / "old.txt").read_text() == "old"
+    assert sorted(tmp_path.rglob("*")) == before
+    assert write_together(files) == list(files)
+    assert (tmp_path / "old.txt").read_text() == "new"
+    assert (tmp_path / "a" / "b" / "c.txt").read_text() == "c"
+
+
+def test_a_folder_that_cannot_be_made_is_one_line(tmp_path):
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(OutputError) as caught:
+        write_together({tmp_path / "first" / "a.txt": "a", tmp_path / "file" / "folder" / "b.txt": "b"})
+    assert "\n" not in str(caught.value)
+    assert [path.name for path in tmp_path.rglob("*")] == ["file"]

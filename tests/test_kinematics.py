@@ -7,7 +7,7 @@ import pytest
 
 from pouring_robot.closure import ClosureSolver
 from pouring_robot.description import PlacementError, perturb_urdf
-from pouring_robot.exceptions import NoSolutionError, PouringRobotError, UnreachablePoseError
+from pouring_robot.exceptions import BadInputError, NoSolutionError, PouringRobotError, UnreachablePoseError
 from pouring_robot.kinematics import FourUPUKinematics, JointReach
 from pouring_robot.mechanism import ClosedChainMechanism
 from pouring_robot.model import RobotModel
@@ -144,6 +144,19 @@ def test_forward_refuses_what_is_no_number(drawing, value):
     for name in drives:
         with pytest.raises(PouringRobotError):
             drawing.kinematics.forward(drives | {name: value})
+
+
+def test_forward_needs_one_value_for_each_drive(drawing):
+    drives = drawing.kinematics.inverse(PlatformPose((-0.1, 0.0, -0.6), 0.0))
+    for forward in (drawing.kinematics.forward, drawing.forward):
+        for name in drives:
+            fewer = {drive: value for drive, value in drives.items() if drive != name}
+            with pytest.raises(BadInputError, match=f"'{name}' is missing; give all of leg1_s3, leg2_s3"):
+                forward(fewer)
+        with pytest.raises(BadInputError, match="'leg2_s33' is no drive; did you mean 'leg2_s3'"):
+            forward(drives | {"leg2_s33": 0.5})
+    with pytest.raises(BadInputError, match="is missing"):
+        drawing.forward({}, near=PlatformPose((-0.1, 0.0, -0.6), 0.0))
 
 
 def test_forward_needs_legs_in_common_planes(drawing):

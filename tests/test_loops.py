@@ -2,7 +2,7 @@
 
 import pytest
 
-from pouring_robot.exceptions import DescriptionError
+from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.loops import LoopsFile, load_loops
 from pouring_robot.model import loops_file
 
@@ -133,6 +133,15 @@ def test_own_dialect_mistakes(written, change, words):
         load_loops(written(OWN.replace(*change)))
     assert "loops.yaml" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_the_frames_that_are_reported_stand_in_the_file(drawing):
+    loops = drawing.model.loops()
+    assert loops.reported_frames == ("moving_platform", "ladle", "ladle_lip")
+    assert loops.working_frame == "ladle_lip"
+    bare = loops.model_copy(update={"end_frame": None, "tool_frames": ()})
+    with pytest.raises(BadInputError, match="names no end_frame and no tool_frames"):
+        _ = bare.working_frame
 
 
 def test_a_loop_name_stands_once():

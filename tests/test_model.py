@@ -17,7 +17,7 @@ from pouring_robot.exceptions import (
     UnknownLayoutError,
 )
 from pouring_robot.layout import shipped_layouts_file
-from pouring_robot.model import JointPlacement, RobotModel
+from pouring_robot.model import DriveOffset, JointPlacement, RobotModel
 from tests.checks import ACTUAL, crooked_model
 
 HEAD = "format: pouring_robot/model/1\nlayout: paper\n"
@@ -135,6 +135,20 @@ def test_unknown_layout(written):
     assert str(path) in str(caught.value)
     with pytest.raises(UnknownLayoutError):
         RobotModel(layout="papre").urdf()
+
+
+@pytest.mark.parametrize(
+    ("model", "is_drawing"),
+    [
+        (RobotModel(), True),
+        (RobotModel(layout="wide", description="nothing is wrong with it"), True),
+        (RobotModel(joint_placements={"leg1_s1": JointPlacement()}), True),
+        (RobotModel(joint_placements={"leg1_s1": JointPlacement(translation_mm=(0.0, 0.0, 1e-6))}), False),
+        (RobotModel(drive_offsets={"leg1_s3": DriveOffset(offset_mm=1.0)}), False),
+    ],
+)
+def test_a_model_without_errors_is_the_drawing(model, is_drawing):
+    assert model.is_drawing == is_drawing
 
 
 def test_wrong_without_a_file_is_refused_too():

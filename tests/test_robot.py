@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.exceptions import ClosureError, UnknownFrameError, UnreachablePoseError
-from pouring_robot.model import JointPlacement, RobotModel
+from pouring_robot.model import DriveOffset, JointPlacement, RobotModel
 from pouring_robot.poses import PlatformPose
 from pouring_robot.robot import PouringRobot, load_robot
 from tests.checks import ACTUAL, pose_gap, random_poses
@@ -81,6 +81,61 @@ def test_reach_is_of_the_commanded_pose(drawing):
     assert reach == pytest.approx(
         {name: value for name, value in location.nominal.joint_values.items() if name.startswith("leg")}, abs=1e-12
     )
+
+
+def test_a_joint_of_the_robot_as_built_beyond_its_limits_is_refused(drawing):
+    """The drawing reaches this pose; legs that stand 50 mm beyond their commands pass the 1100 mm they have."""
+    pose = PlatformPose((-0.1, 0.0, -1.04), 0.0)
+    assert 0.0 < 1.1 - drawing.locate(pose).drives["leg3_s3"] < 0.05
+    offsets = {f"leg{i}_s3": DriveOffset(offset_mm=50.0) for i in (1, 2, 3)}
+    longer = PouringRobot(RobotModel(drive_offsets=offsets))
+    assert longer.locate(PlatformPose((-0.1, 0.0, -0.8), 0.0)).drives["leg3_s3"] < 1.05
+    with pytest.raises(UnreachablePoseError, match="_s3' would stand at 11") as located:
+        longer.locate(pose)
+    with pytest.raises(UnreachablePoseError) as found:
+        longer.forward(drawing.kinematics.inverse(pose))
+    assert str(found.value) == str(located.value)
+
+
+def test_axis_weakness_is_what_a_tilted_axis_does():
+    """Against closures with each axis tilted by ±0.2 mrad: none moves the lip further sideways, and this one does."""
+    (pose,) = random_poses(1, seed=76)
+    drawing = PouringRobot()
+    weakness = drawing.axis_weakness(drawing.locate(pose))
+    moved = {}
+    for joint in [f"leg{i}_{part}" for i in (1, 2, 3, 4) for part in ("s1", "s2", "s4", "s5", "seat_mount")]:
+        for k, component in enumerate(("rx", "ry", "rz")):
+            ends = []
+            for tilt in (-0.2, 0.2):
+                turn = tuple(tilt * (k == j) for j in range(3))
+                model = RobotModel(joint_placements={joint: JointPlacement(rotation_mrad=turn)})
+                ends.append(PouringRobot(model).locate(pose).difference("ladle_lip").translation_m[1])
+            moved[f"{joint}.{component}"] = abs(ends[1] - ends[0]) / 0.4e-3
+    assert weakness.m_per_rad == pytest.approx(max(moved.values()), rel=1e-3)
+    assert moved[weakness.parameter] == pytest.approx(weakness.m_per_rad, rel=1e-3)
+    assert weakness.m_per_rad > 1.0
+
+
+def test_displacements_that_the_fixed_platform_hides():
+    placed = JointPlacement(translation_mm=(1.0, 2.0, 3.0))
+    hidden = ("truss_travel", "trolley_travel", "fixed_platform_mount")
+    names = (*hidden, "leg1_s1", "leg4_seat_mount", "ladle_mount", "ladle_lip_mount")
+    for name in names:
+        robot = PouringRobot(RobotModel(joint_placements={name: placed}))
+        assert robot.unseen_displacements == ((name,) if name in hidden else ())
+        moved = robot.locate(PlatformPose((-0.1, 0.0, -0.6), 0.2)).difference().distance_m
+        assert (moved < 1e-12) == (name in hidden)
+
+
+def test_locations_are_read_only_and_compare_by_identity(drawing):
+    pose = PlatformPose((-0.16, 0.0, -0.6), 0.2)
+    first, second = drawing.locate(pose), drawing.locate(pose)
+    assert first != second
+    assert len({first, second}) == 2
+    difference = first.difference()
+    for array in (first.outside_workspace_m, difference.translation_m, drawing.drive_jacobians(first).platform):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0
 
 
 def test_errors_that_no_closure_can_take_are_no_solution():

@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 import urllib.request
 
 import numpy as np
@@ -96,6 +97,18 @@ def test_overlay_says_what_is_seen_and_how_far_it_is_stretched(page):
         assert text in words
     assert "errors drawn 20 × larger than they are" in words
     assert "<the>" not in page  # escaped wherever it stands
+
+
+def test_labels_hang_on_their_arrows(page, tmp_path):
+    assert 'data-group="error" data-tail="1.0 2.0 -0.4" data-tip="1.1 2.1 -0.4"' in page
+    outline = _Outline()
+    outline.feed(page)
+    assert "7.1 mm" in outline.words  # by itself, besides the line of the legend
+    # Of many arrows only the longest has its length written beside it.
+    start = np.zeros(3)
+    arrows = tuple(SceneArrow(f"error {k}", start, start + k * 0.1, label=f"{k} mm") for k in range(1, 9))
+    crowd = write_html(small_scene(tmp_path, arrows=arrows), tmp_path / "many.html").read_text()
+    assert re.findall(r'data-group="([^"]*)" data-tail', crowd) == ["error 8"]
 
 
 def test_exaggeration_of_one_is_true_scale(tmp_path):
@@ -259,6 +272,29 @@ def test_a_taken_port_is_one_line(tmp_path):
     with pytest.raises(BadInputError, match="choose another port"):
         serve(small_scene(tmp_path), port=70000)
     gc.collect()  # a socket left open would warn here
+
+
+def test_a_server_that_does_not_start_is_one_line_and_leaves_nothing(tmp_path, monkeypatch):
+    def broken(application):
+        raise OSError("no more file descriptors")
+
+    def slow(application):
+        time.sleep(0.5)
+        raise OSError("too late")
+
+    threads, before = set(threading.enumerate()), _listening()
+    monkeypatch.setattr("tornado.httpserver.HTTPServer", broken)
+    with pytest.raises(BadInputError, match=r"cannot show the page.*no more file descriptors") as caught:
+        serve(small_scene(tmp_path))
+    assert "\n" not in str(caught.value)
+    monkeypatch.setattr("tornado.httpserver.HTTPServer", slow)
+    monkeypatch.setattr("pouring_robot.viewer.live._PATIENCE_S", 0.1)
+    with pytest.raises(BadInputError, match=r"did not start within 0\.1 s"):
+        serve(small_scene(tmp_path))
+    for thread in set(threading.enumerate()) - threads:
+        thread.join(5)
+    assert _listening() == before
+    assert set(threading.enumerate()) == threads
 
 
 def test_live_view_ends_with_ctrl_c_and_with_its_program(tmp_path):

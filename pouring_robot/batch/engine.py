@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pouring_robot.arrays import lock_fields
 from pouring_robot.batch.batch_kernels import close_samples
 from pouring_robot.batch.room import make_room
 from pouring_robot.batch.samples import BatchClosure, BatchStart, SiteErrors
@@ -27,20 +28,25 @@ from pouring_robot.parameters import DriveParameter, LocalParameter, PlacementPa
 _SAMPLES_AT_A_TIME = 512
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BatchTransfer:
-    """G of many samples.
+    """G of many samples, read-only.
 
     Attributes:
         parameters: one a column.
         matrix: shape (n, 6, columns): displacement of the end frame's origin (m) and rotation vector (rad), in base
             axes, per unit of each parameter. NaN where the status is not 0.
-        status: as in :class:`~pouring_robot.batch.samples.BatchClosure`, shape (n,); 1 also where the pose is singular.
+        status: as in :class:`~pouring_robot.batch.samples.BatchClosure`, shape (n,); 4 where the
+            sample is closed but its drives do not determine the platform.
     """
 
     parameters: tuple[LocalParameter, ...]
     matrix: FloatArray
     status: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        """Lock the arrays."""
+        lock_fields(self, "matrix", "status")
 
 
 class BatchEngine:
@@ -124,7 +130,7 @@ class BatchEngine:
 
         self._share(run, count)
         result.status[:], result.iterations[:] = status, iterations
-        return result
+        return result.locked()
 
     def transfer(
         self,

@@ -12,7 +12,7 @@ from pouring_robot.batch.room import Room, evaluate_room, keep_state, move, step
 from pouring_robot.batch.structure import Star
 from pouring_robot.mechanism import FloatArray
 
-CLOSED, NOT_CONVERGED, GAP_TOO_LARGE, NOT_FINITE = 0, 1, 2, 3
+CLOSED, NOT_CONVERGED, GAP_TOO_LARGE, NOT_FINITE, SINGULAR = 0, 1, 2, 3, 4
 
 # Share of the diagonal that keeps soft directions (1e-6 of the stiff ones) from moving.
 _FLOOR_DAMPING = 1e-4

@@ -7,16 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pouring_robot.arrays import lock_fields
 from pouring_robot.batch.structure import IntArray, StarStructure, fixed
 from pouring_robot.exceptions import BadInputError, BatchClosureError
 from pouring_robot.kinematics import FourUPUKinematics
 from pouring_robot.mechanism import FloatArray
 
-STATUS_NAMES = ("closed", "not converged", "left open too far", "not finite")
-"""Meaning of the status codes 0 to 3."""
+STATUS_NAMES = ("closed", "not converged", "left open too far", "not finite", "singular")
+"""Meaning of the status codes 0 to 4; only transfer matrices can be singular."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BatchStart:
     """Where closures start.
 
@@ -63,7 +64,7 @@ class BatchStart:
         return BatchStart(self.position[samples], self.rotation[samples], self.joints[samples])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BatchCommand:
     """What the controller commands for many poses.
 
@@ -113,7 +114,7 @@ class BatchCommand:
         return BatchCommand(self.poses[samples], self.drives[samples], self.start[samples])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SiteErrors:
     """Placement errors of samples; see :meth:`take` and :meth:`one_each`.
 
@@ -190,9 +191,11 @@ class SiteErrors:
         return cls(fixed(array.reshape(-1, sites, 6)), nothing)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BatchClosure:
     """Closed poses of many samples; a sample that failed holds NaN and a status that is not 0.
+
+    The engine's results are read-only.
 
     Attributes:
         position: origin of the end frame in the base frame, in m, shape (n, 3).
@@ -222,6 +225,11 @@ class BatchClosure:
             np.empty(count, dtype=np.int32),
             np.empty(count, dtype=np.uint8),
         )
+
+    def locked(self) -> BatchClosure:
+        """Return the same, locked against writing."""
+        lock_fields(self, "position", "rotation", "joints", "residual", "iterations", "status")
+        return self
 
     def __len__(self) -> int:
         """Return the number of samples."""

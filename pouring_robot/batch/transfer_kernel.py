@@ -34,13 +34,15 @@ from pouring_robot.batch.loops_kernel import (
     sines_cosines,
     triple_at,
 )
-from pouring_robot.batch.newton_kernel import CLOSED, NOT_CONVERGED, NOT_FINITE
+from pouring_robot.batch.newton_kernel import CLOSED, NOT_FINITE, SINGULAR
 from pouring_robot.batch.room import Room, evaluate_room
 from pouring_robot.batch.structure import IntArray, Star
 from pouring_robot.mechanism import FloatArray
 
 # Loops open by less carry no wrench that counts (m or rad).
 _SECOND_ORDER_ABOVE = 1e-12
+# A pivot of the platform's block that is a smaller share of the chains' stiffness is round-off of zero.
+_SINGULAR_RATIO = 1e-13
 
 
 class TransferRoom(NamedTuple):
@@ -92,6 +94,15 @@ def fill_row(matrix: FloatArray, row: int, value: float) -> None:
     for p in range(matrix.shape[1]):
         for r in range(6):
             matrix[row, p, r] = value
+
+
+@compiled
+def determined(star: Star, room: Room) -> bool:
+    """Return whether no pivot of the factorised platform's block is round-off: the drives determine the platform."""
+    largest = 0.0
+    for c in range(6):
+        largest = max(largest, room.schur[7 * c])  # the diagonal holds one over the pivot's root
+    return bool(_SINGULAR_RATIO * star.revolute.shape[0] * star.stiffness[0] * largest * largest < 1.0)
 
 
 @compiled
@@ -363,8 +374,8 @@ def _with_stamp(stamp: int) -> tuple[Any, Any]:
             if place_errors(star, room, axes, errors, single_site, row, first) and sound:
                 _, residual = evaluate_room(star, room)
                 exact = residual >= _SECOND_ORDER_ABOVE
-                status[row] = NOT_CONVERGED
-                if factorise(star, room, exact, 0.0):
+                status[row] = SINGULAR
+                if factorise(star, room, exact, 0.0) and determined(star, room):
                     status[row] = CLOSED
             if status[row] == CLOSED:
                 transfer_one(star, room, work, columns, matrix, row, exact)

@@ -14,7 +14,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import metadata_text
 from pouring_robot.campaign.table import PARQUET_SUFFIXES
 from pouring_robot.exceptions import OutputError
-from pouring_robot.files import check_writable, write_whole
+from pouring_robot.files import check_writable, write_together
 
 # Digits written: a hundredth of the best tracker's noise.
 _DIGITS = {"length": 6, "angle": 10, "mass": 3, "temperature": 3, "time": 3, "sign": 0}
@@ -71,20 +71,7 @@ def write_all(files: Mapping[Path, bytes], *, overwrite: bool = False) -> None:
         OutputError: as :func:`refuse_existing`.
     """
     refuse_existing(list(files), overwrite=overwrite)
-    before = {path: path.read_bytes() if path.is_file() else None for path in files}
-    done: list[Path] = []
-    try:
-        for path, content in files.items():
-            write_whole(path, content)
-            done.append(path)
-    except BaseException:
-        for path in done:
-            old = before[path]
-            if old is None:
-                path.unlink(missing_ok=True)
-            else:
-                write_whole(path, old)
-        raise
+    write_together(files)
 
 
 def _cells(campaign: Campaign) -> dict[str, list[str]]:

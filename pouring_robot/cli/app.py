@@ -9,11 +9,12 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
-from typing import cast
+from typing import Annotated
 
 import typer
 
-from pouring_robot.cli import calibrate, campaign, export, path, pose, robots, sweep, view
+from pouring_robot import __version__
+from pouring_robot.cli import calibrate, campaign, compensate, export, path, pose, robots, sweep, thermal, view
 from pouring_robot.exceptions import PouringRobotError
 
 app = typer.Typer(
@@ -31,10 +32,23 @@ app.command("export")(export.export)
 app.command("sweep")(sweep.sweep)
 app.add_typer(campaign.app, name="campaign")
 app.command("calibrate")(calibrate.calibrate)
+app.command("thermal")(thermal.thermal)
+app.command("compensate")(compensate.compensate)
 
 
-# Typer carries a Click of its own; this is its ClickException, the base of every complaint about arguments.
-_ArgumentError: type[Exception] = typer.BadParameter.__mro__[2]
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"pouring-robot {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _before_any_command(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and stop.")
+    ] = False,
+) -> None:
+    pass
 
 
 def _complain(message: str) -> None:
@@ -51,8 +65,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except PouringRobotError as error:
         _complain(str(error))
         return error.exit_code
-    except _ArgumentError as error:
-        _complain(f"{cast(typer.BadParameter, error).format_message()}; see pouring-robot --help")
+    except typer.TyperException as error:  # every complaint about arguments
+        _complain(f"{error.format_message()}; see pouring-robot --help")
         return 2
     except (typer.Abort, KeyboardInterrupt):
         _complain("stopped")

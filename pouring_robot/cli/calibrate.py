@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pouring_robot.cli import options
+from pouring_robot.files import check_folder
 from pouring_robot.model import RobotModel
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ def calibrate(
     """Identify the robot as built from a measurement campaign, and write its model file, URDF and report."""
     from pouring_robot.calibration.calibrate import CalibrationOptions
     from pouring_robot.calibration.calibrate import calibrate as run
-    from pouring_robot.calibration.export import check_folder, write_calibration
+    from pouring_robot.calibration.export import write_calibration
     from pouring_robot.calibration.solver import FitOptions
     from pouring_robot.calibration.summary import calibration_figures
     from pouring_robot.calibration.tolerances import Tolerances
@@ -100,7 +101,7 @@ def _progress() -> Iterator[Progress]:
 
 def _print(console: Console, found: Calibration) -> None:
     from pouring_robot.calibration import report
-    from pouring_robot.calibration.lines import combination_lines
+    from pouring_robot.calibration.lines import combination_lines, group_effects
     from pouring_robot.calibration.summary import next_measurements, warnings_of
 
     console.print(report.headline(found), style="bold", markup=False)
@@ -112,6 +113,7 @@ def _print(console: Console, found: Calibration) -> None:
         console.print(line, markup=False)
     rows = report.combination_rows(combination_lines(found), report.WIDTH)
     if rows:
+        console.print(_table(report.GROUP_HEAD, report.effect_rows(group_effects(found))))
         console.print(_table(report.COMBINATION_HEAD, rows[: report.SHOWN]))
         if len(rows) > report.SHOWN:
             console.print(f"{len(rows) - report.SHOWN} more in the report, and each parameter by itself")

@@ -6,7 +6,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.robot import LadleLocation
+from pouring_robot.robot import LadleLocation, PouringRobot
+
+
+def drawing_notes(robot: PouringRobot, html: Path | None, png: Path | None) -> list[str]:
+    """Return what a user should know of the picture before trusting it, one line each; nothing without a drawing."""
+    if not (html or png):
+        return []
+    from pouring_robot.ladle_mesh import stale_mesh_note
+
+    note = stale_mesh_note(robot.layout)
+    return [note] if note else []
 
 
 def write_drawings(

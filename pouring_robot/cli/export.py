@@ -9,7 +9,7 @@ import typer
 
 from pouring_robot.cli import options
 from pouring_robot.description import write_urdf
-from pouring_robot.files import write_whole
+from pouring_robot.ladle_mesh import stale_mesh_note
 from pouring_robot.model import loops_file
 
 OutFolder = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the URDF, its meshes and loops.")]
@@ -18,8 +18,10 @@ OutFolder = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder fo
 def export(out: OutFolder, model: options.ModelFile = None, layout: options.LayoutName = None) -> None:
     """Write the robot as built: URDF with its meshes, and loops.yaml that says how the tree closes."""
     robot = options.robot_of(model, layout)
-    urdf = write_urdf(robot.model.tree_urdf(), out)
-    loops = write_whole(out / "loops.yaml", loops_file().read_bytes())
+    urdf = write_urdf(robot.model.tree_urdf(), out, {"loops.yaml": loops_file().read_bytes()})
     console = options.console()
-    for path in (urdf, loops):
-        console.print(f"wrote {path}")
+    for path in (urdf, out / "loops.yaml"):
+        console.print(f"wrote {path}", markup=False)
+    note = stale_mesh_note(robot.layout)
+    if note:
+        console.print(f"note: {note}", markup=False)

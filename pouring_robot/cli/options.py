@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import typer
 from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.files import check_writable
 from pouring_robot.model import RobotModel
 from pouring_robot.robot import PouringRobot
+
+Result = TypeVar("Result")
 
 AtMm = Annotated[
     tuple[float, float, float],
@@ -36,8 +41,13 @@ Exaggeration = Annotated[
 ]
 
 
-def robot_of(model: Path | None, layout: str | None) -> PouringRobot:
-    """Return the robot of a model file, or of the drawing.
+def robot_of(model: Path | None, layout: str | None, *, warm: bool = False) -> PouringRobot:
+    """Return the robot of a model file, or of the drawing; it is cold.
+
+    Args:
+        model: the model file.
+        layout: the layout of the drawing.
+        warm: whether the command cares for the heat that the model file tells of; if not, a line says so.
 
     Raises:
         BadInputError: both a model file and a layout are given, or one of them is wrong.
@@ -45,7 +55,10 @@ def robot_of(model: Path | None, layout: str | None) -> PouringRobot:
     if model is not None and layout is not None:
         raise BadInputError("give --model or --layout, not both: the model file names its layout")
     if model is not None:
-        return PouringRobot(RobotModel.load(model))
+        found = RobotModel.load(model)
+        if found.heat is not None and not warm:
+            print(f"note: this command takes the robot cold; the heat section of {model} is left out", file=sys.stderr)
+        return PouringRobot(found)
     return PouringRobot(RobotModel(layout=layout) if layout else None)
 
 
@@ -61,6 +74,25 @@ def refuse_unwritable(*paths: Path | None) -> None:
         check_writable(path)
     if len({path.resolve() for path in given}) < len(given):
         raise BadInputError("two outputs have the same file name; give each its own")
+
+
+@contextmanager
+def progress_bar(what: str, total: int) -> Iterator[Callable[[Result], Result]]:
+    """Show a bar on standard error, if that is a terminal, and take it away at the end.
+
+    Yields:
+        A function that counts one step done and returns what it is given.
+    """
+    errors = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bar:
+        task = bar.add_task(what, total=total)
+
+        def step(result: Result) -> Result:
+            bar.advance(task)
+            return result
+
+        yield step
 
 
 def print_json(content: Any) -> None:

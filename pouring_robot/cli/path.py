@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pouring_robot.cli import options
-from pouring_robot.cli.drawing import write_drawings
-from pouring_robot.cli.tables import path_table
+from pouring_robot.cli import heat_options, options
+from pouring_robot.cli.drawing import drawing_notes, write_drawings
+from pouring_robot.cli.heat_options import Warmth
+from pouring_robot.cli.tables import model_notes, path_table
 from pouring_robot.exceptions import NoSolutionError, PathPoseError
 from pouring_robot.pose_table import read_pose_lines
 from pouring_robot.poses import MM, PlatformPose
 from pouring_robot.report import location_figures
-from pouring_robot.robot import LadleLocation, PouringRobot
+from pouring_robot.robot import PouringRobot
+
+if TYPE_CHECKING:
+    from pouring_robot.thermal.heated_robot import HeatedRobot
 
 PosesFile = Annotated[
     Path,
@@ -22,9 +26,16 @@ PosesFile = Annotated[
 ]
 
 
-def _locate(robot: PouringRobot, pose: PlatformPose, file: Path, line: int) -> LadleLocation:
+def _locate(robot: PouringRobot, heated: HeatedRobot | None, pose: PlatformPose, file: Path, line: int) -> Warmth:
     try:
-        return robot.locate(pose)
+        return Warmth.of(robot, heated, pose)
+    except NoSolutionError as error:
+        raise PathPoseError(file, line, error) from error
+
+
+def _figures(warmth: Warmth, file: Path, line: int) -> dict[str, Any]:
+    try:
+        return location_figures(warmth.location, warmth.robot.dexterity(warmth.location)) | warmth.figures()
     except NoSolutionError as error:
         raise PathPoseError(file, line, error) from error
 
@@ -37,23 +48,44 @@ def path(
     html: options.HtmlFile = None,
     png: options.PngFile = None,
     exaggerate: options.Exaggeration = None,
+    melt_degC: heat_options.MeltDegC = None,
+    ambient_degC: heat_options.AmbientDegC = None,
+    steady: heat_options.Steady = False,
+    after_min: heat_options.AfterMin = None,
+    cold: heat_options.Cold = False,
 ) -> None:
-    """Say where the ladle is for every pose of a CSV file, one row each."""
+    """Say where the ladle is for every pose of a CSV file, one row each.
+
+    A warm robot is taken by itself at every pose: held until nothing changes, or so long from cold (--after-min).
+    """
     options.refuse_unwritable(html, png)
     commanded = read_pose_lines(poses)
-    robot = options.robot_of(model, layout)
-    locations = [_locate(robot, pose, poses, line) for line, pose in commanded.items()]
+    robot = options.robot_of(model, layout, warm=True)
+    heat = heat_options.heat_of(robot, melt_degC, ambient_degC, steady, after_min, cold)
+    heated = heat_options.heated_of(robot, heat)
+    with options.progress_bar("closing", len(commanded)) as step:
+        found = [step(_locate(robot, heated, pose, poses, line)) for line, pose in commanded.items()]
+    locations = [one.location for one in found]
+    rows = []
+    if as_json:  # may find a singular pose: before anything is written
+        with options.progress_bar("figures", len(commanded)) as step:
+            rows = [step(_figures(one, poses, line)) for line, one in zip(commanded, found, strict=True)]
+    notes = [*model_notes(robot, model_file=model is not None), *drawing_notes(robot, html, png)]
     written = write_drawings(locations, html, png, exaggerate)
     if as_json:
-        rows = [location_figures(location, robot.dexterity(location)) for location in locations]
-        options.print_json({"layout": robot.model.layout, "poses": rows, "written": [str(file) for file in written]})
+        content = {"layout": robot.model.layout, "poses": rows, "notes": notes}
+        options.print_json(content | {"written": [str(file) for file in written]})
         return
     console = options.console()
-    console.print(path_table(locations))
-    worst = max(location.difference("ladle_lip").distance_m for location in locations) / MM
+    console.print(path_table(locations), markup=False, soft_wrap=True)
+    if found[0].heated and found[0].state:
+        console.print(f"{heat_options.heat_line(found[0].heated, found[0].state)} (first pose)")
+    worst = max(location.difference().distance_m for location in locations) / MM
     accuracy = robot.layout.accuracy_m / MM
     verdict = "within" if worst <= accuracy else "BEYOND"
     console.print(f"largest error {worst:.3f} mm: {verdict} the required {accuracy:g} mm")
+    for note in notes:
+        console.print(f"note: {note}", markup=False)
     outside = [i for i, location in enumerate(locations, start=1) if not location.in_workspace]
     if outside:
         console.print(f"note: outside the workspace box: pose {', '.join(map(str, outside))}")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from pouring_robot.cli import options
-from pouring_robot.cli.drawing import write_drawings
-from pouring_robot.cli.tables import location_table, print_closure_note
+from pouring_robot.cli import heat_options, options
+from pouring_robot.cli.drawing import drawing_notes, write_drawings
+from pouring_robot.cli.tables import drives_line, location_table, model_notes, print_closure_note
 from pouring_robot.poses import PlatformPose
 from pouring_robot.report import location_figures
 
@@ -18,24 +18,36 @@ def pose(
     html: options.HtmlFile = None,
     png: options.PngFile = None,
     exaggerate: options.Exaggeration = None,
+    melt_degC: heat_options.MeltDegC = None,
+    ambient_degC: heat_options.AmbientDegC = None,
+    steady: heat_options.Steady = False,
+    after_min: heat_options.AfterMin = None,
+    cold: heat_options.Cold = False,
 ) -> None:
-    """Say where the ladle should be, where it is, and what the joints are forced to."""
+    """Say where the ladle should be, where it is, cold or warm, and what the joints are forced to.
+
+    Text and JSON alike give positions and legs in mm, tilt and joint angles in degrees, and errors in mm and mrad.
+    """
     options.refuse_unwritable(html, png)
-    robot = options.robot_of(model, layout)
-    location = robot.locate(PlatformPose.from_mm_deg(*at_mm, tilt_deg))
-    dexterity = robot.dexterity(location)  # may find a singular pose: before anything is written
+    robot = options.robot_of(model, layout, warm=True)
+    heat = heat_options.heat_of(robot, melt_degC, ambient_degC, steady, after_min, cold)
+    heated, wanted = heat_options.heated_of(robot, heat), PlatformPose.from_mm_deg(*at_mm, tilt_deg)
+    warmth = heat_options.Warmth.of(robot, heated, wanted, shares=True)
+    robot, location = warmth.robot, warmth.location
+    # Both may find a singular pose: before anything is written.
+    dexterity, weakness = robot.dexterity(location), robot.axis_weakness(location)
+    notes = [*model_notes(robot, model_file=model is not None), *drawing_notes(robot, html, png)]
     written = write_drawings([location], html, png, exaggerate)
     if as_json:
-        figures = location_figures(location, dexterity)
-        options.print_json(figures | {"layout": robot.model.layout, "written": [str(path) for path in written]})
+        figures = location_figures(location, dexterity, weakness)
+        figures |= {"layout": robot.model.layout, "notes": notes, "written": [str(path) for path in written]}
+        figures |= warmth.figures()
+        options.print_json(figures)
         return
     console = options.console()
-    drives = "  ".join(
-        f"{name} {value * 1e3:.4f} mm" if location.actual.mechanism.unit_of(name) == "m" else f"{name} {value:.7f} rad"
-        for name, value in location.drives.items()
-    )
-    console.print(f"drives: {drives}")
+    console.print(drives_line(location))
     console.print(location_table(location))
-    print_closure_note(console, robot, location)
+    warmth.print(console)
+    print_closure_note(console, location, dexterity, weakness, notes)
     for path in written:
         console.print(f"wrote {path}")

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from typing import Any, Literal
+
+import numpy as np
 
 from pouring_robot.cli import options
+from pouring_robot.cli.tables import unseen_note
 from pouring_robot.layout import layout_names
+from pouring_robot.mechanism import FloatArray
 from pouring_robot.model import RobotModel
 from pouring_robot.poses import MM, PlatformPose
 from pouring_robot.robot import PouringRobot
@@ -17,7 +22,6 @@ def robot_figures(robot: PouringRobot) -> dict[str, Any]:
     middle = 0.5 * (layout.position_lower_m + layout.position_upper_m)
     tilt = 0.5 * (layout.tilt_lower_rad + layout.tilt_upper_rad)
     location = robot.locate(PlatformPose((float(middle[0]), float(middle[1]), float(middle[2])), tilt))
-    limits = mechanism.joint_limits()
     model = mechanism.shared_model
     return {
         "layout": robot.model.layout,
@@ -31,20 +35,29 @@ def robot_figures(robot: PouringRobot) -> dict[str, Any]:
         "rank_actual": location.actual.rank,
         "freedoms": location.nominal.freedoms,
         "drives": {
-            name: {
-                "lower": limits[name][0],
-                "upper": limits[name][1],
-                "unit": mechanism.unit_of(name),
-            }
+            name: _at_the_edge(mechanism.joint_limits()[name], mechanism.unit_of(name))
             for name in mechanism.loops.drives
         },
         "displaced_joints": sorted(robot.model.joint_placements),
+        "unseen_displacements": list(robot.unseen_displacements),
         "workspace": {
-            "position_lower_mm": (layout.position_lower_m / MM).tolist(),
-            "position_upper_mm": (layout.position_upper_m / MM).tolist(),
-            "tilt_rad": [layout.tilt_lower_rad, layout.tilt_upper_rad],
+            "position_lower_mm": _rounded(layout.position_lower_m / MM),
+            "position_upper_mm": _rounded(layout.position_upper_m / MM),
+            "tilt": _at_the_edge((layout.tilt_lower_rad, layout.tilt_upper_rad), "rad"),
         },
     }
+
+
+def _at_the_edge(limits: tuple[float, float], unit: Literal["m", "rad"]) -> dict[str, Any]:
+    """Return limits given in m or rad in mm or degrees."""
+    shown, factor = ("mm", 1.0 / MM) if unit == "m" else ("deg", math.degrees(1.0))
+    lower, upper = _rounded(np.array(limits) * factor)
+    return {"lower": lower, "upper": upper, "unit": shown}
+
+
+def _rounded(values: FloatArray) -> list[float]:
+    """Return mm or degrees without the digits that only the change of unit made: -825, not -824.9999999999999."""
+    return [float(value) for value in np.round(values, 9) + 0.0]
 
 
 def robots(model: options.ModelFile = None, layout: options.LayoutName = None, as_json: options.AsJson = False) -> None:
@@ -72,7 +85,9 @@ def robots(model: options.ModelFile = None, layout: options.LayoutName = None, a
         )
         if robot["displaced_joints"]:
             console.print(f"  as built: {len(robot['displaced_joints'])} joints displaced, rank {robot['rank_actual']}")
+        for joint in robot["unseen_displacements"]:
+            console.print(f"  {unseen_note(joint)}")
         for name, drive in robot["drives"].items():
-            console.print(f"  drive {name}: {drive['lower']:g} … {drive['upper']:g} {drive['unit']}")
-        tilt = workspace["tilt_rad"]
-        console.print(f"  workspace: {box} mm, tilt {tilt[0]:g} … {tilt[1]:g} rad")
+            console.print(f"  drive {name}: {drive['lower']:.6g} … {drive['upper']:.6g} {drive['unit']}")
+        tilt = workspace["tilt"]
+        console.print(f"  workspace: {box} mm, tilt {tilt['lower']:.6g} … {tilt['upper']:.6g} {tilt['unit']}")

@@ -26,12 +26,16 @@ def view(
 ) -> None:
     """Show nominal and actual ladle live in the browser until Ctrl-C."""
     # The drawing libraries take half a second to import; only commands that draw pay for it.
+    from pouring_robot.ladle_mesh import stale_mesh_note
     from pouring_robot.pose_scene import pose_scene
     from pouring_robot.viewer import serve
 
     robot = options.robot_of(model, layout)
     scene = pose_scene([robot.locate(PlatformPose.from_mm_deg(*at_mm, tilt_deg))], exaggerate)
     console = options.console()
+    note = stale_mesh_note(robot.layout)
+    if note:
+        console.print(f"note: {note}", markup=False)
     # Programs started in the background inherit Ctrl-C as ignored; this one ends with it all the same.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     with serve(scene, port) as live:

@@ -73,7 +73,7 @@ def eight_transforms(study: GeometryStudy) -> Claim:
         "4.1, formula 1",
         "O→0→1→2→3→4→5→6→o: eight transforms a chain, each of a, α, d, θ",
         f"{listed(map(str, counts))} transforms, {total} parameters; their product misses o by {missed / MM:.0e} mm",
-        judge(set(counts) == {8} and total == CHAINS * 32 and missed < 1e-12),
+        judge(set(counts) == {8} and total == len(CHAINS) * 32 and missed < 1e-12),
         "the table is read off the URDF; its product must give every nominal pose to 1e-9 mm",
         figures={"transforms": counts, "parameters": total, "missed_mm": missed / MM},
     )
@@ -116,8 +116,8 @@ def four_groups(study: GeometryStudy) -> Claim:
 
 def drop_outs(study: GeometryStudy) -> Claim:
     """Judge the parameters that section 4.2 takes out, and that nothing is lost by it."""
-    expected = {f"{name}_e{i}_{to}" for i in range(1, CHAINS + 1) for name, to in _convention()}
-    for i in range(1, CHAINS + 1):
+    expected = {f"{name}_e{i}_{to}" for i in CHAINS for name, to in _convention()}
+    for i in CHAINS:
         expected |= {f"{name}_e{i}_{to}" for name, to in _passive(i)}
     found = {p.name for p in study.table.parameters if p.drops_out}
     ranks, moved = study.closure.ranks, study.closure.passive_effect_m
@@ -143,7 +143,7 @@ def _convention() -> tuple[tuple[str, str], ...]:
 
 
 def _passive(chain: int) -> tuple[tuple[str, str], ...]:
-    last = ("d", "4") if chain == CHAINS else ("theta", "6")
+    last = ("d", "4") if chain == CHAINS[-1] else ("theta", "6")
     return ("theta", "2"), ("theta", "3"), ("theta", "5"), last
 
 

@@ -77,17 +77,17 @@ class GeometryReport:
         return [
             Text(self.heading),
             "",
-            _claims_table("The paper's section 4, claim by claim (open branch, as in the paper)", first),
-            Text(_tally(first, starred=True)),
+            claims_table("The paper's section 4, claim by claim (open branch, as in the paper)", first),
+            Text(tally(first, starred=True)),
             Text(
                 "* the layout or the place of S_1 was inferred from this very statement, because the paper's drawing "
                 "and Table 1 are missing; agreement tests little"
             ),
             "",
-            _claims_table(
+            claims_table(
                 "The same statements on the closed chain: four chains hold the platform", self.closed, short=True
             ),
-            Text(_tally(self.closed)),
+            Text(tally(self.closed)),
             "",
             _axes_table(self.axes),
             "",
@@ -155,12 +155,12 @@ class GeometryReport:
         """Return one row a claim."""
         columns = ("key", "source", "says", "computed", "verdict", "used", "why")
         rows = [{"model": model, **{name: getattr(claim, name) for name in columns}} for model, claim in self._all()]
-        return _csv(rows)
+        return rows_csv(rows)
 
     def parameters_csv(self) -> str:
         """Return one row an error."""
         rows = parameter_rows(self.study)
-        return _csv([{k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows])
+        return rows_csv([{k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows])
 
     def write(self, folder: Path, arguments: str = "") -> list[Path]:
         """Write everything into a folder, which is made if need be; each file whole or not at all.
@@ -175,7 +175,7 @@ class GeometryReport:
             "parameters.csv": self.parameters_csv(),
             "paper_geometry.md": self.markdown(arguments),
         }
-        return _write_all(folder, {**texts, **self.figures})
+        return write_all(folder, {**texts, **self.figures})
 
     def write_docs(self, folder: Path, arguments: str = "") -> list[Path]:
         """Write the page and its pictures only.
@@ -184,14 +184,19 @@ class GeometryReport:
             OutputError: the folder or a file cannot be written.
         """
         make_folder(folder)
-        return _write_all(folder, {"paper_geometry.md": self.markdown(arguments), **self.figures})
+        return write_all(folder, {"paper_geometry.md": self.markdown(arguments), **self.figures})
 
     def _all(self) -> list[tuple[str, Claim]]:
         parts = (("table", self.table), ("open branch", self.opened), ("closed chain", self.closed))
         return [(model, claim) for model, claims in parts for claim in claims]
 
 
-def _write_all(folder: Path, files: dict[str, str | bytes]) -> list[Path]:
+def write_all(folder: Path, files: dict[str, str | bytes]) -> list[Path]:
+    """Write files by name into a folder, each whole or not at all.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
     return [write_whole(folder / name, content) for name, content in files.items()]
 
 
@@ -207,14 +212,15 @@ def make_folder(folder: Path) -> None:
         raise OutputError(folder, f"{error.strerror or error}; choose a place you may write to") from error
 
 
-def _tally(claims: Sequence[Claim], *, starred: bool = False) -> str:
+def tally(claims: Sequence[Claim], *, starred: bool = False) -> str:
+    """Return how many claims have which verdict, as a sentence."""
     counts: Counter[str] = Counter(claim.verdict for claim in claims)
     inferred = sum(claim.used and claim.verdict == "reproduced" for claim in claims)
     text = ", ".join(f"{counts[verdict]} {verdict}" for verdict in _STYLES)
     return f"{len(claims)} claims: {text}" + (f"; {inferred} of the reproduced with *" if starred else "")
 
 
-def _claims_table(title: str, claims: Sequence[Claim], *, short: bool = False) -> Table:
+def claims_table(title: str, claims: Sequence[Claim], *, short: bool = False) -> Table:
     """Return one row a claim; ``short`` leaves out source and rule, which the longer table gives."""
     table = Table(title=title, title_justify="left", title_style="bold", show_lines=True, pad_edge=False)
     if not short:
@@ -275,7 +281,8 @@ def _parameters_table(study: GeometryStudy) -> Table:
     return table
 
 
-def _csv(rows: Sequence[dict[str, Any]]) -> str:
+def rows_csv(rows: Sequence[dict[str, Any]]) -> str:
+    """Return rows with the same keys as CSV."""
     stream = io.StringIO()
     writer = csv.DictWriter(stream, rows[0].keys(), lineterminator="\n")
     writer.writeheader()

@@ -185,7 +185,7 @@ def other_chains(study: GeometryStudy, errors: ErrorSamples) -> Claim:
     every = study.open_branch if errors.kind == "open branch" else study.closed_chain
     first = {label: errors.main_axis(label) for label in errors.reaching(MM).labels}
     differences = []
-    for chain in range(2, CHAINS + 1):
+    for chain in CHAINS[1:]:
         of_chain = every.of_chain(chain)
         found = {label: of_chain.main_axis(label) for label in of_chain.reaching(MM).labels}
         differences += [

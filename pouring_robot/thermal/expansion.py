@@ -21,10 +21,9 @@ from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.kinematics import CHAINS, FourUPUKinematics
 from pouring_robot.mechanism import ClosedChainMechanism, FloatArray
 from pouring_robot.thermal.network_field import TemperatureField
-from pouring_robot.thermal.properties import ThermalProperties, kelvin
+from pouring_robot.thermal.properties import PARTS, ThermalProperties, kelvin
 
-PARTS = (*(f"leg{i}" for i in CHAINS), "platform", "fixed_platform")
-"""Parts with a temperature of their own, named as in campaign columns (``leg1_degC`` …, ``platform_degC``)."""
+__all__ = ["PARTS", "ThermalExpansion"]
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,60 @@ def heated_mechanism(
     urdf = perturb_urdf(robot.model.nominal_urdf(), placements)
     if geometry:
         urdf = perturb_urdf(urdf, robot.model.placement_errors())
-    return ClosedChainMechanism(urdf, robot.model.loops(), loops_file())
+    return ClosedChainMechanism(urdf, robot.kinematics.mechanism.loops, loops_file())
+
+
+class WarmRobot(PouringRobot):
+    """The robot as built, its parts grown by heat: does what :class:`PouringRobot` does, warm.
+
+    Where the legs that are not driven stand at a pose, their growth displaces a joint; so the robot is made for one
+    pose, and elsewhere the value of such a leg's joint (nothing else) is off by the change of its growth.
+
+    Args:
+        robot: its model holds the geometric errors; its loads act here too.
+        expansion: how much the parts have grown.
+        pose: the pose the robot is made for.
+        geometry: with the geometric errors, drive offsets and loads, or the drawing with heat alone.
+        drive_offsets: errors of the drives besides heat, in m and rad, by joint; by default those of the model.
+        passive_lengths_m: length without heat of each leg that is not driven, by its prismatic joint; by default that
+            of the drawing at the pose.
+    """
+
+    def __init__(
+        self,
+        robot: PouringRobot,
+        expansion: ThermalExpansion,
+        pose: PlatformPose,
+        *,
+        geometry: bool = True,
+        drive_offsets: Mapping[str, float] | None = None,
+        passive_lengths_m: Mapping[str, float] | None = None,
+    ) -> None:
+        """Take over the nominal side and build the warm mechanism."""
+        # Not super().__init__: model, nominal solver and kinematics are the given robot's, and building takes time.
+        self.__dict__.update(vars(robot))
+        self.expansion = expansion
+        if drive_offsets is not None:
+            self._drive_offsets = dict(drive_offsets)
+        elif not geometry:
+            self._drive_offsets = {}
+        passive = passive_lengths_m or passive_lengths(robot, robot.kinematics.joint_values(pose))
+        self.actual_solver = ClosureSolver(
+            heated_mechanism(robot, expansion.placements(robot.kinematics, passive), geometry=geometry),
+            (robot.actual_solver if geometry else robot.nominal_solver).energy.loads,
+            robot.actual_solver.options,
+        )
+
+    def actual_drives(self, drives: dict[str, float]) -> dict[str, float]:
+        """Return where the drives stand for commanded values, in m and rad: offset, then grown with the leg."""
+        growth = self.expansion.drive_offsets(drives, self._drive_offsets)
+        return {name: value + growth.get(name, 0.0) for name, value in super().actual_drives(drives).items()}
+
+
+def passive_lengths(robot: PouringRobot, joint_values: Mapping[str, float]) -> dict[str, float]:
+    """Return the value of the prismatic joint of each leg that is not driven, in m, by its name."""
+    drives = robot.nominal_solver.mechanism.loops.drives
+    return {name: joint_values[name] for name in joint_values if name.endswith("_s3") and name not in drives}
 
 
 def solve_heated(
@@ -48,25 +101,14 @@ def solve_heated(
         expansion: how much the parts have grown.
         pose: the commanded pose.
         geometry: with the geometric errors, or with heat alone.
-        drive_offsets: errors of the drives besides heat, in m and rad, by joint.
+        drive_offsets: errors of the drives besides heat, in m and rad, by joint; by default those of the model.
 
     Raises:
         UnreachablePoseError: a joint would pass its limits.
         ClosureError: the loops do not close.
     """
-    offsets = drive_offsets or {}
-    drives = robot.kinematics.inverse(pose)
-    nominal = robot.kinematics.joint_values(pose)
-    passive = {joint: nominal[joint] for joint in nominal if joint.endswith("_s3") and joint not in drives}
-    placements = expansion.placements(robot.kinematics, passive)
-    solver = ClosureSolver(
-        heated_mechanism(robot, placements, geometry=geometry),
-        (robot.actual_solver if geometry else robot.nominal_solver).energy.loads,
-        robot.actual_solver.options,
-    )
-    growth = expansion.drive_offsets(drives, offsets)
-    actual = {name: value + offsets.get(name, 0.0) + growth.get(name, 0.0) for name, value in drives.items()}
-    return solver.solve(actual, robot.kinematics.configuration(pose))
+    warm = WarmRobot(robot, expansion, pose, geometry=geometry, drive_offsets=drive_offsets)
+    return warm.forward(robot.kinematics.inverse(pose), near=pose)
 
 
 @dataclass(frozen=True)
@@ -74,7 +116,7 @@ class PoseShares:
     """What geometry and heat do to a frame, alone and together; differences to the nominal pose in the fixed platform.
 
     Attributes:
-        geometry: geometric errors (and loads) alone.
+        geometry: geometric errors, drive offsets and loads alone.
         heat: heat alone, on the drawing.
         together: both in one closure: the actual pose.
     """
@@ -88,11 +130,16 @@ class PoseShares:
         """What the shares leave of the whole: together - geometry - heat, shape (3,), in m. Not zero."""
         return np.asarray(self.together.translation_m - self.geometry.translation_m - self.heat.translation_m)
 
+    @property
+    def remainder_rad(self) -> FloatArray:
+        """The same of the rotation vectors, shape (3,), in rad; of second order even for small turns."""
+        return np.asarray(self.together.rotation_rad - self.geometry.rotation_rad - self.heat.rotation_rad)
+
 
 def pose_shares(
-    robot: PouringRobot, expansion: ThermalExpansion, pose: PlatformPose, frame: str = "ladle_lip"
+    robot: PouringRobot, expansion: ThermalExpansion, pose: PlatformPose, frame: str | None = None
 ) -> PoseShares:
-    """Return how geometry and heat move a frame at a commanded pose.
+    """Return how geometry and heat move a frame (default: the pouring lip) at a commanded pose.
 
     Raises:
         UnreachablePoseError: a joint would pass its limits.
@@ -100,9 +147,11 @@ def pose_shares(
         UnknownFrameError: there is no such frame.
     """
     location = robot.locate(pose)
-    nominal = location.nominal.pose("fixed_platform", frame)
-    heat = solve_heated(robot, expansion, pose, geometry=False).pose("fixed_platform", frame)
-    both = solve_heated(robot, expansion, pose).pose("fixed_platform", frame)
+    base, frame = location.loops.base_frame, frame or location.loops.working_frame
+    nominal = location.nominal.pose(base, frame)
+    heat, both = (solve_heated(robot, expansion, pose, geometry=geometry) for geometry in (False, True))
     return PoseShares(
-        location.difference(frame), PoseDifference.between(nominal, heat), PoseDifference.between(nominal, both)
+        location.difference(frame),
+        PoseDifference.between(nominal, heat.pose(base, frame)),
+        PoseDifference.between(nominal, both.pose(base, frame)),
     )

@@ -17,7 +17,6 @@ from pouring_robot.closure import ClosureResult
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.layout import check_layout, read_text, shipped_layouts_file
 from pouring_robot.mechanism import FloatArray
-from pouring_robot.poses import PlatformPose
 from pouring_robot.robot import PouringRobot
 from pouring_robot.thermal import network_parts as parts
 from pouring_robot.thermal.elements import FACE_NORMALS, BarCells, LadleSections, LegSections, link_boxes, merged
@@ -27,11 +26,10 @@ from pouring_robot.thermal.network_field import TemperatureField
 from pouring_robot.thermal.properties import ThermalProperties, kelvin, load_thermal_properties
 from pouring_robot.thermal.steady import steady_temperatures
 from pouring_robot.thermal.transient import DEFAULT_OPTIONS, Poses, TransientOptions, TransientResult, simulate
-from pouring_robot.thermal.transient_history import HeatHistory
+from pouring_robot.thermal.transient_history import HeatHistory, Placed
 from pouring_robot.thermal.view_factors import Boxes, DiscSample, element_to_disc, visible_share
 
 _KEPT_POSES = 32
-Placed = PlatformPose | ClosureResult
 
 
 class ThermalNetwork:
@@ -130,6 +128,11 @@ class ThermalNetwork:
             ThermalSolutionError: the integrator gives up.
         """
         return simulate(self, history, poses, start=start, times_s=times_s, options=options)
+
+    @property
+    def lining_m(self) -> float:
+        """Thickness of the ladle's lining, in m."""
+        return parts.lining_thickness_m(self._ladle, self.properties)
 
     def temperatures_K(self, melt_degC: float | None, ambient_degC: float | None) -> tuple[float, float]:
         """Return melt and ambient temperature in K; None stands for that of the properties.

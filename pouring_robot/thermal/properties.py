@@ -13,13 +13,17 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic import Strict as OnlyOfType
 
-from pouring_robot.layout import description_folder
+from pouring_robot.layout import CHAINS, description_folder
 from pouring_robot.layout_schema import Entry, Size
 from pouring_robot.thermal.thermal_errors import TemperatureError, ThermalFileError
 from pouring_robot.yaml_files import StrictModel, read_yaml, validate
 
 ZERO_CELSIUS_K = 273.15
 """0 °C in K."""
+HOTTEST_DEGC = 2500.0
+"""Hotter than any melt that is poured; beyond it a temperature is a mistake of units."""
+PARTS = (*(f"leg{i}" for i in CHAINS), "platform", "fixed_platform")
+"""Parts with a temperature of their own, named as in campaign columns (``leg1_degC`` …, ``platform_degC``)."""
 
 _Celsius = Annotated[float, OnlyOfType(), Field(ge=-ZERO_CELSIUS_K)]
 _Fraction = Annotated[float, OnlyOfType(), Field(gt=0.0, le=1.0)]

@@ -18,17 +18,16 @@ import scipy.sparse
 from scipy.integrate import solve_ivp
 
 from pouring_robot.mechanism import FloatArray
-from pouring_robot.poses import PlatformPose
 from pouring_robot.thermal.network_circuit import Circuit
 from pouring_robot.thermal.network_field import TemperatureField
 from pouring_robot.thermal.thermal_errors import HistoryError, ThermalSolutionError
-from pouring_robot.thermal.transient_history import HeatHistory, PoseSchedule
+from pouring_robot.thermal.transient_history import HeatHistory, Placed, PoseSchedule
 
 if TYPE_CHECKING:
     from pouring_robot.thermal.network import ThermalNetwork
 
 Method = Literal["BDF", "Radau"]
-Poses = PlatformPose | PoseSchedule | Sequence[tuple[float, PlatformPose]]
+Poses = Placed | PoseSchedule | Sequence[tuple[float, Placed]]
 
 
 @dataclass(frozen=True)

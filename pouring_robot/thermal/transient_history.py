@@ -11,13 +11,18 @@ from pathlib import Path
 
 import numpy as np
 
+from pouring_robot.closure import ClosureResult
 from pouring_robot.exceptions import BadInputError, TableError, closest
 from pouring_robot.mechanism import FloatArray
 from pouring_robot.poses import PlatformPose
-from pouring_robot.thermal.properties import ZERO_CELSIUS_K, kelvin
+from pouring_robot.thermal.properties import HOTTEST_DEGC, ZERO_CELSIUS_K, kelvin
 from pouring_robot.thermal.thermal_errors import HistoryError
 
+Placed = PlatformPose | ClosureResult
+"""Where the robot stands: a pose of the drawing, or a closure of any robot of its layout."""
+
 _TIMES = {"time_s": 1.0, "time_min": 60.0, "time_h": 3600.0}
+_POSE_COLUMNS = ("x_mm", "y_mm", "z_mm", "tilt_deg")
 _STRAIGHT_K_PER_S = 1e-12
 
 
@@ -100,7 +105,7 @@ class PoseSchedule:
         HistoryError: no entry, or times that do not increase.
     """
 
-    entries: tuple[tuple[float, PlatformPose], ...]
+    entries: tuple[tuple[float, Placed], ...]
 
     def __post_init__(self) -> None:
         """Check the order."""
@@ -109,17 +114,15 @@ class PoseSchedule:
         _check_order(np.array([time for time, _ in self.entries], dtype=float))
 
     @classmethod
-    def of(
-        cls, poses: PlatformPose | PoseSchedule | Sequence[tuple[float, PlatformPose]], start_s: float
-    ) -> PoseSchedule:
+    def of(cls, poses: Placed | PoseSchedule | Sequence[tuple[float, Placed]], start_s: float) -> PoseSchedule:
         """Return a schedule from one pose that is held throughout, from entries, or as it is."""
         if isinstance(poses, PoseSchedule):
             return poses
-        if isinstance(poses, PlatformPose):
+        if isinstance(poses, PlatformPose | ClosureResult):
             return cls(((start_s, poses),))
         return cls(tuple((float(time), pose) for time, pose in poses))
 
-    def at(self, time_s: float) -> PlatformPose:
+    def at(self, time_s: float) -> Placed:
         """Return the pose held from a time on; before the first entry, the first pose."""
         held = self.entries[0][1]
         for time, pose in self.entries:
@@ -147,7 +150,31 @@ def read_history(path: Path | str, default_ambient_degC: float = 20.0) -> HeatHi
         TableError: the file cannot be read, a column is missing, unknown or doubled, a cell is no number, times do not
             increase, or a temperature is impossible; names line and column.
     """
-    path = Path(path)
+    return _read(Path(path), default_ambient_degC, ())[0]
+
+
+def read_shift(path: Path | str, default_ambient_degC: float = 20.0) -> tuple[HeatHistory, PoseSchedule | None]:
+    """Read a history that may also hold poses: columns ``x_mm``, ``y_mm``, ``z_mm``, ``tilt_deg``, all or none.
+
+    A pose is held from the time of its line on. Arguments and errors as in :func:`read_history`.
+
+    Returns:
+        The history, and the poses where the file has them.
+    """
+    history, columns = _read(Path(path), default_ambient_degC, _POSE_COLUMNS)
+    present = [name for name in _POSE_COLUMNS if name in columns]
+    if not present:
+        return history, None
+    if len(present) < len(_POSE_COLUMNS):
+        missing = next(name for name in _POSE_COLUMNS if name not in columns)
+        raise TableError(path, f"line 1: column '{missing}' is missing; a pose needs {', '.join(_POSE_COLUMNS)}")
+    poses = [PlatformPose.from_mm_deg(*map(float, row)) for row in np.transpose([columns[n] for n in _POSE_COLUMNS])]
+    changes = [k for k in range(len(poses)) if k == 0 or poses[k] != poses[k - 1]]
+    return history, PoseSchedule(tuple((float(history.times_s[k]), poses[k]) for k in changes))
+
+
+def _read(path: Path, default_ambient_degC: float, extra: Sequence[str]) -> tuple[HeatHistory, dict[str, FloatArray]]:
+    """Read a history; return it and all columns."""
     try:
         lines = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
     except OSError as error:
@@ -155,8 +182,11 @@ def read_history(path: Path | str, default_ambient_degC: float = 20.0) -> HeatHi
     except (UnicodeDecodeError, csv.Error) as error:
         raise TableError(path, "is not a CSV file in UTF-8") from error
     header = [cell.strip() for cell in lines[0]] if lines else []
-    time_column = _check_header(path, header)
+    time_column = _check_header(path, header, extra)
     rows = [(n, line) for n, line in enumerate(lines[1:], start=2) if any(cell.strip() for cell in line)]
+    for number, line in rows:
+        if len(line) > len(header):
+            raise TableError(path, f"line {number}: {len(line)} cells, but the header names {len(header)} columns")
     columns = {name: np.array([_cell(path, n, line, header, name) for n, line in rows]) for name in header}
     times = columns[time_column] * _TIMES[time_column]
     for k in range(1, len(times)):
@@ -165,14 +195,14 @@ def read_history(path: Path | str, default_ambient_degC: float = 20.0) -> HeatHi
             raise TableError(path, problem)
     ambient = columns.get("ambient_degC", np.full(len(times), default_ambient_degC))
     try:
-        return HeatHistory(times, columns["melt_degC"], ambient)
+        return HeatHistory(times, columns["melt_degC"], ambient), columns
     except BadInputError as error:
         raise TableError(path, str(error)) from error
 
 
-def _check_header(path: Path, header: list[str]) -> str:
+def _check_header(path: Path, header: list[str], extra: Sequence[str]) -> str:
     """Return the name of the time column."""
-    known = [*_TIMES, "melt_degC", "ambient_degC"]
+    known = [*_TIMES, "melt_degC", "ambient_degC", *extra]
     for name in header:
         if name not in known:
             raise TableError(path, f"line 1: unknown column '{name}'{closest(name, known)}")
@@ -195,4 +225,6 @@ def _cell(path: Path, number: int, line: list[str], header: list[str], name: str
         raise TableError(path, f"line {number}, column {name}: '{text}' is not a finite number")
     if name.endswith("degC") and value < -ZERO_CELSIUS_K:
         raise TableError(path, f"line {number}, column {name}: {value:g} degC lies below absolute zero")
+    if name.endswith("degC") and value > HOTTEST_DEGC:
+        raise TableError(path, f"line {number}, column {name}: {value:g} degC is hotter than any melt; check the unit")
     return value

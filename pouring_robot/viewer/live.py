@@ -38,7 +38,7 @@ def serve(scene: Scene, port: int = 0) -> LiveView:
         The view; use it in a ``with`` statement. After that nothing listens and no thread is left.
 
     Raises:
-        BadInputError: the port is taken or not allowed.
+        BadInputError: the port is taken or not allowed, or the server does not start.
         DescriptionError: a visual of a robot cannot be drawn.
     """
     return LiveView(scene, port)
@@ -59,10 +59,25 @@ class LiveView:
         self._loop = asyncio.new_event_loop()
         self._closing = threading.Event()
         self._started = threading.Event()
+        self._stop = asyncio.Event()
+        self._failure: Exception | None = None
         # A daemon: a program that forgets to close the view must still be able to end.
         self._thread = threading.Thread(target=self._run, name="pouring-robot-view", daemon=True)
         self._thread.start()
-        self._started.wait(_PATIENCE_S)
+        if not self._started.wait(_PATIENCE_S) or self._failure:
+            self._give_up()
+
+    def _give_up(self) -> None:
+        """Leave nothing behind of a view that did not start.
+
+        Raises:
+            BadInputError: always; it says why.
+        """
+        self.close()
+        for one in self._sockets:
+            one.close()
+        reason = self._failure or f"its server did not start within {_PATIENCE_S:g} s"
+        raise BadInputError(f"cannot show the page at {self.url}: {reason}; try again, or write it with --html")
 
     def show(self, scene: Scene) -> None:
         """Replace what every open page shows; the place of the camera is set anew too."""
@@ -83,7 +98,8 @@ class LiveView:
         """Stop listening and end the thread; a second call does nothing."""
         if not self._closing.is_set():
             self._closing.set()
-            self._loop.call_soon_threadsafe(self._stop.set)
+            if not self._failure:  # otherwise its thread has ended by itself
+                self._loop.call_soon_threadsafe(self._stop.set)
             self._thread.join(_PATIENCE_S)
 
     def __enter__(self) -> Self:
@@ -99,11 +115,13 @@ class LiveView:
         asyncio.set_event_loop(self._loop)
         try:
             self._loop.run_until_complete(self._listen())
+        except Exception as error:
+            self._failure = error
         finally:
             self._loop.close()
+            self._started.set()  # whoever waits for the start need not wait any longer
 
     async def _listen(self) -> None:
-        self._stop = asyncio.Event()
         options = {"contents": self._contents}
         # A browser's request for an icon is no news for a terminal, so nothing is logged.
         application = tornado.web.Application(log_function=lambda handler: None)

@@ -11,7 +11,7 @@ from string import Template
 
 from pouring_robot.files import write_whole
 from pouring_robot.viewer.commands import ROOT, drawing_commands
-from pouring_robot.viewer.scene import Colour, Scene, exaggeration_text, legend
+from pouring_robot.viewer.scene import Colour, Scene, Vector, exaggeration_text, labelled_arrows, legend
 
 
 class _PageTemplate(Template):
@@ -21,7 +21,9 @@ class _PageTemplate(Template):
 
 
 def write_html(scene: Scene, path: Path | str) -> Path:
-    """Write a scene as a self-contained meshcat page of about a megabyte.
+    """Write a scene as a self-contained meshcat page.
+
+    The viewer's script takes 0.9 MB of it, surfaces and edges the rest: about 3 MB for both robots in all.
 
     Args:
         scene: what to show.
@@ -64,14 +66,25 @@ def page(scene: Scene, *, live: bool = False) -> str:
 
 
 def overlay(scene: Scene) -> str:
-    """Return the words of a page as an HTML fragment: title, legend with switches, table and scale."""
+    """Return the words of a page as an HTML fragment: title, legend with switches, table, scale, labels of arrows."""
     rows = "".join(
         f"<tr><th>{html.escape(what)}</th><td>{html.escape(figure)}</td></tr>" for what, figure in scene.caption
     )
     return (
         f"<h1>{html.escape(scene.title)}</h1><ul>{_legend(scene)}</ul>"
         + (f"<table>{rows}</table>" if rows else "")
-        + f"<p>{html.escape(exaggeration_text(scene))}</p>"
+        + f"<p>{html.escape(exaggeration_text(scene))}</p>{_labels(scene)}"
+    )
+
+
+def _labels(scene: Scene) -> str:
+    """Return the words beside the tips of arrows; the page's script keeps them there."""
+    return "".join(
+        f'<span class="label" data-group="{html.escape(arrow.name)}"'
+        f' data-tail="{_numbers(arrow.start_m)}" data-tip="{_numbers(arrow.end_m)}"'
+        f' style="color: rgb({_css(arrow.colour)})">{html.escape(arrow.label)}</span>'
+        for arrow in labelled_arrows(scene)
+        if arrow.label
     )
 
 
@@ -84,6 +97,10 @@ def _legend(scene: Scene) -> str:
         f"<span>{html.escape(entry.words)}</span></label></li>"
         for entry in legend(scene)
     )
+
+
+def _numbers(point: Vector) -> str:
+    return " ".join(repr(float(value)) for value in point)
 
 
 def _css(colour: Colour) -> str:

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from pouring_robot.exceptions import TableError
 from pouring_robot.poses import PlatformPose
@@ -9,7 +11,7 @@ from pouring_robot.thermal.network import ThermalNetwork
 from pouring_robot.thermal.network_circuit import Circuit
 from pouring_robot.thermal.thermal_errors import HistoryError, TemperatureError
 from pouring_robot.thermal.transient import TransientOptions, _integrate
-from pouring_robot.thermal.transient_history import HeatHistory, PoseSchedule, read_history
+from pouring_robot.thermal.transient_history import HeatHistory, PoseSchedule, read_history, read_shift
 
 POSE = PlatformPose((-0.100, 0.020, -0.600), 0.2)
 OTHER = PlatformPose((-0.060, -0.030, -0.800), -0.1)
@@ -173,3 +175,42 @@ def test_bad_history_files(tmp_path, text, says):
     assert says in str(caught.value)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_shift_file_may_hold_poses(tmp_path):
+    path = tmp_path / "shift.csv"
+    path.write_text(
+        "time_min,melt_degC,x_mm,y_mm,z_mm,tilt_deg\n0,1500,-100,0,-600,10\n5,1500,-100,0,-600,10\n9,1700,-60,5,-500,0\n",
+        encoding="utf-8",
+    )
+    history, schedule = read_shift(path, 25.0)
+    assert history.ambient_degC.tolist() == [25.0] * 3
+    assert schedule.entries == (
+        (0.0, PlatformPose.from_mm_deg(-100.0, 0.0, -600.0, 10.0)),
+        (540.0, PlatformPose.from_mm_deg(-60.0, 5.0, -500.0, 0.0)),
+    )
+    path.write_text("time_min,melt_degC\n0,1500\n5,1500\n", encoding="utf-8")
+    assert read_shift(path)[1] is None
+    with pytest.raises(TableError, match="unknown column 'x_mm'"):
+        path.write_text("time_min,melt_degC,x_mm\n0,1500,1\n5,1500,1\n", encoding="utf-8")
+        read_history(path)
+
+
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(
+    st.one_of(
+        st.text(max_size=60),
+        st.lists(
+            st.lists(st.sampled_from(["0", "1", "1700", "-400", "1e9", "nan", "", '"', "x"]), max_size=4), max_size=4
+        ).map(lambda rows: "time_s,melt_degC,ambient_degC\n" + "\n".join(map(",".join, rows))),
+    )
+)
+def test_any_text_is_read_or_refused(tmp_path, text):
+    path = tmp_path / "shift.csv"
+    path.write_text(text, encoding="utf-8", errors="replace")
+    try:
+        history, _ = read_shift(path)
+    except TableError as problem:
+        assert "\n" not in str(problem)
+    else:
+        assert np.all(np.diff(history.times_s) > 0.0)

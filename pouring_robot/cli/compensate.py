@@ -1,0 +1,149 @@
+"""``pouring-robot compensate``: what to command so that the actual ladle comes to the wanted pose."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.table import Table
+
+from pouring_robot.cli import heat_options, options
+from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseError, UnknownFrameError
+from pouring_robot.pose_table import read_pose_lines
+from pouring_robot.poses import MM, MRAD, PlatformPose
+
+if TYPE_CHECKING:
+    from pouring_robot.compensation import Compensation
+
+PosesFile = Annotated[
+    Path | None,
+    typer.Argument(metavar="POSES.csv", help="Wanted poses: columns x_mm, y_mm, z_mm, tilt_deg. Or --at-mm."),
+]
+AtMm = Annotated[
+    tuple[float, float, float] | None,
+    typer.Option("--at-mm", metavar="X Y Z", help="Wanted position of the platform."),
+]
+Frame = Annotated[
+    str | None,
+    typer.Option(
+        "--frame",
+        metavar="NAME",
+        help="Whose position shall be right: moving_platform (default), ladle or ladle_lip.",
+    ),
+]
+OutFile = Annotated[Path | None, typer.Option("--out", metavar="FILE.csv", help="Write the commands, one row a pose.")]
+
+
+def compensate(
+    poses: PosesFile = None,
+    at_mm: AtMm = None,
+    tilt_deg: Annotated[float | None, typer.Option("--tilt-deg", metavar="T", help="Wanted tilt about y.")] = None,
+    model: options.ModelFile = None,
+    layout: options.LayoutName = None,
+    frame: Frame = None,
+    out: OutFile = None,
+    as_json: options.AsJson = False,
+    melt_degC: heat_options.MeltDegC = None,
+    ambient_degC: heat_options.AmbientDegC = None,
+    steady: heat_options.Steady = False,
+    after_min: heat_options.AfterMin = None,
+    cold: heat_options.Cold = False,
+) -> None:
+    """Find drive values that bring the actual ladle to wanted poses, and say what they cannot cancel.
+
+    With --after-min every pose is taken by itself: held so long from cold.
+    """
+    options.refuse_unwritable(out)
+    if (poses is None) == (at_mm is None):
+        raise BadInputError("give a file of poses or one pose by --at-mm, one of the two")
+    if poses is not None and tilt_deg is not None:
+        raise BadInputError("--tilt-deg belongs to --at-mm; a file of poses has a column for the tilt")
+    wanted = {0: PlatformPose.from_mm_deg(*at_mm, tilt_deg or 0.0)} if at_mm else read_pose_lines(poses or Path())
+    robot = options.robot_of(model, layout, warm=True)
+    _check_frame(robot.nominal_solver.mechanism.loops.reported_frames, frame)
+    heat = heat_options.heat_of(robot, melt_degC, ambient_degC, steady, after_min, cold)
+    from pouring_robot.compensation import compensate as compensated
+    from pouring_robot.compensation_table import commands_csv, compensation_figures, is_outside
+    from pouring_robot.files import write_whole
+    from pouring_robot.thermal.heated_robot import HeatedRobot
+
+    heated = HeatedRobot(robot, heat)
+    found = []
+    with options.progress_bar("compensating", len(wanted)) as step:
+        for line, pose in wanted.items():
+            try:
+                found.append(step(compensated(heated, pose, frame)))
+            except NoSolutionError as error:
+                if poses is None:
+                    raise
+                raise PathPoseError(poses, line, error) from error
+    written = [write_whole(out, commands_csv(found))] if out else []
+    if as_json:
+        rows = [compensation_figures(one) | {"heat": heat_options.heat_figures(heated, one.state)} for one in found]
+        options.print_json({"layout": robot.model.layout, "poses": rows, "written": [str(file) for file in written]})
+        return
+    console = options.console()
+    console.print(_commands_table(found))
+    console.print(heat_options.heat_line(heated, found[0].state) + (" (first pose)" if len(found) > 1 else ""))
+    for sentence in _lines(found):
+        console.print(sentence)
+    if robot.model.is_drawing and heat is None:
+        console.print("note: the drawing, cold, needs no compensation; give --model, --melt-degC or both")
+    outside = [str(i) for i, one in enumerate(found, start=1) if is_outside(robot.layout, one.wanted)]
+    if outside:
+        console.print(f"note: outside the workspace box: pose {', '.join(outside)}")
+    for file in written:
+        console.print(f"wrote {file}")
+
+
+def _check_frame(known: Sequence[str], frame: str | None) -> None:
+    if frame is not None and frame not in known:
+        raise UnknownFrameError(frame, known)
+
+
+def _commands_table(found: Sequence[Compensation]) -> Table:
+    """Return one row a pose: what is wanted, what to command, how far off it was and what is left."""
+    table = Table(
+        title="wanted pose, drives to command, pose to command instead (to a controller that knows the drawing)",
+        title_justify="left",
+        box=None,
+        pad_edge=False,
+    )
+    for name in ("x", "y", "z", "tilt °", "q1 mm", "q2 mm", "q3 mm", "q4 rad", "x'", "y'", "z'", "tilt' °"):
+        table.add_column(name, justify="right")
+    for one in found:
+        *legs, tilt_drive = one.drives.values()
+        *place, angle = one.command.to_mm_deg()
+        table.add_row(
+            *(f"{value:.1f}" for value in one.wanted.to_mm_deg()),
+            *(f"{value / MM:.4f}" for value in legs),
+            f"{tilt_drive:.7f}",
+            *(f"{value:.3f}" for value in place),
+            f"{angle:.4f}",
+        )
+    return table
+
+
+def _lines(found: Sequence[Compensation]) -> Iterator[str]:
+    """Say how far off the ladle was, what is left, and what cannot be cancelled; the largest over all poses."""
+    word = "" if len(found) == 1 else "largest: "
+    before = max(one.before.distance_m for one in found) / MM
+    left = max(one.left.distance_m for one in found) / MM
+    tilt = max(abs(one.left_tilt_rad) for one in found) / MRAD
+    frame = found[0].frame
+    yield f"{word}'{frame}' without compensation {before:.3f} mm off, with it {left:.1e} mm and {tilt:.1e} mrad of tilt"
+    roll, yaw = (max((one.uncontrolled_rad[k] for one in found), key=abs) / MRAD for k in (0, 1))
+    lip = max(one.left_at_lip.distance_m for one in found) / MM
+    yield (
+        f"{word}not in the drives' power: roll {roll:+.3f} mrad about x, yaw {yaw:+.3f} mrad about z; the lip is left "
+        f"{lip:.3f} mm off" + ("" if frame == "ladle_lip" else "; --frame ladle_lip puts the lip right instead")
+    )
+    moved = max(one.state.unsettled_m for one in found) / MM
+    turns = max(one.state.turns for one in found)
+    if turns > 1:
+        yield (
+            f"{word}temperatures were held inside each Newton solve and taken anew where the ladle then was, {turns} "
+            f"times; the last time moved it by {moved:.1e} mm{heat_options.unsettled_words(moved * MM)}"
+        )

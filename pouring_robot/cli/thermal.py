@@ -1,0 +1,217 @@
+"""``pouring-robot thermal``: what the melt does to the robot, at a pose or over a shift."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from pouring_robot.cli import heat_options, options
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.poses import MM, MRAD, PlatformPose
+
+if TYPE_CHECKING:
+    from pouring_robot.thermal.heat_report import PoseHeat, ShiftHeat
+    from pouring_robot.thermal.heat_section import HeatSection
+    from pouring_robot.thermal.heated_robot import HeatedRobot
+
+_MOST_ROWS = 2000
+AtMm = Annotated[
+    tuple[float, float, float] | None,
+    typer.Option("--at-mm", metavar="X Y Z", help="Commanded position of the platform."),
+]
+History = Annotated[
+    Path | None,
+    typer.Option(
+        "--history",
+        metavar="FILE.csv",
+        help="A shift: columns time_min (or _s, _h), melt_degC, if wanted ambient_degC, and x_mm y_mm z_mm tilt_deg "
+        "where the pose changes.",
+    ),
+]
+
+
+def thermal(
+    at_mm: AtMm = None,
+    tilt_deg: Annotated[float | None, typer.Option("--tilt-deg", metavar="T", help="Commanded tilt about y.")] = None,
+    history: History = None,
+    every_min: Annotated[
+        float | None, typer.Option("--every-min", metavar="MIN", help="Rows of a shift (default: those of its file).")
+    ] = None,
+    model: options.ModelFile = None,
+    layout: options.LayoutName = None,
+    melt_degC: heat_options.MeltDegC = None,
+    ambient_degC: heat_options.AmbientDegC = None,
+    steady: heat_options.Steady = False,
+    after_min: heat_options.AfterMin = None,
+    conduction_only: Annotated[
+        bool, typer.Option("--conduction-only", help="Leave radiation out, as the paper's first analysis does.")
+    ] = False,
+    csv: Annotated[
+        Path | None, typer.Option("--csv", metavar="FILE", help="Write every element, or every row of a shift.")
+    ] = None,
+    png: options.PngFile = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """Say how warm legs and platforms get under the melt, and how that alone moves the ladle.
+
+    A pose is given by --at-mm and held until nothing changes (or --after-min); a shift by --history. Geometric errors
+    of a model file take no part; its heat section does.
+    """
+    options.refuse_unwritable(csv, png)
+    robot = options.robot_of(model, layout, warm=True)
+    from pouring_robot.thermal.heat_section import HeatSection
+
+    if history is not None and (melt_degC is not None or steady or after_min is not None):
+        raise BadInputError(
+            "--history tells the melt's temperature and the time; leave out --melt-degC, --steady and --after-min"
+        )
+    if every_min is not None and history is None:
+        raise BadInputError("--every-min gives the rows of a shift; give the shift by --history")
+    if tilt_deg is not None and at_mm is None:
+        raise BadInputError("--tilt-deg belongs to a pose; give its position by --at-mm")
+    heat = heat_options.heat_of(robot, melt_degC, ambient_degC, steady, after_min, False) or HeatSection()
+    pose = None if at_mm is None else PlatformPose.from_mm_deg(*at_mm, tilt_deg or 0.0)
+    if history is None and pose is None:
+        raise BadInputError("say where the robot stands: --at-mm X Y Z and --tilt-deg T")
+    from pouring_robot.files import write_whole
+    from pouring_robot.thermal.heat_report import PoseHeat, heated_drawing
+
+    heated = heated_drawing(robot, heat, radiation=not conduction_only)
+    kind = "conduction alone" if conduction_only else "conduction and radiation"
+    found: PoseHeat | ShiftHeat
+    if history is not None:
+        found = _shift(heated, heat, history, pose, every_min)
+        title = f"{history.name}: {kind}, layout {robot.model.layout}"
+    else:
+        found = PoseHeat.of(heated, pose or PlatformPose((0.0, 0.0, 0.0), 0.0))
+        melt, ambient = heated.temperatures_degC
+        when = "steady" if heat.after_min is None else f"after {heat.after_min:g} min"
+        title = f"melt {melt:g}, surroundings {ambient:g} °C, {when}; {kind}; layout {robot.model.layout}"
+    written = [write_whole(csv, found.csv())] if csv else []
+    if png:
+        from pouring_robot.thermal.heat_plots import pose_picture, shift_picture
+
+        drawn = pose_picture(found, title) if isinstance(found, PoseHeat) else shift_picture(found, title)
+        written.append(write_whole(png, drawn))
+    if as_json:
+        content = found.figures() if isinstance(found, PoseHeat) else {"rows": list(found.rows())}
+        measured = {"measured_degC": heat.measured_degC} if heat.measured_degC else {}
+        names = {"layout": robot.model.layout, "radiation": not conduction_only, "written": list(map(str, written))}
+        options.print_json(content | measured | names)
+        return
+    console = options.console()
+    console.print(title)
+    if isinstance(found, PoseHeat):
+        _print_pose(console, found)
+    else:
+        console.print(_shift_table(found))
+    if heat.measured_degC:
+        told = ", ".join(f"{part} {value:g} degC" for part, value in heat.measured_degC.items())
+        console.print(f"measured temperatures of the model file take the place of computed ones in growth: {told}")
+    for file in written:
+        console.print(f"wrote {file}")
+
+
+def _shift(
+    heated: HeatedRobot, heat: HeatSection, file: Path, pose: PlatformPose | None, every_min: float | None
+) -> ShiftHeat:
+    """Follow a shift.
+
+    Raises:
+        BadInputError: the file is wrong, or it is not clear where the robot stands.
+        NoSolutionError: a pose is out of reach, or no temperatures are found.
+    """
+    import numpy as np
+
+    from pouring_robot.thermal.heat_report import ShiftHeat
+    from pouring_robot.thermal.transient_history import PoseSchedule, read_shift
+
+    past, schedule = read_shift(file, heated.temperatures_degC[1])
+    if (schedule is None) == (pose is None):
+        where = "gives no pose: add --at-mm X Y Z" if schedule is None else "gives the poses: leave --at-mm out"
+        raise BadInputError(f"{file}: {where}")
+    schedule = schedule or PoseSchedule.of(pose or (), past.start_s)
+    times = past.times_s
+    if every_min is not None:
+        if not every_min > 0.0 or (past.end_s - past.start_s) / (60.0 * every_min) > _MOST_ROWS:
+            raise BadInputError(
+                f"--every-min {every_min:g}: give a time that makes 1 to {_MOST_ROWS} rows of the shift"
+            )
+        times = np.append(np.arange(past.start_s, past.end_s - 1e-6, 60.0 * every_min), past.end_s)
+    return ShiftHeat.of(heated.robot, heated.network, past, schedule, times, heat.measured_degC)
+
+
+def _print_pose(console: Console, found: PoseHeat) -> None:
+    table = Table(
+        title="temperatures: degC; across: K from side to side, settled; growth: mm",
+        title_justify="left",
+        box=None,
+        pad_edge=False,
+    )
+    for name in ("part", "mean", "hottest", "across", "grows by"):
+        table.add_column(name, justify="left" if name == "part" else "right")
+    for row in found.parts:
+        across = "" if row.across_K is None else f"{row.across_K:.1f}"
+        growth = "" if row.growth_m is None else f"{row.growth_m / MM:.3f}"
+        table.add_row(row.part.replace("_", " "), f"{row.mean_degC:.1f}", f"{row.hottest_degC:.1f}", across, growth)
+    console.print(table)
+    moves = Table(title="moved by heat alone: mm, mrad", title_justify="left", box=None, pad_edge=False)
+    for name in ("frame", "x", "y", "z", "|xyz|", "rx", "ry", "rz"):
+        moves.add_column(name, justify="left" if name == "frame" else "right")
+    for frame, difference in found.moved.items():
+        shift, turn = difference.to_mm_mrad()
+        cells = [*(f"{value:+.3f}" for value in shift), f"{difference.distance_m / MM:.3f}"]
+        moves.add_row(frame, *cells, *(f"{value + 0.0:+.3f}" for value in turn))
+    console.print(moves)
+    balance = found.field.balance
+    gains = balance.melt_radiation_W + balance.melt_conduction_W
+    losses = balance.ambient_film_W + balance.ambient_radiation_W
+    console.print(
+        f"heat: {gains / 1e3:.2f} kW from the melt ({balance.melt_radiation_W / 1e3:.2f} by radiation, "
+        f"{balance.melt_conduction_W / 1e3:.2f} through the lining), {losses / 1e3:.2f} kW to the surroundings "
+        f"({balance.ambient_film_W / 1e3:.2f} by air), {abs(balance.stored_W) / 1e3:.2g} kW stored"
+    )
+    bending = found.bending
+    matters = "MATTERS" if found.bending_matters else "does not matter"
+    at_lip = abs(bending.tilt_error_rad) * found.lever_m / MM
+    console.print(
+        f"bending: legs bow up to {float(bending.bow_m.max()) / MM:.2f} mm; not in the figures above: leg 4 would tilt "
+        f"the ladle by {bending.tilt_error_rad / MRAD:+.2f} mrad, {at_lip:.2f} mm at the lip: {matters} against a "
+        f"tenth of the required {found.accuracy_m / MM:g} mm"
+    )
+
+
+def _shift_table(found: ShiftHeat) -> Table:
+    table = Table(
+        title="means: degC; the platform's origin o and the lip, moved by heat alone: mm",
+        title_justify="left",
+        box=None,
+        pad_edge=False,
+    )
+    end, lip = found.moved
+    shown = {
+        "min": "time_min",
+        "melt": "melt_degC",
+        **{f"leg {i}": f"leg{i}_degC" for i in range(1, 5)},
+        "platform": "platform_degC",
+        "fixed pl.": "fixed_platform_degC",
+        "shell": "ladle_shell_degC",
+        "x": f"{end}_moved_x_mm",
+        "y": f"{end}_moved_y_mm",
+        "z": f"{end}_moved_z_mm",
+        "|o|": f"{end}_moved_mm",
+        "|lip|": f"{lip}_moved_mm",
+    }
+    for name in shown:
+        table.add_column(name, justify="right")
+    for row in found.rows():
+        cells = []
+        for column in shown.values():
+            digits = 3 if column.endswith("_mm") else (0 if column == "melt_degC" else 1)
+            cells.append(f"{row[column] + 0.0:.{digits}f}")
+        table.add_row(*cells)
+    return table

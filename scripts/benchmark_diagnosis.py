@@ -1,0 +1,160 @@
+"""Blind trials of the diagnosis: every figure with its interval, the confusion matrix, and every failure.
+
+    python -m scripts.benchmark_diagnosis --cases 60 --seed 1 --json trials.json      # the repository's independent rig
+    python -m scripts.benchmark_diagnosis --cases 200 --kinds outside,confounded      # only some kinds of the same set
+    python -m scripts.benchmark_diagnosis --cases 300 --effects base_drift            # only cases with some effect
+    python -m scripts.benchmark_diagnosis --folder ../campaigns                       # folders with truth.json
+    python -m scripts.benchmark_diagnosis --records trials.json                       # figures again, nothing diagnosed
+
+Case k of seed S is ``python -m tests.rig --seed S``'s case k. A single effect of 3 times the noise or more is diagnosed
+a second time with that effect taken out of the library. Each worker computes on its share of the cores. Records carry
+the seeds. Exit code 1 if a figure falls short of what it must reach, or a diagnosis crashed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import sys
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+if str(ROOT) not in sys.path:  # the rig is no part of the package: it is found from the repository
+    sys.path.insert(0, str(ROOT))
+
+from rich.progress import Progress  # noqa: E402
+
+from scripts.diagnosis_figures import HEADINGS, confusion, coverage, failures, figures  # noqa: E402
+from tests.diagnosis.trial import Trial, rig_trials, trials_of  # noqa: E402
+from tests.rig.__main__ import CYCLE, KIND, case  # noqa: E402
+
+_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+@dataclass(frozen=True)
+class Job:
+    """A campaign to be diagnosed.
+
+    Attributes:
+        name: of the campaign.
+        folder: where it stands; None for one of the rig.
+        number: of the rig's case.
+        seed: of the rig's set.
+        far: whether the rig's tracker stands far away.
+        exclude: whether a strong single is diagnosed without its effect, too.
+        effects: only campaigns with one of these effects; all if empty.
+    """
+
+    name: str
+    folder: Path | None = None
+    number: int = 0
+    seed: int = 0
+    far: bool = False
+    exclude: bool = True
+    effects: frozenset[str] = frozenset()
+
+
+def run(job: Job) -> list[Trial]:
+    """Diagnose one campaign."""
+    if job.folder is not None:
+        truth = json.loads((job.folder / "truth.json").read_text(encoding="utf-8"))
+        return trials_of(job.folder, job.name, exclude=job.exclude) if _wanted(job, truth["effects"]) else []
+    campaign = case(job.number, job.seed, job.far)
+    return rig_trials(campaign, job.name, exclude=job.exclude) if _wanted(job, campaign.truth["effects"]) else []
+
+
+def _wanted(job: Job, hidden: Iterable[dict[str, object]]) -> bool:
+    return not job.effects or any(e["effect"] in job.effects for e in hidden)
+
+
+def jobs(options: argparse.Namespace) -> list[Job]:
+    """Return what the command line asks for."""
+    kinds = frozenset(filter(None, options.kinds.split(",")))
+    effects = frozenset(filter(None, options.effects.split(",")))
+    if options.folder is None:
+        return [
+            Job(f"s{options.seed}/{k}", None, k, options.seed, options.far_tracker, not options.no_exclude, effects)
+            for k in range(options.first, options.first + options.cases)
+            if not kinds or KIND[CYCLE[k % len(CYCLE)]] in kinds
+        ]
+    found = sorted(path.parent for path in options.folder.glob("*/truth.json"))
+    return [
+        Job(folder.name, folder, exclude=not options.no_exclude, effects=effects)
+        for folder in found
+        if not kinds or json.loads((folder / "truth.json").read_text(encoding="utf-8"))["kind"] in kinds
+    ]
+
+
+def trials(work: Sequence[Job], workers: int) -> Iterator[Trial]:
+    """Yield the trials of all jobs, each worker on its share of the cores."""
+    share = max(1, (os.cpu_count() or 1) // workers)
+    os.environ.update(dict.fromkeys(_THREADS, str(share)))  # read where the worker, a new process, imports NumPy
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=context) as pool, Progress(transient=True) as progress:
+        for found in progress.track(pool.map(run, work), total=len(work), description="diagnosing"):
+            yield from found
+
+
+def report(found: Sequence[Trial]) -> Iterator[str]:
+    """Yield the lines of the report, in Markdown."""
+    yield from _table(HEADINGS, [figure.cells() for figure in figures(found)])
+    columns, matrix = confusion(found)
+    yield from ("", "What was said (columns) of what was at work (rows), singles, pairs and the rest:", "")
+    short = [str(k + 1) if k < len(columns) - 3 else name for k, name in enumerate(columns)]
+    numbered = {name: f"{k + 1} {name}" for k, name in enumerate(columns[:-3])}
+    rows = [(numbered.get(t, t), *(str(said[c]) if said[c] else "." for c in columns)) for t, said in matrix.items()]
+    yield from _table(("", *short), rows)
+    yield from ("", "Parameters with a known truth, where the effects were named right:", "")
+    yield from _table(("effect", "parameter", "covered", "RMS error in std"), coverage(found))
+    wrong = failures(found)
+    yield from ("", f"{len(wrong)} of {len(found)} trials do not say what they should:", "")
+    yield from (f"- {t.line()}" for t in wrong)
+
+
+def _table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
+    table = [tuple(headings), *rows]
+    widths = [max(len(row[k]) for row in table) for k in range(len(headings))]
+    for k, row in enumerate(table):
+        yield "| " + " | ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) + " |"
+        if k == 0:
+            yield "|" + "|".join("-" * (width + 2) for width in widths) + "|"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the trials, print the report and return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cases", type=int, default=60, help="cases of the rig (60)")
+    parser.add_argument("--first", type=int, default=0, help="number of the first case (0)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the rig's set (0)")
+    parser.add_argument("--far-tracker", action="store_true", help="the tracker stands metres away and turned")
+    parser.add_argument("--folder", type=Path, help="folder of campaigns with truth.json, instead of the rig")
+    parser.add_argument("--kinds", default="", help="only these, by commas: null,single,pair,outside,confounded")
+    parser.add_argument("--effects", default="", help="only campaigns with one of these effects, by commas")
+    parser.add_argument("--no-exclude", action="store_true", help="no second run without the true effect")
+    parser.add_argument("--workers", type=int, default=2, help="processes (2)")
+    parser.add_argument("--json", type=Path, help="write the records here")
+    parser.add_argument("--records", type=Path, nargs="+", help="read records instead of diagnosing")
+    options = parser.parse_args(arguments)
+    if options.records:
+        found = [Trial.from_dict(t) for p in options.records for t in json.loads(p.read_text("utf-8"))["trials"]]
+        seconds = 0.0
+    else:
+        started = time.perf_counter()
+        found = list(trials(jobs(options), max(1, options.workers)))
+        seconds = time.perf_counter() - started
+    if options.json:
+        record = {"seed": options.seed, "seconds": seconds, "trials": [t.as_dict() for t in found]}
+        options.json.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    sys.stdout.write("\n".join(report(found)) + "\n")
+    sys.stdout.write(f"\n{len(found)} diagnoses in {seconds:.0f} s with {options.workers} workers\n")
+    return int(any(f.short for f in figures(found)) or any(t.refused.startswith("crash") for t in found))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

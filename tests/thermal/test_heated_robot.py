@@ -1,0 +1,97 @@
+"""Temperatures and pose that belong together: turns end, shares, what comes from the model."""
+
+import numpy as np
+import pytest
+
+from pouring_robot.model import DriveOffset, RobotModel
+from pouring_robot.poses import PlatformPose, PoseDifference
+from pouring_robot.robot import PouringRobot
+from pouring_robot.thermal.expansion import ThermalExpansion
+from pouring_robot.thermal.expansion_pose import WarmRobot, solve_heated
+from pouring_robot.thermal.heat_section import HeatSection
+from pouring_robot.thermal.heated_robot import SETTLED_M, HeatedRobot
+from tests.checks import random_poses
+
+POSE = PlatformPose((-0.100, 0.020, -0.600), 0.3)
+COLD = ThermalExpansion((0.0, 0.0, 0.0, 0.0))
+
+
+@pytest.fixture(scope="module")
+def heated(as_built):
+    return HeatedRobot(as_built, HeatSection())
+
+
+def test_temperatures_are_those_of_where_the_ladle_is(heated):
+    for pose in random_poses(4, seed=4):
+        state = heated.locate(pose).state
+        assert state.unsettled_m < SETTLED_M
+        again = heated.network.steady(state.result)
+        assert again.leg_degC == pytest.approx(state.field.leg_degC, abs=1e-5)
+        # The drawing's place is millimetres away: its temperatures are others.
+        there = heated.network.steady(pose)
+        assert np.abs(there.leg_degC - state.field.leg_degC).max() > 1e-3
+
+
+def test_the_warm_location_is_one_closure_of_everything(heated, as_built):
+    found = heated.locate(POSE)
+    once = solve_heated(as_built, found.state.robot.expansion, POSE).pose_base_to_end
+    # What is left is where the passive leg stands: a growth of micrometres along an axis off by a milliradian.
+    assert PoseDifference.between(found.location.actual.pose_base_to_end, once).distance_m < 1e-8
+    assert found.location.nominal.pose_base_to_end.translation == pytest.approx(POSE.position_m, abs=1e-12)
+
+
+def test_shares(heated, as_built):
+    found = heated.locate(POSE)
+    for frame in ("moving_platform", "ladle_lip"):
+        shares = heated.shares(found, frame)
+        cold = as_built.locate(POSE).difference(frame)
+        assert shares.geometry.translation_m == pytest.approx(cold.translation_m, abs=1e-12)
+        assert shares.together.translation_m == pytest.approx(found.location.difference(frame).translation_m)
+        whole = shares.geometry.translation_m + shares.heat.translation_m + shares.remainder_m
+        assert whole == pytest.approx(shares.together.translation_m, abs=1e-15)
+        assert 1e-7 < np.linalg.norm(shares.remainder_m) < 0.05 * shares.together.distance_m
+
+
+def test_without_heat_it_is_the_robot_as_built(as_built):
+    found = HeatedRobot(as_built).locate(POSE)
+    cold = as_built.locate(POSE).actual.pose_base_to_end
+    assert PoseDifference.between(found.location.actual.pose_base_to_end, cold).distance_m < 1e-12
+    assert (found.state.field, found.state.turns) == (None, 1)
+
+
+def test_drive_offsets_of_the_model_count(drawing):
+    """An offset and a warm leg: length = (commanded + offset) (1 + strain), against the drawing at those lengths."""
+    model = RobotModel(drive_offsets={"leg1_s3": DriveOffset(offset_mm=2.0), "leg4_s5": DriveOffset(offset_mrad=3.0)})
+    strain = 1.2e-3
+    warm = ThermalExpansion((strain, strain, strain, 0.0))
+    found = solve_heated(PouringRobot(model), warm, POSE).pose_base_to_end
+    drives = drawing.kinematics.inverse(POSE)
+    lengths = {name: (drives[name] + 0.002 * (name == "leg1_s3")) * (1.0 + strain) for name in drives if "s3" in name}
+    expected = drawing.kinematics.forward(lengths | {"leg4_s5": drives["leg4_s5"] + 0.003}, near=POSE)
+    assert found.translation == pytest.approx(expected.position_m, abs=1e-12)
+    assert PlatformPose.from_se3(found).tilt_rad == pytest.approx(expected.tilt_rad, abs=1e-12)
+    alone = solve_heated(PouringRobot(model), warm, POSE, geometry=False).pose_base_to_end
+    assert np.abs(alone.translation - found.translation).max() > 1e-4
+
+
+def test_a_long_time_is_steady_and_a_short_one_is_not(as_built):
+    steady, hour, week = (
+        HeatedRobot(as_built, HeatSection(after_min=minutes)).locate(POSE).state.field
+        for minutes in (None, 60.0, 7.0 * 24.0 * 60.0)
+    )
+    assert week.leg_degC == pytest.approx(steady.leg_degC, abs=1e-2)
+    assert np.all(hour.leg_degC < steady.leg_degC - 5.0)
+
+
+def test_measured_temperatures_and_properties_of_the_model_count(as_built):
+    plain = HeatedRobot(as_built, HeatSection()).locate(POSE).state
+    measured = HeatedRobot(as_built, HeatSection(measured_degC={"leg3": 20.0})).locate(POSE).state
+    assert measured.robot.expansion.leg_strain[2] == 0.0
+    assert measured.robot.expansion.leg_strain[0] > 1e-3
+    dull = HeatedRobot(as_built, HeatSection(properties={"steel": {"emissivity": 0.2}})).locate(POSE).state
+    assert np.all(dull.field.leg_degC < plain.field.leg_degC - 30.0)
+
+
+def test_a_warm_robot_at_no_expansion_is_cold(as_built):
+    warm = WarmRobot(as_built, COLD, POSE).locate(POSE)
+    assert warm.difference().translation_m == pytest.approx(as_built.locate(POSE).difference().translation_m, abs=1e-12)
