@@ -20,8 +20,10 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism import FloatArray
 
 RANK_TOLERANCE = 1e-9
-"""Of a singular value against the largest, columns scaled to unit length: below it, round-off of an exact zero.
-Analytic regressors have zeros of 1e-12 there, and what differs by the least counts from 1e-8 on."""
+"""Below it, round-off of an exact zero: of a column's length against the longest (per metre and per radian), and of
+a singular value against the largest, columns scaled to unit length. Solving for G magnifies round-off of 2e-16 by the
+closure's condition: analytic zeros come out at up to 2e-11 on the drawing, the least true column at 2e-2 and the least
+true singular value at 1e-6, so that the threshold lies in a gap of four decades and more (a test holds it there)."""
 _NO_SHARE = 1e-6
 
 
@@ -99,7 +101,7 @@ def base_parameters(
     Args:
         matrix: whitened regressor, shape (m, K); see :func:`~pouring_robot.calibration.residuals.regressor`.
         names: of the columns.
-        tolerance: rank tolerance against the largest singular value, columns scaled to unit length.
+        tolerance: of zero columns and of the rank; see :data:`RANK_TOLERANCE`.
         lead: names that are to stand for their group where there is a choice; the frames, say.
 
     Raises:
@@ -109,7 +111,7 @@ def base_parameters(
     if matrix.ndim != 2 or matrix.shape[1] != len(names) or not np.isfinite(matrix).all():
         raise BadInputError(f"a regressor needs shape (m, {len(names)}) and finite entries, not {matrix.shape}")
     lengths = np.linalg.norm(matrix, axis=0)
-    seen = lengths > tolerance * max(float(lengths.max(initial=0.0)), np.finfo(float).tiny) * 1e-6
+    seen = lengths > tolerance * max(float(lengths.max(initial=0.0)), np.finfo(float).tiny)
     scale = np.where(seen, lengths, 1.0)
     # QR first: from here on m no longer counts. Columns that are zero stay zero exactly.
     compact = np.asarray(np.linalg.qr(np.where(seen, matrix / scale, 0.0), mode="r"), dtype=np.float64)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.stats
@@ -161,7 +161,7 @@ def calibrate(
     chosen = rows.with_model(everything.with_parameters(all_parameters(selection.groups)))
     prior = tolerances.prior(chosen.model.parameters)
     start, _ = first_frames(chosen[parts.train], measured[parts.train])
-    fit = identify(chosen[parts.train], measured[parts.train], start, prior, options.fit)
+    fit = identify(chosen[parts.train], measured[parts.train], start, prior, replace(options.fit, curvature=True))
     calibrated = amended_model(model, chosen.model, fit.unknowns.parameters)
     say("judging")
     full = MeasuredPoses.from_campaign(campaign, noise.position_m, noise.rotation_rad)
@@ -188,7 +188,7 @@ def calibrate(
         before=before,
         after=after,
         base=base_parameters(seen, chosen.model.names, lead=chosen.model.names[:FRAMES]),
-        ladle=_ladle(robot, chosen.model, fit.unknowns, fit.covariance * inflation**2),
+        ladle=_ladle(robot, chosen.model, fit, inflation, turned=bool(measured.known[parts.train, 3:].any())),
         performance=pose_performance(measured, before, after, alike),
     )
 
@@ -243,7 +243,8 @@ def _inflation(fit: Fit) -> float:
 
 
 def _ladle(
-    robot: PouringRobot, model: MeasurementModel, unknowns: Unknowns, covariance: FloatArray
+    robot: PouringRobot, model: MeasurementModel, fit: Fit, inflation: float, *, turned: bool
 ) -> LadleUncertainty:
     poses, rows = workspace_rows(model, robot.layout)
-    return ladle_uncertainty(rows, poses, unknowns, covariance, pose_platform_to_lip(model.engine.structure.mechanism))
+    lip = pose_platform_to_lip(model.engine.structure.mechanism)
+    return ladle_uncertainty(rows, poses, fit.unknowns, fit.covariance * inflation**2, lip, turned=turned)

@@ -21,8 +21,9 @@ _SHARES = (0.1, 0.5, 0.9)  # of the workspace box along each axis
 class LadleUncertainty:
     """Standard deviation of the predicted pouring lip, as the tracker would see it, noise apart.
 
-    The lip is taken to move rigidly with the target, where the target was measured; so the place of the target on
-    the platform, which no campaign shows, does not count.
+    The lip is taken to move rigidly with the target: a turn of the platform that looks like a turn of the target on it
+    does not count, as long as rotations were measured. Where only positions were, nobody has seen that turn, and it
+    counts as far as tolerances leave it open.
 
     Attributes:
         poses: commanded poses x, y, z in m and the tilt in rad, shape (n, 4).
@@ -72,7 +73,13 @@ def workspace_rows(model: MeasurementModel, layout: Layout) -> tuple[FloatArray,
 
 
 def ladle_uncertainty(
-    rows: ModelledRows, poses: FloatArray, unknowns: Unknowns, covariance: FloatArray, pose_platform_to_lip: pin.SE3
+    rows: ModelledRows,
+    poses: FloatArray,
+    unknowns: Unknowns,
+    covariance: FloatArray,
+    pose_platform_to_lip: pin.SE3,
+    *,
+    turned: bool,
 ) -> LadleUncertainty:
     """Carry the covariance of the unknowns to the lip.
 
@@ -82,6 +89,7 @@ def ladle_uncertainty(
         unknowns: the calibrated values.
         covariance: of all unknowns, in m and rad.
         pose_platform_to_lip: where the lip sits on the moving platform.
+        turned: whether rotations were measured, so that the attitude of the target is known.
     """
     seen = rows.linearise(unknowns)
     closed = seen.closed
@@ -89,7 +97,8 @@ def ladle_uncertainty(
         raise NoSolutionError("the prediction holds no Jacobian")
     jacobian, rotation = seen.jacobian[closed], seen.closure.rotation[closed]
     turning = jacobian[:, 3:].copy()
-    turning[:, :, 6:FRAMES] = 0.0  # the attitude of the target on the platform does not move the lip
+    if not turned:
+        turning[:, :, 6:FRAMES] = 0.0  # nothing is known of the target's attitude; the lip is held by the platform's
     arm = pose_platform_to_lip.translation - unknowns.inner.translation
     lever = np.einsum("ij,njk,k->ni", unknowns.outer.rotation, rotation, arm)
     lip = jacobian[:, :3] + np.cross(turning.transpose(0, 2, 1), lever[:, None, :]).transpose(0, 2, 1)

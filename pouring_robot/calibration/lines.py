@@ -9,12 +9,16 @@ import numpy as np
 from pouring_robot.calibration.base_parameters import combination_text, robot_combinations
 from pouring_robot.calibration.calibrate import Calibration
 from pouring_robot.calibration.measurement import FRAMES
+from pouring_robot.exceptions import BadInputError
 from pouring_robot.poses import MM, MRAD
 
 Z95 = 1.959963984540054
 """Half the 95 % interval of a normal deviate."""
 LEARNT = 0.5
 """A parameter is measured when the data took at least this share of its prior variance away."""
+
+SEEN = 0.01
+"""Below this share no pose of the campaign shows a parameter by itself."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,6 +63,51 @@ def parameter_lines(calibration: Calibration) -> list[ParameterLine]:
         value, error, prior = (float(v[k]) / factor for v in (fit.unknowns.values, std, fit.prior_std))
         lines.append(ParameterLine(parameter.name, group, unit, value, error, prior, float(fit.learnt[k])))
     return lines
+
+
+@dataclasses.dataclass(frozen=True)
+class GroupLine:
+    """What one group of parameters does to the ladle, in words and figures of the shop floor.
+
+    Attributes:
+        name: of the group; ``meaning`` what it is on the machine; ``count`` its parameters.
+        moved_mm: by how much it moves the target over the fitted rows, RMS of a coordinate, what a shift of the outer
+            frames would do taken off; ``moved_mrad`` RMS of a rotation component, NaN where none was measured.
+    """
+
+    name: str
+    meaning: str
+    count: int
+    moved_mm: float
+    moved_mrad: float
+
+
+def group_effects(calibration: Calibration) -> list[GroupLine]:
+    """Return what each group kept does at the target, to first order about the answer; the largest first."""
+    fit, noise = calibration.fit, calibration.noise
+    jacobian = fit.equations.jacobian
+    if jacobian is None:
+        raise BadInputError("a fit holds its Jacobian")
+    frames, turned = jacobian[:, :FRAMES], fit.equations.components >= 3
+    lines, first = [], FRAMES
+    for group in calibration.selection.groups:
+        columns = slice(first, first + len(group.parameters))
+        first = columns.stop
+        effect = jacobian[:, columns] @ fit.unknowns.values[columns]
+        effect -= frames @ np.linalg.lstsq(frames, effect, rcond=None)[0]
+        move, turn = (
+            float(np.sqrt((effect[part] ** 2).mean())) if part.any() else float("nan") for part in (~turned, turned)
+        )
+        lines.append(
+            GroupLine(
+                group.name,
+                group.meaning,
+                len(group.parameters),
+                move * noise.position_m / MM,
+                turn * noise.rotation_rad / MRAD,
+            )
+        )
+    return sorted(lines, key=lambda line: -line.moved_mm)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.calibration.calibrate import Calibration
-from pouring_robot.calibration.lines import parameter_lines
+from pouring_robot.calibration.lines import SEEN, parameter_lines
 from pouring_robot.calibration.measurement import FRAMES
 from pouring_robot.poses import MM, MRAD
 
@@ -41,7 +41,13 @@ def _png(figure: Any) -> bytes:
     return stream.getvalue()
 
 
+def _plain(value: float, _place: object) -> str:
+    return f"{value:g}"
+
+
 def _residuals(calibration: Calibration) -> bytes:
+    from matplotlib.ticker import FuncFormatter, NullFormatter
+
     figure = _figure(10.0, 5.6)
     parts = [("position error [mm]", slice(0, 3), MM, calibration.noise.position_m)]
     if calibration.noise.rotation_source != "none":
@@ -57,14 +63,17 @@ def _residuals(calibration: Calibration) -> bytes:
             axes.axvspan(row - 0.5, row + 0.5, color=_TEST, alpha=0.12, linewidth=0)
         axes.axhline(np.sqrt(3.0) * sigma / unit, color=_GREY, linestyle="--", label="noise")
         axes.set_ylabel(label)
+        axes.yaxis.set_major_formatter(FuncFormatter(_plain))
+        axes.yaxis.set_minor_formatter(NullFormatter())
         axes.grid(alpha=0.25)
     axes.set_xlabel("row of the campaign")
-    axes.legend(ncols=3, loc="upper right")
+    figure.legend(*axes.get_legend_handles_labels(), ncols=3, loc="outside upper right")
     return _png(figure)
 
 
 def _parameters(calibration: Calibration) -> bytes:
     lines = parameter_lines(calibration)
+    lines = [line for line in lines if line.learnt >= SEEN] or lines
     order = sorted(lines, key=lambda line: -abs(line.value) / line.std)[:_MOST_NAMES]
     figure = _figure(9.0, 1.2 + 0.19 * len(order))
     axes = figure.subplots()
@@ -101,8 +110,11 @@ def _ladle(calibration: Calibration) -> bytes:
     ladle = calibration.ladle
     half = ladle.half_width_m / MM
     if half.size:
-        shown = left.scatter(ladle.poses[:, 0] / MM, ladle.poses[:, 2] / MM, c=half, s=30, cmap="viridis")
-        figure.colorbar(shown, ax=left, label="± mm")
+        places, index = np.unique(ladle.poses[:, [0, 2]].round(6), axis=0, return_inverse=True)
+        worst = np.array([half[index.ravel() == k].max() for k in range(len(places))])
+        shown = left.scatter(places[:, 0] / MM, places[:, 1] / MM, c=worst, s=60, cmap="viridis")
+        figure.colorbar(shown, ax=left, label="± mm, the worst y and tilt there")
+        left.margins(0.2)
         right.scatter(np.degrees(ladle.poses[:, 3]), half, s=8, color=_AFTER)
     left.set(xlabel="x [mm]", ylabel="z [mm]")
     right.set(xlabel="tilt [°]", ylabel="± mm")

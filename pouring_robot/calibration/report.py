@@ -9,12 +9,20 @@ from collections.abc import Iterable, Sequence
 
 from pouring_robot.calibration.calibrate import Calibration
 from pouring_robot.calibration.figures import Misfit
-from pouring_robot.calibration.lines import CombinationLine, ParameterLine, combination_lines, parameter_lines
+from pouring_robot.calibration.lines import (
+    SEEN,
+    CombinationLine,
+    GroupLine,
+    ParameterLine,
+    combination_lines,
+    group_effects,
+    parameter_lines,
+)
 from pouring_robot.calibration.pictures import pictures
 from pouring_robot.calibration.summary import next_measurements, noise_floor, warnings_of
 from pouring_robot.poses import MM
 
-SHOWN, WIDTH = 12, 60
+SHOWN, WIDTH = 6, 60
 """Combinations, and letters of each, shown on a terminal; the page shows all."""
 Row = Sequence[str]
 
@@ -65,6 +73,16 @@ def _number(value: float) -> str:
     return f"{value:.4f}" if math.isfinite(value) else "–"
 
 
+GROUP_HEAD = ("on the machine", "moves the target by mm", "mrad", "parameters", "group")
+
+
+def effect_rows(lines: Iterable[GroupLine]) -> list[Row]:
+    """Return the table of groups: what was found to be off, and what that does at the target."""
+    return [
+        (line.meaning, _number(line.moved_mm), _number(line.moved_mrad), str(line.count), line.name) for line in lines
+    ]
+
+
 PARAMETER_HEAD = ("parameter", "off by", "± 95 %", "unit", "tolerance (1σ)", "learnt", "")
 
 
@@ -78,11 +96,17 @@ def parameter_rows(lines: Iterable[ParameterLine]) -> list[Row]:
             f"{1.96 * line.std:.4f}",
             line.unit,
             f"{line.prior_std:.3g}",
-            f"{line.learnt:.0%}",
+            f"{max(line.learnt, 0.0):.0%}",
             line.verdict,
         )
         for line in order
     ]
+
+
+def unseen_line(lines: Sequence[ParameterLine]) -> str:
+    """Return which parameters no pose shows; "" if there is none."""
+    unseen = [line.name for line in lines if line.learnt < SEEN]
+    return f"{len(unseen)} more move nothing here and stay as they are: {', '.join(unseen)}" if unseen else ""
 
 
 COMBINATION_HEAD = ("what the data determine", "off by", "± 95 %", "unit", "tolerance (1σ)", "")
@@ -127,8 +151,9 @@ def ladle_line(calibration: Calibration) -> str:
     if not half.size:
         return "the workspace box holds no pose the robot can take"
     return (
-        f"the model knows each coordinate of the pouring lip to ±{sorted(half)[half.size // 2]:.3f} mm (95 %, median "
-        f"of {half.size} poses), at worst ±{half.max():.3f} mm; measurement noise comes on top"
+        "as far as what was kept explains the robot, the model knows each coordinate of the pouring lip to "
+        f"±{sorted(half)[half.size // 2]:.3f} mm (95 %, median of {half.size} poses), at worst ±{half.max():.3f} mm; "
+        "measurement noise comes on top"
     )
 
 
@@ -178,9 +203,14 @@ def html_report(calibration: Calibration) -> str:
         _table(GAP_HEAD, gap_rows(calibration)),
         *(f"<p>{text(line)}</p>" for line in (*performance_lines(calibration), ladle_line(calibration))),
         "<h2>What moved</h2>",
+        _table(GROUP_HEAD, effect_rows(group_effects(calibration))) if lines else "",
+        "<p>Combinations that move the target alike count as one:</p>" if lines else "",
         _table(COMBINATION_HEAD, combination_rows(combination_lines(calibration))) if lines else "<p>nothing</p>",
-        "<p>Each parameter by itself; where several act alike, tolerances share the movement out among them:</p>",
-        _table(PARAMETER_HEAD, parameter_rows(lines)),
+        "<p>Each parameter by itself; where several act alike, tolerances share the movement out among them:</p>"
+        if lines
+        else "",
+        _table(PARAMETER_HEAD, parameter_rows(line for line in lines if line.learnt >= SEEN)) if lines else "",
+        f"<p>{text(unseen_line(lines))}</p>",
         "<h2>What to measure next</h2><ul>",
         *(f"<li>{text(line)}</li>" for line in next_measurements(calibration)),
         "</ul><h2>Pictures</h2>",

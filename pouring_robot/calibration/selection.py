@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pouring_robot.calibration.frames import first_frames
-from pouring_robot.calibration.measurement import MeasurementModel, ModelledRows
+from pouring_robot.calibration.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.calibration.parameter_sets import ParameterGroup, all_parameters
 from pouring_robot.calibration.residuals import MeasuredPoses, whiten
 from pouring_robot.calibration.solver import FitOptions, identify
-from pouring_robot.calibration.splits import Split
+from pouring_robot.calibration.splits import Rows, Split
 from pouring_robot.calibration.tolerances import Tolerances
 from pouring_robot.exceptions import CalibrationError
 from pouring_robot.mechanism import FloatArray
@@ -20,6 +20,7 @@ from pouring_robot.mechanism import FloatArray
 Progress = Callable[[str], None]
 _FAILED = 1e6
 _STANDARD_ERRORS = 2.0
+_ROUGH = 0.3
 
 
 @dataclass(frozen=True)
@@ -69,22 +70,25 @@ class _CrossValidation:
         options: FitOptions,
     ) -> None:
         self.rows, self.measured, self.split = rows, measured, split
-        self.tolerances, self.options = tolerances, options
+        # Scores need predictions, not parameters: what a tenth of a standard deviation moves does not show in them.
+        self.tolerances, self.options = tolerances, replace(options, step_tolerance=_ROUGH, curvature=False)
+        frames_only = rows.with_model(rows.model.with_parameters(()))
+        self._frames = [first_frames(frames_only[train], measured[train])[0] for train, _ in split.validations]
 
     def __call__(self, groups: Sequence[ParameterGroup]) -> FloatArray:
         """Return the mean squared whitened residual of each judged row, of position and rotation, shape (rows, 2)."""
         model = self.rows.model.with_parameters(all_parameters(groups))
         prior = self.tolerances.prior(model.parameters)
         scores = np.full((len(self.rows), 2), np.nan)
-        for train, validation in self.split.validations:
-            scores[validation] = self._fold(model, prior, train, validation)
+        for frames, (train, validation) in zip(self._frames, self.split.validations, strict=True):
+            start = Unknowns.zero(frames.outer, frames.inner, len(model.parameters))
+            scores[validation] = self._fold(start, prior, model, train, validation)
         return np.asarray(scores[np.isfinite(scores).any(axis=1)])
 
     def _fold(
-        self, model: MeasurementModel, prior: FloatArray, train: np.ndarray, validation: np.ndarray
+        self, start: Unknowns, prior: FloatArray, model: MeasurementModel, train: Rows, validation: Rows
     ) -> FloatArray:
         rows, measured = self.rows.with_model(model), self.measured
-        start, _ = first_frames(rows[train], measured[train])
         try:
             fit = identify(rows[train], measured[train], start, prior, self.options)
         except CalibrationError:

@@ -80,8 +80,8 @@ def split(campaign: Campaign, left_out: Rows, hold_out: HoldOut = "auto") -> Spl
     train = sum(rows.size for rows in folds)
     if len(folds) < 2 or train < _FEWEST_TRAIN or test.size < _FEWEST_TEST:
         raise CalibrationError(
-            f"held-out blocks by {kind} need {_FEWEST_TRAIN} rows to fit in two blocks or more and {_FEWEST_TEST} to "
-            f"test, and there are {train} in {len(folds)} and {test.size}",
-            "measure more poses, or choose --hold-out region or time",
+            f"held-out blocks by {kind} need {_FEWEST_TRAIN} rows to fit (there are {train}) in two blocks or more "
+            f"(there are {len(folds)}), and {_FEWEST_TEST} rows to test (there are {test.size})",
+            "measure more poses" + ("" if kind == "region" else ", or choose --hold-out region"),
         )
     return Split(kind, test, name, folds)

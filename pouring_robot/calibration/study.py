@@ -27,7 +27,7 @@ from pouring_robot.calibration.measurement import (
 )
 from pouring_robot.calibration.parameter_sets import ParameterCatalogue, all_parameters
 from pouring_robot.calibration.residuals import MeasuredPoses, regressor, whiten
-from pouring_robot.calibration.solver import identify
+from pouring_robot.calibration.solver import FitOptions, identify
 from pouring_robot.calibration.splits import split
 from pouring_robot.calibration.tolerances import Tolerances
 from pouring_robot.campaign import Campaign, MeasurementOptions, random_plan, simulate_campaign
@@ -114,6 +114,7 @@ class StudyResult:
             "combination_coverage": self.combination_coverage,
             "held_out_over_noise": self.held_out,
             "before_over_noise": float(np.sqrt((self.before_ratio**2).mean())),
+            "evaluations_median": float(np.median(self.evaluations)),
             "evaluations_largest": float(self.evaluations.max()),
             "seconds_median": float(np.median(self.seconds)),
         }
@@ -192,7 +193,7 @@ def _run(
     train, seen = rows[parts.train], measured[parts.train]
     clock = time.perf_counter()
     start, _ = first_frames(train, seen)
-    fit = identify(train, seen, start, tolerances.prior(model.parameters))
+    fit = identify(train, seen, start, tolerances.prior(model.parameters), FitOptions(curvature=True))
     seconds = time.perf_counter() - clock
     wrong = fit.unknowns.values[FRAMES:] - truth
     shares = _shares(

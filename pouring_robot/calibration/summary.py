@@ -19,6 +19,7 @@ from pouring_robot.calibration.lines import (
     CombinationLine,
     ParameterLine,
     combination_lines,
+    group_effects,
     parameter_lines,
 )
 from pouring_robot.calibration.measurement import FRAMES
@@ -46,11 +47,12 @@ def warnings_of(calibration: Calibration) -> list[str]:
     if not calibration.changed:
         found.append("no parameter helped rows that were held out, so the model is unchanged")
     held = [line.name for line in lines if line.learnt < LEARNT]
-    if calibration.base.deficient:
+    if calibration.changed and calibration.base.deficient:
         hidden = len(calibration.base.names) - calibration.base.rank
         found.append(
             f"rank deficient: {hidden} of {len(calibration.base.names)} directions (frames included) cannot be seen in "
-            "this campaign; tolerances alone decide along them, see the dependent groups"
+            "this campaign: they move the target at no measured pose, and tolerances alone decide along them; see the "
+            "dependent groups"
         )
     if held:
         shown = ", ".join(held[:6]) + (f" and {len(held) - 6} more" if len(held) > 6 else "")
@@ -62,6 +64,11 @@ def warnings_of(calibration: Calibration) -> list[str]:
         )
     if calibration.noise.from_residuals:
         found.append("the noise was not stated and comes from the fit's own residuals; it cannot judge the fit")
+    if not calibration.fit.converged:
+        found.append(
+            f"the search ended at its limit of evaluations; what is left is {calibration.fit.last_step:.2f} standard "
+            "deviations, so intervals are rough"
+        )
     if calibration.fit.failed.size:
         found.append(f"{calibration.fit.failed.size} rows have drives that no pose of the robot has; left out")
     worse = _worse(calibration)
@@ -113,7 +120,7 @@ def calibration_figures(calibration: Calibration) -> Figures:
             for name, rows in (("train", split.train), ("held_out", split.test))
         },
         "iso_9283": calibration.performance and dataclasses.asdict(calibration.performance),
-        "groups": [{"name": g.name, "meaning": g.meaning, "parameters": len(g.parameters)} for g in _kept(calibration)],
+        "groups": [dataclasses.asdict(line) for line in group_effects(calibration)],
         "candidates": [group.name for group in calibration.candidates],
         "selection": [dataclasses.asdict(step) for step in calibration.selection.steps],
         "parameters": [_line(line) for line in lines],
@@ -130,6 +137,8 @@ def calibration_figures(calibration: Calibration) -> Figures:
         "ladle": _ladle(calibration),
         "fit": {
             "evaluations": fit.evaluations,
+            "second_derivative_evaluations": fit.second_evaluations,
+            "converged": fit.converged,
             "chi_square": fit.chi_square(),
             "freedom": fit.freedom(),
             "inflation": calibration.inflation,
@@ -139,10 +148,6 @@ def calibration_figures(calibration: Calibration) -> Figures:
     }
     cleaned: Figures = _without_nan(content)
     return cleaned
-
-
-def _kept(calibration: Calibration) -> tuple[Any, ...]:
-    return calibration.selection.groups
 
 
 def _noise(calibration: Calibration) -> Figures:
@@ -230,9 +235,11 @@ def next_measurements(calibration: Calibration) -> list[str]:
     held = [line.name for line in parameter_lines(calibration) if line.learnt < LEARNT]
     wanted = held or [p.name for group in calibration.candidates for p in group.parameters]
     groups = [g.name for g in calibration.candidates if {p.name for p in g.parameters} & set(wanted)]
+    noise = calibration.noise
+    seen = "--position-only" if noise.rotation_source == "none" else f"--sigma-mrad {noise.rotation_rad / MRAD:.3g}"
     found.append(
-        "poses that determine what is still open: pouring-robot campaign plan --parameters "
-        + " --parameters ".join(groups)
+        "poses that determine what is still open: pouring-robot campaign plan --out next.csv --priors "
+        f"--sigma-mm {noise.position_m / MM:.3g} {seen} --parameters " + " --parameters ".join(groups)
     )
     ladle = _ladle(calibration)
     if ladle["poses"]:

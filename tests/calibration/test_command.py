@@ -40,11 +40,19 @@ def test_the_calibrated_urdf_predicts_what_the_model_file_predicts(calibrated):
     solver = ClosureSolver(ClosedChainMechanism(urdf, load_loops(calibrated / "loops.yaml")))
     for pose in (PlatformPose.from_mm_deg(-100, 20, -600, 17), PlatformPose.from_mm_deg(-140, -40, -780, -20)):
         location = robot.locate(pose)
-        drives = {name: location.actual.joint_values[name] for name in location.drives}
-        found = solver.solve(drives, robot.kinematics.configuration(pose)).pose_base_to_end
+        # The URDF holds the drives' offsets in its joints, so that a joint's value is the command.
+        found = solver.solve(location.drives, robot.kinematics.configuration(pose)).pose_base_to_end
         expected = location.actual.pose_base_to_end
         np.testing.assert_allclose(found.translation, expected.translation, atol=1e-9)
         np.testing.assert_allclose(pin.log3(found.rotation @ expected.rotation.T), 0.0, atol=1e-9)
+
+
+def test_the_suggested_plan_runs_as_it_is_printed(calibrated, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (line,) = [x for x in json.loads((calibrated / "calibration.json").read_text())["next"] if "campaign plan" in x]
+    arguments = line.partition("pouring-robot ")[2].split()
+    assert main([*arguments, "--candidates", "200", "--starts", "1"]) == 0
+    assert (tmp_path / "next.csv").exists()
 
 
 def test_a_sound_robot_is_left_alone(tmp_path):

@@ -1,0 +1,38 @@
+"""The amended model file is the robot the fit describes."""
+
+import numpy as np
+import pytest
+
+from pouring_robot.calibration.amend import amended_model
+from pouring_robot.calibration.measurement import FRAMES, Unknowns
+from pouring_robot.exceptions import CalibrationError
+from pouring_robot.model import RobotModel
+from tests.calibration.rig import INNER, OUTER, Virtual, model_of
+from tests.checks import ACTUAL
+
+
+@pytest.mark.parametrize("present", [RobotModel(), RobotModel.load(ACTUAL)], ids=["drawing", "actual"])
+def test_the_amended_model_predicts_what_the_parameters_do(drawing, present):
+    model = model_of(drawing, "geometry", model=present)
+    virtual = Virtual(drawing, model, 6)
+    expected = virtual.rows.predict(virtual.unknowns)
+    amended = model_of(drawing, "drives", model=amended_model(present, model, virtual.truth))
+    seen = amended.at(virtual.rows.drives).predict(Unknowns.zero(OUTER, INNER, 4))
+    np.testing.assert_allclose(seen.position_m, expected.position_m, atol=1e-11)
+    np.testing.assert_allclose(seen.rotation, expected.rotation, atol=1e-11)
+
+
+def test_no_change_is_no_change(drawing):
+    present = RobotModel.load(ACTUAL)
+    model = model_of(drawing, "geometry", model=present)
+    assert amended_model(present, model, np.zeros(len(model.parameters))) == present
+
+
+@pytest.mark.parametrize(("which", "words"), [(0, "drive 'leg1_s3' would be off by"), (8, "would be displaced by")])
+def test_what_no_robot_is_is_refused(drawing, which, words):
+    model = model_of(drawing, "centres")
+    values = np.zeros(len(model.parameters))
+    values[which] = 3.0
+    with pytest.raises(CalibrationError, match=words):
+        amended_model(RobotModel(), model, values)
+    assert model.names[FRAMES] == "drive.leg1_s3"

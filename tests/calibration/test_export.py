@@ -1,0 +1,58 @@
+"""What is written: whole, reloadable, and never silent about what it does not know."""
+
+import json
+
+import pytest
+
+from pouring_robot.calibration import export
+from pouring_robot.calibration.export import described, write_calibration
+from pouring_robot.exceptions import OutputError
+from pouring_robot.files import check_folder
+from pouring_robot.model import RobotModel
+
+
+def test_everything_is_there_and_the_model_comes_back(found, tmp_path):
+    written = write_calibration(found, tmp_path / "out")
+    names = {path.name for path in written}
+    assert names == {"calibrated.yaml", "calibration.json", "loops.yaml", "pouring_robot.urdf", "report.html"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {*names, "meshes"}
+    model = RobotModel.load(tmp_path / "out" / "calibrated.yaml")
+    assert model.joint_placements.keys() == found.calibrated.joint_placements.keys()
+    assert json.loads((tmp_path / "out" / "calibration.json").read_text())["status"] == "calibrated"
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_a_rank_deficient_fit_says_so_in_every_file(found, tmp_path):
+    assert found.base.deficient
+    write_calibration(found, tmp_path / "out")
+    assert RobotModel.load(tmp_path / "out" / "calibrated.yaml").description.startswith("Rank deficient")
+    assert json.loads((tmp_path / "out" / "calibration.json").read_text())["rank_deficient"] is True
+    assert "rank deficient" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_model_that_is_worse_on_held_out_rows_says_so(found):
+    swapped = object.__new__(type(found))
+    swapped.__dict__.update(found.__dict__ | {"before": found.after, "after": found.before})
+    assert "do not use this model" in described(swapped).description
+
+
+def test_a_failure_leaves_the_folder_as_it_was(found, tmp_path, monkeypatch):
+    write_calibration(found, tmp_path / "out")
+    before = {path: path.read_bytes() for path in (tmp_path / "out").rglob("*") if path.is_file()}
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(export, "html_report", full)
+    with pytest.raises(OutputError, match="No space left"):
+        write_calibration(found, tmp_path / "out")
+    assert {path: path.read_bytes() for path in (tmp_path / "out").rglob("*") if path.is_file()} == before
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_places_that_cannot_be_written_are_named(tmp_path):
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(OutputError, match="give a folder"):
+        check_folder(tmp_path / "file")
+    with pytest.raises(OutputError, match="does not exist"):
+        check_folder(tmp_path / "no" / "where")

@@ -1,0 +1,57 @@
+"""How well the ladle is known: carried covariance against many draws, and what no campaign shows does not count."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from pouring_robot.calibration.frames import first_frames
+from pouring_robot.calibration.ladle import ladle_uncertainty, pose_platform_to_lip, workspace_rows
+from pouring_robot.calibration.measurement import FRAMES
+from pouring_robot.calibration.solver import identify
+from tests.calibration.rig import Virtual, model_of
+
+
+@pytest.fixture(scope="module")
+def fitted(drawing):
+    virtual = Virtual(drawing, model_of(drawing, "geometry"), 120, seed=1)
+    start, _ = first_frames(virtual.rows, virtual.measured)
+    return virtual, identify(virtual.rows, virtual.measured, start, virtual.prior)
+
+
+def uncertainty(drawing, virtual, covariance, unknowns, *, turned):
+    poses, rows = workspace_rows(virtual.model, drawing.layout)
+    lip = pose_platform_to_lip(drawing.nominal_solver.mechanism)
+    return rows, lip, ladle_uncertainty(rows, poses, unknowns, covariance, lip, turned=turned)
+
+
+def test_carried_covariance_is_the_scatter_of_draws(drawing, fitted):
+    """Target and lip are one rigid body, seen from the tracker; draws are predicted exactly."""
+    virtual, fit = fitted
+    small = 1e-4 * fit.covariance  # small enough that first order holds
+    rows, lip, found = uncertainty(drawing, virtual, small, fit.unknowns, turned=True)
+    rows = rows[np.arange(0, len(rows), 9)]
+    target_to_lip = fit.unknowns.inner.inverse() * lip
+    random = np.random.default_rng(0)
+    draws = random.multivariate_normal(fit.unknowns.values, small, size=300, method="svd")
+    seen = []
+    for values in draws:
+        there = rows.predict(fit.unknowns.at(values))
+        seen.append(there.position_m + there.rotation @ target_to_lip.translation)
+    np.testing.assert_allclose(found.std_m[::9], np.std(seen, axis=0), rtol=0.25)
+
+
+def test_a_measured_target_leaves_hundredths_of_a_millimetre(drawing, fitted):
+    virtual, fit = fitted
+    known = uncertainty(drawing, virtual, fit.covariance, fit.unknowns, turned=True)[2]
+    blind = uncertainty(drawing, virtual, fit.covariance, fit.unknowns, turned=False)[2]
+    assert np.median(known.half_width_m) < 2e-4
+    # A turn of all seats together looks like a turn of the target: where nobody measured that, tolerances decide.
+    assert np.median(blind.half_width_m) > 4.0 * np.median(known.half_width_m)
+
+
+def test_workspace_grid(drawing, fitted):
+    poses, rows = workspace_rows(fitted[0].model, drawing.layout)
+    assert 40 < len(poses) == len(rows) <= 81
+    assert (poses[:, :3] >= drawing.layout.position_lower_m).all()
+    assert fitted[1].covariance.shape == (FRAMES + 88,) * 2
+    assert isinstance(pose_platform_to_lip(drawing.nominal_solver.mechanism), pin.SE3)

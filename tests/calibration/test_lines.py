@@ -1,0 +1,49 @@
+"""What moved: values, intervals and verdicts, and what a group does at the ladle."""
+
+import numpy as np
+import pytest
+
+from pouring_robot.calibration.lines import ParameterLine, combination_lines, group_effects, parameter_lines
+from pouring_robot.calibration.measurement import FRAMES
+
+
+def test_parameters_come_in_the_units_of_the_shop_floor(found):
+    lines = parameter_lines(found)
+    assert [line.name for line in lines] == list(found.unknown_names[FRAMES:])
+    for k, line in enumerate(lines, start=FRAMES):
+        assert line.unit == ("mm" if found.unknown_units[k] == "m" else "mrad")
+        assert line.value == pytest.approx(1e3 * found.fit.unknowns.values[k])
+        assert line.std == pytest.approx(1e3 * found.std[k])
+
+
+def test_verdicts():
+    line = ParameterLine("x", "g", "mm", 1.0, 0.1, 1.0, 0.99)
+    assert line.verdict == "moved"
+    assert line.interval == pytest.approx((0.804, 1.196), abs=1e-3)
+    assert ParameterLine("x", "g", "mm", 0.1, 0.1, 1.0, 0.99).verdict == "measured, not off"
+    assert ParameterLine("x", "g", "mm", 1.0, 0.1, 1.0, 0.2).verdict == "held by its tolerance"
+
+
+def test_combinations_hold_no_frame_and_are_better_known_than_their_parts(found):
+    lines = combination_lines(found)
+    assert lines[0].moved
+    assert all("base." not in line.text and "tool." not in line.text for line in lines)
+    surest = [abs(line.value) / line.std for line in lines]
+    assert surest == sorted(surest, reverse=True)
+    assert all(line.std < found.inflation * line.prior_std for line in lines)
+
+
+def test_what_a_group_does_is_what_its_absence_costs(found):
+    """Against exact predictions with the group's values taken out, frames refitted by hand."""
+    effects = {line.name: line for line in group_effects(found)}
+    assert set(effects) == {group.name for group in found.selection.groups}
+    fit, first = found.fit, FRAMES
+    for group in found.selection.groups:
+        columns = np.arange(first, first + len(group.parameters))
+        first += len(group.parameters)
+        effect = fit.equations.jacobian[:, columns] @ fit.unknowns.values[columns]
+        frames = fit.equations.jacobian[:, :FRAMES]
+        left = effect - frames @ (np.linalg.pinv(frames, rcond=1e-10) @ effect)
+        position = left[fit.equations.components < 3] * found.noise.position_m * 1e3
+        assert effects[group.name].moved_mm == pytest.approx(np.sqrt((position**2).mean()), rel=1e-6)
+        assert effects[group.name].moved_mm > 0.01

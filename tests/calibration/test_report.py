@@ -1,0 +1,86 @@
+"""The exit report: every figure a shop-floor engineer asks for is there, once as text and once as a page."""
+
+import re
+from html.parser import HTMLParser
+
+from pouring_robot.calibration.lines import combination_lines, group_effects, parameter_lines
+from pouring_robot.calibration.report import (
+    GAP_HEAD,
+    combination_rows,
+    effect_rows,
+    gap_rows,
+    group_lines,
+    headline,
+    html_report,
+    ladle_line,
+    parameter_rows,
+    performance_lines,
+)
+
+
+def test_the_headline_says_the_outcome(found, unchanged):
+    test = found.split.test
+    before, after = (found.misfit(test, after=a).rms_mm for a in (False, True))
+    assert f"{before:.3f} to {after:.3f} mm" in headline(found)
+    assert "noise floor" in headline(found)
+    assert headline(unchanged).startswith("Nothing to calibrate")
+
+
+def test_before_after_and_floor_in_mm_and_mrad(found):
+    rows = gap_rows(found)
+    assert [row[:2] for row in rows] == [
+        ("held out", "before"),
+        ("held out", "after"),
+        ("fitted", "before"),
+        ("fitted", "after"),
+        ("noise", "floor"),
+    ]
+    assert all(len(row) == len(GAP_HEAD) for row in rows)
+    for column in (2, 3, 4, 5, 6, 7):
+        assert float(rows[0][column]) > 0.0
+    assert float(rows[1][2]) < float(rows[0][2])
+
+
+def test_accuracy_and_repeatability(found, unchanged):
+    (line,) = performance_lines(found)
+    assert "4 poses, 6 or more repeats" in line
+    before, after, repeatability = (float(x) for x in re.findall(r"([0-9.]+) mm", line)[:3])
+    assert before > 3.0 * after
+    assert 0.0 < repeatability < 1.0
+    assert "not known" in performance_lines(unchanged)[0]
+
+
+def test_tables_fit_their_headings(found):
+    assert effect_rows(group_effects(found))[0][0].startswith(("places", "axes"))
+    assert all(len(row[0]) <= 30 for row in combination_rows(combination_lines(found), 30))
+    assert not any("-0%" in row for row in parameter_rows(parameter_lines(found)))
+    assert any("identifiable:" in line for line in group_lines(found))
+    assert "95 %" in ladle_line(found)
+
+
+class Reader(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.open, self.outside, self.text = [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+        self.outside += [v for k, v in attrs if k in ("src", "href") and not v.startswith("data:")]
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+def test_the_page_is_whole_and_needs_no_other_file(found, unchanged):
+    for calibration in (found, unchanged):
+        reader = Reader()
+        reader.feed(html_report(calibration))
+        assert not reader.open
+        assert not reader.outside
+        text = " ".join(reader.text)
+        for heading in ("Error before and after", "What moved", "What to measure next", "How groups were chosen"):
+            assert heading in text

@@ -1,0 +1,59 @@
+"""Selection: what helps held-out rows is kept, what does not is not, and the test block is never looked at."""
+
+import numpy as np
+import pytest
+
+from pouring_robot.calibration.parameter_sets import ParameterCatalogue
+from pouring_robot.calibration.residuals import MeasuredPoses
+from pouring_robot.calibration.selection import select_groups
+from pouring_robot.calibration.splits import split
+from pouring_robot.calibration.tolerances import Tolerances
+from pouring_robot.exceptions import CalibrationError
+from tests.calibration.rig import SIGMA, Virtual, groups_of, model_of
+
+
+@pytest.fixture(scope="module")
+def case(drawing, clean):
+    """Drives off by their tolerance and centres as drawn, split as the clean campaign is."""
+    virtual = Virtual(drawing, model_of(drawing, "drives"), 60, seed=4)
+    return virtual, split(clean.campaign, np.zeros(0, dtype=np.intp), "region")
+
+
+def choose(case, drawing, measured):
+    virtual, parts = case
+    return select_groups(virtual.rows, measured, parts, groups_of(drawing, "centres"), Tolerances.load())
+
+
+def test_keeps_what_is_off_and_nothing_else(case, drawing):
+    said = []
+    virtual, parts = case
+    candidates = groups_of(drawing, "centres")
+    chosen = select_groups(virtual.rows, virtual.measured, parts, candidates, Tolerances.load(), progress=said.append)
+    assert [group.name for group in chosen.groups] == ["drives"]
+    assert [step.tried for step in chosen.steps if step.accepted] == ["", "drives"]
+    assert chosen.steps[0].rms > 5.0
+    assert said[:2] == ["drives", "fixed_centres"]
+
+
+def test_the_test_block_plays_no_part(case, drawing):
+    virtual, parts = case
+    position, rotation = virtual.measured.position_m.copy(), virtual.measured.rotation.copy()
+    position[parts.test], rotation[parts.test] = 77.0, np.eye(3)
+    spoilt = MeasuredPoses(position, rotation, SIGMA, SIGMA)
+    first, second = (choose(case, drawing, measured) for measured in (virtual.measured, spoilt))
+    assert first.steps == second.steps
+    assert [g.name for g in first.groups] == [g.name for g in second.groups]
+
+
+def test_a_group_that_cannot_be_fitted_is_not_kept(case, drawing, monkeypatch):
+    def fail(*_):
+        raise CalibrationError("no", "way")
+
+    monkeypatch.setattr("pouring_robot.calibration.selection.identify", fail)
+    virtual, _ = case
+    assert choose(case, drawing, virtual.measured).groups == ()
+
+
+def test_candidates_come_from_the_catalogue(drawing):
+    catalogue = ParameterCatalogue(drawing.nominal_solver.mechanism)
+    assert [g.name for g in catalogue.groups(("centres",))] == ["drives", "fixed_centres", "moving_centres"]
