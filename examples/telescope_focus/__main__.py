@@ -1,0 +1,7 @@
+"""``python -m examples.telescope_focus DIR``."""
+
+import sys
+
+from .command import main
+
+sys.exit(main())

@@ -1,0 +1,250 @@
+"""Diagnosis of a campaign: is there a gap, which effect is missing, and what the model with it leaves over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pouring_robot.calibration.noise import NoiseLevel, stated_noise
+from pouring_robot.calibration.splits import HoldOut, split
+from pouring_robot.campaign import Campaign, DataFlag, examine, outlier_rows
+from pouring_robot.diagnosis.descriptions import descriptions
+from pouring_robot.diagnosis.gap import Gap
+from pouring_robot.diagnosis.hypotheses import Hypothesis
+from pouring_robot.diagnosis.parameters import NamedEffect, named_effects
+from pouring_robot.diagnosis.problem import background_forms, effect_forms
+from pouring_robot.diagnosis.rows import CampaignRows
+from pouring_robot.diagnosis.search import DEFAULT_SEARCH, SearchOptions
+from pouring_robot.diagnosis.state import Diagnoser, State
+from pouring_robot.diagnosis.verdict import DEFAULT_THRESHOLDS, Judgement, Thresholds, judge
+from pouring_robot.effects.base import Effect
+from pouring_robot.effects.registry import chosen_effects
+from pouring_robot.exceptions import CalibrationError, DiagnosisError
+from pouring_robot.model import RobotModel
+from pouring_robot.robot import PouringRobot
+
+Progress = Callable[[str], None]
+FEWEST_ROWS = 8
+_WRONG_SIGMAS, _WRONG_SHARE = 6.5, 0.04
+_NOISE_ROUNDS, _NOISE_SETTLED = 5, 0.02
+_OUTLIER_ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class DiagnosisOptions:
+    """How to diagnose.
+
+    Attributes:
+        exclude: ids of effects that are not to be named.
+        hold_out: kind of block that takes no part.
+        search: thresholds of the search.
+        thresholds: of the verdict.
+    """
+
+    exclude: tuple[str, ...] = ()
+    hold_out: HoldOut = "auto"
+    search: SearchOptions = DEFAULT_SEARCH
+    thresholds: Thresholds = DEFAULT_THRESHOLDS
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What was found.
+
+    Attributes:
+        campaign: all rows of the file.
+        model: the given model.
+        rows: the sound rows against it.
+        sound: index in the campaign of each of them, (n,).
+        outliers: rows left out as gross errors, by index in the campaign.
+        flags: what the checks found in the data.
+        noise: of the measurements.
+        fitted: which sound rows were fitted, (n,); the others are held out.
+        held_out_name: which block is held out, in words; empty where there are too few rows to hold any out.
+        diagnoser: the search.
+        before: the given model, only its frames fitted.
+        after: the amended model.
+        hypothesis: what explains best.
+        judgement: what may be said of it.
+        effects: the named effects with their parameters.
+        untestable: effects that the campaign cannot test, with the conditions it lacks.
+        train: gap of the fitted rows.
+        held_out: gap of the held-out rows; None where there are none.
+        notes: what limits the answer, one line each.
+    """
+
+    campaign: Campaign
+    model: RobotModel
+    rows: CampaignRows
+    sound: NDArray[np.intp]
+    outliers: NDArray[np.intp]
+    flags: tuple[DataFlag, ...]
+    noise: NoiseLevel
+    fitted: NDArray[np.bool_]
+    held_out_name: str
+    diagnoser: Diagnoser
+    before: State
+    after: State
+    hypothesis: Hypothesis
+    judgement: Judgement
+    effects: tuple[NamedEffect, ...]
+    untestable: dict[str, tuple[str, ...]]
+    train: Gap
+    held_out: Gap | None
+    notes: tuple[str, ...]
+
+
+def diagnose(
+    campaign: Campaign,
+    model: RobotModel | None = None,
+    options: DiagnosisOptions | None = None,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Find where a model and a campaign disagree, name the missing effect and amend the model.
+
+    Args:
+        campaign: the data.
+        model: the robot as believed; by default the drawing.
+        options: how.
+        progress: told what is being done.
+
+    Raises:
+        BadInputError: an effect to leave out does not exist.
+        DiagnosisError: nothing can be said with these data.
+        FrameFitError: too few rows have a pose and a position.
+    """
+    options, model = options or DiagnosisOptions(), model or RobotModel()
+    say = progress or (lambda _: None)
+    effects = chosen_effects(options.exclude)
+    say("checking the data")
+    flags = examine(campaign, PouringRobot(model)).flags
+    errors = [flag for flag in flags if flag.severity == "error"]
+    if errors:
+        raise DiagnosisError(errors[0].message, errors[0].mend)
+    wrong = outlier_rows(flags)
+    work = _Work(campaign, model, effects, options, say)
+    found = work.found(wrong)
+    for _ in range(_OUTLIER_ROUNDS):
+        more = _wrong_rows(found)
+        if not more.size:
+            break
+        say("leaving out rows that fit nothing")
+        found = work.found(np.union1d(found.outliers, found.sound[more]))
+    return replace(found, flags=tuple(flags))
+
+
+class _Work:
+    """One campaign, as often as it takes."""
+
+    def __init__(
+        self,
+        campaign: Campaign,
+        model: RobotModel,
+        effects: dict[str, Effect],
+        options: DiagnosisOptions,
+        say: Progress,
+    ) -> None:
+        self.campaign, self.model, self.effects, self.options, self.say = campaign, model, effects, options, say
+
+    def found(self, wrong: NDArray[np.intp]) -> Diagnosis:
+        """Diagnose with some rows left out."""
+        kept = self.campaign.usable & ~np.isin(np.arange(len(self.campaign)), wrong)
+        sound = np.flatnonzero(kept)
+        if sound.size < FEWEST_ROWS:
+            raise DiagnosisError(
+                f"only {sound.size} rows can be used and {FEWEST_ROWS} are needed", "measure more poses"
+            )
+        campaign = self.campaign.subset(sound)
+        fitted, name, notes = _held_out(campaign, self.options.hold_out)
+        noise = stated_noise(campaign, np.flatnonzero(fitted))
+        for _ in range(_NOISE_ROUNDS if noise.from_residuals else 1):
+            self.say("searching for effects")
+            rows = CampaignRows(campaign, self.model, noise)
+            forms = effect_forms(rows, self.effects)
+            diagnoser = Diagnoser(rows, forms, background_forms(rows), fitted, self.options.search)
+            after, hypothesis = diagnoser.found()
+            better = _noise_from(noise, after, hypothesis)
+            if better is None:
+                break
+            noise = better
+        if noise.from_residuals:
+            notes.append(
+                "the noise is not stated and comes from what is left over: whether a gap is left cannot be said"
+            )
+        self.say("asking whether what is left has structure")
+        judgement = judge(hypothesis, list(descriptions(rows, after.linear)), self.options.thresholds)
+        before = diagnoser.at_rest()
+        given = rows.conditions
+        notes += [
+            f"single missing cells of {name} were filled in from their neighbours in time" for name in given.filled
+        ]
+        notes += [f"assumed: {line}" for line in given.assumed]
+        sigma = rows.measured.sigma
+        gaps = [Gap.between(before.every_row, after.every_row, part, sigma) for part in (fitted, ~fitted) if part.any()]
+        return Diagnosis(
+            campaign=self.campaign,
+            model=self.model,
+            rows=rows,
+            sound=sound,
+            outliers=np.asarray(wrong, dtype=np.intp),
+            flags=(),
+            noise=noise,
+            fitted=fitted,
+            held_out_name=name,
+            diagnoser=diagnoser,
+            before=before,
+            after=after,
+            hypothesis=hypothesis,
+            judgement=judgement,
+            effects=named_effects(diagnoser, hypothesis, judgement, self.effects),
+            untestable={e.id: e.missing(given) for e in self.effects.values() if e.missing(given)},
+            train=gaps[0],
+            held_out=gaps[1] if len(gaps) > 1 else None,
+            notes=tuple(notes),
+        )
+
+
+def _held_out(campaign: Campaign, kind: HoldOut) -> tuple[NDArray[np.bool_], str, list[str]]:
+    """Return which rows are fitted, the name of the block held out, and what is to be noted."""
+    fitted = np.ones(len(campaign), dtype=bool)
+    try:
+        parts = split(campaign, np.zeros(0, dtype=np.intp), kind)
+    except CalibrationError as problem:
+        return fitted, "", [f"no rows are held out: {problem.problem}"]
+    fitted[parts.test] = False
+    return fitted, parts.test_name, []
+
+
+def _noise_from(noise: NoiseLevel, after: State, hypothesis: Hypothesis) -> NoiseLevel | None:
+    """Return the noise that the residuals show; None where it was stated or stays."""
+    if not noise.from_residuals:
+        return None
+    left = hypothesis.everything.solve(hypothesis.problem.residual)
+    free = 1.0 - (hypothesis.spent() + hypothesis.problem.absorbed.shape[1]) / len(left)
+    factors = []
+    for rotation in (False, True):
+        chosen = (after.linear.component >= 3) == rotation
+        stated = (noise.rotation_source if rotation else noise.position_source) != "residuals"
+        factors.append(1.0 if stated or not chosen.any() else float(np.sqrt((left[chosen] ** 2).mean() / free)))
+    if max(abs(factor - 1.0) for factor in factors) < _NOISE_SETTLED:
+        return None
+    return replace(noise, position_m=noise.position_m * factors[0], rotation_rad=noise.rotation_rad * factors[1])
+
+
+def _wrong_rows(found: Diagnosis) -> NDArray[np.intp]:
+    """Return fitted rows that nothing explains while nearly all others are explained: gross errors."""
+    left = found.hypothesis.everything.solve(found.hypothesis.problem.residual)
+    worst = np.zeros(len(found.rows))
+    np.maximum.at(worst, found.after.linear.row, np.abs(left))
+    wrong = np.flatnonzero(worst > _WRONG_SIGMAS)
+    few = wrong.size <= max(1, int(_WRONG_SHARE * len(found.rows)))
+    calm = float(np.sqrt(np.median(left**2)) / 0.6745) < 1.5
+    return wrong if few and calm else np.zeros(0, dtype=np.intp)
+
+
+def exclude_ids(names: Sequence[str]) -> tuple[str, ...]:
+    """Return ids without repetition, in order."""
+    return tuple(dict.fromkeys(names))

@@ -1,0 +1,300 @@
+"""Rows of a campaign as the robot predicts them, with local parameters changed row by row; linearised anywhere.
+
+    seen_i = T_tracker_to_fixed ∘ D(base_i) ∘ X(drives + dq_i, placements ∘ D(e_i)) ∘ T_platform_to_target
+
+X closes the loops exactly; positions then count (1 + scale_i) times, about the middle of the rows. The columns of an
+effect are the product of the Jacobian by local parameters with the changes that one unit of each parameter makes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pouring_robot.batch import BatchStart
+from pouring_robot.calibration.frames import first_frames
+from pouring_robot.calibration.measurement import FRAMES, MeasurementModel, Prediction
+from pouring_robot.calibration.noise import NoiseLevel
+from pouring_robot.calibration.residuals import MeasuredPoses, whiten
+from pouring_robot.calibration.small_turns import skew
+from pouring_robot.campaign.data import DRIVE_JOINTS, Campaign
+from pouring_robot.effects.base import EffectParameter, Form
+from pouring_robot.effects.conditions import Conditions, NominalRows, conditions_of
+from pouring_robot.effects.joints import LEGS
+from pouring_robot.effects.registry import all_effects
+from pouring_robot.exceptions import BadInputError, DiagnosisError, closest
+from pouring_robot.mechanism import FloatArray
+from pouring_robot.model import RobotModel
+from pouring_robot.parameters import COMPONENTS, DriveParameter, PlacementParameter, placement_parameters
+
+SCALE = "metrology.scale"
+
+
+def local_parameters() -> tuple[PlacementParameter | DriveParameter, ...]:
+    """Return all local parameters an effect may change inside the mechanism."""
+    joints = [f"leg{i}_{site}" for i in LEGS for site in ("s1", "s2", "s3", "s4", "s5", "seat_mount")]
+    drives = [DriveParameter(name, "rad" if name.endswith("s5") else "m") for name in DRIVE_JOINTS]
+    return (*drives, *placement_parameters(joints))
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """The two frames nobody knows.
+
+    Attributes:
+        pose_tracker_to_fixed_platform: where the tracker sees the fixed platform.
+        pose_platform_to_target: where the target sits on the moving platform.
+    """
+
+    pose_tracker_to_fixed_platform: pin.SE3
+    pose_platform_to_target: pin.SE3
+
+    def moved(self, step: FloatArray) -> Frames:
+        """Return the frames displaced by the twelve unknowns of :data:`FRAME_PARAMETERS`, in m and rad."""
+        outer = pin.SE3(pin.exp3(step[3:6]), step[:3])
+        inner = pin.SE3(pin.exp3(step[9:12]), step[6:9])
+        return Frames(self.pose_tracker_to_fixed_platform * outer, inner * self.pose_platform_to_target)
+
+
+@dataclass(frozen=True, eq=False)
+class RowChanges:
+    """What is changed in each of n rows, in m and rad.
+
+    Attributes:
+        drives: added to the commanded drives, (n, 4).
+        placements: displacement of every site, (n, sites * 6).
+        base: displacement of the fixed platform in its own axes, (n, 6).
+        scale: relative error of the measuring device's scale, (n,).
+    """
+
+    drives: FloatArray
+    placements: FloatArray
+    base: FloatArray
+    scale: FloatArray
+
+    def __add__(self, other: RowChanges) -> RowChanges:
+        """Return both changes together; to first order in the rotations at one joint."""
+        return RowChanges(
+            self.drives + other.drives,
+            self.placements + other.placements,
+            self.base + other.base,
+            self.scale + other.scale,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class LinearRows:
+    """Residuals and their derivatives at one state.
+
+    Attributes:
+        residual: measured minus predicted over the noise, shape (m,).
+        jacobian: derivative of the *prediction* over the noise by frames and local parameters, shape (m, 12 + P).
+        row: row of each equation, (m,).
+        component: component 0 to 5 of each equation, (m,).
+        scale: derivative of the prediction by the device's scale, (m,).
+        tracker: sigma of each equation's component, (m,), in m or rad.
+    """
+
+    residual: FloatArray
+    jacobian: FloatArray
+    row: NDArray[np.intp]
+    component: NDArray[np.intp]
+    scale: FloatArray
+    tracker: FloatArray
+
+    def of(self, rows: NDArray[np.bool_]) -> LinearRows:
+        """Return the equations of some rows, by a mask (n,)."""
+        kept = rows[self.row]
+        return LinearRows(
+            self.residual[kept],
+            self.jacobian[kept],
+            self.row[kept],
+            self.component[kept],
+            self.scale[kept],
+            self.tracker[kept],
+        )
+
+    @property
+    def free(self) -> FloatArray:
+        """Columns of the frames, (m, 12), in units of 1/m and 1/rad."""
+        return self.jacobian[:, :FRAMES]
+
+
+class CampaignRows:
+    """The rows of a campaign that can be used, against one robot.
+
+    Args:
+        campaign: only rows that are usable and sound.
+        model: the robot; its errors count, effects come on top.
+        noise: of the measurements.
+
+    Raises:
+        FrameFitError: too few rows.
+        DiagnosisError: no row closes.
+    """
+
+    def __init__(self, campaign: Campaign, model: RobotModel, noise: NoiseLevel) -> None:
+        """Predict the rows and fit the frames."""
+        self.campaign, self.model, self.noise = campaign, model, noise
+        self.measurement = MeasurementModel(model, local_parameters())
+        self._places = {name: k for k, name in enumerate(self.measurement.names)}
+        self._sites = {p.name: k for k, p in enumerate(self.measurement.engine.parameters)}
+        self.measured = MeasuredPoses.from_campaign(campaign, noise.position_m, noise.rotation_rad)
+        modelled = self.measurement.at(campaign.drives)
+        unknowns, _ = first_frames(modelled, self.measured)
+        offsets = model.drive_offset_values()
+        self._drives = campaign.drives + np.array([offsets.get(name, 0.0) for name in DRIVE_JOINTS])
+        self._start: BatchStart = modelled.start
+        self.frames = Frames(unknowns.pose_tracker_to_fixed_platform, unknowns.pose_platform_to_target)
+        self.conditions = self._conditions()
+        self._given = self._by_stack(model)
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.campaign)
+
+    def _conditions(self) -> Conditions:
+        """Return the conditions by the drawing, so that they stay when errors found are put into the model."""
+        bare: dict[str, Any] = {"joint_placements": {}, "drive_offsets": {}}
+        drawing = self.measurement
+        if not self.model.is_drawing:
+            drawing = MeasurementModel(self.model.model_copy(update=bare), drawing.parameters)
+        engine = drawing.engine
+        closure = engine.close(self.campaign.drives, self._start)
+        if not (closure.status == 0).all():
+            raise DiagnosisError(
+                f"{int((closure.status != 0).sum())} of {len(self)} rows have drives that no pose of the robot has",
+                "leave them out (`pouring-robot campaign check` lists them)",
+            )
+        self._start = closure.as_start()
+        drives = [p for p in drawing.parameters if isinstance(p, DriveParameter)]
+        by_drive = engine.transfer(closure, drives).matrix
+        centres = drawing.kinematics.moving_centres_m
+        nominal = NominalRows(closure.position, closure.rotation, closure.joints, by_drive, centres)
+        return conditions_of(self.campaign, nominal)
+
+    def _by_stack(self, model: RobotModel) -> RowChanges:
+        """Return what the effects that the model already has change in these rows."""
+        parameters: list[EffectParameter] = []
+        values: list[float] = []
+        known = all_effects()
+        for entry in model.effects:
+            if entry.placed:
+                continue
+            effect = known.get(entry.effect)
+            if effect is None:
+                raise BadInputError(f"the model has an effect '{entry.effect}'{closest(entry.effect, known)}")
+            missing = effect.missing(self.conditions)
+            if missing:
+                raise DiagnosisError(
+                    f"the model's effect '{entry.effect}' needs {', '.join(missing)}, and the campaign does not say it",
+                    "add it to the campaign, or take the effect out of the model file",
+                )
+            form = effect.form(entry.form, self.conditions)
+            for parameter in form.parameters:
+                if parameter.name in entry.parameters:
+                    parameters.append(parameter)
+                    values.append(entry.parameters[parameter.name].value)
+        return self.changes(parameters, np.array(values))
+
+    def unchanged(self) -> RowChanges:
+        """Return no change at all."""
+        n, sites = len(self), len(self._sites)
+        return RowChanges(np.zeros((n, 4)), np.zeros((n, sites)), np.zeros((n, 6)), np.zeros(n))
+
+    def changes(self, parameters: Sequence[EffectParameter], values: FloatArray) -> RowChanges:
+        """Return the change that parameters of the given values make together.
+
+        Args:
+            parameters: of effects under this campaign's conditions.
+            values: one a parameter, in its unit.
+        """
+        total = self.unchanged()
+        for parameter, value in zip(parameters, values.tolist(), strict=True):
+            for name, change in parameter.changes.items():
+                kind, _, rest = name.partition(".")
+                if name == SCALE:
+                    total.scale[:] += value * change
+                elif kind == "base":
+                    total.base[:, COMPONENTS.index(rest)] += value * change
+                elif kind == "drive":
+                    total.drives[:, DRIVE_JOINTS.index(rest)] += value * change
+                else:
+                    total.placements[:, self._sites[name]] += value * change
+        return total
+
+    def linearise(self, changes: RowChanges, frames: Frames) -> LinearRows:
+        """Close the loops with changes put in, and differentiate.
+
+        Raises:
+            DiagnosisError: with these changes a row does not close.
+        """
+        prediction, arm = self._predict(self._given + changes, frames)
+        equations = whiten(self.measured, prediction)
+        if equations.failed.size or equations.jacobian is None:
+            raise DiagnosisError(
+                f"{equations.failed.size} rows do not close with the changes found",
+                "check the campaign with `pouring-robot campaign check`",
+            )
+        along = np.zeros((len(self), 6))
+        along[:, :3] = (arm - arm.mean(axis=0)) @ frames.pose_tracker_to_fixed_platform.rotation.T
+        sigma = self.measured.sigma[equations.components]
+        scale = along[equations.rows, equations.components] / sigma
+        return LinearRows(equations.residual, -equations.jacobian, equations.rows, equations.components, scale, sigma)
+
+    def predicted(self, changes: RowChanges, frames: Frames) -> Prediction:
+        """Close the loops with changes put in, and return what is seen of the rows; rows that do not close are NaN."""
+        return self._predict(self._given + changes, frames)[0]
+
+    def _predict(self, changes: RowChanges, frames: Frames) -> tuple[Prediction, FloatArray]:
+        engine = self.measurement.engine
+        closure = engine.close(self._drives + changes.drives, self._start, changes.placements)
+        transfer = engine.transfer(closure, self.measurement.parameters, changes.placements)
+        outer, inner = frames.pose_tracker_to_fixed_platform, frames.pose_platform_to_target
+        turned = outer.rotation @ Rotation.from_rotvec(changes.base[:, 3:]).as_matrix()
+        lever = closure.rotation @ inner.translation
+        arm = closure.position + lever
+        position = outer.translation + changes.base[:, :3] @ outer.rotation.T + np.einsum("nij,nj->ni", turned, arm)
+        position += changes.scale[:, None] * ((arm - arm.mean(axis=0)) @ outer.rotation.T)
+        carried = turned @ closure.rotation
+        jacobian = np.zeros((len(self), 6, FRAMES + len(self.measurement.parameters)))
+        jacobian[:, :3, 0:3] = outer.rotation
+        jacobian[:, :3, 3:6] = -turned @ skew(arm)
+        jacobian[:, 3:, 3:6] = turned
+        jacobian[:, :3, 6:9] = carried
+        jacobian[:, :3, 9:12] = -carried @ skew(inner.translation)
+        jacobian[:, 3:, 9:12] = carried
+        matrix = transfer.matrix
+        jacobian[:, :3, FRAMES:] = turned @ (matrix[:, :3] - skew(lever) @ matrix[:, 3:])
+        jacobian[:, 3:, FRAMES:] = turned @ matrix[:, 3:]
+        seen = Prediction(position, carried @ inner.rotation, transfer.status, closure, jacobian)
+        return seen, arm
+
+    def columns(self, form: Form, linear: LinearRows) -> FloatArray:
+        """Return the whitened signature of each parameter of a form, times its usual size, shape (m, k)."""
+        return np.column_stack([self.column(p, linear) for p in form.parameters])
+
+    def column(self, parameter: EffectParameter, linear: LinearRows) -> FloatArray:
+        """Return the whitened signature of one parameter, times its usual size, shape (m,)."""
+        total = np.zeros(linear.residual.size)
+        for name, change in parameter.changes.items():
+            total += self.channel(name, linear) * change[linear.row]
+        return parameter.usual * total
+
+    def channel(self, name: str, linear: LinearRows) -> FloatArray:
+        """Return the whitened signature of one local parameter, alike in all rows, shape (m,), per m or rad.
+
+        ``tracker.tx`` … are displacements of what the tracker sees, in its own axes.
+        """
+        if name == SCALE:
+            return linear.scale
+        if name.startswith("tracker."):
+            component = COMPONENTS.index(name.partition(".")[2])
+            return np.where(linear.component == component, 1.0 / linear.tracker, 0.0)
+        return linear.jacobian[:, self._places[name]]

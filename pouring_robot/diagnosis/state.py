@@ -1,0 +1,190 @@
+"""The state of a diagnosis: which changes are put into the robot, found by linearising again until nothing moves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pouring_robot.calibration.tolerances import FRAME_STD
+from pouring_robot.diagnosis.explanations import Problem
+from pouring_robot.diagnosis.hypotheses import BACKGROUND_LEVELS, Hypothesis
+from pouring_robot.diagnosis.problem import problem_at
+from pouring_robot.diagnosis.rows import CampaignRows, Frames, LinearRows
+from pouring_robot.diagnosis.search import DEFAULT_SEARCH, SearchOptions, search
+from pouring_robot.effects.base import EffectParameter, Form
+from pouring_robot.exceptions import DiagnosisError
+from pouring_robot.mechanism import FloatArray
+
+_ROUNDS = 4
+_SETTLED, _EXACT = 0.02, 1e-3
+_HALVINGS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A robot with changes put in, and the problem as it looks from there.
+
+    Attributes:
+        parameters: what is changed: effects' and background parameters.
+        values: one a parameter, in its unit.
+        frames: the two frames.
+        linear: residuals and derivatives there, of the rows that are fitted.
+        every_row: the same of all rows.
+        problem: the search's problem there, whole.
+    """
+
+    parameters: tuple[EffectParameter, ...]
+    values: FloatArray
+    frames: Frames
+    linear: LinearRows
+    every_row: LinearRows
+    problem: Problem
+
+
+class Diagnoser:
+    """Searches a campaign for effects, exactly: the robot is linearised again at every answer.
+
+    Args:
+        rows: the campaign.
+        forms: of the effects, by effect and form.
+        backgrounds: usual small errors, by effect.
+        fitted: rows that may be fitted, (n,); the others play no part.
+        options: thresholds of the search.
+    """
+
+    def __init__(
+        self,
+        rows: CampaignRows,
+        forms: Mapping[tuple[str, str], Form],
+        backgrounds: Mapping[str, Form],
+        fitted: NDArray[np.bool_],
+        options: SearchOptions = DEFAULT_SEARCH,
+    ) -> None:
+        """Keep what is searched."""
+        self.rows, self.forms, self.backgrounds, self.options = rows, forms, backgrounds, options
+        self.fitted = fitted
+
+    def at_rest(self) -> State:
+        """Return the state without any change, its frames refined."""
+        state = self._state((), np.zeros(0), self.rows.frames)
+        for _ in range(3):
+            step = _least_squares(state.linear.free, state.linear.residual)
+            state = self._state((), np.zeros(0), state.frames.moved(step))
+        return state
+
+    def _state(self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: Frames) -> State:
+        every_row = self.rows.linearise(self.rows.changes(parameters, values), frames)
+        linear = every_row.of(self.fitted)
+        added = self._signature(parameters, values, linear)
+        problem = problem_at(self.rows, linear, self.forms, self.backgrounds, added)
+        return State(parameters, values, frames, linear, every_row, problem)
+
+    def found(self) -> tuple[State, Hypothesis]:
+        """Search, put in what was found, and search again from there until the answer stays.
+
+        The hypothesis is of the whole problem of the state returned with it.
+        """
+        state = self.at_rest()
+        hypothesis = search(state.problem.compressed(), self.options)
+        for turn in range(_ROUNDS):
+            if not hypothesis.items and not any(hypothesis.levels):
+                break
+            state, moved = self._advanced(state, hypothesis)
+            again = search(
+                state.problem.compressed(), self.options, None if turn < 1 else self._carried(hypothesis, state)
+            )
+            same = [i.key for i in again.items] == [i.key for i in hypothesis.items]
+            hypothesis = again
+            if same and moved < _SETTLED:
+                break
+        return self._refined(state, hypothesis)
+
+    def _refined(self, state: State, hypothesis: Hypothesis) -> tuple[State, Hypothesis]:
+        """Keep what was found and let values, scales and frames settle exactly."""
+        for _ in range(_ROUNDS):
+            state, moved = self._advanced(state, hypothesis)
+            hypothesis = self._carried(hypothesis, state).settled()
+            if moved < _EXACT:
+                break
+        return state, self._carried(hypothesis, state, whole=True)
+
+    def _carried(self, hypothesis: Hypothesis, state: State, *, whole: bool = False) -> Hypothesis:
+        """Return a hypothesis on another problem."""
+        problem = state.problem if whole else state.problem.compressed()
+        known = {item.key: item for item in problem.explanations}
+        items = tuple(known[item.key] for item in hypothesis.items)
+        return replace(hypothesis, problem=problem, items=items)
+
+    def coefficients(self, hypothesis: Hypothesis) -> list[tuple[EffectParameter, float]]:
+        """Return each parameter of a hypothesis with its most probable value, in its unit."""
+        mean, _ = hypothesis.coefficients()
+        pairs: list[tuple[EffectParameter, float]] = []
+        place = 0
+        for level, form in zip(hypothesis.levels, self.backgrounds.values(), strict=True):
+            if not BACKGROUND_LEVELS[level]:
+                continue
+            for p in form.parameters:
+                pairs.append((p, float(mean[place]) * BACKGROUND_LEVELS[level] * p.usual))
+                place += 1
+        for item, scale in zip(hypothesis.items, hypothesis.scales, strict=True):
+            if item.key not in self.forms:
+                place += item.columns.shape[1]
+                continue
+            for p in self.forms[item.key].parameters:
+                pairs.append((p, float(mean[place]) * scale * p.usual))
+                place += 1
+        return pairs
+
+    def _advanced(self, state: State, hypothesis: Hypothesis) -> tuple[State, float]:
+        """Put in what a hypothesis found, and say by how much that differs from its linear prediction (noise units)."""
+        pairs = self.coefficients(hypothesis)
+        parameters = tuple(p for p, _ in pairs)
+        wanted = np.array([value for _, value in pairs])
+        known = {id(p): value for p, value in zip(state.parameters, state.values.tolist(), strict=True)}
+        from_here = np.array([known.get(id(p), 0.0) for p in parameters])
+        before = self._signature(state.parameters, state.values, state.linear)
+        left = (
+            state.linear.residual
+            + before
+            - self._signature(parameters, wanted, state.linear)
+            - self._unnamed(hypothesis, state)
+        )
+        step = _least_squares(state.linear.free, left)
+        share = 1.0
+        for _ in range(_HALVINGS):
+            values = from_here + share * (wanted - from_here)
+            try:
+                new = self._state(parameters, values, state.frames.moved(share * step))
+            except DiagnosisError:
+                share *= 0.5
+                continue
+            gone = before - self._signature(parameters, values, state.linear) - state.linear.free @ (share * step)
+            expected = state.linear.residual + gone
+            return new, float(np.sqrt(((new.linear.residual - expected) ** 2).mean()))
+        return state, 0.0
+
+    def _unnamed(self, hypothesis: Hypothesis, state: State) -> FloatArray:
+        """Return what items without parameters of the robot add to the prediction, whitened, (m,)."""
+        whole = self._carried(hypothesis, state, whole=True)
+        parts = [whole.part(k) for k, item in enumerate(whole.items) if item.key not in self.forms]
+        return np.sum(parts, axis=0) if parts else np.zeros(state.linear.residual.size)
+
+    def _signature(self, parameters: tuple[EffectParameter, ...], values: FloatArray, linear: LinearRows) -> FloatArray:
+        """Return what parameters add to the prediction to first order, whitened, (m,)."""
+        if not parameters:
+            return np.zeros(linear.residual.size)
+        return np.column_stack([self.rows.column(p, linear) / p.usual for p in parameters]) @ values
+
+
+def _least_squares(columns: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the least-squares step of the frames, in m and rad.
+
+    Moving tracker and target along the tilt axis against each other shows nearly nothing. That the frames are found to
+    :data:`FRAME_STD` from the start picks one answer, as in calibration.
+    """
+    prior = np.eye(columns.shape[1]) / FRAME_STD
+    stacked = np.vstack([columns, prior])
+    return np.asarray(np.linalg.lstsq(stacked, np.concatenate([values, np.zeros(len(prior))]), rcond=None)[0])

@@ -1,0 +1,102 @@
+"""What an effect is: a change of the mechanism's local parameters, row by row, that depends on conditions.
+
+An effect is linear in its parameters: each parameter has, for every row, the change of local parameters that one unit
+of it makes. First order: the transfer matrix carries these changes to the ladle. Exactly: the loops are closed with the
+changes put in. What is not linear (a time constant, a power) tells *forms* of the effect apart.
+
+    class ScrewWear(Effect):
+        id = "screw_wear"
+        story = "the screws are worn in the middle of their stroke"
+        needs = ()
+
+        def forms(self, conditions):
+            stroke = conditions.lengths_m[:, 0] - 0.6
+            change = {"drive.leg1_s3": 1e-3 * np.exp(-((stroke / 0.1) ** 2))}
+            return (Form("bell", (EffectParameter("wear_1", "mm", usual=0.5, changes=change),)),)
+
+See :mod:`pouring_robot.effects.registry` for how a package offers its effects.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+from pouring_robot.effects.conditions import Conditions
+from pouring_robot.exceptions import BadInputError, closest
+from pouring_robot.mechanism import FloatArray
+
+LocalChanges = Mapping[str, FloatArray]
+"""Change of local parameters, (n,) each, in m and rad, by the parameter's name: ``drive.leg1_s3``, ``base.tz`` (of the
+fixed platform in its own axes), ``leg2_seat_mount.tx``, ``leg3_s4.rz`` …, and ``metrology.scale`` (relative)."""
+
+
+@dataclass(frozen=True, eq=False)
+class EffectParameter:
+    """One parameter of a form.
+
+    Attributes:
+        name: short, unique in its form.
+        unit: the user's unit of its value.
+        usual: standard deviation that one would expect of it where the effect is at work, in ``unit``. Only the ratios
+            between the parameters of a form matter much: their common scale is found from the data.
+        changes: change of local parameters for one ``unit``.
+        main: whether it makes the effect; if not, it shapes what the main parameters make.
+        bounds: what is physically possible, in ``unit``.
+    """
+
+    name: str
+    unit: str
+    usual: float
+    changes: LocalChanges
+    main: bool = True
+    bounds: tuple[float, float] = (-float("inf"), float("inf"))
+
+
+@dataclass(frozen=True, eq=False)
+class Form:
+    """One way in which an effect can act.
+
+    Attributes:
+        name: unique in its effect.
+        parameters: the parameters, main ones first.
+    """
+
+    name: str
+    parameters: tuple[EffectParameter, ...]
+
+
+class Effect(ABC):
+    """A physical cause that moves the ladle. Stateless; one instance serves all campaigns."""
+
+    id: ClassVar[str]
+    """Name in files and on the command line."""
+    story: ClassVar[str]
+    """One line for people: what happens on the machine."""
+    needs: ClassVar[tuple[str, ...]] = ()
+    """Conditions without which it cannot be tested: names of fields of :class:`Conditions` that may be None."""
+
+    def missing(self, conditions: Conditions) -> tuple[str, ...]:
+        """Return the needed conditions that a campaign does not have."""
+        return tuple(name for name in self.needs if getattr(conditions, name) is None)
+
+    @abstractmethod
+    def forms(self, conditions: Conditions) -> Sequence[Form]:
+        """Return the forms of the effect under these conditions, the usual one first.
+
+        Args:
+            conditions: n rows; everything in :attr:`needs` is there.
+        """
+
+    def form(self, name: str, conditions: Conditions) -> Form:
+        """Return one form by its name.
+
+        Raises:
+            BadInputError: the effect has no such form.
+        """
+        found = {form.name: form for form in self.forms(conditions)}
+        if name not in found:
+            raise BadInputError(f"the effect '{self.id}' has no form '{name}'{closest(name, found)}")
+        return found[name]

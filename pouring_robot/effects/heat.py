@@ -1,0 +1,82 @@
+"""Effects of heat: legs and moving platform grow. Thermometers are biased and lag; forms allow for it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pouring_robot.effects.base import Effect, EffectParameter, Form
+from pouring_robot.effects.conditions import Conditions
+from pouring_robot.effects.drives import CHANNELS, LEGS
+from pouring_robot.mechanism import FloatArray
+
+_PPM = 1e-6
+_USUAL_PPM = 12.0
+_BIAS_K = 4.0
+_GAIN = 0.03
+_LAG_S = 500.0
+
+
+def _legs(values: FloatArray) -> dict[str, FloatArray]:
+    return {CHANNELS[k]: _PPM * values[:, k] for k in LEGS}
+
+
+class LegThermalExpansion(Effect):
+    """Legs longer with their temperature."""
+
+    id = "leg_thermal_expansion"
+    story = "warm legs are longer than the controller believes"
+    needs = ("leg_rise_k",)
+
+    def forms(self, conditions: Conditions) -> tuple[Form, ...]:
+        """Each leg as a whole with its thermometer, which may be biased, lag, or see another part of the leg."""
+        lengths, rise = conditions.lengths_m[:, :3], np.asarray(conditions.leg_rise_k)[:, :3]
+        usual = _USUAL_PPM
+        main = EffectParameter("expansion", "1e-6/K", usual, _legs(lengths * rise), bounds=(0.0, np.inf))
+        shape = [
+            EffectParameter("barrel", "1e-6 m/K", 0.3 * usual, _legs(0.3 * rise), main=False),
+            EffectParameter(
+                "lag", "1e-6/K", 0.7 * usual, _legs(lengths * (conditions.behind(rise, _LAG_S) - rise)), main=False
+            ),
+        ]
+        if conditions.platform_rise_k is not None:
+            nearer = lengths * (conditions.platform_rise_k[:, None] - rise)
+            shape.append(EffectParameter("platform_share", "1e-6/K", 0.2 * usual, _legs(nearer), main=False))
+        for k in LEGS:
+            bias, gain = {CHANNELS[k]: _PPM * lengths[:, k]}, {CHANNELS[k]: _PPM * lengths[:, k] * rise[:, k]}
+            shape.append(EffectParameter(f"l{k + 1}_thermometer_bias", "1e-6", _BIAS_K * usual, bias, main=False))
+            shape.append(EffectParameter(f"l{k + 1}_thermometer_gain", "1e-6/K", _GAIN * usual, gain, main=False))
+        return (Form("own_temperature", (main, *shape)),)
+
+
+class PlatformThermalExpansion(Effect):
+    """Moving platform grows."""
+
+    id = "platform_thermal_expansion"
+    story = "the warm moving platform carries its U joints further apart than drawn"
+    needs = ("platform_rise_k",)
+
+    def forms(self, conditions: Conditions) -> tuple[Form, ...]:
+        """Evenly about its origin; perhaps less along x, with a biased thermometer, or later than its skin."""
+        rise, usual = np.asarray(conditions.platform_rise_k), _USUAL_PPM
+        centres = conditions.lower_centres_m
+
+        def grown(values: FloatArray, axes: str = "xyz") -> dict[str, FloatArray]:
+            return {
+                f"leg{i + 1}_seat_mount.t{axis}": _PPM * values * centres[i, "xyz".index(axis)]
+                for i in range(4)
+                for axis in axes
+            }
+
+        one = np.ones(len(conditions))
+        late = conditions.behind(rise, _LAG_S) - rise
+        return (
+            Form(
+                "even",
+                (
+                    EffectParameter("expansion", "1e-6/K", usual, grown(rise), bounds=(0.0, np.inf)),
+                    EffectParameter("along_x", "1e-6/K", 0.3 * usual, grown(rise, "x"), main=False),
+                    EffectParameter("thermometer_bias", "1e-6", _BIAS_K * usual, grown(one), main=False),
+                    EffectParameter("lag", "1e-6/K", 0.7 * usual, grown(late), main=False),
+                ),
+            ),
+        )

@@ -1,0 +1,80 @@
+"""Effects of the U joints: centres displaced, axes tilted."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pouring_robot.effects.base import Effect, EffectParameter, Form
+from pouring_robot.effects.conditions import Conditions
+from pouring_robot.mechanism import FloatArray
+from pouring_robot.poses import MM, MRAD
+
+LEGS = (1, 2, 3, 4)
+_TILTED = {1: "xz", 2: "yz", 3: "xy", 4: "yz", 5: "xz"}
+"""Directions across the axis of each joint of a leg."""
+
+
+def centre_parameters(one: FloatArray, usual_mm: float = 1.0) -> dict[str, tuple[EffectParameter, ...]]:
+    """Return three parameters for each U-joint centre, by the joint that places it; ``one`` is 1 for every row."""
+    return {
+        joint: tuple(
+            EffectParameter(f"{joint}.t{axis}", "mm", usual_mm, {f"{joint}.t{axis}": MM * one}) for axis in "xyz"
+        )
+        for joint in (*(f"leg{i}_s1" for i in LEGS), *(f"leg{i}_seat_mount" for i in LEGS))
+    }
+
+
+def axis_parameters(one: FloatArray, usual_mrad: float = 1.0) -> dict[str, tuple[EffectParameter, ...]]:
+    """Return the tilts of each joint's axis, by joint: only this axis turns, the next joint stays where it was."""
+    found = {}
+    for leg in LEGS:
+        for joint, directions in _TILTED.items():
+            after = f"leg{leg}_s{joint + 1}" if joint < 5 else f"leg{leg}_seat_mount"
+            back = -1.0 if joint < 5 else 1.0  # the seat is placed on the platform, against the chain's direction
+            name = f"leg{leg}_s{joint}"
+            found[name] = tuple(
+                EffectParameter(
+                    f"{name}.tilt_{axis}",
+                    "mrad",
+                    usual_mrad,
+                    {f"{name}.r{axis}": MRAD * one, f"{after}.r{axis}": back * MRAD * one},
+                )
+                for axis in directions
+            )
+    return found
+
+
+class JointCentreOffset(Effect):
+    """U-joint centres displaced on either platform."""
+
+    id = "joint_centre_offset"
+    story = "U joints sit elsewhere on their platforms than drawn"
+
+    def forms(self, conditions: Conditions) -> tuple[Form, ...]:
+        """All centres, those of one platform, or a single one."""
+        by_joint = centre_parameters(np.ones(len(conditions)))
+        upper = [p for joint, found in by_joint.items() if joint.endswith("_s1") for p in found]
+        lower = [p for joint, found in by_joint.items() if joint.endswith("_seat_mount") for p in found]
+        single = (Form(f"{joint}_alone", found) for joint, found in by_joint.items())
+        whole = (
+            Form("all", (*upper, *lower)),
+            Form("fixed_platform", tuple(upper)),
+            Form("moving_platform", tuple(lower)),
+        )
+        return (*whole, *single)
+
+
+class JointAxisTilt(Effect):
+    """U-joint axes tilted, yokes of a leg twisted."""
+
+    id = "joint_axis_tilt"
+    story = "axes of the U joints are not parallel as drawn, or the yokes of a leg are twisted"
+
+    def forms(self, conditions: Conditions) -> tuple[Form, ...]:
+        """All axes, twisted legs, or bores of the platforms."""
+        one = np.ones(len(conditions))
+        by_joint = axis_parameters(one)
+        every = [p for joint, found in by_joint.items() if not joint.endswith("_s3") for p in found]
+        twist = [EffectParameter(f"leg{i}_twist", "mrad", 1.0, {f"leg{i}_s4.rz": MRAD * one}) for i in LEGS]
+        bores = [p for joint, found in by_joint.items() if joint.endswith(("_s1", "_s5")) for p in found]
+        return (Form("all", tuple(every)), Form("twisted_legs", tuple(twist)), Form("bores", tuple(bores)))

@@ -1,0 +1,79 @@
+"""Which effects there are: the library's own and those that installed packages offer.
+
+A package offers effects in its ``pyproject.toml``; the name does not matter, the value is a class:
+
+    [project.entry-points."pouring_robot.effects"]
+    screw_wear = "my_package.effects:ScrewWear"
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.metadata import entry_points
+
+from pouring_robot.effects.base import Effect
+from pouring_robot.effects.drives import (
+    DriveBacklash,
+    DriveCyclic,
+    DriveScale,
+    DriveZeroOffset,
+    TiltEncoderEccentricity,
+)
+from pouring_robot.effects.heat import LegThermalExpansion, PlatformThermalExpansion
+from pouring_robot.effects.joints import JointAxisTilt, JointCentreOffset
+from pouring_robot.effects.loads import LegCompliance, TiltDriveCompliance, TrussDeflection
+from pouring_robot.effects.surroundings import BaseDrift, MetrologyScale
+from pouring_robot.exceptions import BadInputError, closest
+
+GROUP = "pouring_robot.effects"
+LIBRARY: tuple[type[Effect], ...] = (
+    DriveZeroOffset,
+    DriveScale,
+    DriveCyclic,
+    DriveBacklash,
+    JointCentreOffset,
+    JointAxisTilt,
+    LegThermalExpansion,
+    PlatformThermalExpansion,
+    LegCompliance,
+    TiltDriveCompliance,
+    TrussDeflection,
+    BaseDrift,
+    TiltEncoderEccentricity,
+    MetrologyScale,
+)
+"""The effects of DESIGN §5, in that order."""
+
+
+def all_effects() -> dict[str, Effect]:
+    """Return the library's effects and those of installed packages, by id.
+
+    Raises:
+        BadInputError: a package's effect cannot be loaded, is none, or has the id of another one.
+    """
+    found: dict[str, Effect] = {kind.id: kind() for kind in LIBRARY}
+    for entry in entry_points(group=GROUP):
+        try:
+            kind = entry.load()
+            effect = kind()
+        except Exception as problem:  # any package may fail in any way; the user must learn which one
+            raise BadInputError(f"the effect '{entry.name}' of {entry.value} cannot be loaded: {problem}") from problem
+        if not isinstance(effect, Effect):
+            raise BadInputError(f"'{entry.value}' is offered as an effect but is no subclass of Effect")
+        if effect.id in found:
+            raise BadInputError(f"two effects are called '{effect.id}'; rename the one of {entry.value}")
+        found[effect.id] = effect
+    return found
+
+
+def chosen_effects(exclude: Sequence[str] = ()) -> dict[str, Effect]:
+    """Return all effects but some.
+
+    Raises:
+        BadInputError: an effect to leave out does not exist.
+    """
+    found = all_effects()
+    for name in exclude:
+        if name not in found:
+            raise BadInputError(f"there is no effect '{name}'{closest(name, found)}")
+    return {name: effect for name, effect in found.items() if name not in exclude}

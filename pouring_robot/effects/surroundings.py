@@ -1,0 +1,67 @@
+"""Effects of what stands around the robot: the ground under it and the device that measures it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from pouring_robot.effects.base import Effect, EffectParameter, Form
+from pouring_robot.effects.conditions import Conditions
+from pouring_robot.mechanism import FloatArray
+from pouring_robot.parameters import COMPONENTS
+from pouring_robot.poses import MM, MRAD
+
+_SETTLING = (0.15, 0.3, 0.6)
+"""Time constants of settling, as shares of the campaign."""
+
+
+class BaseDrift(Effect):
+    """Fixed platform creeps with time."""
+
+    id = "base_drift"
+    story = "the fixed platform creeps away from where it stood when the campaign began"
+
+    def forms(self, conditions: Conditions) -> tuple[Form, ...]:
+        """Steady with a slow change of rate, settling, or with the logarithm of time."""
+        t = conditions.passed
+        middle = t - 0.5
+        forms = [
+            Form(
+                "steady",
+                (
+                    *_moved(middle),
+                    *_moved(middle**2 - 1.0 / 12.0, "bend", 0.3),
+                    *_moved(middle**3 - 0.15 * middle, "turn", 0.15),
+                ),
+            )
+        ]
+        courses = {f"settling_{share:g}": 1.0 - np.exp(-t / share) for share in _SETTLING}
+        courses["logarithmic"] = np.log1p(4.0 * t) / np.log(5.0)
+        for name, course in courses.items():
+            forms.append(Form(name, (*_moved(course - course.mean()), *_moved(middle, "steady", 0.2))))
+        return tuple(forms)
+
+
+def _moved(course: FloatArray, name: str = "", share: float = 1.0) -> Iterator[EffectParameter]:
+    """Yield six parameters that move the fixed platform along a course; with a name they only shape another one."""
+    for component in COMPONENTS:
+        unit, si, usual = ("mm", MM, 1.0) if component.startswith("t") else ("mrad", MRAD, 0.4)
+        label = f"{component}_{name}" if name else component
+        yield EffectParameter(label, unit, share * usual, {f"base.{component}": si * course}, main=not name)
+
+
+class MetrologyScale(Effect):
+    """The measuring device's scale is wrong."""
+
+    id = "metrology_scale"
+    story = "the measuring device's millimetre is not a millimetre"
+
+    def forms(self, conditions: Conditions) -> tuple[Form, ...]:
+        """Constant; where the temperature of the air is known it may change a little with it."""
+        ppm = 1e-6 * np.ones(len(conditions))
+        parameters = [EffectParameter("scale", "1e-6", 100.0, {"metrology.scale": ppm})]
+        if conditions.ambient_rise_k is not None:
+            air = {"metrology.scale": ppm * conditions.ambient_rise_k}
+            parameters.append(EffectParameter("scale_by_air", "1e-6/K", 1.0, air, main=False))
+        return (Form("constant", tuple(parameters)),)

@@ -1,0 +1,269 @@
+"""Where model and measurement disagree: level under noise alone, planted causes among correlated ones, missing data."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+import scipy.stats
+from scipy.spatial.transform import Rotation
+from statsmodels.stats.multitest import multipletests
+
+from pouring_robot.diagnosis.where import disagreements
+from pouring_robot.diagnosis.where_selection import holm
+from pouring_robot.diagnosis.where_terms import FreeResiduals
+from pouring_robot.effects.conditions import Conditions
+from pouring_robot.exceptions import BadInputError
+
+SIGMA_M, SIGMA_RAD = 5e-5, 3e-5
+OPTIONAL = (
+    *("approach", "weight_n", "leg_pull_n", "tilt_moment_nm", "truss_travel_m"),
+    *("melt_rise_k", "ambient_rise_k", "leg_rise_k", "platform_rise_k"),
+)
+
+
+def scene(rng, n=90, repeated=30, alike=0.0):
+    """Conditions of n rows, the last of them repeats; temperatures follow time, and load follows time by ``alike``."""
+    fresh = n - repeated
+    again = np.concatenate([np.arange(fresh), np.arange(repeated)])
+    position = rng.uniform([-0.15, -0.05, -0.825], [-0.05, 0.05, -0.425], (fresh, 3))[again]
+    tilt = rng.uniform(-0.48, 1.08, fresh)[again]
+    lengths = np.linalg.norm(position[:, None] + rng.normal(0.0, 0.1, (4, 3)), axis=2)
+    time = np.cumsum(rng.uniform(60.0, 90.0, n))
+    passed = (time - time[0]) / np.ptp(time)
+    level = alike * passed + (1.0 - alike) * rng.random(n)
+    return Conditions(
+        drives=np.column_stack([lengths[:, :3], tilt]),
+        lengths_m=lengths,
+        position_m=position,
+        rotation=Rotation.from_rotvec(np.outer(tilt, [0.0, 1.0, 0.0])).as_matrix(),
+        lean_rad=np.zeros((n, 4)),
+        lower_centres_m=np.zeros((4, 3)),
+        session=(passed > 0.6).astype(np.intp),
+        time_s=time,
+        time_known=True,
+        approach=np.where(rng.random((n, 4)) < 0.5, -1.0, 1.0),
+        weight_n=9.80665 * (330.0 + 350.0 * level),
+        truss_travel_m=rng.uniform(0.0, 6.0, n),
+        melt_rise_k=np.where(np.arange(n) // 20 % 2 == 0, 1500.0, 380.0),
+        ambient_rise_k=5.0 * np.sin(4.0 * passed),
+        leg_rise_k=100.0 * passed[:, None] + rng.normal(0.0, 3.0, (n, 4)),
+        platform_rise_k=80.0 * passed + rng.normal(0.0, 3.0, n),
+        screw_pitch_m=0.01,
+        truss_span_m=6.0,
+    )
+
+
+def seen(rng, given, error=None, full=True, turned=0.4):
+    """Residuals of displacements (n, 6) in the fixed platform's axes, seen by a tracker that stands turned."""
+    n, width = len(given), 6 if full else 3
+    axes = Rotation.from_euler("z", turned).as_matrix()
+    row, component = np.divmod(np.arange(width * n), width)
+    sigma = np.where(component < 3, SIGMA_M, SIGMA_RAD)
+    frames = np.zeros((n, 6, 12))
+    frames[:, :3, :3] = np.eye(3)
+    frames[:, :3, 3:6] = -np.cross(np.eye(3), given.position_m[:, None]).transpose(0, 2, 1)
+    frames[:, 3:, 3:6] = np.eye(3)
+    frames[:, :3, 6:9], frames[:, 3:, 9:] = given.rotation, given.rotation
+    arms = Rotation.from_matrix(axes)
+    tracker = np.concatenate([np.einsum("ab,nbf->naf", arms.as_matrix(), frames[:, k : k + 3]) for k in (0, 3)], axis=1)
+    free = tracker.reshape(6 * n, 12)[np.tile(np.arange(6) < width, n)] / sigma[:, None]
+    columns, values, _ = np.linalg.svd(free / np.maximum(np.linalg.norm(free, axis=0), 1e-300), full_matrices=False)
+    absorbed = columns[:, values > 1e-10 * values[0]]
+    directions = np.random.default_rng(8).normal(size=(6, 4)) * np.array([1, 1, 1, 0.3, 0.3, 0.3])[:, None]
+    drives = directions[component] / sigma[:, None]
+    residual = rng.normal(size=row.size)
+    if error is not None:
+        whole = np.concatenate([error[:, :3] @ axes.T, error[:, 3:] @ axes.T], axis=1)
+        residual = residual + whole[row, component] / sigma
+    return FreeResiduals(residual, row, component, sigma, absorbed, axes, drives)
+
+
+def moved(given, component, course):
+    """Displacements (n, 6) of one component along a course (n,), in m or rad."""
+    error = np.zeros((len(given), 6))
+    error[:, component] = course
+    return error
+
+
+def conditions_found(where):
+    """Conditions in the findings, most important first."""
+    return [item.condition for item in where.findings if item.what == "condition"]
+
+
+@pytest.mark.parametrize(("rows", "full"), [(90, True), (36, False)])
+def test_noise_alone_is_seldom_found_guilty(rows, full):
+    rng = np.random.default_rng(2)
+    given = scene(rng, rows, rows // 3)
+    data = seen(rng, given, full=full)
+    draws = [dataclasses.replace(data, residual=rng.normal(size=data.residual.size)) for _ in range(120)]
+    alarms = sum(bool(disagreements(d, given, alpha=0.05).findings) for d in draws)
+    assert alarms <= scipy.stats.binom.ppf(0.999, 120, 0.05)
+
+
+def test_p_values_of_single_tests_are_even_under_noise():
+    """Half of all noise lies below the median: corrections must not hide tests that never reject."""
+    rng = np.random.default_rng(3)
+    given = scene(rng)
+    data = seen(rng, given)
+    draws = [dataclasses.replace(data, residual=rng.normal(size=data.residual.size)) for _ in range(60)]
+    p_values = np.array([disagreements(d, given).fit.p_value for d in draws])
+    assert scipy.stats.kstest(p_values, "uniform").pvalue > 1e-3
+
+
+def test_load_is_named_though_time_and_temperatures_went_along():
+    rng = np.random.default_rng(4)
+    given = scene(rng, alike=0.6)
+    assert np.corrcoef(given.weight_n, given.time_s)[0, 1] > 0.7
+    load = (given.weight_n - given.weight_n.min()) / np.ptp(given.weight_n)
+    where = disagreements(seen(rng, given, moved(given, 1, 4e-4 * load)), given)
+    assert conditions_found(where) == ["load"]
+    (item,) = [f for f in where.findings if f.what == "condition"]
+    assert item.component == "y"
+    assert not item.rivals
+    assert item.size == pytest.approx(4e-4, rel=0.2)
+    assert "Grows with load: y by 0." in item.sentence
+    assert "not with" in item.sentence
+    assert "time" in item.sentence.partition("not with")[2]
+    components = [f.component for f in where.findings if f.what == "component"]
+    assert components == ["y"]
+
+
+def test_time_and_load_are_both_named():
+    rng = np.random.default_rng(5)
+    given = scene(rng)
+    passed = given.passed
+    load = (given.weight_n - given.weight_n.min()) / np.ptp(given.weight_n)
+    error = moved(given, 2, 5e-4 * load) + moved(given, 0, 5e-4 * passed**2)
+    bare = dataclasses.replace(given, leg_rise_k=None, platform_rise_k=None, ambient_rise_k=None)
+    where = disagreements(seen(rng, given, error), bare)
+    assert set(conditions_found(where)) == {"load", "time"}
+
+
+def test_what_went_along_exactly_is_named_as_a_rival():
+    rng = np.random.default_rng(6)
+    given = scene(rng)
+    given = dataclasses.replace(given, truss_travel_m=1.0 + 3.0 * given.passed, leg_rise_k=None, platform_rise_k=None)
+    where = disagreements(seen(rng, given, moved(given, 2, 5e-4 * given.passed)), given)
+    (item,) = [f for f in where.findings if f.what == "condition"]
+    assert {item.condition, *item.rivals} >= {"time", "truss travel"}
+    assert "went along" in item.sentence
+    assert set(item.as_json()["or"]) == set(item.rivals)
+
+
+def test_side_of_one_drive_is_found_on_that_drive():
+    rng = np.random.default_rng(7)
+    given = scene(rng)
+    data = seen(rng, given)
+    data = dataclasses.replace(data, residual=data.residual + data.drives[:, 1] * 6e-5 * given.approach[data.row, 1])
+    where = disagreements(data, given)
+    assert conditions_found(where) == ["side of l2"]
+    (item,) = [f for f in where.findings if f.what == "condition"]
+    assert item.size == pytest.approx(1.2e-4, rel=0.15)
+    without = disagreements(dataclasses.replace(data, drives=None), given)
+    assert conditions_found(without)[0] == "side of l2"
+
+
+def test_a_region_is_named_in_words_and_repeats_do_not_object():
+    rng = np.random.default_rng(8)
+    given = scene(rng, 120, 40)
+    low = given.position_m[:, 2] < np.quantile(given.position_m[:, 2], 1 / 3)
+    bump = np.where(low, np.sin(90.0 * given.position_m[:, 0]) * np.cos(150.0 * given.position_m[:, 1]), 0.0)
+    where = disagreements(seen(rng, given, moved(given, 1, 4e-4 * bump)), given)
+    region = next(f for f in where.findings if f.what == "region")
+    assert region.condition.startswith("low")
+    assert not any(f.what == "repeats" for f in where.findings)
+    assert where.fit.repeats_p_value < 1e-4
+    assert where.fit.repeated_rows == 80
+
+
+def test_what_is_not_understood_in_one_component_accuses_nothing_in_others():
+    """A ripple that no condition describes, twenty times the noise, in y only."""
+    rng = np.random.default_rng(9)
+    given = scene(rng, 120, 0)
+    false = 0
+    for _ in range(20):
+        ripple = 1e-3 * rng.choice([-1.0, 1.0], len(given))
+        false += bool(conditions_found(disagreements(seen(rng, given, moved(given, 1, ripple)), given)))
+    assert false <= 1
+
+
+@pytest.mark.parametrize("full", [True, False])
+def test_absent_and_constant_conditions(full):
+    rng = np.random.default_rng(10)
+    given = scene(rng)
+    none = dataclasses.replace(
+        given, **dict.fromkeys(OPTIONAL), time_known=False, session=np.zeros(len(given), dtype=np.intp)
+    )
+    data = seen(rng, given, moved(given, 2, 1e-3 * given.position_m[:, 0] ** 2 / 0.15**2), full=full)
+    where = disagreements(data, none)
+    assert conditions_found(where)[0] == "pose"
+    assert "load" in where.sentences[-1]
+    constant = dataclasses.replace(given, weight_n=np.full(len(given), 5000.0), melt_rise_k=np.full(len(given), 1.0))
+    assert "load, melt temperature" in disagreements(data, constant).sentences[-1]
+    json.dumps(where.as_json(), allow_nan=False)
+    assert {"what", "component", "condition", "p_value", "sentence"} <= set(where.as_json()[0])
+
+
+def test_unknown_noise_judges_no_size_but_finds_what_it_depends_on():
+    rng = np.random.default_rng(11)
+    given = scene(rng)
+    data = seen(rng, given, moved(given, 1, 5e-4 * np.sin(given.truss_travel_m)))
+    wrong = 7.0
+    guessed = dataclasses.replace(
+        data, residual=data.residual / wrong, sigma=wrong * data.sigma, drives=data.drives / wrong, noise_known=False
+    )
+    where = disagreements(guessed, given)
+    assert where.fit.p_value is None
+    assert conditions_found(where) == ["truss travel"]
+    size = next(f.size for f in where.findings if f.what == "condition")
+    assert size == pytest.approx(1e-3, rel=0.15)
+
+
+def test_few_rows_and_lost_cells():
+    rng = np.random.default_rng(12)
+    given = scene(rng, 9, 3)
+    data = seen(rng, given, moved(given, 1, 1e-3 * rng.normal(size=9)))
+    where = disagreements(data, given)
+    assert "too few" in " ".join(where.sentences)
+    assert not conditions_found(where)
+    assert where.findings
+    kept = np.setdiff1d(np.arange(data.residual.size), [1, 4, 20])
+    axes, _, _ = np.linalg.svd(data.absorbed[kept], full_matrices=False)
+    lost = FreeResiduals(
+        data.residual[kept], data.row[kept], data.component[kept], data.sigma[kept], axes, data.axes, data.drives[kept]
+    )
+    assert disagreements(lost, given).fit.freedoms == where.fit.freedoms - 3
+
+
+def test_nothing_beyond_the_frames_is_refused():
+    rng = np.random.default_rng(13)
+    given = scene(rng, 9, 3)
+    data = seen(rng, given)
+    first = data.row < 2
+    few = FreeResiduals(
+        data.residual[first], data.row[first], data.component[first], data.sigma[first], np.eye(12), data.axes
+    )
+    with pytest.raises(BadInputError, match="12 measured values"):
+        disagreements(few, given)
+    with pytest.raises(BadInputError, match="must all count"):
+        disagreements(dataclasses.replace(data, row=data.row[1:]), given)
+
+
+def test_holm_is_that_of_statsmodels():
+    p_values = np.random.default_rng(14).random(40) ** 4
+    np.testing.assert_allclose(holm(p_values), multipletests(p_values, method="holm")[1], rtol=1e-14)
+    assert holm(np.zeros(0)).size == 0
+
+
+def test_noise_from_few_repeats_is_trusted_less():
+    rng = np.random.default_rng(15)
+    given = scene(rng)
+    data = seen(rng, given)
+    data = dataclasses.replace(data, residual=1.3 * data.residual)
+    stated = disagreements(data, given).fit.p_value
+    estimated = disagreements(dataclasses.replace(data, noise_freedoms=12.0), given).fit.p_value
+    assert stated < 1e-6
+    assert estimated > 0.05
+    squares = data.excess(50.0, 30.0)
+    assert squares == pytest.approx(scipy.stats.chi2.sf(50.0, 30.0), rel=1e-12)
