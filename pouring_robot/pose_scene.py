@@ -18,6 +18,7 @@ from pouring_robot.description import description_folder
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism import ClosedChainMechanism, FloatArray, release_joints
 from pouring_robot.poses import MM, MRAD, PoseDifference
+from pouring_robot.report import decimals
 from pouring_robot.robot import LadleLocation
 from pouring_robot.viewer import GHOST_TINT, Scene, SceneArrow, SceneRobot, camera_on, visual_model
 
@@ -25,25 +26,32 @@ from pouring_robot.viewer import GHOST_TINT, Scene, SceneArrow, SceneRobot, came
 _DRAWN_ERROR_M = 0.15
 _LARGEST_FACTOR = 1000.0
 # Towards the camera: far enough to the front that the mechanism's weak direction, sideways, shows its full length.
-_VIEW_DIRECTION = (1.0, -0.7, 0.38)
+VIEW_DIRECTION = (1.0, -0.7, 0.38)
 
 
 def automatic_exaggeration(locations: Sequence[LadleLocation]) -> float:
     """Return a factor of the series 1, 2, 5, 10 … that makes the largest error visible."""
-    largest = max(location.difference().distance_m for location in locations)
-    if largest <= _DRAWN_ERROR_M / _LARGEST_FACTOR:
+    return exaggeration_for(max(location.difference().distance_m for location in locations))
+
+
+def exaggeration_for(largest_m: float) -> float:
+    """Return a factor of the series 1, 2, 5, 10 … that makes a displacement in m visible."""
+    if largest_m <= _DRAWN_ERROR_M / _LARGEST_FACTOR:
         return _LARGEST_FACTOR
-    wanted = max(1.0, _DRAWN_ERROR_M / largest)
+    wanted = max(1.0, _DRAWN_ERROR_M / largest_m)
     decade = 10.0 ** math.floor(math.log10(wanted))
     return float(max(step * decade for step in (1, 2, 5) if step * decade <= wanted * (1 + 1e-9)))
 
 
-def pose_scene(locations: Sequence[LadleLocation], exaggeration: float | None = None) -> Scene:
+def pose_scene(
+    locations: Sequence[LadleLocation], exaggeration: float | None = None, actual: str = "as built"
+) -> Scene:
     """Return the scene of one or more locations: robots at the one with the largest error, an arrow at each.
 
     Args:
         locations: at least one.
         exaggeration: how many times the errors are enlarged; None chooses.
+        actual: what the legend calls the actual robot.
 
     Raises:
         BadInputError: there is no location, or the factor is not a positive number.
@@ -58,8 +66,8 @@ def pose_scene(locations: Sequence[LadleLocation], exaggeration: float | None = 
     scene = Scene(
         title=f"Where the ladle really is: x {x:.0f}, y {y:.0f}, z {z:.0f} mm, tilt {tilt:.1f}°",
         robots=(
-            _drawn(worst.actual.mechanism, exaggerated_configuration(worst, factor), "actual", "as built"),
-            _drawn(
+            drawn_robot(worst.actual.mechanism, exaggerated_configuration(worst, factor), "actual", actual),
+            drawn_robot(
                 worst.nominal.mechanism,
                 worst.nominal.configuration,
                 "nominal",
@@ -75,10 +83,10 @@ def pose_scene(locations: Sequence[LadleLocation], exaggeration: float | None = 
         caption=_caption(worst, len(locations)),
         exaggeration=factor,
     )
-    return dataclasses.replace(scene, camera=camera_on(scene, _VIEW_DIRECTION))
+    return dataclasses.replace(scene, camera=camera_on(scene, VIEW_DIRECTION))
 
 
-def _drawn(
+def drawn_robot(
     mechanism: ClosedChainMechanism,
     configuration: FloatArray,
     name: str,
@@ -86,6 +94,7 @@ def _drawn(
     opacity: float = 1.0,
     tint: tuple[float, float, float] | None = None,
 ) -> SceneRobot:
+    """Return a mechanism in a configuration (nq,), ready for a scene."""
     urdf = release_joints(mechanism.urdf, mechanism.loops.cut_joints)
     folders: list[Path | str] = [description_folder().parent]
     visual = visual_model(mechanism.shared_model, urdf, folders)
@@ -146,8 +155,8 @@ def _arrow(name: str, location: LadleLocation, factor: float) -> SceneArrow:
 def _caption(location: LadleLocation, count: int) -> tuple[tuple[str, str], ...]:
     translation, rotation = location.difference().to_mm_mrad()
     rows = [
-        ("error at the lip, x y z", "{:+.2f} {:+.2f} {:+.2f} mm".format(*translation)),
-        ("rotation of the ladle", "{:+.2f} {:+.2f} {:+.2f} mrad".format(*rotation)),
+        ("error at the lip, x y z", " ".join(decimals(v, 2, sign=True) for v in translation) + " mm"),
+        ("rotation of the ladle", " ".join(decimals(v, 2, sign=True) for v in rotation) + " mrad"),
         (
             "left open at the joints",
             f"{location.actual.gap_m / MM:.4f} mm, {location.actual.gap_rad / MRAD:.3f} mrad",

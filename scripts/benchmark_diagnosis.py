@@ -7,8 +7,9 @@
     python -m scripts.benchmark_diagnosis --records trials.json                       # figures again, nothing diagnosed
 
 Case k of seed S is ``python -m tests.rig --seed S``'s case k. A single effect of 3 times the noise or more is diagnosed
-a second time with that effect taken out of the library. Each worker computes on its share of the cores. Records carry
-the seeds. Exit code 1 if a figure falls short of what it must reach, or a diagnosis crashed.
+a second time with that effect taken out of the library. Each worker computes on its share of the cores; with
+``--workers 1`` the seconds are those on all cores. Records carry the seeds. Exit code 1 if a figure falls short of what
+it must reach, or a diagnosis crashed.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from rich.progress import Progress  # noqa: E402
 
 from scripts.diagnosis_figures import HEADINGS, confusion, coverage, failures, figures  # noqa: E402
 from tests.diagnosis.trial import Trial, rig_trials, trials_of  # noqa: E402
+from tests.rig import make_campaign  # noqa: E402
 from tests.rig.__main__ import CYCLE, KIND, case  # noqa: E402
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -69,6 +71,11 @@ def run(job: Job) -> list[Trial]:
     return rig_trials(campaign, job.name, exclude=job.exclude) if _wanted(job, campaign.truth["effects"]) else []
 
 
+def warm_up() -> None:
+    """Diagnose a small campaign, so that nothing is compiled while time is taken."""
+    rig_trials(make_campaign("null", 0, rows=40), "warm-up")
+
+
 def _wanted(job: Job, hidden: Iterable[dict[str, object]]) -> bool:
     return not job.effects or any(e["effect"] in job.effects for e in hidden)
 
@@ -96,7 +103,7 @@ def trials(work: Sequence[Job], workers: int) -> Iterator[Trial]:
     share = max(1, (os.cpu_count() or 1) // workers)
     os.environ.update(dict.fromkeys(_THREADS, str(share)))  # read where the worker, a new process, imports NumPy
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as pool, Progress(transient=True) as progress:
+    with ProcessPoolExecutor(workers, context, warm_up) as pool, Progress(transient=True) as progress:
         for found in progress.track(pool.map(run, work), total=len(work), description="diagnosing"):
             yield from found
 

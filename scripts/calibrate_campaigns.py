@@ -39,6 +39,7 @@ class Case:
         name: of the folder.
         kind: what ``truth.json`` calls it; "" without one.
         kept: groups of parameters that were kept.
+        vetoed: groups that were chosen, but refused by the held-out rows.
         before_mm: RMS of a coordinate without calibration; ``after_mm`` with it; ``floor_mm`` by noise alone.
         before_mrad: the same of rotations.
         seconds: taken.
@@ -48,6 +49,7 @@ class Case:
     name: str
     kind: str
     kept: tuple[str, ...] = ()
+    vetoed: tuple[str, ...] = ()
     before_mm: float = math.nan
     after_mm: float = math.nan
     floor_mm: float = math.nan
@@ -98,6 +100,7 @@ def run_case(folder: Path) -> Case:
         folder.name,
         _kind(truth),
         tuple(group.name for group in found.selection.groups),
+        found.refused.groups if found.refused else (),
         before.rms_mm,
         after.rms_mm,
         floor["rms_mm"],
@@ -118,7 +121,7 @@ def row(case: Case) -> str:
         return f"| {case.name} | {case.kind} | refused: {case.refused} |"
     figures = (case.before_mm, case.after_mm, case.floor_mm, case.before_mrad, case.after_mrad, case.floor_mrad)
     cells = (*(f"{v:.4f}" if math.isfinite(v) else "–" for v in figures), f"{case.seconds:.1f}")
-    kept = " + ".join(case.kept) or "nothing"
+    kept = " + ".join(case.kept) or ("nothing" if not case.vetoed else f"nothing (refused: {' + '.join(case.vetoed)})")
     mark = f" ({case.partly_worse})" if case.partly_worse else ""
     return f"| {case.name} | {case.kind} | {kept}{mark} | {' | '.join(cells)} |"
 
@@ -128,7 +131,8 @@ def summary(cases: Sequence[Case]) -> list[str]:
     fitted = [case for case in cases if not case.refused]
     worse = [case.name for case in fitted if case.worse]
     lines = [
-        f"{len(cases)} campaigns, {len(cases) - len(fitted)} refused, {sum(bool(c.kept) for c in fitted)} changed",
+        f"{len(cases)} campaigns, {len(cases) - len(fitted)} refused, {sum(bool(c.kept) for c in fitted)} changed, "
+        f"{sum(bool(c.vetoed) for c in fitted)} left as they were because held-out rows refused what was found",
         f"worse on held-out rows than without calibration: {len(worse)} of {len(fitted)} {' '.join(worse)}".rstrip(),
         "positions or rotations alone worse: "
         + ("; ".join(f"{case.name} {case.partly_worse}" for case in fitted if case.partly_worse) or "none"),

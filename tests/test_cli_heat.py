@@ -293,3 +293,54 @@ def test_commands_that_take_the_robot_cold_say_so(run, tmp_path):
     code, out, err = run("robots", "--model", "hot.yaml", "--json")
     assert code == 0 and json.loads(out)
     assert "heat section of hot.yaml is left out" in err and err.count("\n") == 1
+
+
+def test_a_sweep_over_a_warm_model_says_that_it_takes_it_cold(run, tmp_path):
+    (tmp_path / "hot.yaml").write_text(HEAT, encoding="utf-8")
+    (tmp_path / "sweep.yaml").write_text(
+        "format: pouring_robot/sweep/1\nmodel: hot.yaml\nstudy: one_at_a_time\nposes: {random: {count: 1, seed: 1}}\n"
+        "errors: [{parameters: drive.leg4_s5, distribution: normal, std_mrad: 0.1}]\n",
+        encoding="utf-8",
+    )
+    code, _, err = run("sweep", "sweep.yaml", "--out", "swept")
+    assert code == 0 and "heat section of hot.yaml is left out" in err
+
+
+def test_the_picture_of_a_warm_robot_says_so(run, monkeypatch):
+    drawn = []
+    monkeypatch.setattr("pouring_robot.viewer.write_png", lambda scene, file: drawn.append(scene) or file)
+    for flags in (["--steady"], []):
+        assert run("pose", *AT, *flags, "--png", "x.png")[0] == 0
+    assert [scene.robots[0].label for scene in drawn] == ["as built, warm", "as built"]
+
+
+def test_poses_of_a_list_are_said_to_be_taken_by_themselves(run):
+    for command in ("path", "compensate"):
+        code, out, _ = run(command, POSES, "--after-min", "20")
+        assert code == 0 and "every pose is taken by itself, cold at first and held 20 min" in " ".join(out.split())
+
+
+def test_figures_too_small_to_show_have_no_sign(run):
+    for command in ("thermal", "pose"):
+        code, out, _ = run(command, *AT, "--steady")
+        assert code == 0 and "-0.000" not in out
+    assert "0.00 kW stored" in " ".join(run("thermal", *AT)[1].split())
+
+
+def test_the_picture_of_a_shift_shows_curves_between_the_rows(run, tmp_path, monkeypatch):
+    (tmp_path / "h.csv").write_text("time_min,melt_degC\n0,1700\n60,1700\n", encoding="utf-8")
+    drawn = []
+    monkeypatch.setattr("pouring_robot.thermal.heat_plots.shift_picture", lambda shift, _: drawn.append(shift) or b"")
+    code, out, _ = run("thermal", "--history", "h.csv", *AT, "--png", "x.png", "--json")
+    rows, picture = json.loads(out)["rows"], drawn[0]
+    assert code == 0 and [row["time_min"] for row in rows] == [0.0, 60.0]
+    halfway = float(np.interp(1800.0, picture.times_s, picture.leg_degC[:, 0]))
+    assert halfway > 20.0 + 0.7 * (rows[-1]["leg1_degC"] - 20.0)  # a straight line would be at half
+
+
+def test_room_temperature_in_kelvin_is_refused(run, tmp_path):
+    code, _, err = run("pose", *AT, "--ambient-degC", "293")
+    assert code == 2 and "hotter than any surroundings" in err and err.count("\n") == 1
+    (tmp_path / "h.csv").write_text("time_min,melt_degC,ambient_degC\n0,1700,20\n60,1700,293\n", encoding="utf-8")
+    code, _, err = run("thermal", "--history", "h.csv", *AT)
+    assert code == 2 and "line 3, column ambient_degC: 293 degC" in err

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
+from pouring_robot.calibration.acceptance import Refusal, acceptable, row_scores
 from pouring_robot.calibration.amend import amended_model
 from pouring_robot.calibration.base_parameters import BaseParameters, base_parameters
 from pouring_robot.calibration.figures import Misfit, PosePerformance, pose_performance
@@ -20,7 +21,7 @@ from pouring_robot.calibration.parameter_sets import ParameterCatalogue, Paramet
 from pouring_robot.calibration.residuals import MeasuredPoses, regressor
 from pouring_robot.calibration.selection import Selection, select_groups
 from pouring_robot.calibration.solver import Fit, FitOptions, identify
-from pouring_robot.calibration.splits import HoldOut, Split, split
+from pouring_robot.calibration.splits import HoldOut, Rows, Split, split
 from pouring_robot.calibration.tolerances import Tolerances
 from pouring_robot.campaign import Campaign, DataFlag, FlagCode, Severity, check_campaign, outlier_rows
 from pouring_robot.exceptions import CampaignError
@@ -68,12 +69,14 @@ class Calibration:
         noise: of the measurement.
         candidates: the groups that were to choose from.
         selection: the groups kept and what was tried.
+        refused: what was chosen, but made held-out rows worse and is not kept; None: nothing.
         fit: the answer, to all training rows with the groups kept; its covariance is at the noise level as given.
         inflation: factor on all standard deviations where the residuals are larger than the noise; 1 where not.
         unknown_names: name of each unknown, frames first; ``unknown_units`` its unit.
         before: measured minus predicted by the present robot with its frames fitted to the training rows; all rows,
             shape (n, 6), in m and rad, tracker axes; NaN where missing. ``after`` by the calibrated robot.
         base: what the training rows can tell of the groups kept, at the present robot.
+        rank_anywhere: its rank if poses all over the workspace were measured besides, and the same way.
         ladle: how well the calibrated robot knows its ladle over the workspace.
         performance: ISO 9283-style figures; None without repeats.
     """
@@ -87,6 +90,7 @@ class Calibration:
     noise: NoiseLevel
     candidates: tuple[ParameterGroup, ...]
     selection: Selection
+    refused: Refusal | None
     fit: Fit
     inflation: float
     unknown_names: tuple[str, ...]
@@ -94,6 +98,7 @@ class Calibration:
     before: FloatArray
     after: FloatArray
     base: BaseParameters
+    rank_anywhere: int
     ladle: LadleUncertainty
     performance: PosePerformance | None
 
@@ -157,20 +162,23 @@ def calibrate(
     selection = Selection(candidates, ())
     if options.choose:
         selection = select_groups(rows, measured, parts, candidates, tolerances, options.fit, progress)
-    say("fitting")
-    chosen = rows.with_model(everything.with_parameters(all_parameters(selection.groups)))
-    prior = tolerances.prior(chosen.model.parameters)
-    start, _ = first_frames(chosen[parts.train], measured[parts.train])
-    fit = identify(chosen[parts.train], measured[parts.train], start, prior, replace(options.fit, curvature=True))
-    calibrated = amended_model(model, chosen.model, fit.unknowns.parameters)
-    say("judging")
     full = MeasuredPoses.from_campaign(campaign, noise.position_m, noise.rotation_rad)
     frames_only = rows.with_model(everything.with_parameters(()))
     before = full.difference(frames_only.predict(_before(frames_only, measured, parts, tolerances, options.fit)))
+    say("fitting")
+    chosen, start, fit = _fitted(rows, measured, parts, selection.groups, tolerances, options.fit)
     after = full.difference(chosen.predict(fit.unknowns))
+    say("judging")
+    refused = _refused(before, after, parts, left_out, selection, full.sigma) if options.choose else None
+    if refused:
+        selection = replace(selection, groups=())
+        chosen, start, fit = _fitted(rows, measured, parts, (), tolerances, options.fit)
+        after = full.difference(chosen.predict(fit.unknowns))
+    calibrated = amended_model(model, chosen.model, fit.unknowns.parameters)
     inflation = _inflation(fit)
     alike = repeats(campaign, np.setdiff1d(np.flatnonzero(campaign.usable), left_out))
     seen = regressor(chosen[parts.train].linearise(start), measured.sigma, measured[parts.train].known)
+    workspace = workspace_rows(chosen.model, robot.layout)
     return Calibration(
         campaign=campaign,
         present=model,
@@ -181,6 +189,7 @@ def calibrate(
         noise=noise,
         candidates=candidates,
         selection=selection,
+        refused=refused,
         fit=fit,
         inflation=inflation,
         unknown_names=chosen.model.names,
@@ -188,7 +197,8 @@ def calibrate(
         before=before,
         after=after,
         base=base_parameters(seen, chosen.model.names, lead=chosen.model.names[:FRAMES]),
-        ladle=_ladle(robot, chosen.model, fit, inflation, turned=bool(measured.known[parts.train, 3:].any())),
+        rank_anywhere=_rank_anywhere(seen, workspace[1], start, measured),
+        ladle=_ladle(workspace, chosen.model, fit, inflation, turned=bool(measured.known[parts.train, 3:].any())),
         performance=pose_performance(measured, before, after, alike),
     )
 
@@ -224,6 +234,33 @@ def _residual_noise(
     return found
 
 
+def _fitted(
+    rows: ModelledRows,
+    measured: MeasuredPoses,
+    parts: Split,
+    groups: Sequence[ParameterGroup],
+    tolerances: Tolerances,
+    options: FitOptions,
+) -> tuple[ModelledRows, Unknowns, Fit]:
+    """Return the rows as a choice of groups models them, where its fit to the training rows began, and that fit."""
+    chosen = rows.with_model(rows.model.with_parameters(all_parameters(groups)))
+    train, seen = chosen[parts.train], measured[parts.train]
+    start, _ = first_frames(train, seen)
+    prior = tolerances.prior(chosen.model.parameters)
+    return chosen, start, identify(train, seen, start, prior, replace(options, curvature=True))
+
+
+def _refused(
+    before: FloatArray, after: FloatArray, parts: Split, left_out: Rows, selection: Selection, sigma: FloatArray
+) -> Refusal | None:
+    """Return what held-out rows refuse, or None."""
+    test = np.setdiff1d(parts.test, left_out)
+    if not selection.groups or acceptable(row_scores(before[test], sigma), row_scores(after[test], sigma)):
+        return None
+    names = tuple(group.name for group in selection.groups)
+    return Refusal(names, Misfit.of(before[test]), Misfit.of(after[test]))
+
+
 def _before(
     frames_only: ModelledRows, measured: MeasuredPoses, parts: Split, tolerances: Tolerances, options: FitOptions
 ) -> Unknowns:
@@ -242,9 +279,16 @@ def _inflation(fit: Fit) -> float:
     return float(np.sqrt(ratio)) if scipy.stats.chi2.sf(fit.chi_square(), freedom) < _SURE else 1.0
 
 
+def _rank_anywhere(seen: FloatArray, workspace: ModelledRows, start: Unknowns, measured: MeasuredPoses) -> int:
+    """Return the rank of a campaign's regressor with poses of the workspace added, measured as the campaign was."""
+    known = np.broadcast_to(measured.known.any(axis=0), (len(workspace), 6))
+    added = regressor(workspace.linearise(start), measured.sigma, known)
+    return base_parameters(np.vstack([seen, added]), workspace.model.names).rank
+
+
 def _ladle(
-    robot: PouringRobot, model: MeasurementModel, fit: Fit, inflation: float, *, turned: bool
+    workspace: tuple[FloatArray, ModelledRows], model: MeasurementModel, fit: Fit, inflation: float, *, turned: bool
 ) -> LadleUncertainty:
-    poses, rows = workspace_rows(model, robot.layout)
+    poses, rows = workspace
     lip = pose_platform_to_lip(model.engine.structure.mechanism)
     return ladle_uncertainty(rows, poses, fit.unknowns, fit.covariance * inflation**2, lip, turned=turned)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pouring_robot.calibration.calibrate import Calibration
 from pouring_robot.calibration.report import headline, html_report
-from pouring_robot.calibration.summary import calibration_figures, warnings_of
+from pouring_robot.calibration.summary import calibration_figures, notes_of, warnings_of
 from pouring_robot.description import write_urdf
 from pouring_robot.exceptions import DescriptionError, OutputError
 from pouring_robot.files import write_folder, write_whole
@@ -46,7 +46,9 @@ def _fill(calibration: Calibration, folder: Path) -> None:
 
 def described(calibration: Calibration) -> RobotModel:
     """Return the calibrated model with a description that says how good it is, warnings first."""
-    warnings = [line for line in warnings_of(calibration) if "deficient" in line or "do not use" in line]
+    said_first = ("deficient", "do not use", "heat section")
+    told = [*warnings_of(calibration), *notes_of(calibration)]
+    warnings = [line for line in told if any(words in line for words in said_first)]
     present = calibration.present.description
     said = [
         *(f"{line[0].upper()}{line[1:]}." for line in warnings),

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.calibration.base_parameters import RANK_TOLERANCE, base_parameters
+from pouring_robot.calibration.base_parameters import base_parameters
 from pouring_robot.calibration.measurement import FRAME_PARAMETERS, FRAMES
 from pouring_robot.calibration.planning_columns import Columns, Conditions, Noise, candidate_poses, workspace_grid
 from pouring_robot.calibration.planning_exchange import CandidateSet, IntArray, Progress, choose
@@ -150,10 +150,7 @@ class Planner:
 
     def _refuse_undetermined(self, what: str, rows: FloatArray, parameters: Sequence[PlannedParameter]) -> None:
         names = [*self._frame_names, *(p.name for p in parameters)]
-        # Per mm and mrad columns are of comparable size: what is so much smaller is round-off of no effect at all.
-        size = np.linalg.norm(rows, axis=0)
-        shown = np.where(size > RANK_TOLERANCE * size.max(), rows, 0.0)
-        found = base_parameters(with_prior(shown, self._prior(parameters)), names, lead=self._frame_names)
+        found = base_parameters(with_prior(rows, self._prior(parameters)), names, lead=self._frame_names)
         if found.deficient:
             raise UndeterminedError(what, found, set(self._frame_names))
 

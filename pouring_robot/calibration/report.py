@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import html
 import math
 from collections.abc import Iterable, Sequence
@@ -19,12 +18,12 @@ from pouring_robot.calibration.lines import (
     parameter_lines,
 )
 from pouring_robot.calibration.pictures import pictures
-from pouring_robot.calibration.summary import next_measurements, noise_floor, warnings_of
+from pouring_robot.calibration.summary import next_measurements, noise_floor, notes_of, warnings_of
+from pouring_robot.page_parts import Row, html_page, html_picture, html_table
 from pouring_robot.poses import MM
 
 SHOWN, WIDTH = 6, 60
 """Combinations, and letters of each, shown on a terminal; the page shows all."""
-Row = Sequence[str]
 
 
 def headline(calibration: Calibration) -> str:
@@ -32,11 +31,12 @@ def headline(calibration: Calibration) -> str:
     before, after = (calibration.misfit(calibration.split.test, after=a) for a in (False, True))
     floor = noise_floor(calibration)
     if not calibration.changed:
-        return f"Nothing to calibrate: held-out rows are at {before.rms_mm:.3f} mm RMS, noise {floor['rms_mm']:.3f} mm."
-    turn = f" and {before.rms_mrad:.3f} to {after.rms_mrad:.3f} mrad" if math.isfinite(after.rms_mrad) else ""
-    return (
-        f"Held-out error {before.rms_mm:.3f} to {after.rms_mm:.3f} mm RMS{turn}; noise floor {floor['rms_mm']:.3f} mm."
-    )
+        what = "No geometry found that explains the error" if calibration.inflation > 1.0 else "Nothing to calibrate"
+        return f"{what}: held-out rows are at {before.rms_mm:.3f} mm RMS, noise {floor['rms_mm']:.3f} mm."
+    turned = math.isfinite(after.rms_mrad)
+    turn = f" and {before.rms_mrad:.3f} to {after.rms_mrad:.3f} mrad" if turned else ""
+    noise = f"{floor['rms_mm']:.3f} mm" + (f" and {floor['rms_mrad']:.3f} mrad" if turned else "")
+    return f"Held-out error {before.rms_mm:.3f} to {after.rms_mm:.3f} mm RMS{turn}; noise floor {noise}."
 
 
 def gap_rows(calibration: Calibration) -> list[Row]:
@@ -172,21 +172,12 @@ def split_line(calibration: Calibration) -> str:
     """Return which rows served for what."""
     split = calibration.split
     return (
-        f"held out: {split.test_name} ({split.test.size} rows), used for the final figures only; fitted: "
+        f"held out: {split.test_name} ({split.test.size} rows), for the final figures and a last yes or no; fitted: "
         f"{split.train.size} rows in {len(split.folds)} blocks; left out: {calibration.left_out.size} rows"
     )
 
 
 # --- HTML -----------------------------------------------------------------------------------------------------------
-
-_STYLE = """
-body{font:15px/1.45 system-ui,sans-serif;max-width:68rem;margin:2rem auto;padding:0 1rem;color:#1b1f23}
-table{border-collapse:collapse;margin:.6rem 0;font-variant-numeric:tabular-nums}
-th,td{padding:.2rem .7rem;text-align:right;border-bottom:1px solid #d8dee4}
-th:first-child,td:first-child,th:nth-child(2),td:last-child{text-align:left}
-.warn{background:#fff4d6;border-left:4px solid #d99000;padding:.4rem .8rem;margin:.3rem 0}
-.lead{font-size:1.25rem}img{max-width:100%}code,li.mono{font-family:ui-monospace,monospace;font-size:.9em}
-"""
 
 
 def html_report(calibration: Calibration) -> str:
@@ -194,35 +185,31 @@ def html_report(calibration: Calibration) -> str:
     text = html.escape
     lines = parameter_lines(calibration)
     parts = [
-        "<!doctype html><html lang='en'><head><meta charset='utf-8'><title>Calibration report</title>",
-        f"<style>{_STYLE}</style></head><body><h1>Calibration report</h1>",
+        "<h1>Calibration report</h1>",
         f"<p class='lead'>{text(headline(calibration))}</p>",
         *(f"<p class='warn'>{text(line)}</p>" for line in warnings_of(calibration)),
         f"<p>{text(str(calibration.campaign.path))}: {text(split_line(calibration))}</p>",
         "<h2>Error before and after</h2>",
-        _table(GAP_HEAD, gap_rows(calibration)),
+        html_table(GAP_HEAD, gap_rows(calibration)),
         *(f"<p>{text(line)}</p>" for line in (*performance_lines(calibration), ladle_line(calibration))),
         "<h2>What moved</h2>",
-        _table(GROUP_HEAD, effect_rows(group_effects(calibration))) if lines else "",
+        html_table(GROUP_HEAD, effect_rows(group_effects(calibration))) if lines else "",
         "<p>Combinations that move the target alike count as one:</p>" if lines else "",
-        _table(COMBINATION_HEAD, combination_rows(combination_lines(calibration))) if lines else "<p>nothing</p>",
+        html_table(COMBINATION_HEAD, combination_rows(combination_lines(calibration))) if lines else "<p>nothing</p>",
         "<p>Each parameter by itself; where several act alike, tolerances share the movement out among them:</p>"
         if lines
         else "",
-        _table(PARAMETER_HEAD, parameter_rows(line for line in lines if line.learnt >= SEEN)) if lines else "",
+        html_table(PARAMETER_HEAD, parameter_rows(line for line in lines if line.learnt >= SEEN)) if lines else "",
         f"<p>{text(unseen_line(lines))}</p>",
+        *(f"<p>Note: {text(line)}.</p>" for line in notes_of(calibration)),
         "<h2>What to measure next</h2><ul>",
         *(f"<li>{text(line)}</li>" for line in next_measurements(calibration)),
         "</ul><h2>Pictures</h2>",
-        *(
-            f"<figure><img alt='{text(title)}' src='data:image/png;base64,{base64.b64encode(png).decode()}'>"
-            f"<figcaption>{text(title)}</figcaption></figure>"
-            for title, png in pictures(calibration)
-        ),
+        *(html_picture(title, png) for title, png in pictures(calibration)),
         "<h2>Which combinations this campaign can tell apart</h2><ul>",
         *(f"<li class='mono'>{text(line)}</li>" for line in group_lines(calibration)),
         "</ul><h2>How groups were chosen</h2>",
-        _table(
+        html_table(
             ("kept so far", "tried", "validation RMS / noise", "gain", "± 1σ", ""),
             [
                 (
@@ -238,12 +225,6 @@ def html_report(calibration: Calibration) -> str:
         ),
         "<h2>Findings of the data checks</h2><ul>",
         *(f"<li>{text(str(flag))}</li>" for flag in calibration.flags),
-        "</ul></body></html>\n",
+        "</ul>",
     ]
-    return "\n".join(parts)
-
-
-def _table(head: Row, rows: Sequence[Row]) -> str:
-    cells = "".join(f"<th>{html.escape(name)}</th>" for name in head)
-    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-    return f"<table><tr>{cells}</tr>{body}</table>"
+    return html_page("Calibration report", parts)

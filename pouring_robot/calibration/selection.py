@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pouring_robot.calibration.acceptance import mean_and_error
 from pouring_robot.calibration.frames import first_frames
 from pouring_robot.calibration.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.calibration.parameter_sets import ParameterGroup, all_parameters
@@ -115,8 +116,8 @@ def select_groups(
     """Choose groups by forward selection on the training blocks; the test block is not looked at.
 
     A group is kept when the rows held out in turn come out better by more than two standard errors of that gain, and
-    neither their positions nor their rotations get worse by more than one standard error; of
-    several, the one that gains most. The round is repeated until none helps.
+    neither the mean squared error of their positions nor that of their rotations rises; of several, the one that gains
+    most. The round is repeated until none helps.
 
     Args:
         rows: all rows of the campaign, of a model of any parameters.
@@ -154,14 +155,9 @@ def select_groups(
 
 def _judge(present: FloatArray, trial: FloatArray) -> tuple[float, float, bool]:
     """Return gain, its standard error and whether the group helps; scores have the shape (rows, 2)."""
-    gain, error = _mean_and_error(np.nanmean(np.log1p(present) - np.log1p(trial), axis=1))
-    harm = [_mean_and_error(column) for column in (trial - present).T]
-    return gain, error, gain > _STANDARD_ERRORS * error > 0.0 and all(mean <= spread for mean, spread in harm)
-
-
-def _mean_and_error(values: FloatArray) -> tuple[float, float]:
-    known = values[np.isfinite(values)]
-    return (float(known.mean()), float(known.std() / np.sqrt(known.size))) if known.size else (0.0, 0.0)
+    gain, error = mean_and_error(np.nanmean(np.log1p(present) - np.log1p(trial), axis=1))
+    harm = [mean_and_error(column)[0] for column in (trial - present).T]
+    return gain, error, gain > _STANDARD_ERRORS * error > 0.0 and max(harm) <= 0.0
 
 
 def _rms(scores: FloatArray) -> float:

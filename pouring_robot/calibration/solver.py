@@ -37,7 +37,7 @@ class FitOptions:
     """
 
     loss: Loss = "huber"
-    max_evaluations: int = 100
+    max_evaluations: int = 200
     step_tolerance: float = 0.03
     curvature: bool = False
 

@@ -24,7 +24,7 @@ class Split:
 
     Attributes:
         kind: how rows belong together.
-        test: rows of the test block: no fit and no choice sees them.
+        test: rows of the test block: no fit and no choice of groups sees them; they may refuse the whole.
         test_name: the block's name.
         folds: blocks of the other rows; each validates what the others are fitted to.
     """

@@ -27,7 +27,7 @@ from pouring_robot.calibration.measurement import (
 )
 from pouring_robot.calibration.parameter_sets import ParameterCatalogue, all_parameters
 from pouring_robot.calibration.residuals import MeasuredPoses, regressor, whiten
-from pouring_robot.calibration.solver import FitOptions, identify
+from pouring_robot.calibration.solver import Fit, FitOptions, identify
 from pouring_robot.calibration.splits import split
 from pouring_robot.calibration.tolerances import Tolerances
 from pouring_robot.campaign import Campaign, MeasurementOptions, random_plan, simulate_campaign
@@ -70,6 +70,8 @@ class StudyResult:
         covered: whether the 95 % interval held the truth, shape (runs, P).
         covered_combinations: the same for each identifiable combination without frames, shape (runs, C).
         held_out_ratio: RMS of each run's held-out rows over the noise, shape (runs,).
+        expected_ratio: what it is expected to be: noise, and what these rows leave open of the prediction (from the
+            fit's covariance); no method that has only these rows does better. Shape (runs,).
         before_ratio: the same for the drawing with its frames fitted, shape (runs,).
         evaluations: predictions of all rows that each fit took, shape (runs,).
         seconds: time of each fit, shape (runs,).
@@ -80,6 +82,7 @@ class StudyResult:
     covered: BoolArray
     covered_combinations: BoolArray
     held_out_ratio: FloatArray
+    expected_ratio: FloatArray
     before_ratio: FloatArray
     evaluations: FloatArray
     seconds: FloatArray
@@ -113,6 +116,7 @@ class StudyResult:
             "combinations": float(self.covered_combinations.shape[1]),
             "combination_coverage": self.combination_coverage,
             "held_out_over_noise": self.held_out,
+            "held_out_expected": float(np.sqrt((self.expected_ratio**2).mean())),
             "before_over_noise": float(np.sqrt((self.before_ratio**2).mean())),
             "evaluations_median": float(np.median(self.evaluations)),
             "evaluations_largest": float(self.evaluations.max()),
@@ -125,6 +129,7 @@ class _Run:
     covered: BoolArray
     covered_combinations: BoolArray
     held_out: float
+    expected: float
     before: float
     evaluations: int
     seconds: float
@@ -159,6 +164,7 @@ def coverage_study(
         covered=np.array([run.covered for run in runs]),
         covered_combinations=np.array([run.covered_combinations for run in runs]),
         held_out_ratio=np.array([run.held_out for run in runs]),
+        expected_ratio=np.array([run.expected for run in runs]),
         before_ratio=np.array([run.before for run in runs]),
         evaluations=np.array([float(run.evaluations) for run in runs]),
         seconds=np.array([run.seconds for run in runs]),
@@ -206,6 +212,7 @@ def _run(
         np.abs(wrong) <= Z95 * fit.std[FRAMES:],
         np.abs(shares @ wrong) <= Z95 * spread,
         _ratio(judged, held_out, fit.unknowns),
+        _expected(judged, held_out, fit),
         _ratio(judged, held_out, start),
         fit.evaluations,
         seconds,
@@ -221,6 +228,12 @@ def _shares(base: BaseParameters) -> FloatArray:
         for name, share in combination.items():
             shares[k, place[name]] = share
     return shares
+
+
+def _expected(measured: MeasuredPoses, rows: ModelledRows, fit: Fit) -> float:
+    """Return the RMS residual over the noise that rows unseen by a fit should have: its own uncertainty and noise."""
+    equations = regressor(rows.linearise(fit.unknowns), measured.sigma, measured.known)
+    return float(np.sqrt(1.0 + ((equations @ fit.covariance) * equations).sum(axis=1).mean()))
 
 
 def _ratio(measured: MeasuredPoses, rows: ModelledRows, unknowns: Unknowns) -> float:

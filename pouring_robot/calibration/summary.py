@@ -24,6 +24,7 @@ from pouring_robot.calibration.lines import (
 )
 from pouring_robot.calibration.measurement import FRAMES
 from pouring_robot.poses import MM, MRAD
+from pouring_robot.report import without_nan
 
 Figures = dict[str, Any]
 
@@ -42,21 +43,27 @@ def noise_floor(calibration: Calibration) -> dict[str, float]:
 
 def warnings_of(calibration: Calibration) -> list[str]:
     """Return what a user must know before using the result; one line each."""
-    lines = parameter_lines(calibration)
     found = []
-    if not calibration.changed:
-        found.append("no parameter helped rows that were held out, so the model is unchanged")
-    held = [line.name for line in lines if line.learnt < LEARNT]
-    if calibration.changed and calibration.base.deficient:
-        hidden = len(calibration.base.names) - calibration.base.rank
+    if calibration.refused:
+        moved = _moved(calibration.refused.before, calibration.refused.after)
         found.append(
-            f"rank deficient: {hidden} of {len(calibration.base.names)} directions (frames included) cannot be seen in "
-            "this campaign: they move the target at no measured pose, and tolerances alone decide along them; see the "
-            "dependent groups"
+            f"rows held out refuse what was found ({', '.join(calibration.refused.groups)}): {moved}; it is not in the "
+            "model, which is unchanged: what is off is not, or not only, geometry"
         )
-    if held:
-        shown = ", ".join(held[:6]) + (f" and {len(held) - 6} more" if len(held) > 6 else "")
-        found.append(f"{len(held)} of {len(lines)} parameters are held by their tolerances: {shown}")
+    elif not calibration.changed:
+        found.append("no parameter helped rows that were held out, so the model is unchanged")
+    unseen = calibration.rank_anywhere - calibration.base.rank
+    if calibration.changed and unseen > 0:
+        found.append(
+            f"rank deficient: these poses do not show {unseen} of {calibration.rank_anywhere} combinations of "
+            "parameters that other poses would show; tolerances alone decide along them, so do not trust the model far "
+            "from the poses measured: measure the plan that is suggested next, and calibrate again"
+        )
+    if calibration.present.heat is not None:
+        found.append(
+            "the heat section of the model took no part, it stays in the file as it was: right if the robot was cold "
+            "when it was measured; if it was warm, its growth is in the geometry now and must not be counted again"
+        )
     if calibration.inflation > 1.0:
         found.append(
             f"residuals are {calibration.inflation:.2f} times the noise: the model lacks an effect; standard "
@@ -77,17 +84,50 @@ def warnings_of(calibration: Calibration) -> list[str]:
     return found
 
 
+def notes_of(calibration: Calibration) -> list[str]:
+    """Return what is as it should be, but must be known to read the figures; one line each."""
+    if not calibration.changed:
+        return []
+    found, names = [], calibration.base.names
+    never = len(names) - calibration.rank_anywhere
+    if never:
+        seen = "full pose" if calibration.campaign.full_pose else "position"
+        found.append(
+            f"rank deficient by nature: {never} of {len(names)} directions (outer frames included) move the {seen} of "
+            "the target nowhere in the workspace; no further measurement tells them and predicting the target needs "
+            "none of them; tolerances share the movement out among the names that are tied together"
+        )
+    lines = parameter_lines(calibration)
+    held = [line.name for line in lines if line.learnt < LEARNT]
+    if held:
+        shown = ", ".join(held[:6]) + (f" and {len(held) - 6} more" if len(held) > 6 else "")
+        found.append(
+            f"{len(held)} of {len(lines)} parameters are, each by itself, held by their tolerances ({shown}); what the "
+            "data determine of them are combinations, listed by name"
+        )
+    dropped = [group.name for group in calibration.candidates if group not in calibration.selection.groups]
+    if dropped:
+        found.append(
+            f"not needed to predict rows held out, so taken as exact: {', '.join(dropped)}; where they are off, what "
+            "was kept moves in their place, by more than its interval says: trust the predicted ladle more than the "
+            "names of what moved"
+        )
+    return found
+
+
 def _worse(calibration: Calibration) -> str:
     before, after = (calibration.misfit(calibration.split.test, after=a) for a in (False, True))
-    parts = [
-        f"{name} {b:.4g} to {a:.4g} {unit}"
-        for name, unit, b, a in (
-            ("position", "mm", before.rms_mm, after.rms_mm),
-            ("rotation", "mrad", before.rms_mrad, after.rms_mrad),
-        )
-        if a > 1.05 * b
-    ]
-    return f"worse on held-out rows: {', '.join(parts)}; do not use this model" if parts else ""
+    moved = _moved(before, after, 1.05)
+    return f"worse on held-out rows: {moved}; do not use this model" if moved else ""
+
+
+def _moved(before: Misfit, after: Misfit, least: float = 0.0) -> str:
+    """Return the parts whose error after is more than so many times that before, in words."""
+    parts = (
+        ("position", "mm", before.rms_mm, after.rms_mm),
+        ("rotation", "mrad", before.rms_mrad, after.rms_mrad),
+    )
+    return ", ".join(f"{name} {b:.4g} to {a:.4g} {unit}" for name, unit, b, a in parts if a > least * b)
 
 
 def calibration_figures(calibration: Calibration) -> Figures:
@@ -100,6 +140,7 @@ def calibration_figures(calibration: Calibration) -> Figures:
         "status": "calibrated" if calibration.changed else "unchanged",
         "rank_deficient": calibration.base.deficient,
         "warnings": warnings_of(calibration),
+        "notes": notes_of(calibration),
         "campaign": str(calibration.campaign.path),
         "rows": {
             "all": len(calibration.campaign),
@@ -121,6 +162,7 @@ def calibration_figures(calibration: Calibration) -> Figures:
         },
         "iso_9283": calibration.performance and dataclasses.asdict(calibration.performance),
         "groups": [dataclasses.asdict(line) for line in group_effects(calibration)],
+        "refused": calibration.refused and dataclasses.asdict(calibration.refused),
         "candidates": [group.name for group in calibration.candidates],
         "selection": [dataclasses.asdict(step) for step in calibration.selection.steps],
         "parameters": [_line(line) for line in lines],
@@ -146,7 +188,7 @@ def calibration_figures(calibration: Calibration) -> Figures:
         "data_flags": [flag.to_json(calibration.campaign) for flag in calibration.flags],
         "next": next_measurements(calibration),
     }
-    cleaned: Figures = _without_nan(content)
+    cleaned: Figures = without_nan(content)
     return cleaned
 
 
@@ -202,6 +244,7 @@ def _base(calibration: Calibration) -> Figures:
     return {
         "unknowns": len(base.names),
         "rank": base.rank,
+        "rank_with_poses_all_over_the_workspace": calibration.rank_anywhere,
         "base": list(base.base),
         "unseen": list(base.unseen),
         "dependent_groups": [
@@ -255,11 +298,3 @@ def next_measurements(calibration: Calibration) -> list[str]:
     if calibration.inflation > 1.0:
         found.append("residuals exceed the noise: run pouring-robot diagnose on this campaign to name what is missing")
     return found
-
-
-def _without_nan(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_nan(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_without_nan(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -14,7 +14,19 @@ from typing import Annotated
 import typer
 
 from pouring_robot import __version__
-from pouring_robot.cli import calibrate, campaign, compensate, export, path, pose, robots, sweep, thermal, view
+from pouring_robot.cli import (
+    calibrate,
+    campaign,
+    compensate,
+    diagnose,
+    export,
+    path,
+    pose,
+    robots,
+    sweep,
+    thermal,
+    view,
+)
 from pouring_robot.exceptions import PouringRobotError
 
 app = typer.Typer(
@@ -32,6 +44,8 @@ app.command("export")(export.export)
 app.command("sweep")(sweep.sweep)
 app.add_typer(campaign.app, name="campaign")
 app.command("calibrate")(calibrate.calibrate)
+app.command("diagnose")(diagnose.diagnose)
+app.command("effects")(diagnose.effects)
 app.command("thermal")(thermal.thermal)
 app.command("compensate")(compensate.compensate)
 
@@ -66,7 +80,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _complain(str(error))
         return error.exit_code
     except typer.TyperException as error:  # every complaint about arguments
-        _complain(f"{error.format_message()}; see pouring-robot --help")
+        # Typer passes on words of the library that checks values.
+        problem = error.format_message().replace("Value error, ", "").rstrip(".")
+        _complain(f"{problem}; see pouring-robot --help")
         return 2
     except (typer.Abort, KeyboardInterrupt):
         _complain("stopped")

@@ -67,6 +67,8 @@ def calibrate(
 
     check_folder(out)
     present = RobotModel.load(model) if model else RobotModel()
+    if model:
+        options.say_left_out(present, model)
     data = read_campaign(campaign)
     chosen = CalibrationOptions(
         parameters=tuple(parameters or ("geometry",)),
@@ -102,7 +104,7 @@ def _progress() -> Iterator[Progress]:
 def _print(console: Console, found: Calibration) -> None:
     from pouring_robot.calibration import report
     from pouring_robot.calibration.lines import combination_lines, group_effects
-    from pouring_robot.calibration.summary import next_measurements, warnings_of
+    from pouring_robot.calibration.summary import next_measurements, notes_of, warnings_of
 
     console.print(report.headline(found), style="bold", markup=False)
     for line in warnings_of(found):
@@ -117,6 +119,8 @@ def _print(console: Console, found: Calibration) -> None:
         console.print(_table(report.COMBINATION_HEAD, rows[: report.SHOWN]))
         if len(rows) > report.SHOWN:
             console.print(f"{len(rows) - report.SHOWN} more in the report, and each parameter by itself")
+    for line in notes_of(found):
+        console.print(f"note: {line}", markup=False)
     console.print("next:")
     for line in next_measurements(found):
         console.print(f"  {line}", markup=False)

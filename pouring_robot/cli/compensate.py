@@ -87,6 +87,8 @@ def compensate(
     console = options.console()
     console.print(_commands_table(found))
     console.print(heat_options.heat_line(heated, found[0].state) + (" (first pose)" if len(found) > 1 else ""))
+    if heat is not None and len(found) > 1:
+        console.print(heat_options.alone_line(heat))
     for sentence in _lines(found):
         console.print(sentence)
     if robot.model.is_drawing and heat is None:

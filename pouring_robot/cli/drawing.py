@@ -20,7 +20,12 @@ def drawing_notes(robot: PouringRobot, html: Path | None, png: Path | None) -> l
 
 
 def write_drawings(
-    locations: Sequence[LadleLocation], html: Path | None, png: Path | None, exaggerate: float | None
+    locations: Sequence[LadleLocation],
+    html: Path | None,
+    png: Path | None,
+    exaggerate: float | None,
+    *,
+    warm: bool = False,
 ) -> list[Path]:
     """Write the page and the picture that were asked for, and return what was written.
 
@@ -36,6 +41,6 @@ def write_drawings(
     from pouring_robot.pose_scene import pose_scene
     from pouring_robot.viewer import write_html, write_png
 
-    scene = pose_scene(locations, exaggerate)
+    scene = pose_scene(locations, exaggerate, "as built, warm" if warm else "as built")
     written = [write_html(scene, html)] if html else []
     return written + ([write_png(scene, png)] if png else [])

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.poses import MM
+from pouring_robot.poses import MM, MRAD
+from pouring_robot.report import decimals
 from pouring_robot.thermal.heat_section import HeatSection
 
 if TYPE_CHECKING:
@@ -144,6 +145,15 @@ def heat_line(heated: HeatedRobot, state: WarmState) -> str:
     return line
 
 
+def alone_line(heat: HeatSection) -> str:
+    """Return on one line how long each pose of a list is held."""
+    held = "until nothing changes" if heat.after_min is None else f"{heat.after_min:g} min"
+    return (
+        f"every pose is taken by itself, cold at first and held {held}: what earlier poses leave behind is not in it; "
+        "for poses one after the other, see pouring-robot thermal --history"
+    )
+
+
 def settled_line(state: WarmState) -> str:
     """Return on one line how well temperatures and pose fit each other."""
     return (
@@ -198,8 +208,8 @@ def print_shares(console: Console, shares: dict[str, PoseShares]) -> None:
         }
         for k, (name, (shift, turn)) in enumerate(rows.items()):
             size = float(sum(shift**2) ** 0.5)
-            cells = [*(f"{v / MM:+.3f}" for v in shift), f"{size / MM:.3f}", *(f"{v / MM:+.3f}" for v in turn)]
-            table.add_row(frame if k == 0 else "", name, *cells)
+            cells = [decimals(v / MM, 3, sign=True) for v in shift] + [f"{size / MM:.3f}"]
+            table.add_row(frame if k == 0 else "", name, *cells, *(decimals(v / MRAD, 3, sign=True) for v in turn))
     console.print(table)
 
 

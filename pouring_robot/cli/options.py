@@ -56,10 +56,27 @@ def robot_of(model: Path | None, layout: str | None, *, warm: bool = False) -> P
         raise BadInputError("give --model or --layout, not both: the model file names its layout")
     if model is not None:
         found = RobotModel.load(model)
-        if found.heat is not None and not warm:
-            print(f"note: this command takes the robot cold; the heat section of {model} is left out", file=sys.stderr)
+        if not warm:
+            say_taken_cold(found, model)
+        say_left_out(found, model)
         return PouringRobot(found)
     return PouringRobot(RobotModel(layout=layout) if layout else None)
+
+
+def say_taken_cold(model: RobotModel, file: Path | str) -> None:
+    """Say on standard error that a command leaves out the heat that a model file tells of."""
+    if model.heat is not None:
+        print(f"note: this command takes the robot cold; the heat section of {file} is left out", file=sys.stderr)
+
+
+def say_left_out(model: RobotModel, file: Path) -> None:
+    """Say on standard error which effects of a model depend on conditions that only a campaign tells of."""
+    effects = dict.fromkeys(entry.effect for entry in model.effects if not entry.placed)
+    if effects:
+        print(
+            f"note: this command does not apply the effects of {file} that depend on conditions: {', '.join(effects)}",
+            file=sys.stderr,
+        )
 
 
 def refuse_unwritable(*paths: Path | None) -> None:

@@ -71,7 +71,7 @@ def path(
         with options.progress_bar("figures", len(commanded)) as step:
             rows = [step(_figures(one, poses, line)) for line, one in zip(commanded, found, strict=True)]
     notes = [*model_notes(robot, model_file=model is not None), *drawing_notes(robot, html, png)]
-    written = write_drawings(locations, html, png, exaggerate)
+    written = write_drawings(locations, html, png, exaggerate, warm=heated is not None)
     if as_json:
         content = {"layout": robot.model.layout, "poses": rows, "notes": notes}
         options.print_json(content | {"written": [str(file) for file in written]})
@@ -80,6 +80,8 @@ def path(
     console.print(path_table(locations), markup=False, soft_wrap=True)
     if found[0].heated and found[0].state:
         console.print(f"{heat_options.heat_line(found[0].heated, found[0].state)} (first pose)")
+        if heat is not None and len(found) > 1:
+            console.print(heat_options.alone_line(heat))
     worst = max(location.difference().distance_m for location in locations) / MM
     accuracy = robot.layout.accuracy_m / MM
     verdict = "within" if worst <= accuracy else "BEYOND"

@@ -37,7 +37,7 @@ def pose(
     # Both may find a singular pose: before anything is written.
     dexterity, weakness = robot.dexterity(location), robot.axis_weakness(location)
     notes = [*model_notes(robot, model_file=model is not None), *drawing_notes(robot, html, png)]
-    written = write_drawings([location], html, png, exaggerate)
+    written = write_drawings([location], html, png, exaggerate, warm=heated is not None)
     if as_json:
         figures = location_figures(location, dexterity, weakness)
         figures |= {"layout": robot.model.layout, "notes": notes, "written": [str(path) for path in written]}

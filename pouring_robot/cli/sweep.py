@@ -50,6 +50,9 @@ def sweep(
     if workers and scheduler:
         raise BadInputError("give --workers or --scheduler, not both: the cluster has workers of its own")
     plan = SweepPlan.load(config)
+    if plan.config.model is not None:
+        options.say_taken_cold(plan.model, plan.config.model)
+        options.say_left_out(plan.model, Path(plan.config.model))
     with _progress() as show:
         counted = [0, 0]
 

@@ -10,11 +10,12 @@ from rich.table import Table
 
 from pouring_robot.jacobians import AxisWeakness, Dexterity
 from pouring_robot.poses import MM, MRAD
+from pouring_robot.report import decimals
 from pouring_robot.robot import LadleLocation, PouringRobot
 
 
 def _row(values: Iterable[float], digits: int, *, sign: bool = False) -> list[str]:
-    return [f"{value + 0.0:{'+' if sign else ''}.{digits}f}" for value in values]
+    return [decimals(value, digits, sign=sign) for value in values]
 
 
 def location_table(location: LadleLocation) -> Table:

@@ -12,13 +12,14 @@ from rich.table import Table
 from pouring_robot.cli import heat_options, options
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.poses import MM, MRAD, PlatformPose
+from pouring_robot.report import decimals
 
 if TYPE_CHECKING:
     from pouring_robot.thermal.heat_report import PoseHeat, ShiftHeat
     from pouring_robot.thermal.heat_section import HeatSection
     from pouring_robot.thermal.heated_robot import HeatedRobot
 
-_MOST_ROWS = 2000
+_MOST_ROWS, _DRAWN = 2000, 121
 AtMm = Annotated[
     tuple[float, float, float] | None,
     typer.Option("--at-mm", metavar="X Y Z", help="Commanded position of the platform."),
@@ -83,11 +84,12 @@ def thermal(
     heated = heated_drawing(robot, heat, radiation=not conduction_only)
     kind = "conduction alone" if conduction_only else "conduction and radiation"
     found: PoseHeat | ShiftHeat
+    drawn: PoseHeat | ShiftHeat
     if history is not None:
-        found = _shift(heated, heat, history, pose, every_min)
+        found, drawn = _shift(heated, heat, history, pose, every_min, picture=png is not None)
         title = f"{history.name}: {kind}, layout {robot.model.layout}"
     else:
-        found = PoseHeat.of(heated, pose or PlatformPose((0.0, 0.0, 0.0), 0.0))
+        found = drawn = PoseHeat.of(heated, pose or PlatformPose((0.0, 0.0, 0.0), 0.0))
         melt, ambient = heated.temperatures_degC
         when = "steady" if heat.after_min is None else f"after {heat.after_min:g} min"
         title = f"melt {melt:g}, surroundings {ambient:g} °C, {when}; {kind}; layout {robot.model.layout}"
@@ -95,8 +97,8 @@ def thermal(
     if png:
         from pouring_robot.thermal.heat_plots import pose_picture, shift_picture
 
-        drawn = pose_picture(found, title) if isinstance(found, PoseHeat) else shift_picture(found, title)
-        written.append(write_whole(png, drawn))
+        picture = pose_picture(drawn, title) if isinstance(drawn, PoseHeat) else shift_picture(drawn, title)
+        written.append(write_whole(png, picture))
     if as_json:
         content = found.figures() if isinstance(found, PoseHeat) else {"rows": list(found.rows())}
         measured = {"measured_degC": heat.measured_degC} if heat.measured_degC else {}
@@ -117,9 +119,15 @@ def thermal(
 
 
 def _shift(
-    heated: HeatedRobot, heat: HeatSection, file: Path, pose: PlatformPose | None, every_min: float | None
-) -> ShiftHeat:
-    """Follow a shift.
+    heated: HeatedRobot,
+    heat: HeatSection,
+    file: Path,
+    pose: PlatformPose | None,
+    every_min: float | None,
+    *,
+    picture: bool,
+) -> tuple[ShiftHeat, ShiftHeat]:
+    """Follow a shift, and return it at the times wanted and, for a picture, at enough to draw curves.
 
     Raises:
         BadInputError: the file is wrong, or it is not clear where the robot stands.
@@ -142,7 +150,9 @@ def _shift(
                 f"--every-min {every_min:g}: give a time that makes 1 to {_MOST_ROWS} rows of the shift"
             )
         times = np.append(np.arange(past.start_s, past.end_s - 1e-6, 60.0 * every_min), past.end_s)
-    return ShiftHeat.of(heated.robot, heated.network, past, schedule, times, heat.measured_degC)
+    shown = np.union1d(times, np.linspace(past.start_s, past.end_s, _DRAWN)) if picture else times
+    drawn = ShiftHeat.of(heated.robot, heated.network, past, schedule, shown, heat.measured_degC)
+    return drawn.only(times), drawn
 
 
 def _print_pose(console: Console, found: PoseHeat) -> None:
@@ -164,8 +174,8 @@ def _print_pose(console: Console, found: PoseHeat) -> None:
         moves.add_column(name, justify="left" if name == "frame" else "right")
     for frame, difference in found.moved.items():
         shift, turn = difference.to_mm_mrad()
-        cells = [*(f"{value:+.3f}" for value in shift), f"{difference.distance_m / MM:.3f}"]
-        moves.add_row(frame, *cells, *(f"{value + 0.0:+.3f}" for value in turn))
+        cells = [*(decimals(value, 3, sign=True) for value in shift), f"{difference.distance_m / MM:.3f}"]
+        moves.add_row(frame, *cells, *(decimals(value, 3, sign=True) for value in turn))
     console.print(moves)
     balance = found.field.balance
     gains = balance.melt_radiation_W + balance.melt_conduction_W
@@ -173,7 +183,7 @@ def _print_pose(console: Console, found: PoseHeat) -> None:
     console.print(
         f"heat: {gains / 1e3:.2f} kW from the melt ({balance.melt_radiation_W / 1e3:.2f} by radiation, "
         f"{balance.melt_conduction_W / 1e3:.2f} through the lining), {losses / 1e3:.2f} kW to the surroundings "
-        f"({balance.ambient_film_W / 1e3:.2f} by air), {abs(balance.stored_W) / 1e3:.2g} kW stored"
+        f"({balance.ambient_film_W / 1e3:.2f} by air), {abs(balance.stored_W) / 1e3:.2f} kW stored"
     )
     bending = found.bending
     matters = "MATTERS" if found.bending_matters else "does not matter"
@@ -212,6 +222,6 @@ def _shift_table(found: ShiftHeat) -> Table:
         cells = []
         for column in shown.values():
             digits = 3 if column.endswith("_mm") else (0 if column == "melt_degC" else 1)
-            cells.append(f"{row[column] + 0.0:.{digits}f}")
+            cells.append(decimals(row[column], digits))
         table.add_row(*cells)
     return table

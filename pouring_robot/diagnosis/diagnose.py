@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from pouring_robot.calibration.noise import NoiseLevel, stated_noise
 from pouring_robot.calibration.splits import HoldOut, split
@@ -22,7 +23,7 @@ from pouring_robot.diagnosis.state import Diagnoser, State
 from pouring_robot.diagnosis.verdict import DEFAULT_THRESHOLDS, Judgement, Thresholds, judge
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.registry import chosen_effects
-from pouring_robot.exceptions import CalibrationError, DiagnosisError
+from pouring_robot.exceptions import CalibrationError, CampaignError
 from pouring_robot.model import RobotModel
 from pouring_robot.robot import PouringRobot
 
@@ -113,17 +114,22 @@ def diagnose(
 
     Raises:
         BadInputError: an effect to leave out does not exist.
-        DiagnosisError: nothing can be said with these data.
+        CampaignError: the data are wrong or too few.
+        DiagnosisError: rows do not close.
         FrameFitError: too few rows have a pose and a position.
     """
-    options, model = options or DiagnosisOptions(), model or RobotModel()
-    say = progress or (lambda _: None)
+    # On matrices of this size threads of the linear algebra wait for each other far longer than they work.
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _diagnosed(campaign, model or RobotModel(), options or DiagnosisOptions(), progress or (lambda _: None))
+
+
+def _diagnosed(campaign: Campaign, model: RobotModel, options: DiagnosisOptions, say: Progress) -> Diagnosis:
     effects = chosen_effects(options.exclude)
     say("checking the data")
     flags = examine(campaign, PouringRobot(model)).flags
     errors = [flag for flag in flags if flag.severity == "error"]
     if errors:
-        raise DiagnosisError(errors[0].message, errors[0].mend)
+        raise CampaignError(campaign.path, f"{errors[0].message}; {errors[0].mend}")
     wrong = outlier_rows(flags)
     work = _Work(campaign, model, effects, options, say)
     found = work.found(wrong)
@@ -154,8 +160,9 @@ class _Work:
         kept = self.campaign.usable & ~np.isin(np.arange(len(self.campaign)), wrong)
         sound = np.flatnonzero(kept)
         if sound.size < FEWEST_ROWS:
-            raise DiagnosisError(
-                f"only {sound.size} rows can be used and {FEWEST_ROWS} are needed", "measure more poses"
+            raise CampaignError(
+                self.campaign.path,
+                f"only {sound.size} rows can be used and {FEWEST_ROWS} are needed; measure more poses",
             )
         campaign = self.campaign.subset(sound)
         fitted, name, notes = _held_out(campaign, self.options.hold_out)
@@ -177,6 +184,8 @@ class _Work:
         self.say("asking whether what is left has structure")
         judgement = judge(hypothesis, list(descriptions(rows, after.linear)), self.options.thresholds)
         before = diagnoser.at_rest()
+        if not judgement.causes:  # nothing is named, so nothing is added: the model stays as it was given
+            after = before
         given = rows.conditions
         notes += [
             f"single missing cells of {name} were filled in from their neighbours in time" for name in given.filled

@@ -208,6 +208,16 @@ class Hypothesis:
         found = main @ np.linalg.lstsq(main, part, rcond=_RANK)[0]
         return float(found @ found) / total if total > 0.0 else 1.0
 
+    def shape_excess(self, index: int) -> float:
+        """Return the largest shaping coefficient over the largest main one, both in their usual sizes.
+
+        Far above 1 the effect would be nearly absent and only what shapes it at work.
+        """
+        item = self.items[index]
+        pull = np.abs(item.columns.T @ self._pull)
+        shape, main = pull[~item.main].max(initial=0.0), pull[item.main].max(initial=0.0)
+        return float(shape / main) if main > 0.0 else np.inf
+
     def spent(self) -> float:
         """Return how many coefficients the data determine, each counted by how far."""
         columns = np.hstack([np.zeros((len(self.problem.residual), 0)), *self.groups()])

@@ -9,7 +9,7 @@ import numpy as np
 from pouring_robot.diagnosis.descriptions import poses
 from pouring_robot.diagnosis.explanations import Background, Explanation, Problem
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
-from pouring_robot.effects.base import Effect, EffectParameter, Form
+from pouring_robot.effects.base import Effect, EffectParameter, Form, checked_forms
 from pouring_robot.effects.joints import axis_parameters, centre_parameters
 from pouring_robot.mechanism import FloatArray
 
@@ -33,12 +33,17 @@ def background_forms(rows: CampaignRows) -> dict[str, Form]:
 
 
 def effect_forms(rows: CampaignRows, effects: Mapping[str, Effect]) -> dict[tuple[str, str], Form]:
-    """Return every form of every effect that this campaign can test."""
+    """Return every form of every effect that this campaign can test.
+
+    Raises:
+        BadInputError: an effect that a package offers does not do as :class:`~pouring_robot.effects.base.Effect` says.
+    """
+    channels = rows.channels
     return {
         (effect.id, form.name): form
         for effect in effects.values()
         if not effect.missing(rows.conditions)
-        for form in effect.forms(rows.conditions)
+        for form in checked_forms(effect, rows.conditions, channels)
     }
 
 

@@ -2,13 +2,13 @@
 
     seen_i = T_tracker_to_fixed ∘ D(base_i) ∘ X(drives + dq_i, placements ∘ D(e_i)) ∘ T_platform_to_target
 
-X closes the loops exactly; positions then count (1 + scale_i) times, about the middle of the rows. The columns of an
+X closes the loops exactly; positions then count (1 + scale_i) times, about the tracker's own origin. The columns of an
 effect are the product of the Jacobian by local parameters with the changes that one unit of each parameter makes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +24,7 @@ from pouring_robot.calibration.noise import NoiseLevel
 from pouring_robot.calibration.residuals import MeasuredPoses, whiten
 from pouring_robot.calibration.small_turns import skew
 from pouring_robot.campaign.data import DRIVE_JOINTS, Campaign
+from pouring_robot.effect_stack import EffectEntry
 from pouring_robot.effects.base import EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions, NominalRows, conditions_of
 from pouring_robot.effects.joints import LEGS
@@ -31,7 +32,13 @@ from pouring_robot.effects.registry import all_effects
 from pouring_robot.exceptions import BadInputError, DiagnosisError, closest
 from pouring_robot.mechanism import FloatArray
 from pouring_robot.model import RobotModel
-from pouring_robot.parameters import COMPONENTS, DriveParameter, PlacementParameter, placement_parameters
+from pouring_robot.parameters import (
+    COMPONENTS,
+    DriveParameter,
+    LocalParameter,
+    PlacementParameter,
+    placement_parameters,
+)
 
 SCALE = "metrology.scale"
 
@@ -41,6 +48,11 @@ def local_parameters() -> tuple[PlacementParameter | DriveParameter, ...]:
     joints = [f"leg{i}_{site}" for i in LEGS for site in ("s1", "s2", "s3", "s4", "s5", "seat_mount")]
     drives = [DriveParameter(name, "rad" if name.endswith("s5") else "m") for name in DRIVE_JOINTS]
     return (*drives, *placement_parameters(joints))
+
+
+def channel_names(inside: Iterable[LocalParameter]) -> frozenset[str]:
+    """Return the names of all that effects may change: local parameters, the fixed platform, the device's scale."""
+    return frozenset((*(p.name for p in inside), *(f"base.{component}" for component in COMPONENTS), SCALE))
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,11 +208,11 @@ class CampaignRows:
                     f"the model's effect '{entry.effect}' needs {', '.join(missing)}, and the campaign does not say it",
                     "add it to the campaign, or take the effect out of the model file",
                 )
-            form = effect.form(entry.form, self.conditions)
-            for parameter in form.parameters:
-                if parameter.name in entry.parameters:
-                    parameters.append(parameter)
-                    values.append(entry.parameters[parameter.name].value)
+            form = {p.name: p for p in effect.form(entry.form, self.conditions).parameters}
+            for name, given in entry.parameters.items():
+                _check_parameter(entry, name, form)
+                parameters.append(form[name])
+                values.append(given.value)
         return self.changes(parameters, np.array(values))
 
     def unchanged(self) -> RowChanges:
@@ -235,7 +247,7 @@ class CampaignRows:
         Raises:
             DiagnosisError: with these changes a row does not close.
         """
-        prediction, arm = self._predict(self._given + changes, frames)
+        prediction, place = self._predict(self._given + changes, frames)
         equations = whiten(self.measured, prediction)
         if equations.failed.size or equations.jacobian is None:
             raise DiagnosisError(
@@ -243,7 +255,7 @@ class CampaignRows:
                 "check the campaign with `pouring-robot campaign check`",
             )
         along = np.zeros((len(self), 6))
-        along[:, :3] = (arm - arm.mean(axis=0)) @ frames.pose_tracker_to_fixed_platform.rotation.T
+        along[:, :3] = place
         sigma = self.measured.sigma[equations.components]
         scale = along[equations.rows, equations.components] / sigma
         return LinearRows(equations.residual, -equations.jacobian, equations.rows, equations.components, scale, sigma)
@@ -260,8 +272,8 @@ class CampaignRows:
         turned = outer.rotation @ Rotation.from_rotvec(changes.base[:, 3:]).as_matrix()
         lever = closure.rotation @ inner.translation
         arm = closure.position + lever
-        position = outer.translation + changes.base[:, :3] @ outer.rotation.T + np.einsum("nij,nj->ni", turned, arm)
-        position += changes.scale[:, None] * ((arm - arm.mean(axis=0)) @ outer.rotation.T)
+        place = outer.translation + changes.base[:, :3] @ outer.rotation.T + np.einsum("nij,nj->ni", turned, arm)
+        position = (1.0 + changes.scale[:, None]) * place
         carried = turned @ closure.rotation
         jacobian = np.zeros((len(self), 6, FRAMES + len(self.measurement.parameters)))
         jacobian[:, :3, 0:3] = outer.rotation
@@ -274,7 +286,12 @@ class CampaignRows:
         jacobian[:, :3, FRAMES:] = turned @ (matrix[:, :3] - skew(lever) @ matrix[:, 3:])
         jacobian[:, 3:, FRAMES:] = turned @ matrix[:, 3:]
         seen = Prediction(position, carried @ inner.rotation, transfer.status, closure, jacobian)
-        return seen, arm
+        return seen, place
+
+    @property
+    def channels(self) -> frozenset[str]:
+        """Names of all local parameters that effects may change in these rows."""
+        return channel_names(local_parameters())
 
     def columns(self, form: Form, linear: LinearRows) -> FloatArray:
         """Return the whitened signature of each parameter of a form, times its usual size, shape (m, k)."""
@@ -298,3 +315,15 @@ class CampaignRows:
             component = COMPONENTS.index(name.partition(".")[2])
             return np.where(linear.component == component, 1.0 / linear.tracker, 0.0)
         return linear.jacobian[:, self._places[name]]
+
+
+def _check_parameter(entry: EffectEntry, name: str, form: Mapping[str, EffectParameter]) -> None:
+    """Check that an entry of a model file has a parameter that its form has here, in its unit."""
+    if name not in form:
+        raise BadInputError(
+            f"the model's effect '{entry.effect}' in the form '{entry.form}' has no parameter '{name}' "
+            f"under the conditions of this campaign{closest(name, form)}"
+        )
+    if entry.parameters[name].unit != form[name].unit:
+        given, wanted = entry.parameters[name].unit, form[name].unit
+        raise BadInputError(f"the model's '{name}' of '{entry.effect}' is in '{given}'; it must be in '{wanted}'")

@@ -18,13 +18,16 @@ class SearchOptions:
             effects leaves ten to one.
         most_effects: how many may be found.
         branches: how many effects are tried in full at every step.
-        least_main_share: share of an effect's part that its main parameters must make.
+        least_main_share: share of an effect's part that its main parameters must be able to make.
+        most_shape: how many times larger than its largest main parameter one that only shapes an effect may be, each in
+            its usual size.
     """
 
     least_evidence: float = 5.0
     most_effects: int = 5
     branches: int = 3
     least_main_share: float = 0.4
+    most_shape: float = 5.0
 
 
 DEFAULT_SEARCH = SearchOptions()
@@ -58,8 +61,10 @@ def search(problem: Problem, options: SearchOptions = DEFAULT_SEARCH, start: Hyp
     return backward(current, options)
 
 
-def _sound(hypothesis: Hypothesis, index: int, options: SearchOptions) -> bool:
-    return hypothesis.main_share(index) >= options.least_main_share
+def sound(hypothesis: Hypothesis, index: int, options: SearchOptions = DEFAULT_SEARCH) -> bool:
+    """Return whether an item is the effect it is called, and not mostly what may shape it."""
+    enough = hypothesis.main_share(index) >= options.least_main_share
+    return enough and hypothesis.shape_excess(index) <= options.most_shape
 
 
 def _forward(current: Hypothesis, options: SearchOptions) -> Iterator[Hypothesis]:
@@ -77,7 +82,7 @@ def _forward(current: Hypothesis, options: SearchOptions) -> Iterator[Hypothesis
         if item.effect in seen:
             continue
         grown = current.with_item(item, worth.scale)
-        if _sound(grown, len(grown.items) - 1, options):
+        if sound(grown, len(grown.items) - 1, options):
             seen.add(item.effect)
             yield grown
 
@@ -113,7 +118,7 @@ def _exchanged(hypothesis: Hypothesis, index: int, options: SearchOptions) -> Hy
         if item.effect in tried or (item.effect == key[0] and found.evidence < own.evidence):
             continue
         other = hypothesis.with_replaced(index, item, found.scale)
-        if not _sound(other, index, options):
+        if not sound(other, index, options):
             continue
         if other.log_evidence > hypothesis.log_evidence + 1e-6:
             return other

@@ -13,6 +13,7 @@ from pouring_robot.diagnosis.evidence import gain
 from pouring_robot.diagnosis.explanations import Explanation
 from pouring_robot.diagnosis.hypotheses import Hypothesis
 from pouring_robot.diagnosis.remainder import Challenge, Description, Structure, challenge, structures
+from pouring_robot.diagnosis.search import sound
 from pouring_robot.mechanism import FloatArray
 
 Verdict = Literal["no_gap", "named", "group", "unknown"]
@@ -188,10 +189,15 @@ def _rivals(hypothesis: Hypothesis, indices: Sequence[int], close: float = 12.0)
         if item.effect not in first or worth.evidence > first[item.effect][0]:
             first[item.effect] = (worth.evidence, worth.scale, item)
     rest = hypothesis.without_items(indices)
-    return {
-        effect: rest.with_item(item, scale).log_evidence - hypothesis.log_evidence
+    tried = {
+        effect: rest.with_item(item, scale)
         for effect, (evidence, scale, item) in first.items()
         if evidence > own - close
+    }
+    return {
+        effect: other.log_evidence - hypothesis.log_evidence
+        for effect, other in tried.items()
+        if sound(other, len(other.items) - 1)
     }
 
 

@@ -20,9 +20,11 @@ See :mod:`pouring_robot.effects.registry` for how a package offers its effects.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
+
+import numpy as np
 
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.exceptions import BadInputError, closest
@@ -100,3 +102,36 @@ class Effect(ABC):
         if name not in found:
             raise BadInputError(f"the effect '{self.id}' has no form '{name}'{closest(name, found)}")
         return found[name]
+
+
+def checked_forms(effect: Effect, conditions: Conditions, channels: Collection[str]) -> tuple[Form, ...]:
+    """Return the forms of an effect that may be anybody's, after a look at what they change.
+
+    Args:
+        effect: with nothing missing.
+        conditions: n rows.
+        channels: names of the local parameters there are.
+
+    Raises:
+        BadInputError: the effect fails, changes what does not exist, or changes are no n finite numbers.
+    """
+    try:
+        forms = tuple(effect.forms(conditions))
+    except Exception as problem:  # a user's effect may fail in any way; the line must say which one
+        said = " ".join(f"{type(problem).__name__}: {problem}".split())
+        raise BadInputError(
+            f"the effect '{effect.id}' fails under the conditions of this campaign: {said}"
+        ) from problem
+    for form in forms:
+        for parameter in form.parameters:
+            where = f"the effect '{effect.id}', form '{form.name}', parameter '{parameter.name}'"
+            for name, change in parameter.changes.items():
+                if name not in channels:
+                    raise BadInputError(
+                        f"{where} changes '{name}', which the robot does not have{closest(name, channels)}"
+                    )
+                if np.shape(change) != (len(conditions),) or not np.isfinite(change).all():
+                    raise BadInputError(f"{where} must change '{name}' by one finite number for each row")
+            if not parameter.usual > 0.0:
+                raise BadInputError(f"{where} needs a usual size above zero, not {parameter.usual:g}")
+    return forms

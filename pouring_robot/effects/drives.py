@@ -98,10 +98,10 @@ class DriveBacklash(Effect):
     id = "drive_backlash"
     story = "nuts and gears have play: a drive stops short on the side it came from"
     needs = ("approach",)
-    _LOADED, _LATER = 0.3, 0.1
+    _LOADED, _LATER, _WORN = 0.3, 0.1, 0.1
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """Symmetrical, or on one side only; load may take up part of the play."""
+        """Symmetrical, or on one side only; load may take up part of it, wear may make more of it along the screw."""
         side = np.asarray(conditions.approach)
         found = []
         for name, sides in (
@@ -110,6 +110,12 @@ class DriveBacklash(Effect):
             ("falling_only", 0.5 * (side - 1.0)),
         ):
             parameters = [of_drive(k, "play", 1.0, sides[:, k]) for k in range(4)]
+            stroke = (conditions.lengths_m - _MIDDLE_M) / _HALF_STROKE_M
+            parameters += [
+                of_drive(k, name, usual, sides[:, k] * stroke[:, k] ** power, main=False)
+                for name, usual, power in (("play_by_length", self._WORN, 1), ("play_by_length_2", self._WORN, 2))
+                for k in LEGS
+            ]
             if conditions.leg_pull_n is not None and conditions.tilt_moment_nm is not None:
                 force = np.abs(np.column_stack([conditions.leg_pull_n, conditions.tilt_moment_nm]))
                 relative = force / np.maximum(force.mean(axis=0), 1e-9) - 1.0

@@ -57,9 +57,13 @@ def all_effects() -> dict[str, Effect]:
             kind = entry.load()
             effect = kind()
         except Exception as problem:  # any package may fail in any way; the user must learn which one
-            raise BadInputError(f"the effect '{entry.name}' of {entry.value} cannot be loaded: {problem}") from problem
+            said = " ".join(str(problem).split()) or type(problem).__name__
+            raise BadInputError(f"the effect '{entry.name}' of {entry.value} cannot be loaded: {said}") from problem
         if not isinstance(effect, Effect):
             raise BadInputError(f"'{entry.value}' is offered as an effect but is no subclass of Effect")
+        for name in ("id", "story"):
+            if not isinstance(getattr(effect, name, None), str):
+                raise BadInputError(f"the effect '{entry.name}' of {entry.value} has no {name}; give its class one")
         if effect.id in found:
             raise BadInputError(f"two effects are called '{effect.id}'; rename the one of {entry.value}")
         found[effect.id] = effect

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -225,12 +225,12 @@ class ShiftHeat:
             HistoryError: a time or a pose lies outside the history.
             NoSolutionError: the warm drawing cannot take a pose, or no temperatures are found.
         """
-        fields = network.transient(history, schedule, times_s=times_s).fields
+        found = network.transient(history, schedule, times_s=times_s).fields
         held = [_as_pose(schedule.at(float(time))) for time in times_s]
         loops = robot.nominal_solver.mechanism.loops
         frames = (loops.end_frame or "", loops.working_frame)
         moved: dict[str, list[PoseDifference]] = {frame: [] for frame in frames}
-        for pose, field in zip(held, fields, strict=True):
+        for pose, field in zip(held, found, strict=True):
             warm = solve_heated(robot, ThermalExpansion.from_field(field, measured_degC), pose)
             cold = robot.nominal_solver.solve(robot.kinematics.inverse(pose), robot.kinematics.configuration(pose))
             for frame in frames:
@@ -241,14 +241,21 @@ class ShiftHeat:
             times_s,
             np.interp(times_s, history.times_s, history.melt_degC),
             ambient,
-            np.array([field.leg_degC for field in fields]),
-            np.array([field.platform_degC for field in fields]),
-            np.array([field.fixed_platform_degC for field in fields]),
-            np.array([field.shell_degC for field in fields]),
-            np.array([field.leg_elements_degC.max() for field in fields]),
+            np.array([field.leg_degC for field in found]),
+            np.array([field.platform_degC for field in found]),
+            np.array([field.fixed_platform_degC for field in found]),
+            np.array([field.shell_degC for field in found]),
+            np.array([field.leg_elements_degC.max() for field in found]),
             moved,
             held,
         )
+
+    def only(self, times_s: FloatArray) -> ShiftHeat:
+        """Return the same at some of its times."""
+        kept = np.flatnonzero(np.isin(self.times_s, times_s))
+        arrays = {f.name: getattr(self, f.name)[kept] for f in fields(self) if f.name not in ("moved", "poses")}
+        moved = {frame: [values[k] for k in kept] for frame, values in self.moved.items()}
+        return replace(self, **arrays, moved=moved, poses=[self.poses[k] for k in kept])
 
     def rows(self) -> Iterator[dict[str, float]]:
         """Return one row a time, with units in the names."""

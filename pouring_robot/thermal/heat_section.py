@@ -13,6 +13,7 @@ import pydantic
 from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.thermal.properties import (
     HOTTEST_DEGC,
+    HOTTEST_SURROUNDINGS_DEGC,
     PARTS,
     ZERO_CELSIUS_K,
     ThermalProperties,
@@ -32,6 +33,15 @@ def _temperature(value: float) -> float:
     return value
 
 
+def _surroundings(value: float) -> float:
+    if value > HOTTEST_SURROUNDINGS_DEGC:
+        raise ValueError(
+            f"{value:g} degC is hotter than any surroundings (limit {HOTTEST_SURROUNDINGS_DEGC:g} degC); check value "
+            "and unit"
+        )
+    return _temperature(value)
+
+
 def _minutes(value: float) -> float:
     if not 0.0 < value <= LONGEST_MIN:
         raise ValueError(f"{value:g} min is no time since the melt came; give 0 to {LONGEST_MIN:g} min")
@@ -39,6 +49,7 @@ def _minutes(value: float) -> float:
 
 
 Celsius = Annotated[float, pydantic.AfterValidator(_temperature)]
+Surroundings = Annotated[float, pydantic.AfterValidator(_surroundings)]
 Minutes = Annotated[float, pydantic.AfterValidator(_minutes)]
 
 
@@ -56,7 +67,7 @@ class HeatSection(StrictModel):
     """
 
     melt_degC: Celsius | None = None
-    ambient_degC: Celsius | None = None
+    ambient_degC: Surroundings | None = None
     after_min: Minutes | None = None
     measured_degC: dict[str, Celsius] = pydantic.Field(default_factory=dict)
     properties: dict[str, dict[str, float]] = pydantic.Field(default_factory=dict)

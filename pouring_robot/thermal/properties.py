@@ -22,6 +22,8 @@ ZERO_CELSIUS_K = 273.15
 """0 °C in K."""
 HOTTEST_DEGC = 2500.0
 """Hotter than any melt that is poured; beyond it a temperature is a mistake of units."""
+HOTTEST_SURROUNDINGS_DEGC = 150.0
+"""Hotter than any hall; 293, room temperature in K, lies beyond it."""
 PARTS = (*(f"leg{i}" for i in CHAINS), "platform", "fixed_platform")
 """Parts with a temperature of their own, named as in campaign columns (``leg1_degC`` …, ``platform_degC``)."""
 

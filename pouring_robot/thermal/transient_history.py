@@ -15,7 +15,7 @@ from pouring_robot.closure import ClosureResult
 from pouring_robot.exceptions import BadInputError, TableError, closest
 from pouring_robot.mechanism import FloatArray
 from pouring_robot.poses import PlatformPose
-from pouring_robot.thermal.properties import HOTTEST_DEGC, ZERO_CELSIUS_K, kelvin
+from pouring_robot.thermal.properties import HOTTEST_DEGC, HOTTEST_SURROUNDINGS_DEGC, ZERO_CELSIUS_K, kelvin
 from pouring_robot.thermal.thermal_errors import HistoryError
 
 Placed = PlatformPose | ClosureResult
@@ -227,4 +227,10 @@ def _cell(path: Path, number: int, line: list[str], header: list[str], name: str
         raise TableError(path, f"line {number}, column {name}: {value:g} degC lies below absolute zero")
     if name.endswith("degC") and value > HOTTEST_DEGC:
         raise TableError(path, f"line {number}, column {name}: {value:g} degC is hotter than any melt; check the unit")
+    if name == "ambient_degC" and value > HOTTEST_SURROUNDINGS_DEGC:
+        raise TableError(
+            path,
+            f"line {number}, column {name}: {value:g} degC is hotter than any surroundings (limit "
+            f"{HOTTEST_SURROUNDINGS_DEGC:g} degC); check the unit",
+        )
     return value

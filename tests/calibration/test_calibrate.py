@@ -7,9 +7,15 @@ import pytest
 
 from pouring_robot.calibration.calibrate import CalibrationOptions, calibrate
 from pouring_robot.calibration.measurement import FRAMES
-from pouring_robot.campaign import FlagCode
+from pouring_robot.calibration.report import headline
+from pouring_robot.calibration.splits import split
+from pouring_robot.calibration.summary import warnings_of
+from pouring_robot.campaign import FlagCode, MeasurementOptions, random_plan, simulate_campaign
 from pouring_robot.exceptions import CampaignError
-from tests.campaign.simulated import SIGMA_M, damaged, measure
+from pouring_robot.model import JointPlacement
+from pouring_robot.poses import PlatformPose
+from pouring_robot.robot import PouringRobot
+from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, damaged, measure
 
 
 def test_the_gap_closes_to_the_noise(found):
@@ -35,9 +41,14 @@ def test_the_test_block_is_not_looked_at(real):
     rows = first.split.test
     moved = damaged(real.campaign, position_m=lambda p: p.__setitem__(rows, p[rows] + 1e-2))
     second = calibrate(moved, None, options)
-    np.testing.assert_array_equal(first.fit.unknowns.values, second.fit.unknowns.values)
     assert first.selection.steps == second.selection.steps
     assert second.misfit(rows, after=True).rms_mm > first.misfit(rows, after=True).rms_mm
+    kept = [tuple(group.name for group in found.selection.groups) for found in (first, second)]
+    refused = [found.refused.groups if found.refused else () for found in (first, second)]
+    assert kept[0] + refused[0] == kept[1] + refused[1] != ()
+    every = dataclasses.replace(options, choose=False)
+    one, other = (calibrate(campaign, None, every) for campaign in (real.campaign, moved))
+    np.testing.assert_array_equal(one.fit.unknowns.values, other.fit.unknowns.values)
 
 
 def test_outliers_are_left_out_and_nothing_else(as_built):
@@ -78,3 +89,48 @@ def test_keeping_all_keeps_all(clean):
     score = np.abs(found.fit.unknowns.values[FRAMES:]) / found.std[FRAMES:]
     assert (score < 1.96).mean() > 0.8
     assert dataclasses.is_dataclass(found)
+
+
+def test_poses_of_one_tilt_leave_open_what_other_poses_would_show(drawing, found):
+    plan = random_plan(drawing, 40, 3)
+    poses = [PlatformPose(pose.position_m, 0.2) for pose in plan.poses]
+    drives = np.array([list(drawing.kinematics.inverse(pose).values()) for pose in poses])
+    one_tilt = dataclasses.replace(plan, poses=tuple(poses), drives=drives)
+    campaign = simulate_campaign(drawing, one_tilt, MeasurementOptions(SIGMA_M, SIGMA_RAD, seed=3)).campaign
+    options = CalibrationOptions(parameters=("drives", "fixed_centres"), choose=False)
+    calibration = calibrate(campaign, None, options)
+    assert calibration.rank_anywhere > calibration.base.rank
+    assert found.rank_anywhere == found.base.rank
+
+
+@pytest.fixture(scope="module")
+def misled(drawing, as_built):
+    """A campaign whose last region was measured on a robot bent the other way, so what is learnt misleads there."""
+    plan, options = random_plan(drawing, 100, 5), MeasurementOptions(SIGMA_M, SIGMA_RAD, seed=5)
+    placements = ({"leg1_s1": JointPlacement(translation_mm=(0.0, 0.3 * sign, 0.0))} for sign in (1.0, -1.0))
+    bent = (as_built.model.model_copy(update={"joint_placements": placement}) for placement in placements)
+    campaign, other = (simulate_campaign(PouringRobot(model), plan, options).campaign for model in bent)
+    test = split(campaign, np.zeros(0, dtype=np.intp), "region").test
+    position, rotation = campaign.position_m.copy(), campaign.rotation_vector_rad.copy()
+    position[test], rotation[test] = other.position_m[test], other.rotation_vector_rad[test]
+    return dataclasses.replace(campaign, position_m=position, rotation_vector_rad=rotation)
+
+
+def test_held_out_rows_refuse_what_makes_them_worse(misled):
+    options = CalibrationOptions(parameters=("fixed_centres",))
+    calibration = calibrate(misled, None, options)
+    assert calibration.refused is not None
+    assert calibration.refused.groups == ("fixed_centres",)
+    assert calibration.refused.after.rms_mm > calibration.refused.before.rms_mm
+    assert not calibration.changed
+    assert calibration.calibrated.joint_placements == {}
+    np.testing.assert_allclose(calibration.after, calibration.before, atol=1e-6)
+    assert any("rows held out refuse what was found (fixed_centres)" in line for line in warnings_of(calibration))
+    assert headline(calibration).startswith("No geometry found that explains the error")
+
+
+def test_who_keeps_all_keeps_it_and_is_warned(misled):
+    calibration = calibrate(misled, None, CalibrationOptions(parameters=("fixed_centres",), choose=False))
+    assert calibration.refused is None
+    assert calibration.changed
+    assert any("do not use this model" in line for line in warnings_of(calibration))

@@ -9,6 +9,14 @@ from pouring_robot.calibration.export import described, write_calibration
 from pouring_robot.exceptions import OutputError
 from pouring_robot.files import check_folder
 from pouring_robot.model import RobotModel
+from pouring_robot.thermal.heat_section import HeatSection
+
+
+def swapped(calibration, **changes):
+    """Return a calibration with attributes replaced."""
+    other = object.__new__(type(calibration))
+    other.__dict__.update(calibration.__dict__ | changes)
+    return other
 
 
 def test_everything_is_there_and_the_model_comes_back(found, tmp_path):
@@ -31,9 +39,8 @@ def test_a_rank_deficient_fit_says_so_in_every_file(found, tmp_path):
 
 
 def test_a_model_that_is_worse_on_held_out_rows_says_so(found):
-    swapped = object.__new__(type(found))
-    swapped.__dict__.update(found.__dict__ | {"before": found.after, "after": found.before})
-    assert "do not use this model" in described(swapped).description
+    worse = swapped(found, before=found.after, after=found.before)
+    assert "do not use this model" in described(worse).description
 
 
 def test_a_failure_leaves_the_folder_as_it_was(found, tmp_path, monkeypatch):
@@ -56,3 +63,9 @@ def test_places_that_cannot_be_written_are_named(tmp_path):
         check_folder(tmp_path / "file")
     with pytest.raises(OutputError, match="does not exist"):
         check_folder(tmp_path / "no" / "where")
+
+
+def test_the_model_file_says_that_heat_took_no_part(found):
+    warm = found.present.model_copy(update={"heat": HeatSection()})
+    assert "heat section" not in described(found).description
+    assert "heat section of the model took no part" in described(swapped(found, present=warm)).description

@@ -5,7 +5,7 @@ import pytest
 
 from pouring_robot.calibration.parameter_sets import ParameterCatalogue
 from pouring_robot.calibration.residuals import MeasuredPoses
-from pouring_robot.calibration.selection import select_groups
+from pouring_robot.calibration.selection import _judge, select_groups
 from pouring_robot.calibration.splits import split
 from pouring_robot.calibration.tolerances import Tolerances
 from pouring_robot.exceptions import CalibrationError
@@ -57,3 +57,15 @@ def test_a_group_that_cannot_be_fitted_is_not_kept(case, drawing, monkeypatch):
 def test_candidates_come_from_the_catalogue(drawing):
     catalogue = ParameterCatalogue(drawing.nominal_solver.mechanism)
     assert [g.name for g in catalogue.groups(("centres",))] == ["drives", "fixed_centres", "moving_centres"]
+
+
+def test_positions_do_not_pay_for_rotations():
+    rng = np.random.default_rng(2)
+    present = np.column_stack([9.0 + rng.normal(size=60), 1.0 + 0.2 * rng.normal(size=60)])
+    scatter = rng.normal(size=60)
+    scatter -= scatter.mean()
+    for rise, helps in ((0.05, False), (-0.05, True)):  # the standard error of the rise is 0.13
+        trial = present + np.column_stack([np.full(60, -7.0), rise + scatter.clip(-0.5, 0.5)])
+        trial[:, 1] += rise - (trial - present)[:, 1].mean()
+        gain, error, kept = _judge(present, trial)
+        assert gain > 2.0 * error and kept is helps

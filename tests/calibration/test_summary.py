@@ -4,7 +4,14 @@ import json
 
 import pytest
 
-from pouring_robot.calibration.summary import calibration_figures, next_measurements, noise_floor, warnings_of
+from pouring_robot.calibration.summary import (
+    calibration_figures,
+    next_measurements,
+    noise_floor,
+    notes_of,
+    warnings_of,
+)
+from pouring_robot.thermal.heat_section import HeatSection
 
 
 def swapped(calibration, **changes):
@@ -36,8 +43,11 @@ def test_unchanged_figures(unchanged):
 
 
 def test_warnings(found):
-    assert any("rank deficient" in line for line in warnings_of(found))
-    assert "rank_deficient" in calibration_figures(found)
+    # Sixty poses all over the box show whatever can be shown: what is left is no reason to measure again.
+    assert not any("rank" in line for line in warnings_of(found))
+    short = swapped(found, rank_anywhere=found.base.rank + 3)
+    assert any(f"do not show 3 of {found.base.rank + 3} combinations" in line for line in warnings_of(short))
+    assert calibration_figures(found)["rank_deficient"] is True
     worse = swapped(found, before=found.after, after=found.before)
     assert any("do not use this model" in line for line in warnings_of(worse))
     assert not any("do not use" in line for line in warnings_of(found))
@@ -50,3 +60,25 @@ def test_what_to_measure_next(found, unchanged):
     assert any("known least at x" in line for line in lines)
     assert not any("measured three times" in line for line in lines)
     assert any("measured three times" in line for line in next_measurements(unchanged))
+
+
+def test_notes_say_what_no_measurement_tells(found, unchanged):
+    notes = notes_of(found)
+    never = len(found.base.names) - found.base.rank
+    assert any(f"rank deficient by nature: {never} of {len(found.base.names)} directions" in line for line in notes)
+    assert any("each by itself, held by their tolerances" in line for line in notes)
+    assert calibration_figures(found)["notes"] == notes
+    assert notes_of(unchanged) == []
+
+
+def test_groups_not_kept_are_named_as_taken_for_exact(found):
+    dropped = [group.name for group in found.candidates if group not in found.selection.groups]
+    everything = swapped(found, candidates=found.selection.groups)
+    assert not any("taken as exact" in line for line in notes_of(everything))
+    (line,) = [line for line in notes_of(swapped(found, candidates=found.candidates)) if "exact" in line]
+    assert dropped and all(name in line for name in dropped)
+
+
+def test_a_heat_section_that_took_no_part_is_warned_of(found):
+    warm = swapped(found, present=found.present.model_copy(update={"heat": HeatSection()}))
+    assert any("heat section of the model took no part" in line for line in warnings_of(warm))

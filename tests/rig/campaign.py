@@ -16,6 +16,7 @@ from .effects import CAPS, FORMS, LIBRARY, OUTSIDE, SESSIONS, UNITS, Form, textb
 from .machine import Errors
 from .metrology import Tracker, basis, rms, without
 from .rotations import Array, from_vector, product, to_vector
+from .true_values import true_values
 
 KINDS = ("null", "single", "pair", "outside", "confounded")
 
@@ -244,6 +245,9 @@ def _sized(
         "rms_mm": 1e3 * rms(moved),
         "unit": UNITS.get(item.effect, "mm"),
     }
+    values = true_values(item.effect, str(item.form), size, scene, unit * size)
+    if values:
+        told["parameters"] = {name: {"value": value, "unit": unit_of} for name, (value, unit_of) in values.items()}
     if item.effect in OUTSIDE:
         everything = basis(np.concatenate(list(known.values()), axis=1)) if known else frames
         told["ratio_beyond_library"] = rms(without(left, everything))

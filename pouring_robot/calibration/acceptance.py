@@ -1,0 +1,64 @@
+"""The last word on a calibration: rows held out choose nothing, but they may refuse the whole.
+
+Groups are chosen on training blocks. What only looks like geometry (a drift, a worn screw, a shift between sessions)
+can be copied well there and lead astray elsewhere; the held-out block is where that shows. A refusal is a single yes
+or no to what was chosen without it, so there is nothing to overfit; the robot then stays as it was.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pouring_robot.calibration.figures import Misfit
+from pouring_robot.mechanism import FloatArray
+
+_STANDARD_ERRORS = 2.0
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """What was chosen and refused.
+
+    Attributes:
+        groups: names of the groups.
+        before: misfit of the held-out rows without them; ``after`` with them.
+    """
+
+    groups: tuple[str, ...]
+    before: Misfit
+    after: Misfit
+
+
+def row_scores(residual: FloatArray, sigma: FloatArray) -> FloatArray:
+    """Return each row's mean squared residual over its noise, of position and rotation, shape (n, 2); NaN: unmeasured.
+
+    Args:
+        residual: measured minus predicted, shape (n, 6), in m and rad; NaN where missing.
+        sigma: noise of the six components, shape (6,), in m and rad.
+    """
+    squared = ((residual / sigma) ** 2).reshape(-1, 2, 3)
+    count = np.isfinite(squared).sum(axis=2)
+    return np.where(count > 0, np.nansum(squared, axis=2) / np.maximum(count, 1), np.nan)
+
+
+def mean_and_error(values: FloatArray) -> tuple[float, float]:
+    """Return the mean of the finite values and its standard error; zeros if there are none."""
+    known = values[np.isfinite(values)]
+    return (float(known.mean()), float(known.std() / np.sqrt(known.size))) if known.size else (0.0, 0.0)
+
+
+def acceptable(before: FloatArray, after: FloatArray) -> bool:
+    """Return whether held-out rows bear a calibration.
+
+    They do unless positions and rotations together come out worse, or one of both does by more than two standard
+    errors of the difference row by row: less is chance. Any loss at all is no measure: where a calibration does nothing
+    to rotations, their error rises by a fraction of a per cent every other time.
+
+    Args:
+        before: scores of the held-out rows without the calibration, shape (n, 2); see :func:`row_scores`.
+        after: the same with it.
+    """
+    harm = [mean_and_error(column) for column in (after - before).T]
+    return sum(mean for mean, _ in harm) <= 0.0 and all(mean <= _STANDARD_ERRORS * error for mean, error in harm)

@@ -1,0 +1,113 @@
+"""The amended model: what was found, put where it acts.
+
+What stands still, such as a displaced joint, becomes part of the robot's placements and drive offsets, where every
+command sees it. What depends on conditions stays in the effect stack with its parameters, to be put in row by row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from pouring_robot.calibration.amend import amended_model
+from pouring_robot.calibration.measurement import FRAMES, MeasurementModel
+from pouring_robot.diagnosis.diagnose import Diagnosis
+from pouring_robot.diagnosis.parameters import found_parameters
+from pouring_robot.effect_stack import EffectEntry, ParameterEntry
+from pouring_robot.effects.base import EffectParameter
+from pouring_robot.effects.registry import all_effects
+from pouring_robot.mechanism import FloatArray
+from pouring_robot.model import RobotModel
+
+BACKGROUND = "background"
+"""Form of the usual small errors."""
+_VALUE_DIGITS, _STD_DIGITS = 9, 4
+_STILL = 1e-12
+
+
+def amended(diagnosis: Diagnosis) -> RobotModel:
+    """Return the given model with everything added that the diagnosis fitted.
+
+    Placements are composed exactly. Against the diagnosis, which adds up the twists at one joint, that is a difference
+    of second order in its rotations.
+
+    Raises:
+        CalibrationError: a displacement is too large to be an error of a robot.
+    """
+    entries: list[EffectEntry] = []
+    placed: list[tuple[EffectParameter, float]] = []
+    inside = diagnosis.rows.measurement
+    needs = {effect.id: bool(effect.needs) for effect in all_effects().values()}
+    for effect, form, parameters in _found(diagnosis):
+        still = [not needs[effect] and stands_still(p, inside.names[FRAMES:]) for p, _, _ in parameters]
+        placed += [(p, value) for (p, value, _), fixed in zip(parameters, still, strict=True) if fixed]
+        for wanted in (True, False):
+            chosen = [item for item, fixed in zip(parameters, still, strict=True) if fixed == wanted]
+            if chosen:
+                entries.append(_entry(effect, form, wanted, chosen))
+    model = amended_model(diagnosis.model, inside, _local(inside, placed))
+    return model.model_copy(update={"effects": [*diagnosis.model.effects, *entries]})
+
+
+def stands_still(parameter: EffectParameter, inside: Sequence[str]) -> bool:
+    """Return whether a parameter changes only joints and drives, alike in every row.
+
+    Args:
+        parameter: of an effect without conditions of its own.
+        inside: names of the local parameters of the mechanism; the fixed platform and the tracker are none.
+    """
+    known = set(inside)
+    return all(
+        name in known and float(np.ptp(change)) <= _STILL * float(np.abs(change).max(initial=0.0))
+        for name, change in parameter.changes.items()
+    )
+
+
+Found = tuple[EffectParameter, float, float]
+
+
+def _found(diagnosis: Diagnosis) -> list[tuple[str, str, list[Found]]]:
+    """Return effect, form and parameters with value and standard deviation, as the amended robot has them.
+
+    Values are those the robot was closed with. A parameter that the last weighing gave up again, too small to
+    matter, is still in it; its standard deviation is what one would expect of it beforehand.
+    """
+    diagnoser, after = diagnosis.diagnoser, diagnosis.after
+    # Two forms of one effect may share a parameter, which then has two values that add up.
+    left: dict[int, list[float]] = {}
+    for parameter, value in zip(after.parameters, after.values.tolist(), strict=True):
+        left.setdefault(id(parameter), []).append(value)
+    found = []
+    for name, parameters in found_parameters(diagnoser, diagnosis.hypothesis):
+        effect, _, form = name.partition("/")
+        own = [(p.parameter, left[id(p.parameter)].pop(0), p.std) for p in parameters if left.get(id(p.parameter))]
+        found.append((effect, form or BACKGROUND, own))
+    forms = {(effect, BACKGROUND): form for effect, form in diagnoser.backgrounds.items()} | dict(diagnoser.forms)
+    # What is left belongs to the largest form that is there as a whole.
+    for (effect, name), whole in sorted(forms.items(), key=lambda item: -len(item[1].parameters)):
+        if all(left.get(id(p)) for p in whole.parameters):
+            found.append((effect, name, [(p, left[id(p)].pop(0), p.usual) for p in whole.parameters]))
+    return found
+
+
+def _entry(effect: str, form: str, placed: bool, parameters: Sequence[Found]) -> EffectEntry:
+    return EffectEntry(
+        effect=effect,
+        form=form,
+        placed=placed,
+        parameters={
+            p.name: ParameterEntry(value=round(v, _VALUE_DIGITS), std=float(f"{std:.{_STD_DIGITS}g}"), unit=p.unit)
+            for p, v, std in parameters
+        },
+    )
+
+
+def _local(inside: MeasurementModel, placed: Sequence[tuple[EffectParameter, float]]) -> FloatArray:
+    """Return the local parameters (P,) that placed parameters make together, in m and rad."""
+    total = np.zeros(len(inside.parameters))
+    where: Mapping[str, int] = {name: k for k, name in enumerate(inside.names[FRAMES:])}
+    for parameter, value in placed:
+        for name, change in parameter.changes.items():
+            total[where[name]] += value * float(change[0])
+    return total

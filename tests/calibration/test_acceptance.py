@@ -1,0 +1,51 @@
+"""The last word of held-out rows: what they refuse, and what they let pass as chance."""
+
+import numpy as np
+import pytest
+
+from pouring_robot.calibration.acceptance import acceptable, mean_and_error, row_scores
+
+SIGMA = np.array([2.0, 2.0, 2.0, 0.5, 0.5, 0.5])
+
+
+def scores(position, rotation):
+    return np.column_stack([position, rotation])
+
+
+def test_scores_are_mean_squares_over_the_noise():
+    residual = np.array([[2.0, 4.0, 6.0, 0.5, 0.0, 1.0], [2.0, np.nan, np.nan, np.nan, np.nan, np.nan]])
+    found = row_scores(residual, SIGMA)
+    np.testing.assert_allclose(found, [[14.0 / 3.0, 5.0 / 3.0], [1.0, np.nan]])
+    assert mean_and_error(np.array([1.0, 3.0, np.nan])) == pytest.approx((2.0, 1.0 / np.sqrt(2.0)))
+    assert mean_and_error(np.full(3, np.nan)) == (0.0, 0.0)
+
+
+def test_better_passes_and_worse_does_not():
+    before, after = scores(np.full(20, 9.0), np.full(20, 4.0)), scores(np.full(20, 1.0), np.full(20, 1.0))
+    assert acceptable(before, after)
+    assert acceptable(before, before)
+    assert not acceptable(after, before)
+
+
+def test_a_part_may_not_pay_for_the_other():
+    rng = np.random.default_rng(1)
+    before = scores(9.0 + rng.normal(size=40), 1.0 + 0.1 * rng.normal(size=40))
+    spoilt = before + np.column_stack([np.full(40, -6.0), 0.5 + 0.1 * rng.normal(size=40)])
+    assert not acceptable(before, spoilt)
+    assert not acceptable(before[:, ::-1], spoilt[:, ::-1])
+
+
+def test_chance_does_not_count():
+    # Rotations scatter by 1 row by row and rise by 0.1 in the mean, of which the standard error is 0.16.
+    change = np.tile([1.1, -0.9], 20)
+    before = scores(np.full(40, 9.0), np.full(40, 2.0))
+    after = before + np.column_stack([np.full(40, -6.0), change])
+    assert acceptable(before, after)
+    # The same without any gain in positions is worse as a whole.
+    assert not acceptable(before, before + np.column_stack([np.zeros(40), change]))
+
+
+def test_positions_alone():
+    before = scores(np.full(20, 9.0), np.full(20, np.nan))
+    assert acceptable(before, before - 3.0)
+    assert not acceptable(before, before + 3.0)

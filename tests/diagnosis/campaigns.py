@@ -1,0 +1,32 @@
+"""Small campaigns of the independent machine, each with something known hidden in it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from pouring_robot.campaign import read_campaign
+from tests.rig import Wanted, make_campaign, write_case
+
+NOTHING: tuple[Wanted, ...] = ()
+DRIFT = (Wanted("base_drift", 6.0, "a"),)
+HOT = (Wanted("leg_thermal_expansion", 6.0, "a"),)
+CENTRES_AND_LOAD = (Wanted("joint_centre_offset", 6.0, "a"), Wanted("leg_compliance", 6.0, "a"))
+ZEROS = (Wanted("drive_zero_offset", 6.0, "a"),)
+
+
+def campaign(folder, wanted, *, seed=5, rows=70, kind="single", **how):
+    """Write a campaign and read it back; sound data, full poses, one session."""
+    how = {"sessions": 1, "background": False, "full_pose": True, "spoilt": False} | how
+    made = make_campaign(kind, seed, wanted=wanted, rows=rows, **how)
+    return read_campaign(write_case(folder, made) / "campaign.csv")
+
+
+STEP_M = 1e-3
+
+
+def stepped(folder):
+    """Return a faultless machine whose tracker sees everything 1 mm higher after line 41 of the file."""
+    data = campaign(folder, NOTHING)
+    moved = np.array(data.position_m)
+    moved[np.asarray(data.lines) > 41, 2] += STEP_M
+    return replace(data, position_m=moved)

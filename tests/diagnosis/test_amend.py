@@ -1,0 +1,106 @@
+"""The amended model: it predicts what the diagnosis predicted, and nothing is missing in it any more."""
+
+import numpy as np
+import pytest
+
+from pouring_robot.cli import main
+from pouring_robot.diagnosis.amend import amended, stands_still
+from pouring_robot.diagnosis.diagnose import diagnose
+from pouring_robot.diagnosis.rows import CampaignRows
+from pouring_robot.effects.base import EffectParameter
+from pouring_robot.model import RobotModel
+from tests.diagnosis.campaigns import CENTRES_AND_LOAD, DRIFT, HOT, NOTHING, ZEROS, campaign
+
+CASES = {"hot": HOT, "centres_and_load": CENTRES_AND_LOAD, "drift": DRIFT, "zeros": ZEROS, "nothing": NOTHING}
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request, tmp_path_factory):
+    folder = tmp_path_factory.mktemp(request.param)
+    found = diagnose(campaign(folder, CASES[request.param], background=request.param == "hot"))
+    file = amended(found).save(folder / "model.yaml")
+    return found, RobotModel.load(file), file
+
+
+def test_it_reproduces_the_residuals_of_all_rows_after_a_round_trip(case):
+    found, model, _ = case
+    rows = CampaignRows(found.campaign.subset(found.sound), model, found.noise)
+    again, after = rows.linearise(rows.unchanged(), found.after.frames), found.after.every_row
+    np.testing.assert_array_equal(again.row, after.row)
+    # 1e-6 m: placements are composed, where the diagnosis adds up twists.
+    np.testing.assert_allclose(again.residual * again.tracker, after.residual * after.tracker, rtol=0.0, atol=1e-6)
+
+
+def test_nothing_is_missing_in_it(case):
+    found, model, _ = case
+    again = diagnose(found.campaign, model)
+    assert again.judgement.verdict == "no_gap"
+    assert again.effects == ()
+    floor = again.train.position("floor")
+    assert again.train.position("before") < 1.2 * floor
+
+
+def test_every_parameter_stands_in_the_stack_with_value_and_unit(case):
+    found, model, _ = case
+    entries = {(e.effect, name): p for e in model.effects for name, p in e.parameters.items()}
+    for effect in found.effects:
+        for p in effect.parameters:
+            entry = entries[effect.cause.effect, p.parameter.name]
+            assert entry.unit == p.parameter.unit
+            assert entry.value == pytest.approx(p.value, abs=0.2 * p.std + 1e-9)  # one settling step apart
+            assert entry.std == pytest.approx(p.std, rel=1e-3)
+
+
+def test_what_stands_still_is_placed_and_the_rest_is_not(case):
+    _, model, _ = case
+    for entry in model.effects:
+        assert entry.placed == (entry.effect in {"joint_centre_offset", "joint_axis_tilt", "drive_zero_offset"})
+    moved = any(e.placed for e in model.effects)
+    assert moved == (not model.is_drawing)
+
+
+def test_an_offset_found_is_an_offset_of_the_drive(tmp_path):
+    found = diagnose(campaign(tmp_path, ZEROS))
+    assert [e.cause.effect for e in found.effects] == ["drive_zero_offset"]
+    values = {p.parameter.name: p.value for p in found.effects[0].parameters}
+    offsets = amended(found).drive_offsets
+    for name, joint in (("l1_offset", "leg1_s3"), ("l2_offset", "leg2_s3"), ("l3_offset", "leg3_s3")):
+        if name in values:
+            assert offsets[joint].offset_mm == pytest.approx(values[name], abs=1e-3)
+
+
+def test_other_commands_say_what_they_leave_out(case, capsys):
+    _, model, file = case
+    stays = {e.effect for e in model.effects if not e.placed}
+    for command in (["pose", "--at-mm", "-100", "0", "-600"], ["robots"]):
+        assert main([*command, "--model", str(file)]) == 0
+        said = capsys.readouterr().err
+        assert all(effect in said for effect in stays)
+        assert ("does not apply" in said) == bool(stays)
+
+
+def test_a_second_effect_comes_on_top_of_the_first(tmp_path):
+    data = campaign(tmp_path, CENTRES_AND_LOAD)
+    whole = amended(diagnose(data))
+    kept = [entry for entry in whole.effects if entry.effect != "leg_compliance"]
+    second = diagnose(data, whole.model_copy(update={"effects": kept}))
+    assert [e.cause.effect for e in second.effects] == ["leg_compliance"]
+    model = amended(second)
+    assert model.effects[: len(kept)] == kept
+    assert [e.effect for e in model.effects if not e.placed] == ["leg_compliance"]
+    assert diagnose(data, model).judgement.verdict == "no_gap"
+
+
+@pytest.mark.parametrize(
+    ("changes", "still"),
+    [
+        ({"drive.leg1_s3": np.ones(3)}, True),
+        ({"drive.leg1_s3": np.array([1.0, 1.0, 2.0])}, False),
+        ({"base.tz": np.ones(3)}, False),
+        ({"drive.leg1_s3": np.ones(3), "metrology.scale": np.ones(3)}, False),
+        ({"leg1_s1.tx": np.zeros(3)}, True),
+    ],
+)
+def test_what_stands_still(changes, still):
+    parameter = EffectParameter("p", "mm", 1.0, changes)
+    assert stands_still(parameter, ("drive.leg1_s3", "leg1_s1.tx")) == still

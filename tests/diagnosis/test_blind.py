@@ -1,0 +1,179 @@
+"""A small blind set: clear cases of the independent rig are called what they are, and trials are counted rightly."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scripts.benchmark_diagnosis import main
+from scripts.diagnosis_figures import confusion, failures, figures
+from tests.diagnosis.trial import Estimate, Said, Trial, rig_trials
+from tests.rig import LIBRARY, Wanted, make_campaign
+
+ROWS = 80
+STRONG = {
+    "drive_zero_offset": "a",
+    "drive_cyclic": "b",
+    "joint_centre_offset": "b",
+    "leg_thermal_expansion": "c",
+    "truss_deflection": "b",
+    "base_drift": "b",
+    "metrology_scale": "a",
+}
+
+
+def tried(kind, seed, *wanted, exclude=False, **options):
+    """Diagnose a campaign with some effects of the rig at work."""
+    options = {"rows": ROWS, "spoilt": False, "full_pose": True, "background": False} | options
+    campaign = make_campaign(kind, (9, seed), wanted=tuple(Wanted(*w) for w in wanted), **options)
+    found = rig_trials(campaign, f"{kind} {seed}", exclude=exclude)
+    assert not any(t.refused for t in found)
+    return found
+
+
+@pytest.mark.parametrize("far", [False, True])
+def test_nothing_wrong_and_no_gap_is_seen(far):
+    trial = tried("null", 1, far_tracker=far)[0]
+    assert (trial.verdict, trial.said) == ("no_gap", ())
+    assert trial.worse < 0.01
+
+
+@pytest.mark.parametrize("effect", STRONG)
+def test_a_strong_effect_is_named_and_the_gap_closed(effect):
+    trial = tried("single", 2, (effect, 8.0, STRONG[effect]), background=effect != "joint_centre_offset")[0]
+    assert trial.exact, trial.line()
+    before, after, floor = trial.gap
+    assert after < 1.5 * floor < before  # 16 rows, by errors found in 64
+    assert trial.closed > 0.9
+
+
+def test_two_effects_are_both_named():
+    trial = tried("pair", 3, ("drive_scale", 6.0, "a"), ("tilt_drive_compliance", 6.0, "a"))[0]
+    assert trial.exact, trial.line()
+    assert len(trial.estimates) == 4
+    assert all(abs(e.z) < 4.0 for e in trial.estimates), trial.estimates
+
+
+@pytest.mark.parametrize(("effect", "form"), [("x_sudden_knock", "a"), ("x_tracker_drift_nonlinear", "b")])
+def test_what_is_in_nobodys_library_is_unknown(effect, form):
+    trial = tried("outside", 4, (effect, 7.0, form), rows=60)[0]
+    assert trial.verdict == "unknown", trial.line()
+    assert trial.reasons
+
+
+def test_without_its_true_effect_the_library_names_no_neighbour():
+    whole, without = tried("single", 5, ("truss_deflection", 8.0, "a"), exclude=True)
+    assert whole.named == {"truss_deflection"}
+    assert without.excluded == "truss_deflection"
+    assert without.verdict == "unknown", without.line()
+
+
+def test_effects_that_coincide_are_a_group():
+    trial = tried("confounded", 6, ("truss_deflection", 5.0, "a"), trap="slow_travel")[0]
+    assert trial.grouped, trial.line()
+    assert "base_drift" in trial.said[0].choices
+
+
+# --- counting --------------------------------------------------------------------------------------
+
+
+def made(kind, hidden, verdict, said, *, ratio=5.0, excluded="", alternatives=()):
+    causes = tuple(Said(name, "a", tuple(alternatives), 0.9, 50.0, 3.0) for name in said)
+    return Trial(
+        name="made",
+        seed=(1, 2),
+        kind=kind,
+        hidden=tuple(hidden),
+        forms=("a",) * len(hidden),
+        ratios=(ratio,) * len(hidden),
+        accept=(),
+        excluded=excluded,
+        rows=100,
+        verdict=verdict,
+        said=causes,
+        gap=(0.5, 0.051, 0.05),
+        turn_gap=(0.5, 0.06, 0.06),
+        closed=0.998,
+        seconds=2.0,
+    )
+
+
+def figure(trials, name):
+    return next(f for f in figures(trials) if f.name == name)
+
+
+def test_rates_count_what_they_say_with_wilson_intervals():
+    right = made("single", ["base_drift"], "named", ["base_drift"])
+    more = made("single", ["base_drift"], "named", ["base_drift", "drive_scale"])
+    unknown = made("single", ["base_drift"], "unknown", ["base_drift"])
+    found = figure([right] * 8 + [more, unknown], "single >= 3x: named, nothing false besides")
+    assert found.value == pytest.approx(0.8)
+    # Wilson's interval by hand: (p + z²/2n ± z sqrt(p(1-p)/n + z²/4n²)) / (1 + z²/n)
+    z, n, p = 1.959964, 10, 0.8
+    half = z * math.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
+    assert found.low == pytest.approx((p + z**2 / (2 * n) - half) / (1 + z**2 / n), rel=1e-5)
+    assert found.high == pytest.approx((p + z**2 / (2 * n) + half) / (1 + z**2 / n), rel=1e-5)
+    assert found.short
+    assert failures([right, more, unknown]) == [more, unknown]
+
+
+def test_each_kind_counts_in_its_own_row():
+    weak = made("single", ["base_drift"], "group", ["drive_scale"], ratio=2.0, alternatives=["base_drift"])
+    trials = [
+        made("null", [], "named", ["drive_scale"]),
+        made("null", [], "no_gap", []),
+        weak,
+        made("pair", ["base_drift", "drive_scale"], "named", ["base_drift"]),
+        made("outside", ["x_refraction"], "unknown", []),
+        made("single", ["drive_scale"], "named", ["leg_compliance"], excluded="drive_scale"),
+        made("confounded", ["base_drift"], "group", ["drive_scale"], alternatives=["base_drift"]),
+        made("single", ["base_drift"], "no_gap", [], ratio=0.5),
+    ]
+    counts = {f.name: f.counts for f in figures(trials)}
+    assert counts["null: false alarm"] == "1 of 2"
+    assert counts["single 1-3x: named or in its group"] == "1 of 1"
+    assert counts["  of these, named itself"] == "0 of 1"
+    assert counts["pairs: both named, nothing false besides"] == "0 of 1"
+    assert counts["outside: unknown"] == "1 of 1"
+    assert counts["--exclude the truth: unknown"] == "0 of 1"
+    assert counts["confounded: a group that holds the truth"] == "1 of 1"
+    assert counts["single < 1x: named or in its group"] == "0 of 1"
+
+
+def test_confusion_puts_false_effects_into_their_columns():
+    trials = [
+        made("single", ["base_drift"], "named", ["base_drift", "drive_scale"]),
+        made("single", ["base_drift"], "unknown", ["base_drift"]),
+        made("pair", ["base_drift", "drive_cyclic"], "named", ["drive_cyclic"]),
+        made("null", [], "no_gap", []),
+    ]
+    columns, matrix = confusion(trials)
+    assert set(LIBRARY) < set(columns)
+    assert matrix["base_drift"] == {"base_drift": 1, "drive_scale": 1, "unknown": 1, "missed": 1}
+    assert matrix["drive_cyclic"] == {"drive_cyclic": 1}
+    assert matrix["(null)"] == {"nothing": 1}
+
+
+def test_records_come_back_whole(tmp_path, capsys):
+    trial = made("single", ["base_drift"], "group", ["base_drift"], alternatives=["truss_deflection"])
+    trial = replace(trial, estimates=(Estimate("base_drift", "tx", "mm", 1.0, 0.1, 1.1),))
+    assert Trial.from_dict(trial.as_dict()) == trial
+    assert trial.estimates[0].z == pytest.approx(-1.0)
+    path = tmp_path / "trials.json"
+
+    path.write_text(json.dumps({"trials": [trial.as_dict()]}), encoding="utf-8")
+    assert main(["--records", str(path)]) == 0
+    assert "| 1 of 1 |" in capsys.readouterr().out
+
+
+def test_true_values_of_the_rig_say_what_the_machine_does():
+    campaign = make_campaign("single", 12, wanted=(Wanted("drive_zero_offset", 6.0, "a"),), rows=40, spoilt=False)
+    told = campaign.truth["effects"][0]
+    values = {name: entry["value"] for name, entry in told["parameters"].items()}
+    assert set(values) == {"l1_offset", "l2_offset", "l3_offset", "theta46_offset"}
+    sizes = np.abs(list(values.values())) / told["size"]
+    assert np.all((sizes >= 0.4) & (sizes <= 1.0))  # what the form draws
+    other = make_campaign("single", 12, wanted=(Wanted("drive_zero_offset", 6.0, "b"),), rows=40, spoilt=False)
+    assert "parameters" not in other.truth["effects"][0]

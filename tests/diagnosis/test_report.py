@@ -1,0 +1,163 @@
+"""The pages of a diagnosis: whole, self-contained, and they say what the figures say."""
+
+import io
+import re
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from PIL import Image
+
+from pouring_robot.diagnosis import export
+from pouring_robot.diagnosis.diagnose import DiagnosisOptions, diagnose
+from pouring_robot.diagnosis.export import described, write_diagnosis
+from pouring_robot.diagnosis.left_over import left_over
+from pouring_robot.diagnosis.pictures import evidence_steps, pictures, rival_margins
+from pouring_robot.diagnosis.report import html_report
+from pouring_robot.diagnosis.scene import ladle_scene, seen_rows
+from pouring_robot.diagnosis.sentences import headline
+from pouring_robot.diagnosis.signatures import in_fixed_platform, pose_platform_to_lip
+from pouring_robot.diagnosis.summary import Summary
+from pouring_robot.exceptions import OutputError
+from pouring_robot.model import RobotModel
+from pouring_robot.poses import PoseDifference
+from pouring_robot.viewer import solids
+from tests.diagnosis.campaigns import HOT, STEP_M, campaign, stepped
+
+NAMES = {"diagnosis.json", "model.yaml", "report.html", "ladles.html"}
+
+
+@pytest.fixture(scope="module")
+def hot(tmp_path_factory):
+    return Summary.of(diagnose(campaign(tmp_path_factory.mktemp("hot"), HOT)))
+
+
+@pytest.fixture(scope="module")
+def refused(hot):
+    """The same, as if what was found were no credible robot."""
+    return replace(hot, refused="what was found is no credible robot", model=hot.diagnosis.model)
+
+
+def test_the_page_is_whole_and_needs_no_other_file(hot):
+    page = html_report(hot)
+    assert page.startswith("<!doctype html>")
+    assert page.rstrip().endswith("</html>")
+    assert not re.findall(r"(?:src|href)='(?!data:)", page)
+    assert headline(hot) in page.replace("&#x27;", "'")
+    for tag in ("h2", "h3", "ul", "li", "table", "details", "figure"):
+        assert page.count(f"<{tag}") == page.count(f"</{tag}>"), tag
+
+
+def test_the_page_of_a_refused_model_shows_no_after(refused):
+    page = html_report(refused)
+    assert "The model is not amended" in page
+    assert "<td>after</td>" not in page
+    assert described(refused).effects == []
+
+
+def test_text_of_a_campaign_cannot_break_the_page(hot):
+    data = hot.diagnosis.campaign
+    evil = replace(data, path=data.path.with_name("<script>alert(1).csv"))
+    assert "<script>" not in html_report(replace(hot, diagnosis=replace(hot.diagnosis, campaign=evil)))
+
+
+def test_pictures_are_pictures(hot, refused):
+    for summary in (hot, refused):
+        drawn = pictures(summary)
+        assert len({title for title, _ in drawn}) == len(drawn) == 5
+        for _, png in drawn:
+            image = Image.open(io.BytesIO(png))
+            assert min(image.size) > 200
+            assert np.asarray(image.convert("L")).std() > 5.0
+
+
+def test_a_picture_is_the_same_twice(hot):
+    assert pictures(hot) == pictures(hot)
+
+
+def test_evidence_ends_where_the_hypothesis_is(hot):
+    hypothesis = hot.diagnosis.hypothesis
+    ((name, gained),) = evidence_steps(hypothesis)
+    assert "leg_thermal_expansion" in name
+    without = hypothesis.without_items((0,)).log_evidence
+    # Background levels settle anew without the effect.
+    assert gained >= hypothesis.log_evidence - without - 1e-6
+
+
+def test_no_rival_is_better_than_the_cause(hot):
+    (cause,) = hot.diagnosis.judgement.causes
+    margins = rival_margins(hot.diagnosis.hypothesis, cause)
+    assert cause.effect not in margins
+    assert min(margins.values()) > 5.0
+
+
+def test_measured_ladles_lie_at_the_model_and_off_the_drawing(hot):
+    lip = pose_platform_to_lip(hot.diagnosis.model)
+    rows = seen_rows(hot)
+    assert len({item.row for item in rows}) == len(rows) == 3
+    sigma = hot.diagnosis.noise.position_m
+    off = [item.off(item.measured, lip).distance_m for item in rows]
+    left = [PoseDifference.between(item.model * lip, item.measured * lip).distance_m for item in rows]
+    assert max(left) < 8.0 * sigma
+    assert off[0] == max(off) > 3.0 * max(left)
+
+
+def test_the_scene_draws_each_ladle_where_it_is_enlarged_to(hot):
+    scene = ladle_scene(hot)
+    assert [robot.name for robot in scene.robots] == ["measured", "model", "nominal", "legs"]
+    rows, lip = seen_rows(hot), pose_platform_to_lip(hot.diagnosis.model)
+    for arrow, item in zip(scene.arrows, rows, strict=True):
+        length = np.linalg.norm(arrow.end_m - arrow.start_m)
+        # The lip turns with the enlarged rotation, which is not quite linear.
+        assert length == pytest.approx(scene.exaggeration * item.off(item.measured, lip).distance_m, rel=0.1)
+    bodies = solids(scene)
+    assert len([b for b in bodies if b.group == "measured"]) % len(rows) == 0
+    assert not [b for b in bodies if b.link == "truss_bridge"]
+
+
+def test_turning_residuals_into_the_fixed_platform_keeps_their_length():
+    table = np.random.default_rng(0).normal(size=(4, 6))
+    axes = pin.exp3(np.array([0.2, -0.4, 1.0]))
+    turned = in_fixed_platform(table, axes)
+    np.testing.assert_allclose(np.linalg.norm(turned[:, :3], axis=1), np.linalg.norm(table[:, :3], axis=1))
+    np.testing.assert_allclose(turned[:, 3:] @ axes.T, table[:, 3:])
+
+
+def test_a_step_is_found_with_its_line_and_size(tmp_path):
+    """From line 42 on the tracker sees everything 1 mm higher: nothing in the library does that."""
+    found = diagnose(stepped(tmp_path), options=DiagnosisOptions(exclude=("base_drift",)))
+    assert found.judgement.verdict == "unknown"
+    described_ = [item for item in left_over(found) if item.step_after is not None]
+    (item,) = described_[:1]
+    assert item.structure.description.by in {"time", "order"}
+    assert item.component == "z"
+    fitted = found.rows.campaign.lines[found.fitted]
+    assert item.step_after == fitted[fitted <= 41].max()
+    assert item.step == pytest.approx(STEP_M, rel=0.25)
+    assert "a step of +" in item.sentence
+    assert item.as_json()["step"]["after_line"] == item.step_after
+
+
+def test_everything_is_written_and_the_model_comes_back(hot, tmp_path):
+    written = write_diagnosis(hot, tmp_path / "out")
+    assert {path.name for path in written} == NAMES
+    assert {path.name for path in (tmp_path / "out").iterdir()} == NAMES
+    model = RobotModel.load(tmp_path / "out" / "model.yaml")
+    assert [e.effect for e in model.effects] == [e.effect for e in hot.model.effects]
+    assert model.description.startswith("NAMED")
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_a_failure_leaves_the_folder_as_it_was(hot, tmp_path, monkeypatch):
+    write_diagnosis(hot, tmp_path / "out")
+    before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(export, "html_report", full)
+    with pytest.raises(OutputError, match="No space left"):
+        write_diagnosis(hot, tmp_path / "out")
+    assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]

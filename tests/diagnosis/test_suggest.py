@@ -1,0 +1,179 @@
+"""What to measure next: the worth of a set is what closed forms say, and measuring it does tell the effects apart."""
+
+import json
+
+import numpy as np
+import pytest
+
+from pouring_robot.campaign import read_campaign
+from pouring_robot.diagnosis.diagnose import diagnose
+from pouring_robot.diagnosis.hypotheses import Hypothesis
+from pouring_robot.diagnosis.problem import background_forms, effect_forms
+from pouring_robot.diagnosis.rows import CampaignRows
+from pouring_robot.diagnosis.state import Diagnoser
+from pouring_robot.diagnosis.suggest import RANDOM_SETS, suggest_measurements
+from pouring_robot.diagnosis.suggest_design import Prediction, choose, divergence, expected, total
+from pouring_robot.diagnosis.suggest_words import separating_words, untestable_words
+from pouring_robot.effects.registry import chosen_effects
+from pouring_robot.model import RobotModel
+from pouring_robot.poses import PlatformPose
+from pouring_robot.robot import PouringRobot
+from tests.diagnosis.again import Machine
+from tests.rig import make_campaign, write_case
+
+TRAPS = {
+    "one_side": ("drive_backlash", 3.0, "both sides"),
+    "constant_temperature": ("leg_thermal_expansion", 3.0, "two temperatures of the legs"),
+    "tilt_held": ("tilt_encoder_eccentricity", 40.0, "whole range"),
+    "slow_travel": ("truss_deflection", 3.0, "ends and in the middle of the rails"),
+}
+LARGE = 10.0
+"""Size from which the few new rows look like gross errors beside all the others, and are left out."""
+
+
+def prediction(random, size, spread=1.0):
+    columns = random.normal(size=(size, 4)) * spread
+    return Prediction(random.normal(size=size), columns @ columns.T + np.eye(size))
+
+
+def test_worth_between_two_means_is_half_the_squared_distance():
+    random = np.random.default_rng(1)
+    first = prediction(random, 6)
+    second = Prediction(first.mean + np.arange(6.0), first.covariance)
+    distance = np.arange(6.0) @ np.linalg.solve(first.covariance, np.arange(6.0))
+    assert divergence(first, second) == pytest.approx(0.5 * distance, rel=1e-12)
+    assert divergence(first, first) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_worth_is_the_mean_log_evidence_of_what_is_drawn():
+    random = np.random.default_rng(2)
+    right, other = prediction(random, 3), prediction(random, 3)
+    drawn = random.multivariate_normal(right.mean, right.covariance, 200_000)
+
+    def log_density(p):
+        apart = drawn - p.mean
+        return -0.5 * ((apart @ np.linalg.inv(p.covariance) * apart).sum(axis=1) + np.linalg.slogdet(p.covariance)[1])
+
+    assert divergence(right, other) == pytest.approx((log_density(right) - log_density(other)).mean(), rel=0.02)
+
+
+def test_what_single_measurements_add_sums_to_the_worth_of_the_set():
+    random = np.random.default_rng(3)
+    predictions = [prediction(random, 60, 3.0) for _ in range(3)]
+    pairs = [(0, 1), (0, 2)]
+    found = choose(predictions, pairs, 3, 7)
+    assert len(set(found.chosen.tolist())) == 7
+    together = expected(predictions, pairs, 3, found.chosen)
+    np.testing.assert_allclose(found.gains.sum(axis=0), together, rtol=1e-9)
+
+
+def test_a_pair_that_nothing_tells_apart_does_not_hide_the_others():
+    random = np.random.default_rng(5)
+    first, other = prediction(random, 30), prediction(random, 30, 3.0)
+    alone = choose([first, other], [(0, 1)], 3, 5)
+    beside = choose([first, other, first], [(0, 1), (0, 2)], 3, 5)
+    assert beside.chosen.tolist() == alone.chosen.tolist()
+    assert total(np.array([[3.0, 3.0], [8.0, 0.0]])).tolist() == pytest.approx([3.0, 2.0])
+
+
+def test_first_choice_is_the_best_single_measurement():
+    random = np.random.default_rng(4)
+    predictions = [prediction(random, 60) for _ in range(3)]
+    pairs = [(0, 1), (0, 2), (1, 2)]
+    found = choose(predictions, pairs, 3, 1)
+    worth = [total(expected(predictions, pairs, 3, np.array([k]))) for k in range(20)]
+    assert found.chosen[0] == int(np.argmax(worth))
+
+
+@pytest.mark.parametrize("trap", TRAPS)
+def test_measuring_what_is_suggested_tells_confounded_effects_apart(trap, tmp_path):
+    effect, largest, words = TRAPS[trap]
+    machine = Machine(effect, "a", trap, largest=largest)
+    before = diagnose(machine.measured(tmp_path / "before"))
+    assert before.judgement.verdict == "group"
+    cause = before.judgement.causes[0]
+    assert effect in {cause.effect, *cause.alternatives}
+
+    found = suggest_measurements(before)
+    assert 1 <= len(found.measurements) <= 10
+    assert any(words in s.words for s in found.separations)
+    assert len(found.random_nats) == RANDOM_SETS
+    assert found.expected_nats > 3.0
+    assert found.expected_nats > np.median(found.random_nats)
+
+    again = machine.measured(tmp_path / "after", machine.with_more(found.measurements))
+    for rival in {cause.effect, *cause.alternatives} - {effect}:
+        ahead = [lead(c, before.noise, effect, rival) for c in (before.campaign, again)]
+        assert ahead[1] > ahead[0] + 3.0
+    if largest < LARGE:
+        after = diagnose(again)
+        assert [c.effect for c in after.judgement.causes] == [effect]
+        assert set(after.judgement.causes[0].alternatives) < {cause.effect, *cause.alternatives}
+
+
+def lead(campaign, noise, effect, rival):
+    """By how much an effect alone explains all rows better than another one alone, in nats."""
+    rows = CampaignRows(campaign, RobotModel(), noise)
+    forms = effect_forms(rows, chosen_effects())
+    problem = Diagnoser(rows, forms, background_forms(rows), np.ones(len(rows), dtype=bool)).at_rest().problem
+    nothing = Hypothesis.nothing(problem)
+
+    def best(name):
+        return max(nothing.candidate_gain(item).evidence for item in problem.explanations if item.effect == name)
+
+    return best(effect) - best(rival)
+
+
+@pytest.fixture(scope="module")
+def confounded(tmp_path_factory):
+    return diagnose(Machine("drive_backlash", "a", "one_side").measured(tmp_path_factory.mktemp("one_side")))
+
+
+def test_suggestions_can_be_commanded_and_written(confounded):
+    found = suggest_measurements(confounded, count=4, seed=5)
+    assert len(found.measurements) == 4
+    robot = PouringRobot(confounded.model)
+    lower, upper = robot.layout.position_lower_m, robot.layout.position_upper_m
+    hours = [m.hours_later for m in found.measurements]
+    assert hours == sorted(hours) and hours[0] > 0.0
+    for row in json.loads(json.dumps(found.as_list(), allow_nan=False)):
+        pose = PlatformPose.from_mm_deg(*(row["pose"][name] for name in ("x_mm", "y_mm", "z_mm", "tilt_deg")))
+        assert np.all(np.array(pose.position_m) >= lower) and np.all(np.array(pose.position_m) <= upper)
+        commanded = list(robot.kinematics.inverse(pose).values())
+        stated = [*(1e-3 * row["drives"][f"q{k}_mm"] for k in (1, 2, 3)), row["drives"]["q4_rad"]]
+        np.testing.assert_allclose(stated, commanded, atol=5e-6)
+        assert {row["conditions"][f"approach_q{k}"] for k in (1, 2, 3, 4)} <= {-1.0, 1.0}
+        assert 0.0 <= row["conditions"]["payload_kg"] <= 500.0
+        assert row["expected_nats"] > 0.0
+    assert len({row["rank"] for row in found.as_list()}) == 4
+
+
+def test_same_seed_same_suggestion(confounded):
+    one, other = suggest_measurements(confounded, seed=7), suggest_measurements(confounded, seed=7)
+    assert one.as_dict() == other.as_dict()
+    assert one.as_dict() != suggest_measurements(confounded, seed=8).as_dict()
+
+
+@pytest.mark.parametrize(
+    ("kind", "turn", "verdict"), [("null", 0, "no_gap"), ("outside", 1, "unknown"), ("single", 4, "named")]
+)
+def test_every_verdict_has_something_to_tell_apart(kind, turn, verdict, tmp_path):
+    campaign = make_campaign(kind, 4, rows=70, turn=turn, background=False, full_pose=True)
+    diagnosis = diagnose(read_campaign(write_case(tmp_path, campaign) / "campaign.csv"))
+    assert diagnosis.judgement.verdict == verdict
+    found = suggest_measurements(diagnosis)
+    assert found.measurements and found.separations
+    assert found.expected_nats > np.median(found.random_nats)
+    assert all(s.first != s.second for s in found.separations)
+
+
+def test_words_name_what_the_campaign_held_still(confounded):
+    conditions = confounded.rows.conditions
+    words = separating_words("drive_zero_offset", "drive_backlash", conditions)
+    assert words == "measure the same poses from both sides of every drive"
+    assert "hours later" in separating_words("base_drift", "metrology_scale", conditions)
+
+
+def test_what_to_record_is_said_once_a_condition():
+    lines = untestable_words({"leg_compliance": ("leg_pull_n",), "tilt_drive_compliance": ("tilt_moment_nm",)})
+    assert len(lines) == 1 and "payload_kg" in lines[0] and "leg_compliance, tilt_drive_compliance" in lines[0]

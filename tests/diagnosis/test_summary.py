@@ -1,0 +1,248 @@
+"""What a diagnosis says, in figures and in words."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pouring_robot.campaign import read_campaign
+from pouring_robot.diagnosis.diagnose import Diagnosis, DiagnosisOptions, diagnose
+from pouring_robot.diagnosis.export import described
+from pouring_robot.diagnosis.figures import diagnosis_figures
+from pouring_robot.diagnosis.gap import Gap
+from pouring_robot.diagnosis.parameters import FoundParameter
+from pouring_robot.diagnosis.sentences import (
+    apart_lines,
+    figures_of,
+    gap_sentence,
+    gap_table,
+    headline,
+    note_lines,
+    parameter_text,
+    sections,
+    sure_text,
+    untestable_lines,
+)
+from pouring_robot.diagnosis.signatures import moved_at_lip, pose_platform_to_lip
+from pouring_robot.diagnosis.summary import Summary, free_residuals
+from pouring_robot.diagnosis.words import absent_sources, axes_of, driving_axis, sources
+from pouring_robot.effects.base import EffectParameter
+from pouring_robot.effects.registry import all_effects
+from pouring_robot.model import RobotModel
+from pouring_robot.robot import PouringRobot
+from tests.diagnosis.campaigns import HOT, NOTHING, ZEROS, campaign, stepped
+
+CONTRACT = {
+    "verdict",
+    "effects",
+    "where",
+    "gap",
+    "untestable",
+    "suggested_measurements",
+    "data_flags",
+    "model",
+}
+
+
+@pytest.fixture(scope="module")
+def hot(tmp_path_factory):
+    return Summary.of(diagnose(campaign(tmp_path_factory.mktemp("hot"), HOT)))
+
+
+@pytest.fixture(scope="module")
+def nothing(tmp_path_factory):
+    return Summary.of(diagnose(campaign(tmp_path_factory.mktemp("nothing"), NOTHING)))
+
+
+@pytest.fixture(scope="module")
+def excluded(tmp_path_factory):
+    """A step that only a drift could explain, which may not be named."""
+    data = stepped(tmp_path_factory.mktemp("stepped"))
+    return Summary.of(diagnose(data, options=DiagnosisOptions(exclude=("base_drift",))))
+
+
+def words(summary):
+    return "\n".join(line for _, lines in sections(summary, short=False) for line in lines)
+
+
+def test_the_figures_keep_the_contract(hot):
+    figures = json.loads(json.dumps(diagnosis_figures(hot, "out/model.yaml"), allow_nan=False))
+    assert figures.keys() >= CONTRACT
+    assert figures["verdict"] == "named"
+    assert figures["model"] == "out/model.yaml"
+    (effect,) = figures["effects"]
+    assert effect["effect"] == "leg_thermal_expansion"
+    assert effect["alternatives"] == []
+    assert 0.9 < effect["probability"] <= 1.0
+    assert effect["parameters"]["expansion"].keys() == {"value", "std", "unit"}
+    assert effect["parameters"]["expansion"]["unit"] == "1e-6/K"
+    for part in ("train", "held_out"):
+        gap = figures["gap"][part]
+        assert gap["before_rms_mm"] > 2.0 * gap["floor_rms_mm"]
+        assert gap["after_rms_mm"] < 1.4 * gap["floor_rms_mm"]
+        assert gap["after_rms_mrad"] < 1.4 * gap["floor_rms_mrad"]
+
+
+def test_the_gap_is_per_coordinate(hot):
+    gap = hot.diagnosis.held_out
+    rows = ~hot.diagnosis.fitted
+    linear = hot.diagnosis.before.every_row.of(rows)
+    position = (linear.residual * linear.tracker)[linear.component < 3]
+    assert gap.position("before") == pytest.approx(math.sqrt((position**2).mean()))
+    assert gap.position("floor") == pytest.approx(hot.diagnosis.noise.position_m)
+
+
+def test_the_headline_names_the_effect_and_how_sure_it_is(hot):
+    assert headline(hot) == "NAMED: the model lacks leg_thermal_expansion (more than 99.9 % sure)."
+    assert "noise" in gap_sentence(hot)
+    assert "of the gap in position closed" in gap_sentence(hot)
+    assert "warm legs are longer" in words(hot)
+
+
+def test_no_gap_names_nothing(nothing):
+    assert headline(nothing).startswith("NO GAP")
+    assert diagnosis_figures(nothing, "m")["effects"] == []
+    assert "closed" not in gap_sentence(nothing)
+    assert "which effect" not in dict(sections(nothing))
+
+
+def test_what_may_not_be_named_is_unknown_and_described(excluded):
+    figures = diagnosis_figures(excluded, "m")
+    assert figures["verdict"] == "unknown"
+    assert headline(excluded).startswith("UNKNOWN")
+    assert "base_drift" not in {e["effect"] for e in figures["effects"]}
+    assert dict(sections(excluded))["what is left"]
+    assert figures["reasons"]
+    firm, nearest = ({e["effect"] for e in figures[key]} for key in ("effects", "nearest"))
+    assert not firm & nearest
+
+
+def test_nothing_said_is_longer_than_it_must_be(hot, nothing, excluded):
+    for summary in (hot, nothing, excluded):
+        assert all("\n" not in line for _, lines in sections(summary) for line in lines)
+        assert len(sections(summary)) <= 7
+
+
+def test_a_group_says_what_looks_alike_and_what_would_tell(tmp_path):
+    found = Summary.of(diagnose(campaign(tmp_path, HOT)))
+    (effect,) = found.firm
+    cause = replace(effect.cause, alternatives=("drive_scale",))
+    doubtful = replace(found, firm=(replace(effect, cause=cause),))
+    assert "leg_thermal_expansion or drive_scale" in headline(
+        replace(doubtful, diagnosis=_with_verdict(found.diagnosis, "group"))
+    )
+    assert "look alike" in apart_lines(doubtful)[0]
+
+
+def _with_verdict(diagnosis: Diagnosis, verdict):
+    return replace(diagnosis, judgement=replace(diagnosis.judgement, verdict=verdict))
+
+
+def test_missing_columns_are_named(tmp_path):
+    data = campaign(tmp_path, NOTHING, rows=40)
+    spanless = data.metadata.model_copy(update={"truss_span_m": None})
+    bare = replace(data, leg_degC=None, payload_kg=None, metadata=spanless)
+    summary = Summary.of(diagnose(bare))
+    lines = untestable_lines(summary)
+    assert "leg_thermal_expansion: add columns leg1_degC, leg2_degC, leg3_degC, leg4_degC" in lines
+    assert "leg_compliance, tilt_drive_compliance: add column payload_kg" in lines
+    assert "truss_deflection: add column payload_kg and truss.span_m in campaign.yaml" in lines
+    untestable = {u["effect"]: u for u in diagnosis_figures(summary, "m")["untestable"]}
+    assert untestable["truss_deflection"]["add"] == ["payload_kg", "truss.span_m"]
+
+
+def test_sources_of_an_unknown_need_keep_its_name():
+    assert sources(("humidity",)) == ("humidity",)
+    assert sources(("leg_pull_n", "weight_n")) == sources(("weight_n",))
+
+
+def test_every_need_of_the_library_has_a_source(nothing):
+    campaign_ = nothing.diagnosis.campaign
+    for effect in all_effects().values():
+        assert all(need not in sources([need]) or need == "truss_travel_m" for need in effect.needs)
+        assert absent_sources(effect.needs, campaign_) == sources(effect.needs)
+
+
+def test_every_effect_is_drawn_over_something(nothing):
+    axes = axes_of(nothing.diagnosis.rows.conditions)
+    for effect in all_effects().values():
+        assert driving_axis(effect.id, effect.needs, axes) is not None
+    assert driving_axis("own", ("payload",), {}) is None
+
+
+def test_lines_of_gross_errors_are_those_of_the_file(tmp_path):
+    data = campaign(tmp_path, NOTHING, rows=60)
+    lines = (tmp_path / "campaign.csv").read_text().splitlines()
+    place = lines[0].split(",").index("z_mm")
+    cells = lines[29].split(",")
+    cells[place] = f"{float(cells[place]) + 25.0:.4f}"
+    lines[29] = ",".join(cells)
+    (tmp_path / "campaign.csv").write_text("\n".join(lines) + "\n")
+    summary = Summary.of(diagnose(read_campaign(data.path)))
+    assert diagnosis_figures(summary, "m")["rows"]["left_out_lines"] == [30]
+    assert "left out as gross errors: line 30" in note_lines(summary)
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "shown"),
+    [(1.23456, 0.05, ("+1.235", "0.098")), (-123.4, 20.0, ("-123", "39")), (0.5, 0.0, ("+0.500", "0.000"))],
+)
+def test_a_value_has_the_digits_its_interval_deserves(value, std, shown):
+    parameter = EffectParameter("l1_offset", "mm", 1.0, {})
+    assert figures_of(FoundParameter(parameter, value, std)) == shown
+    assert parameter_text("l1_offset", FoundParameter(parameter, value, std)) == f"l1 offset {shown[0]} ± {shown[1]} mm"
+
+
+def test_the_table_has_no_empty_columns(tmp_path, hot):
+    positions = Summary.of(diagnose(campaign(tmp_path, NOTHING, full_pose=False)))
+    for summary, count in ((positions, 7), (hot, 11)):
+        head, rows = gap_table(summary)
+        assert len(head) == count
+        assert all(len(row) == count for row in rows)
+    assert diagnosis_figures(positions, "m")["gap"]["held_out"]["after_rms_mrad"] is None
+
+
+def test_a_shift_at_the_lip_is_what_two_robots_differ_by(tmp_path):
+    """The found drive offsets put into a robot file, and that robot closed one pose at a time."""
+    found = diagnose(campaign(tmp_path, ZEROS, rows=40))
+    (effect,) = found.effects
+    values = dict(zip(map(id, found.after.parameters), found.after.values.tolist(), strict=True))
+    names = {"l1": "leg1_s3", "l2": "leg2_s3", "l3": "leg3_s3", "theta46": "leg4_s5"}
+    offsets = {}
+    for p in effect.parameters:
+        joint = names[p.parameter.name.split("_")[0]]
+        offsets[joint] = {"offset_mrad" if joint == "leg4_s5" else "offset_mm": values[id(p.parameter)]}
+    assert len(found.after.parameters) == len(effect.parameters)
+    built, drawing = PouringRobot(RobotModel(drive_offsets=offsets)), PouringRobot()
+    moved = moved_at_lip(found, [p.parameter for p in effect.parameters])
+    lip = pose_platform_to_lip(found.model)
+    for row in (0, 17, 33):
+        drives = found.rows.campaign.drive_values(row)
+        there, here = (robot.forward(drives).pose_base_to_end * lip for robot in (built, drawing))
+        np.testing.assert_allclose(moved[row], there.translation - here.translation, rtol=0.0, atol=1e-8)
+
+
+def test_free_residuals_are_those_of_the_given_model(hot):
+    data = free_residuals(hot.diagnosis)
+    np.testing.assert_allclose(data.absorbed.T @ data.absorbed, np.eye(data.absorbed.shape[1]), atol=1e-9)
+    # The frames were fitted to the fitted rows; over all rows they absorb little more.
+    assert np.linalg.norm(data.cleared) <= np.linalg.norm(data.residual)
+
+
+def test_a_model_that_is_worse_on_held_out_rows_says_so(hot):
+    assert not hot.worse
+    gap = hot.diagnosis.held_out
+    swapped = replace(hot.diagnosis, held_out=Gap(gap.rows, gap.after, gap.before, gap.floor))
+    summary = replace(hot, diagnosis=swapped)
+    assert summary.worse
+    assert any("do not use it" in line for line in note_lines(summary))
+    assert described(summary).description.startswith("Worse on held-out rows")
+
+
+@pytest.mark.parametrize(
+    ("probability", "words"), [(0.9995, "more than 99.9 % sure"), (0.9986, "99 % sure"), (0.5, "50 % sure")]
+)
+def test_nobody_is_a_hundred_percent_sure(probability, words):
+    assert sure_text(probability) == words

@@ -1,0 +1,182 @@
+"""Conditions: what a campaign lacks, what is filled in, what is assumed; and effects where hardly anything varies."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from pouring_robot.effects.examples import complete_conditions
+from tests.effects.bench import EFFECTS, METADATA, REFERENCE_DEGC
+
+LOADS = {"leg_compliance", "tilt_drive_compliance", "truss_deflection"}
+UNTESTABLE = {
+    "approach": {"drive_backlash"},
+    "payload_kg": LOADS,
+    "truss_travel_m": {"truss_deflection"},
+    "leg_degC": {"leg_thermal_expansion"},
+    "platform_degC": {"platform_thermal_expansion"},
+    "melt_degC": set(),
+    "ambient_degC": set(),
+    "time_s": set(),
+}
+"""What each column of a campaign is needed for."""
+UNSAID = {
+    "screw_pitch_m": {"drive_cyclic"},
+    "truss_span_m": {"truss_deflection"},
+    "ladle_tare_kg": LOADS,
+    "ladle_centre_of_mass_m": LOADS,
+    "reference_temperature_degC": set(),
+}
+"""What each entry beside the table is needed for."""
+
+
+def untestable(conditions):
+    """Return the effects that conditions do not allow; check that all others work and say nothing that is no number."""
+    lacking = {effect.id for effect in EFFECTS.values() if effect.missing(conditions)}
+    for effect in EFFECTS.values():
+        if effect.id not in lacking:
+            check_forms(effect, conditions)
+    return lacking
+
+
+def check_forms(effect, conditions):
+    forms = effect.forms(conditions)
+    assert forms
+    for form in forms:
+        for parameter in form.parameters:
+            for change in parameter.changes.values():
+                assert np.shape(change) == (len(conditions),)
+                assert np.isfinite(change).all(), (effect.id, form.name, parameter.name)
+
+
+def test_with_everything_there_every_effect_can_be_tested(bench):
+    assert untestable(bench.rows.conditions) == set()
+    assert bench.rows.conditions.filled == bench.rows.conditions.assumed == ()
+    assert bench.rows.conditions.time_known
+
+
+@pytest.mark.parametrize(("column", "expected"), UNTESTABLE.items())
+def test_absent_column(bench, column, expected):
+    assert untestable(bench.without(column)) == expected
+
+
+@pytest.mark.parametrize(("entry", "expected"), UNSAID.items())
+def test_entry_that_is_not_said(bench, entry, expected):
+    campaign = dataclasses.replace(bench.campaign, metadata=METADATA.model_copy(update={entry: None}))
+    assert untestable(bench.rows_of(campaign).conditions) == expected
+
+
+@pytest.mark.parametrize(("column", "place"), [("approach", 2), ("leg_degC", 1)])
+def test_one_empty_column_of_several_is_an_absent_one(bench, column, place):
+    values = np.array(getattr(bench.campaign, column))
+    values[:, place] = np.nan
+    campaign = dataclasses.replace(bench.campaign, **{column: values})
+    assert untestable(bench.rows_of(campaign).conditions) == UNTESTABLE[column]
+
+
+def test_missing_says_which_condition(bench):
+    assert EFFECTS["truss_deflection"].missing(bench.without("truss_travel_m")) == ("truss_travel_m",)
+    assert EFFECTS["truss_deflection"].missing(bench.without("payload_kg")) == ("weight_n",)
+
+
+@pytest.mark.parametrize("column", [name for name in UNTESTABLE if name != "time_s"])
+def test_single_missing_cells_are_filled_from_their_neighbours_in_time(bench, column):
+    """Inside halfway in value as in time; before the first the first; and it is said."""
+    values = np.array(getattr(bench.campaign, column))
+    values[[0, 20]] = np.nan
+    rows = bench.rows_of(dataclasses.replace(bench.campaign, **{column: values}))
+    field = {"payload_kg": "weight_n"}.get(column, column.replace("_degC", "_rise_k"))
+    found, full = getattr(rows.conditions, field), getattr(bench.rows.conditions, field)
+    assert rows.conditions.filled == (column,)
+    assert untestable(rows.conditions) == set()
+    kept = np.delete(np.arange(len(rows)), [0, 20])
+    assert np.array_equal(found[kept], full[kept])
+    time = bench.campaign.time_s
+    share = (time[20] - time[19]) / (time[21] - time[19])
+    between = full[19] + share * (full[21] - full[19])
+    if column == "approach":
+        between = np.where(between >= 0.0, 1.0, -1.0)
+    assert found[20] == pytest.approx(between, rel=1e-12)
+    assert found[0] == pytest.approx(full[1], rel=1e-12)
+
+
+def test_without_times_rows_follow_each_other(bench):
+    given = bench.without("time_s")
+    assert not given.time_known
+    assert np.array_equal(given.time_s, np.arange(len(bench.rows)))
+    assert given.passed[0] == 0.0
+    assert given.passed[-1] == 1.0
+
+
+def test_assumed_reference_temperature_is_said(bench):
+    metadata = METADATA.model_copy(update={"reference_temperature_degC": None})
+    given = bench.rows_of(dataclasses.replace(bench.campaign, metadata=metadata)).conditions
+    assert given.assumed == ("reference temperature 20 °C",)
+    assert REFERENCE_DEGC == 20.0
+    assert np.array_equal(given.leg_rise_k, bench.rows.conditions.leg_rise_k)
+
+
+def test_rows_by_the_drawing(bench):
+    """Pose, lengths and tilt are those of the independent machine, whatever the tracker saw."""
+    given, scene = bench.rows.conditions, bench.scene
+    assert given.position_m == pytest.approx(scene.position, abs=1e-6)
+    assert given.tilt_rad == pytest.approx(scene.tilt, abs=1e-6)
+    assert given.lengths_m == pytest.approx(scene.legs, abs=1e-6)
+    assert given.lean_rad == pytest.approx(scene.poses.passive[:, :, 0], abs=1e-9)
+
+
+def test_sessions_are_numbered_as_they_come(bench):
+    names = ("night",) * 30 + ("day",) * 40
+    given = bench.rows_of(dataclasses.replace(bench.campaign, sessions=names)).conditions
+    assert np.array_equal(given.session, [0] * 30 + [1] * 40)
+
+
+def test_errors_of_the_model_do_not_change_the_conditions(bench):
+    """What was found must not change what it was found with."""
+    from pouring_robot.model import RobotModel
+    from tests.checks import ACTUAL
+
+    amended = bench.rows_of(bench.campaign, RobotModel.load(ACTUAL)).conditions
+    for field in ("position_m", "lengths_m", "leg_pull_n", "tilt_moment_nm"):
+        assert getattr(amended, field) == pytest.approx(getattr(bench.rows.conditions, field), rel=1e-9)
+
+
+def test_what_lags_behind_a_step_comes_exponentially():
+    """Closed form, rows out of order: 1 − exp(−t / τ) after the step."""
+    time = np.array([300.0, 0.0, 1000.0, 40.0, 90.0])
+    given = dataclasses.replace(complete_conditions(5), time_s=time)
+    found = given.behind((time > 0.0).astype(float), 250.0)
+    assert found == pytest.approx(1.0 - np.exp(-time / 250.0), rel=1e-12)
+
+
+def test_what_lags_behind_a_constant_is_constant():
+    given = complete_conditions(4)
+    values = np.tile([3.0, -1.0], (4, 1))
+    assert np.array_equal(given.behind(values, 100.0), values)
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3])
+def test_few_rows_in_one_session(rows):
+    assert untestable(complete_conditions(rows)) == set()
+
+
+def test_constant_conditions():
+    """One pose, one load, one temperature, one moment: no effect stumbles."""
+    given = complete_conditions(6)
+    one = {
+        field.name: np.repeat(getattr(given, field.name)[:1], 6, axis=0)
+        for field in dataclasses.fields(given)
+        if np.shape(getattr(given, field.name))[:1] == (6,)
+    }
+    assert {"drives", "time_s", "weight_n", "leg_rise_k"} <= one.keys()
+    assert untestable(dataclasses.replace(given, **one)) == set()
+
+
+def test_nothing_that_varies_is_zero():
+    """No load, no warmth, no travel: forces of zero and their powers are still numbers."""
+    given = complete_conditions(4)
+    zero = {
+        name: np.zeros_like(getattr(given, name))
+        for name in ("weight_n", "leg_pull_n", "tilt_moment_nm", "truss_travel_m", "leg_rise_k", "platform_rise_k")
+    }
+    assert untestable(dataclasses.replace(given, **zero)) == set()

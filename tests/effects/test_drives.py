@@ -1,0 +1,122 @@
+"""Effects of the drives against the independent machine, and what their stories promise."""
+
+import numpy as np
+import pytest
+
+from pouring_robot.effects.drives import CHANNELS, DriveZeroOffset
+from tests.effects.bench import EFFECTS, PITCH_M
+from tests.rig.true_values import true_values
+
+TEXTBOOK = [
+    ("drive_zero_offset", "all"),
+    ("drive_scale", "whole_length"),
+    ("drive_cyclic", "turns"),
+    ("drive_backlash", "both_sides"),
+    ("tilt_encoder_eccentricity", "turns"),
+]
+OTHER = [
+    ("drive_zero_offset", "b", "all"),
+    ("drive_zero_offset", "c", "all_homed"),
+    ("drive_cyclic", "b", "turns"),
+    ("drive_backlash", "c", "rising_only"),
+    ("tilt_encoder_eccentricity", "b", "turns"),
+]
+
+
+@pytest.mark.parametrize(("effect", "form"), TEXTBOOK)
+def test_columns_span_what_the_textbook_says(bench, effect, form):
+    """Either set of columns can make the other one; the rig differentiates another formulation by hand."""
+    ours, theirs = bench.columns(effect, form, main=True), bench.textbook(effect)
+    assert bench.outside(theirs, ours) <= 1e-8
+    assert bench.outside(ours, theirs) <= 1e-8
+
+
+@pytest.mark.parametrize(("effect", "form"), TEXTBOOK)
+def test_values_mean_what_they_say(bench, effect, form):
+    """With the rig's true constants as values, in their units, the library moves the ladle as the rig's closure does.
+
+    The legs' lengths are rounded to the controller's steps in one and not in the other, hence 1e-6.
+    """
+    errors = bench.errors(effect, "a")
+    values = true_values(effect, "a", 1.0, bench.scene, errors)
+    units = {p.name: p.unit for p in bench.form(effect, form).parameters}
+    assert {name: unit for name, (_, unit) in values.items()} == {name: units[name] for name in values}
+    found = bench.valued(effect, form, {name: value for name, (value, _) in values.items()})
+    assert bench.apart(bench.motion(errors), found) <= 1e-6
+
+
+@pytest.mark.parametrize(("effect", "rig", "form"), OTHER)
+def test_other_forms_of_the_rig_are_within_a_form(bench, effect, rig, form):
+    assert bench.outside(bench.motion(bench.errors(effect, rig)), bench.columns(effect, form)) <= 1e-6
+
+
+@pytest.mark.parametrize(("effect", "rig", "form", "most"), [
+    ("drive_scale", "b", "stroke_from_400_mm", 0.01),  # the same but for legs shorter than their home
+    ("drive_backlash", "b", "both_sides", 0.03),  # a quotient of the load beside a polynomial of it
+])  # fmt: skip
+def test_forms_that_are_shaped_otherwise_are_nearly_made(bench, effect, rig, form, most):
+    assert bench.outside(bench.motion(bench.errors(effect, rig)), bench.columns(effect, form)) <= most
+
+
+def test_lead_that_changes_along_the_screw_is_within_the_form_from_home(bench):
+    """Where every leg is longer than its home, a stroke's square is the progression."""
+    stroke = bench.rows.conditions.lengths_m[:, 0] - 0.4
+    longer = stroke > 0.0
+    bent = {p.name: p for p in bench.form("drive_scale", "stroke_from_400_mm").parameters}["l1_progression"]
+    assert longer.sum() > 10
+    assert np.allclose(bent.changes[CHANNELS[0]][longer], 1e-3 * stroke[longer] ** 2, rtol=1e-12)
+
+
+def test_one_zero_alone_is_a_part_of_all(bench):
+    every = bench.form("drive_zero_offset", "all").parameters
+    for k, name in enumerate(("l1", "l2", "l3", "theta46")):
+        (alone,) = bench.form("drive_zero_offset", f"{name}_alone").parameters
+        assert alone.name == every[k].name
+        assert list(alone.changes) == [CHANNELS[k]]
+        assert np.all(alone.changes[CHANNELS[k]] == 1e-3)
+
+
+def test_homing_is_by_session(bench):
+    """One constant for each drive and session; together the sessions make the offset."""
+    homed = {p.name: p for p in bench.form("drive_zero_offset", "all_homed").parameters}
+    sessions = [homed[f"l2_homing_session_{s}"].changes[CHANNELS[1]] for s in (1, 2, 3)]
+    assert np.array_equal(sum(sessions), homed["l2_offset"].changes[CHANNELS[1]])
+    for s, change in enumerate(sessions):
+        assert np.array_equal(change != 0.0, bench.rows.conditions.session == s)
+
+
+def test_one_session_has_no_homing(bench):
+    from dataclasses import replace
+
+    one = replace(bench.rows.conditions, session=np.zeros(len(bench.rows), dtype=np.intp))
+    assert [form.name for form in DriveZeroOffset().forms(one)] == [
+        "all", "l1_alone", "l2_alone", "l3_alone", "theta46_alone",
+    ]  # fmt: skip
+
+
+def test_cyclic_error_returns_with_every_turn(bench):
+    from dataclasses import replace
+
+    given = bench.rows.conditions
+    further = replace(given, drives=given.drives + np.array([PITCH_M, -2 * PITCH_M, 7 * PITCH_M, 0.1]))
+    before, after = (EFFECTS["drive_cyclic"].form("turns", c).parameters for c in (given, further))
+    for p, q in zip(before, after, strict=True):
+        for channel, change in p.changes.items():
+            assert np.allclose(change, q.changes[channel], rtol=0.0, atol=1e-14)
+
+
+def test_backlash_on_one_side_leaves_the_other_alone(bench):
+    side = bench.rows.conditions.approach
+    for form, idle in (("rising_only", -1.0), ("falling_only", 1.0)):
+        for k, p in enumerate(bench.form("drive_backlash", form).parameters[:4]):
+            change = p.changes[CHANNELS[k]]
+            assert not change[side[:, k] == idle].any()
+            assert np.allclose(change[side[:, k] != idle], -1e-3 * idle)
+
+
+def test_backlash_without_loads_has_no_load_parameters(bench):
+    """The payload is not needed; without it the play cannot depend on it."""
+    names = [p.name for p in EFFECTS["drive_backlash"].form("both_sides", bench.without("payload_kg")).parameters]
+    assert names[:4] == ["l1_play", "l2_play", "l3_play", "theta46_play"]
+    assert not any("load" in name for name in names)
+    assert any("load" in p.name for p in bench.form("drive_backlash", "both_sides").parameters)

@@ -1,0 +1,180 @@
+"""Effects of weight: forces by statics and by the independent machine, deflections by a closure that yields."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pouring_robot.closure import ClosureSolver
+from pouring_robot.effects.conditions import GRAVITY_M_S2
+from pouring_robot.effects.drives import CHANNELS
+from pouring_robot.energy import Loads
+from pouring_robot.mechanism import ClosedChainMechanism
+from pouring_robot.model import RobotModel
+from tests.effects.bench import CENTRE_OF_MASS, EFFECTS, GRAVITY, SIGMA_M, SIGMA_RAD, SPAN_M, TARE_KG
+from tests.rig.machine import LOWER, UPPER
+from tests.rig.true_values import true_values
+
+TEXTBOOK = [("leg_compliance", "rod"), ("tilt_drive_compliance", "spring")]
+
+
+def test_forces_are_those_of_the_independent_machine(bench):
+    given, scene = bench.rows.conditions, bench.scene
+    assert np.abs(given.weight_n - scene.weight).max() <= 1e-9
+    assert np.abs(given.leg_pull_n - scene.pull).max() <= 1e-6 * np.abs(scene.pull).max()
+    assert np.abs(given.tilt_moment_nm - scene.moment).max() <= 1e-6 * np.abs(scene.moment).max()
+
+
+def test_forces_hold_the_ladle(bench):
+    """Virtual work with the inverse kinematics, which knows no transfer matrix: Jᵀ f + weight = 0 for x, y, z, tilt.
+
+    Rows of J are by how much legs 1 to 3 and θ46 = r − ψ4 change with the platform's four freedoms.
+    """
+    given, scene = bench.rows.conditions, bench.scene
+    position, quaternion = scene.poses.position, scene.poses.quaternion
+    for k in range(len(scene)):
+        r = 2.0 * np.arctan2(quaternion[k, 2], quaternion[k, 0])
+        turn = np.array([[np.cos(r), 0.0, np.sin(r)], [0.0, 1.0, 0.0], [-np.sin(r), 0.0, np.cos(r)]])
+        arms = LOWER @ turn.T
+        legs = position[k] + arms - UPPER
+        by_tilt = np.cross([0.0, 1.0, 0.0], arms)
+        along = legs / np.linalg.norm(legs, axis=1)[:, None]
+        j = np.zeros((4, 4))
+        j[:3, :3], j[:3, 3] = along[:3], np.sum(along * by_tilt, axis=1)[:3]
+        x, _, z = legs[3]
+        lean = np.array([z, 0.0, -x]) / (x * x + z * z)  # derivative of ψ4 = atan2(−x, −z)
+        j[3, :3], j[3, 3] = -lean, 1.0 - lean @ by_tilt[3]
+        lever = np.cross([0.0, 1.0, 0.0], turn @ CENTRE_OF_MASS)[2]
+        pulled_up = np.linalg.solve(j.T, -given.weight_n[k] * np.array([0.0, 0.0, 1.0, lever]))
+        assert given.leg_pull_n[k] == pytest.approx(pulled_up[:3], rel=1e-6, abs=1e-3)
+        assert given.tilt_moment_nm[k] == pytest.approx(pulled_up[3], rel=1e-6, abs=1e-3)
+
+
+@pytest.fixture(scope="module")
+def stiff_mechanism():
+    """The drawing with joints a hundred thousand times stiffer than assumed: only drives yield."""
+    model = RobotModel()
+    loops = model.loops()
+    stiffness = {
+        name: quantity.model_copy(update={"value": 1e5 * quantity.value}) for name, quantity in loops.stiffness
+    }
+    stiffer = loops.model_copy(update={"stiffness": loops.stiffness.model_copy(update=stiffness)})
+    return ClosedChainMechanism(model.urdf(), stiffer)
+
+
+@pytest.mark.parametrize("drive", range(4))
+def test_deflections_are_those_of_a_closure_whose_drives_yield(bench, drawing, stiff_mechanism, drive):
+    """A spring in one drive and a mass of 300 kg in the whole energy, against force over stiffness as a drive's change.
+
+    The links' own weight, and what the joints give, drop out of the differences.
+    """
+    row, mass, stiffness = 7, 300.0, 1e9 if drive < 3 else 1e8
+    names, given = stiff_mechanism.loops.drives, bench.rows.conditions
+    commanded = dict(zip(names, bench.campaign.drives[row].tolist(), strict=True))
+    start = drawing.kinematics.configuration(drawing.kinematics.forward(commanded))
+
+    def platform(payload_kg, drive_stiffness):
+        centre = tuple(CENTRE_OF_MASS.tolist())
+        loads = Loads(True, payload_kg, "moving_platform", centre, drive_stiffness)
+        return ClosureSolver(stiff_mechanism, loads).solve(commanded, start).pose_base_to_end.translation
+
+    def yielded(payload_kg):
+        return platform(payload_kg, {names[drive]: stiffness}) - platform(payload_kg, {})
+
+    force = np.append(given.leg_pull_n[row], given.tilt_moment_nm[row])[drive] * mass * GRAVITY / given.weight_n[row]
+    found = (yielded(mass) - yielded(0.0)) / (force / stiffness)
+    by_drive = bench.ordered(bench.rows.channel(CHANNELS[drive], bench.linear)).reshape(-1, 6)[row]
+    expected = motion_of_platform(bench, row, by_drive)
+    assert np.abs(found - expected).max() <= 3e-3 * np.abs(expected).max()
+
+
+def motion_of_platform(bench, row, seen):
+    """Return by how much the platform's origin moves in the fixed platform where the target is seen to move."""
+    axes = bench.true_frames.pose_tracker_to_fixed_platform.rotation
+    shift, turn = axes.T @ seen[:3] * SIGMA_M, axes.T @ seen[3:] * SIGMA_RAD
+    rotation = bench.rows.conditions.rotation[row]
+    return shift - np.cross(turn, rotation @ bench.true_frames.pose_platform_to_target.translation)
+
+
+def test_gravity_is_the_standard_one():
+    assert GRAVITY_M_S2 == 9.80665
+
+
+@pytest.mark.parametrize(("effect", "form"), TEXTBOOK)
+def test_compliance_means_what_it_says(bench, effect, form):
+    errors = bench.errors(effect, "a")
+    ((name, (value, unit)),) = true_values(effect, "a", 1.0, bench.scene, errors).items()
+    main = bench.form(effect, form).parameters[0]
+    assert (main.name, main.unit, main.bounds) == (name, unit, (0.0, np.inf))
+    assert bench.apart(bench.motion(errors), bench.valued(effect, form, {name: value})) <= 1e-6
+
+
+def test_columns_span_what_the_textbook_says(bench):
+    """The rig's textbook lets a leg stretch with pull, and with pull and length: the two main forms together."""
+    theirs = bench.textbook("leg_compliance")
+    ours = np.hstack([bench.columns("leg_compliance", form, main=True) for form in ("rod", "nut")])
+    assert bench.outside(theirs, ours) <= 1e-8
+    assert bench.outside(ours, theirs) <= 1e-8
+    moment = bench.columns("tilt_drive_compliance", "spring", main=True)
+    assert bench.outside(bench.textbook("tilt_drive_compliance"), moment) <= 1e-8
+
+
+@pytest.mark.parametrize(
+    ("effect", "rig", "form", "most"),
+    [
+        ("leg_compliance", "b", "nut", 1e-6),
+        ("leg_compliance", "c", "contact", 1e-6),
+        ("tilt_drive_compliance", "b", "spring", 1e-3),  # a hyperbolic tangent beside a cubic
+        ("truss_deflection", "a", "moving_load", 1e-6),
+        ("truss_deflection", "b", "even_load", 1e-6),
+        ("truss_deflection", "c", "half_sine", 1e-6),
+    ],
+)
+def test_forms_of_the_rig_are_within_a_form(bench, effect, rig, form, most):
+    assert bench.outside(bench.motion(bench.errors(effect, rig)), bench.columns(effect, form)) <= most
+
+
+def test_the_truss_sinks_by_millimetres_and_leans_by_the_slope(bench):
+    """The rig's beam sinks by 1 mm under 6.5 kN at mid-span; its carriage leans to one side or the other."""
+    errors = bench.errors("truss_deflection", "a")
+    assert true_values("truss_deflection", "a", 1.0, bench.scene, errors) == {"sink": (1.0, "mm at 6.5 kN")}
+    motion = bench.motion(errors)
+    apart = [bench.apart(motion, bench.valued("truss_deflection", "moving_load", {"sink": 1.0, "lean": side}))
+             for side in (1.0, -1.0)]  # fmt: skip
+    assert min(apart) <= 1e-6
+    assert max(apart) > 0.5
+
+
+@pytest.mark.parametrize("form", ["moving_load", "even_load", "half_sine"])
+def test_lines_of_deflection(bench, form):
+    """1 at mid-span, 0 at the posts, and the lean is the slope of the line: central differences."""
+    step = 1e-4
+    along = np.linspace(0.1, SPAN_M - 0.1, len(bench.rows))
+
+    def line(travel):
+        given = replace(bench.rows.conditions, truss_travel_m=travel, weight_n=np.full(len(travel), 6500.0))
+        parameters = {p.name: p for p in EFFECTS["truss_deflection"].form(form, given).parameters}
+        return -parameters["sink"].changes["base.tz"], parameters["lean"].changes["base.rx"]
+
+    assert line(np.full(len(along), SPAN_M / 2))[0] == pytest.approx(1e-3)
+    for post in (0.0, SPAN_M):
+        assert line(np.full(len(along), post))[0] == pytest.approx(0.0, abs=1e-12)
+    slope = (line(along + step)[0] - line(along - step)[0]) / (2.0 * step)
+    assert line(along)[1] == pytest.approx(slope, rel=1e-6, abs=1e-10)
+
+
+def test_dead_load_bends_whatever_is_in_the_ladle(bench):
+    parameters = {p.name: p for p in bench.form("truss_deflection", "moving_load").parameters}
+    load = bench.rows.conditions.weight_n / 6500.0
+    for name in ("sink", "lean", "torsion"):
+        (channel,) = parameters[name].changes
+        dead = parameters[f"dead_{name}"].changes[channel]
+        assert parameters[name].changes[channel] == pytest.approx(dead * load, rel=1e-12)
+
+
+def test_heavier_ladle_pulls_harder(bench):
+    """Weight and forces go with tare and payload; without either nothing can be said."""
+    twice = replace(bench.campaign, payload_kg=2.0 * bench.campaign.payload_kg + TARE_KG)
+    heavier = bench.rows_of(twice).conditions
+    assert heavier.leg_pull_n == pytest.approx(2.0 * bench.rows.conditions.leg_pull_n, rel=1e-12)
+    assert heavier.tilt_moment_nm == pytest.approx(2.0 * bench.rows.conditions.tilt_moment_nm, rel=1e-12)

@@ -1,0 +1,158 @@
+"""Which effects there are: the contract's fourteen, those of installed packages, and packages that are broken."""
+
+import zlib
+
+import pytest
+
+from pouring_robot.effects import LIBRARY, Effect, all_effects, chosen_effects, registry
+from pouring_robot.exceptions import BadInputError
+from tests.effects.plugins import installed
+
+CONTRACT = (
+    *("drive_zero_offset", "drive_scale", "drive_cyclic", "drive_backlash", "joint_centre_offset"),
+    *("joint_axis_tilt", "leg_thermal_expansion", "platform_thermal_expansion", "leg_compliance"),
+    *("tilt_drive_compliance", "truss_deflection", "base_drift", "tilt_encoder_eccentricity", "metrology_scale"),
+)
+"""The ids of DESIGN §5, written down a second time on purpose."""
+MODULE = """
+from pouring_robot.effects import Effect
+
+
+class Good(Effect):
+    id = "loose_bolt"
+    story = "a bolt is loose"
+
+    def forms(self, conditions):
+        return ()
+
+
+class Twin(Good):
+    id = "drive_scale"
+
+
+class Unfinished(Effect):
+    id = "unfinished"
+
+
+class Nameless(Effect):
+    def forms(self, conditions):
+        return ()
+
+
+class Broken(Good):
+    def __init__(self):
+        raise RuntimeError("the table of\\nbolts is empty")
+
+
+def no_effect():
+    return 42
+"""
+
+
+class Entry:
+    """What importlib.metadata gives for an entry point."""
+
+    def __init__(self, name, kind):
+        self.name, self.value, self._kind = name, f"somewhere:{name}", kind
+
+    def load(self):
+        if isinstance(self._kind, Exception):
+            raise self._kind
+        return self._kind
+
+
+class LooseBolt(Effect):
+    id = "loose_bolt"
+    story = "a bolt is loose"
+
+    def forms(self, conditions):
+        return ()
+
+
+def offering(monkeypatch, *entries):
+    """Let packages offer these entry points."""
+    monkeypatch.setattr(registry, "entry_points", lambda group: {registry.GROUP: entries}[group])
+
+
+def test_the_library_is_the_contract():
+    assert tuple(kind.id for kind in LIBRARY) == CONTRACT
+    assert tuple(all_effects())[:14] == CONTRACT
+
+
+def test_effects_of_packages_come_after_the_library(monkeypatch):
+    offering(monkeypatch, Entry("bolt", LooseBolt))
+    found = all_effects()
+    assert tuple(found) == (*CONTRACT, "loose_bolt")
+    assert isinstance(found["loose_bolt"], LooseBolt)
+
+
+def test_entry_points_are_asked_of_the_interpreter(monkeypatch):
+    """The group is part of the contract with other packages."""
+    import importlib.metadata
+
+    assert registry.entry_points is importlib.metadata.entry_points
+    assert registry.GROUP == "pouring_robot.effects"
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """Return a function that puts a package on Python's path that offers one object of MODULE."""
+
+    def offer(value, module=MODULE):
+        name = f"bolts_{zlib.crc32((value + module).encode())}"
+        monkeypatch.syspath_prepend(str(installed(tmp_path / name, name, module, {"mine": f"{name}:{value}"})))
+        return f"{name}:{value}"
+
+    return offer
+
+
+def test_a_package_on_the_path_is_found(package):
+    package("Good")
+    assert all_effects()["loose_bolt"].story == "a bolt is loose"
+
+
+@pytest.mark.parametrize(
+    ("value", "module", "said"),
+    [
+        ("Absent", MODULE, "cannot be loaded"),
+        ("Good", "import a_package_nobody_has", "cannot be loaded: No module named 'a_package_nobody_has'"),
+        ("Good", "class Good(", "cannot be loaded"),
+        ("Unfinished", MODULE, "cannot be loaded"),
+        ("Broken", MODULE, "cannot be loaded: the table of bolts is empty"),
+        ("no_effect", MODULE, "is no subclass of Effect"),
+        ("Nameless", MODULE, "has no id"),
+        ("Twin", MODULE, "two effects are called 'drive_scale'; rename"),
+    ],
+)
+def test_broken_package_is_named_on_one_line(package, value, module, said):
+    where = package(value, module)
+    with pytest.raises(BadInputError) as problem:
+        all_effects()
+    line = str(problem.value)
+    assert said in line
+    assert where in line
+    assert "\n" not in line
+    assert problem.value.exit_code == 2
+
+
+def test_two_packages_with_the_same_effect(monkeypatch):
+    offering(monkeypatch, Entry("first", LooseBolt), Entry("second", LooseBolt))
+    with pytest.raises(BadInputError, match="two effects are called 'loose_bolt'; rename the one of somewhere:second"):
+        all_effects()
+
+
+def test_leaving_effects_out():
+    assert tuple(chosen_effects(("drive_scale", "base_drift", "drive_scale"))) == tuple(
+        name for name in CONTRACT if name not in {"drive_scale", "base_drift"}
+    )
+    assert not chosen_effects(CONTRACT)
+
+
+def test_leaving_out_what_a_package_offers(monkeypatch):
+    offering(monkeypatch, Entry("bolt", LooseBolt))
+    assert tuple(chosen_effects(("loose_bolt",))) == CONTRACT
+
+
+def test_unknown_effect_to_leave_out():
+    with pytest.raises(BadInputError, match=r"no effect 'drive_scales'; did you mean 'drive_scale'\?"):
+        chosen_effects(("drive_scales",))
