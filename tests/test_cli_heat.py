@@ -314,9 +314,10 @@ def test_the_picture_of_a_warm_robot_says_so(run, monkeypatch):
     assert [scene.robots[0].label for scene in drawn] == ["as built, warm", "as built"]
 
 
-def test_poses_of_a_list_are_said_to_be_taken_by_themselves(run):
+def test_poses_of_a_list_are_said_to_be_taken_by_themselves(run, tmp_path):
+    (tmp_path / "two.csv").write_text("x_mm,y_mm,z_mm,tilt_deg\n-100,0,-600,0\n-100,10,-600,0\n", encoding="utf-8")
     for command in ("path", "compensate"):
-        code, out, _ = run(command, POSES, "--after-min", "20")
+        code, out, _ = run(command, "two.csv", "--after-min", "20")
         assert code == 0 and "every pose is taken by itself, cold at first and held 20 min" in " ".join(out.split())
 
 

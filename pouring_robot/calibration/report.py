@@ -194,6 +194,7 @@ def html_report(calibration: Calibration) -> str:
         *(f"<p>{text(line)}</p>" for line in (*performance_lines(calibration), ladle_line(calibration))),
         "<h2>What moved</h2>",
         html_table(GROUP_HEAD, effect_rows(group_effects(calibration))) if lines else "",
+        *(f"<p>Note: {text(line)}.</p>" for line in notes_of(calibration)),
         "<p>Combinations that move the target alike count as one:</p>" if lines else "",
         html_table(COMBINATION_HEAD, combination_rows(combination_lines(calibration))) if lines else "<p>nothing</p>",
         "<p>Each parameter by itself; where several act alike, tolerances share the movement out among them:</p>"
@@ -201,7 +202,6 @@ def html_report(calibration: Calibration) -> str:
         else "",
         html_table(PARAMETER_HEAD, parameter_rows(line for line in lines if line.learnt >= SEEN)) if lines else "",
         f"<p>{text(unseen_line(lines))}</p>",
-        *(f"<p>Note: {text(line)}.</p>" for line in notes_of(calibration)),
         "<h2>What to measure next</h2><ul>",
         *(f"<li>{text(line)}</li>" for line in next_measurements(calibration)),
         "</ul><h2>Pictures</h2>",

@@ -21,7 +21,7 @@ from pouring_robot.mechanism import FloatArray
 Progress = Callable[[str], None]
 _FAILED = 1e6
 _STANDARD_ERRORS = 2.0
-_ROUGH = 0.3
+_ROUGH, _ROUGH_EVALUATIONS = 0.3, 100
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,10 @@ class _CrossValidation:
     ) -> None:
         self.rows, self.measured, self.split = rows, measured, split
         # Scores need predictions, not parameters: what a tenth of a standard deviation moves does not show in them.
-        self.tolerances, self.options = tolerances, replace(options, step_tolerance=_ROUGH, curvature=False)
+        # A choice that takes long even for that is hardly determined by a part of the rows, and is none.
+        most = min(options.max_evaluations, _ROUGH_EVALUATIONS)
+        rough = replace(options, step_tolerance=_ROUGH, max_evaluations=most, curvature=False)
+        self.tolerances, self.options = tolerances, rough
         frames_only = rows.with_model(rows.model.with_parameters(()))
         self._frames = [first_frames(frames_only[train], measured[train])[0] for train, _ in split.validations]
 
@@ -116,8 +119,9 @@ def select_groups(
     """Choose groups by forward selection on the training blocks; the test block is not looked at.
 
     A group is kept when the rows held out in turn come out better by more than two standard errors of that gain, and
-    neither the mean squared error of their positions nor that of their rotations rises; of several, the one that gains
-    most. The round is repeated until none helps.
+    neither their positions nor their rotations get worse by more than one standard error; of several, the one that
+    gains most. The round is repeated until none helps. What misleads all the same is refused at the end
+    (:mod:`pouring_robot.calibration.acceptance`).
 
     Args:
         rows: all rows of the campaign, of a model of any parameters.
@@ -156,8 +160,8 @@ def select_groups(
 def _judge(present: FloatArray, trial: FloatArray) -> tuple[float, float, bool]:
     """Return gain, its standard error and whether the group helps; scores have the shape (rows, 2)."""
     gain, error = mean_and_error(np.nanmean(np.log1p(present) - np.log1p(trial), axis=1))
-    harm = [mean_and_error(column)[0] for column in (trial - present).T]
-    return gain, error, gain > _STANDARD_ERRORS * error > 0.0 and max(harm) <= 0.0
+    harm = [mean_and_error(column) for column in (trial - present).T]
+    return gain, error, gain > _STANDARD_ERRORS * error > 0.0 and all(mean <= spread for mean, spread in harm)
 
 
 def _rms(scores: FloatArray) -> float:

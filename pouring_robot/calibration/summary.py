@@ -280,8 +280,10 @@ def next_measurements(calibration: Calibration) -> list[str]:
     groups = [g.name for g in calibration.candidates if {p.name for p in g.parameters} & set(wanted)]
     noise = calibration.noise
     seen = "--position-only" if noise.rotation_source == "none" else f"--sigma-mrad {noise.rotation_rad / MRAD:.3g}"
+    deficient = calibration.rank_anywhere > calibration.base.rank
+    purpose = "determine what is still open" if deficient else "narrow the intervals most"
     found.append(
-        "poses that determine what is still open: pouring-robot campaign plan --out next.csv --priors "
+        f"poses that {purpose}: pouring-robot campaign plan --out next.csv --priors "
         f"--sigma-mm {noise.position_m / MM:.3g} {seen} --parameters " + " --parameters ".join(groups)
     )
     ladle = _ladle(calibration)

@@ -13,6 +13,7 @@ from pouring_robot.cli import heat_options, options
 from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseError, UnknownFrameError
 from pouring_robot.pose_table import read_pose_lines
 from pouring_robot.poses import MM, MRAD, PlatformPose
+from pouring_robot.report import decimals
 
 if TYPE_CHECKING:
     from pouring_robot.compensation import Compensation
@@ -139,8 +140,9 @@ def _lines(found: Sequence[Compensation]) -> Iterator[str]:
     roll, yaw = (max((one.uncontrolled_rad[k] for one in found), key=abs) / MRAD for k in (0, 1))
     lip = max(one.left_at_lip.distance_m for one in found) / MM
     yield (
-        f"{word}not in the drives' power: roll {roll:+.3f} mrad about x, yaw {yaw:+.3f} mrad about z; the lip is left "
-        f"{lip:.3f} mm off" + ("" if frame == "ladle_lip" else "; --frame ladle_lip puts the lip right instead")
+        f"{word}not in the drives' power: roll {decimals(roll, 3, sign=True)} mrad about x, yaw "
+        f"{decimals(yaw, 3, sign=True)} mrad about z; the lip is left {lip:.3f} mm off"
+        + ("" if frame == "ladle_lip" else "; --frame ladle_lip puts the lip right instead")
     )
     moved = max(one.state.unsettled_m for one in found) / MM
     turns = max(one.state.turns for one in found)

@@ -156,12 +156,9 @@ def _shift(
 
 
 def _print_pose(console: Console, found: PoseHeat) -> None:
-    table = Table(
-        title="temperatures: degC; across: K from side to side, settled; growth: mm",
-        title_justify="left",
-        box=None,
-        pad_edge=False,
-    )
+    # A title of the table would be broken at the table's width.
+    console.print("temperatures: degC; across: K from side to side, settled; growth: mm", style="italic")
+    table = Table(box=None, pad_edge=False)
     for name in ("part", "mean", "hottest", "across", "grows by"):
         table.add_column(name, justify="left" if name == "part" else "right")
     for row in found.parts:

@@ -56,6 +56,9 @@ def test_warnings(found):
 
 def test_what_to_measure_next(found, unchanged):
     lines = next_measurements(found)
+    assert any("poses that narrow the intervals most" in line for line in lines)
+    short = swapped(found, rank_anywhere=found.base.rank + 3)
+    assert any("poses that determine what is still open" in line for line in next_measurements(short))
     assert any("campaign plan --out next.csv --priors" in line for line in lines)
     assert any("known least at x" in line for line in lines)
     assert not any("measured three times" in line for line in lines)
