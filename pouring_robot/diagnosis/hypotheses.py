@@ -134,7 +134,7 @@ class Hypothesis:
         items[index], scales[index] = item, scale
         return replace(self, items=tuple(items), scales=tuple(scales)).settled()
 
-    def with_levels_of(self, kinds: tuple[int, ...]) -> Hypothesis:
+    def with_levels_of(self, kinds: Collection[int]) -> Hypothesis:
         """Return the hypothesis with no backgrounds but some at their most probable level, all else unchanged."""
         best = replace(self, levels=(0,) * len(self.levels))
         for kind in kinds:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pouring_robot.diagnosis.explanations import Problem
 from pouring_robot.diagnosis.hypotheses import Hypothesis
@@ -36,6 +36,7 @@ _CATCHES_UP = 200.0
 """How far behind another explanation may be at first sight, in nats."""
 _WORTH_TRYING = 0.6
 """Share of the best first sight that another branch must promise."""
+_MOST_REFUSED = 8
 _BEYOND_DOUBT = 200.0
 """Log evidence beyond which no background takes the place of an item, in nats."""
 
@@ -43,12 +44,28 @@ _BEYOND_DOUBT = 200.0
 def search(problem: Problem, options: SearchOptions = DEFAULT_SEARCH, start: Hypothesis | None = None) -> Hypothesis:
     """Return the hypothesis with the best evidence that steps of one explanation reach.
 
+    On the way an effect may bend to what is not found yet. If at the end it is still no more than what may shape it
+    (see :func:`sound`), the search goes on without it.
+
     Args:
         problem: compressed or not.
         options: thresholds.
         start: where to begin; by default with nothing.
     """
-    current = start.settled() if start else Hypothesis.nothing(problem)
+    current = _ascended(start.settled() if start else Hypothesis.nothing(problem), options)
+    for _ in range(_MOST_REFUSED):
+        wrong = [k for k, item in enumerate(current.items) if item.cause and not sound(current, k, options)]
+        if not wrong:
+            break
+        worst = current.items[max(wrong, key=current.shape_excess)].key
+        allowed = tuple(item for item in current.problem.explanations if item.key != worst)
+        rest = current.without_items(wrong)
+        current = _ascended(replace(rest, problem=replace(rest.problem, explanations=allowed)), options)
+    return current
+
+
+def _ascended(current: Hypothesis, options: SearchOptions) -> Hypothesis:
+    """Add explanations as long as each is worth its place."""
     while len(current.items) < options.most_effects:
         tried = sorted(_forward(current, options), key=lambda h: -h.log_evidence)
         # A branch that is behind by this much at first does not catch up when its neighbours are reconsidered.
@@ -81,10 +98,8 @@ def _forward(current: Hypothesis, options: SearchOptions) -> Iterator[Hypothesis
             return
         if item.effect in seen:
             continue
-        grown = current.with_item(item, worth.scale)
-        if sound(grown, len(grown.items) - 1, options):
-            seen.add(item.effect)
-            yield grown
+        seen.add(item.effect)
+        yield current.with_item(item, worth.scale)
 
 
 def reconsidered(hypothesis: Hypothesis, options: SearchOptions) -> Hypothesis:
@@ -118,8 +133,6 @@ def _exchanged(hypothesis: Hypothesis, index: int, options: SearchOptions) -> Hy
         if item.effect in tried or (item.effect == key[0] and found.evidence < own.evidence):
             continue
         other = hypothesis.with_replaced(index, item, found.scale)
-        if not sound(other, index, options):
-            continue
         if other.log_evidence > hypothesis.log_evidence + 1e-6:
             return other
         tried.add(item.effect)

@@ -223,7 +223,9 @@ def background_cause(hypothesis: Hypothesis, thresholds: Thresholds) -> list[Cau
     alone = {k: hypothesis.with_levels_of((k,)) for k in kinds}
     best = max(kinds, key=lambda k: alone[k].log_evidence)
     if alone[best].log_evidence < hypothesis.log_evidence - thresholds.background_evidence:
-        return [_small(hypothesis, k, without, (), thresholds) for k in kinds]
+        # It takes several kinds: the one that is missed most is named, the others are there as they usually are.
+        missed = {k: hypothesis.with_levels_of([j for j in kinds if j != k]).log_evidence for k in kinds}
+        return [_small(hypothesis, min(kinds, key=lambda k: missed[k]), without, (), thresholds)]
     least = alone[best].log_evidence + np.log(thresholds.alternative)
     close = [k for k in kinds if k != best and alone[k].log_evidence > least]
     names = tuple(hypothesis.problem.backgrounds[k].effect for k in close)

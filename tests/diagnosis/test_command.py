@@ -148,7 +148,7 @@ def test_effects_lists_the_whole_library(capsys):
 
 def test_fewer_than_eight_rows_are_refused(hot, run):
     code, _, _, error = run(hot.head(7))
-    assert code == 3
+    assert code == 2
     assert "only 7 rows" in error
     assert "measure more poses" in error
     assert "c.csv" in error
@@ -174,7 +174,7 @@ def test_one_pose_repeated_is_refused(hot, run):
         return row | {"x_mm": f"{float(row['x_mm']) + 0.05 * noise.normal():.5f}"}
 
     code, _, _, error = run(hot.changed(same))
-    assert code == 3
+    assert code == 2
     assert "only 1 different pose" in error
 
 
