@@ -29,7 +29,7 @@ from pouring_robot.robot import PouringRobot
 
 Progress = Callable[[str], None]
 FEWEST_ROWS = 8
-_WRONG_SIGMAS, _WRONG_SHARE = 6.5, 0.04
+_WRONG_SIGMAS, _WRONG_SHARE, _FEW_WRONG = 6.5, 0.04, 2
 _NOISE_ROUNDS, _NOISE_SETTLED = 5, 0.02
 _OUTLIER_ROUNDS = 3
 
@@ -249,7 +249,7 @@ def _wrong_rows(found: Diagnosis) -> NDArray[np.intp]:
     worst = np.zeros(len(found.rows))
     np.maximum.at(worst, found.after.linear.row, np.abs(left))
     wrong = np.flatnonzero(worst > _WRONG_SIGMAS)
-    few = wrong.size <= max(1, int(_WRONG_SHARE * len(found.rows)))
+    few = wrong.size + found.outliers.size <= max(_FEW_WRONG, int(_WRONG_SHARE * len(found.campaign)))
     calm = float(np.sqrt(np.median(left**2)) / 0.6745) < 1.5
     return wrong if few and calm else np.zeros(0, dtype=np.intp)
 

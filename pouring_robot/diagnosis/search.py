@@ -57,8 +57,9 @@ def search(problem: Problem, options: SearchOptions = DEFAULT_SEARCH, start: Hyp
         wrong = [k for k, item in enumerate(current.items) if item.cause and not sound(current, k, options)]
         if not wrong:
             break
-        worst = current.items[max(wrong, key=current.shape_excess)].key
-        allowed = tuple(item for item in current.problem.explanations if item.key != worst)
+        worst = current.items[max(wrong, key=current.shape_excess)].effect
+        # Its other forms that may be shaped would be bent in the same way.
+        allowed = tuple(e for e in current.problem.explanations if e.effect != worst or e.main.all())
         rest = current.without_items(wrong)
         current = _ascended(replace(rest, problem=replace(rest.problem, explanations=allowed)), options)
     return current
