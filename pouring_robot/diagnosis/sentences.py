@@ -45,7 +45,9 @@ def headline(summary: Summary) -> str:
             )
         return "NO GAP: model and measurement agree within the noise."
     if verdict == "unknown":
-        besides = f" Besides it: {_names(summary.firm)}." if summary.firm else ""
+        # While something is unknown, what was found beside it may make up for it; no probability is worth saying.
+        named = " and ".join(effect.cause.effect for effect in summary.firm)
+        besides = f" Found beside it, perhaps only in its place: {named}." if named else ""
         return f"UNKNOWN: something moves the ladle that no effect of the library explains.{besides}"
     names = _names(summary.firm)
     if verdict == "group":
