@@ -282,8 +282,8 @@ class FrameFitError(BadInputError):
         )
 
 
-class CalibrationError(NoSolutionError):
-    """A robot cannot be calibrated with these data; nothing is exported.
+class DataError(NoSolutionError):
+    """Measured data have no answer to what is asked of them.
 
     Attributes:
         problem: what stands against it.
@@ -296,15 +296,9 @@ class CalibrationError(NoSolutionError):
         super().__init__(f"{self.problem}; {self.mend}")
 
 
-class DiagnosisError(NoSolutionError):
-    """A campaign cannot be diagnosed; nothing is written.
+class CalibrationError(DataError):
+    """A robot cannot be calibrated with these data; nothing is exported."""
 
-    Attributes:
-        problem: what stands against it.
-        mend: what to do about it.
-    """
 
-    def __init__(self, problem: str, mend: str) -> None:
-        """Keep both."""
-        self.problem, self.mend = " ".join(problem.split()), " ".join(mend.split())
-        super().__init__(f"{self.problem}; {self.mend}")
+class DiagnosisError(DataError):
+    """A campaign cannot be diagnosed; nothing is written."""

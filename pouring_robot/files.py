@@ -31,11 +31,7 @@ def write_whole(path: Path | str, content: bytes | str) -> Path:
     given = Path(path)
     data = content.encode("utf-8") if isinstance(content, str) else content
     try:
-        target = given.resolve()
-        if target.is_dir():
-            raise OutputError(given, "it is a folder; give a file name")
-        if not target.parent.is_dir():
-            raise OutputError(given, f"the folder {given.parent} does not exist; make it first")
+        target = _target(given)
         if target.exists() and not target.is_file():
             target.write_bytes(data)
         else:
@@ -114,6 +110,16 @@ def _replace(target: Path, data: bytes) -> None:
         hidden.unlink(missing_ok=True)
 
 
+def _target(given: Path) -> Path:
+    """Return the file that a path means, symbolic links followed; it must be none of what cannot be written to."""
+    target = given.resolve()
+    if target.is_dir():
+        raise OutputError(given, "it is a folder; give a file name")
+    if not target.parent.is_dir():
+        raise OutputError(given, f"the folder {given.parent} does not exist; make it first")
+    return target
+
+
 def check_writable(path: Path | str) -> None:
     """Find out, without touching it, whether a file can be written: before hours of work, not after.
 
@@ -122,11 +128,7 @@ def check_writable(path: Path | str) -> None:
     """
     given = Path(path)
     try:
-        target = given.resolve()
-        if target.is_dir():
-            raise OutputError(given, "it is a folder; give a file name")
-        if not target.parent.is_dir():
-            raise OutputError(given, f"the folder {given.parent} does not exist; make it first")
+        target = _target(given)
         place = target if target.exists() and not target.is_file() else target.parent
         if not os.access(place, os.W_OK):
             raise OutputError(given, "permission denied; choose a place you may write to")

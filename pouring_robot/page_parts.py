@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import base64
 import html
-import io
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 Row = Sequence[str]
 
@@ -41,17 +39,3 @@ def html_picture(title: str, png: bytes) -> str:
     text = html.escape(title)
     code = base64.b64encode(png).decode()
     return f"<figure><img alt='{text}' src='data:image/png;base64,{code}'><figcaption>{text}</figcaption></figure>"
-
-
-def new_figure(width: float, height: float) -> Any:
-    """Return an empty Matplotlib figure that needs no screen, sizes in inches."""
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), dpi=110, layout="constrained")
-
-
-def png_of(figure: Any) -> bytes:
-    """Return a Matplotlib figure as a PNG file, the same bytes for the same figure."""
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", metadata={"Software": None})
-    return stream.getvalue()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pouring_robot.exceptions import TableError, closest
 from pouring_robot.poses import PlatformPose
+from pouring_robot.table_cells import finite_cell
 
 _LENGTHS = {"mm": 1e-3, "m": 1.0}
 _ANGLES = {"deg": math.radians(1.0), "rad": 1.0, "mrad": 1e-3}
@@ -78,11 +79,4 @@ def _find_columns(path: Path, header: list[str]) -> dict[str, tuple[int, float, 
 
 
 def _cell(path: Path, number: int, row: list[str], index: int, factor: float, heading: str) -> float:
-    text = row[index].strip() if index < len(row) else ""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise TableError(path, f"line {number}, column {heading}: '{text}' is not a finite number")
-    return value * factor
+    return finite_cell(path, number, row, index, heading) * factor

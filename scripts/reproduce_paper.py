@@ -10,17 +10,20 @@ with its figures to a folder. Exit codes: 0 done, 2 bad input, 3 no solution.
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import Progress as Bar
 
-from pouring_robot.errors.paper_report import GeometryReport, make_folder
+from pouring_robot.errors.paper_page import PaperReport, make_folder
+from pouring_robot.errors.paper_report import GeometryReport
 from pouring_robot.errors.paper_study import run_study
 from pouring_robot.exceptions import PouringRobotError
 
+Progress = Callable[[int, int], None]
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None, no_args_is_help=True)
@@ -43,23 +46,11 @@ def geometry(
 ) -> None:
     """Geometric errors, section 4: in the paper's open branch, then in the closed chain."""
     given = {"poses": (poses, 10_000), "seed": (seed, 2022), "layout": (layout, "paper")}
-    arguments = "".join(f" --{name} {value}" for name, (value, default) in given.items() if value != default)
-    try:
-        make_folder(out)
-        with Progress(console=Console(stderr=True), transient=True) as bar:
-            task = bar.add_task("closing the loops with one error each")
-            study = run_study(layout, poses, seed, lambda done, total: bar.update(task, completed=done, total=total))
-        report = GeometryReport.of(study)
-        console = Console(width=None if sys.stdout.isatty() else 120, highlight=False)
-        for item in report.renderables():
-            console.print(item)
-        written = report.write(out, arguments)
-        if docs:
-            written += report.write_docs(DOCS, arguments)
-    except PouringRobotError as error:
-        typer.echo(f"reproduce_paper: {error}", err=True)
-        raise typer.Exit(error.exit_code) from None
-    typer.echo(f"wrote {', '.join(str(path) for path in written)}", err=True)
+
+    def report(progress: Progress) -> PaperReport:
+        return GeometryReport.of(run_study(layout, poses, seed, progress))
+
+    _publish("closing the loops with one error each", report, given, out, docs)
 
 
 @app.command()
@@ -78,15 +69,35 @@ def thermal(
     from pouring_robot.thermal.paper_study import run_thermal_study
 
     given = {"seed": (seed, 2022), "layout": (layout, "paper"), "draws": (draws, 8)}
+
+    def report(progress: Progress) -> PaperReport:
+        return ThermalReport.of(run_thermal_study(layout, seed, draws, progress))
+
+    _publish("heating the robot", report, given, out, docs)
+
+
+def _publish(
+    doing: str,
+    make: Callable[[Progress], PaperReport],
+    given: Mapping[str, tuple[object, object]],
+    out: Path,
+    docs: bool,
+) -> None:
+    """Make a report under a bar, print it and write it.
+
+    Args:
+        doing: what the bar says.
+        make: the report, told how to show its progress.
+        given: arguments with their defaults; those that differ stand in the report's command.
+        out: folder for everything.
+        docs: whether to renew the documentation too.
+    """
     arguments = "".join(f" --{name} {value}" for name, (value, default) in given.items() if value != default)
     try:
         make_folder(out)
-        with Progress(console=Console(stderr=True), transient=True) as bar:
-            task = bar.add_task("heating the robot")
-            study = run_thermal_study(
-                layout, seed, draws, lambda done, total: bar.update(task, completed=done, total=total)
-            )
-        report = ThermalReport.of(study)
+        with Bar(console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task(doing)
+            report = make(lambda done, total: bar.update(task, completed=done, total=total))
         console = Console(width=None if sys.stdout.isatty() else 120, highlight=False)
         for item in report.renderables():
             console.print(item)

@@ -7,7 +7,8 @@ import numpy as np
 from pouring_robot.calibration.calibrate import Calibration
 from pouring_robot.calibration.lines import SEEN, parameter_lines
 from pouring_robot.calibration.measurement import FRAMES
-from pouring_robot.page_parts import AFTER, BEFORE, GREY, HELD_OUT, new_figure, png_of
+from pouring_robot.page_parts import AFTER, BEFORE, GREY, HELD_OUT
+from pouring_robot.plots import new_figure, png_of
 from pouring_robot.poses import MM, MRAD
 
 _MOST_NAMES = 60

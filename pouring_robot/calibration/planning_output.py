@@ -17,6 +17,7 @@ from pouring_robot.campaign import columns
 from pouring_robot.files import write_whole
 from pouring_robot.layout import Layout
 from pouring_robot.mechanism import FloatArray
+from pouring_robot.plots import png_of
 from pouring_robot.poses import MM, MRAD
 
 # Okabe and Ito's colours, told apart by colour-blind readers too.
@@ -147,9 +148,7 @@ def write_picture(plan: MeasurementPlan, layout: Layout, path: Path | str) -> Pa
         f"{plan.request.poses} poses, {len(plan.poses)} measurements, criterion {plan.request.criterion}: "
         f"the lip is then known to {quality.ladle_rms_m / MM:.3f} mm RMS, {quality.ladle_worst_m / MM:.3f} mm at worst"
     )
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png")
-    return write_whole(path, stream.getvalue())
+    return write_whole(path, png_of(figure))
 
 
 def _frame(place: Any, across: tuple[float, float], up: tuple[float, float]) -> None:

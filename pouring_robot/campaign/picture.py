@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from pouring_robot.campaign.flags import Rows, outlier_rows
 from pouring_robot.files import write_whole
 from pouring_robot.layout import Layout
 from pouring_robot.mechanism import FloatArray
+from pouring_robot.plots import png_of
 
 # Okabe and Ito's colours, told apart by colour-blind readers too; vermilion is kept for what is wrong.
 _COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#8C6D1F", "#000000")
@@ -60,9 +60,7 @@ def write_picture(campaign: Campaign, found: Examination, layout: Layout, path: 
     figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False)
     kind = "full poses" if campaign.full_pose else "positions"
     figure.suptitle(f"{campaign.path.name}: {len(campaign)} {kind}, as commanded, in the fixed platform's frame")
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png")
-    return write_whole(path, stream.getvalue())
+    return write_whole(path, png_of(figure))
 
 
 def _box(place: Any, across: tuple[float, float], up: tuple[float, float]) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -13,15 +11,13 @@ from rich.console import Console
 from rich.table import Table
 
 from pouring_robot.cli import options
+from pouring_robot.cli.tables import plain_table
 from pouring_robot.files import check_folder
 from pouring_robot.model import RobotModel
 
 if TYPE_CHECKING:
-    from pouring_robot.calibration.calibrate import Calibration, Progress
+    from pouring_robot.calibration.calibrate import Calibration
 
-CampaignFile = Annotated[
-    Path, typer.Argument(metavar="CAMPAIGN", help="CSV or Parquet table; the YAML of the same stem lies beside it.")
-]
 OutFolder = Annotated[
     Path,
     typer.Option("--out", metavar="DIR", help="Folder for model file, URDF, calibration.json and report.html."),
@@ -46,7 +42,7 @@ KeepAll = Annotated[bool, typer.Option("--keep-all", help="Keep all parameters, 
 
 
 def calibrate(
-    campaign: CampaignFile,
+    campaign: options.CampaignFile,
     out: OutFolder,
     model: options.ModelFile = None,
     parameters: Parameters = None,
@@ -77,7 +73,7 @@ def calibrate(
         choose=not keep_all,
         fit=FitOptions(loss=loss),
     )
-    with _progress() as say:
+    with options.status() as say:
         found = run(data, present, chosen, say)
         say("writing")
         written = write_calibration(found, out)
@@ -90,17 +86,6 @@ def calibrate(
         console.print(f"wrote {path}", markup=False)
 
 
-@contextmanager
-def _progress() -> Iterator[Progress]:
-    """Show what is being done on a terminal's error stream; elsewhere nothing."""
-    console = Console(stderr=True, highlight=False)
-    if not sys.stderr.isatty():
-        yield lambda text: None
-        return
-    with console.status("reading") as status:
-        yield lambda text: status.update(text[:100])
-
-
 def _print(console: Console, found: Calibration) -> None:
     from pouring_robot.calibration import report
     from pouring_robot.calibration.lines import combination_lines, group_effects
@@ -110,13 +95,13 @@ def _print(console: Console, found: Calibration) -> None:
     for line in warnings_of(found):
         console.print(f"warning: {line}", style="yellow", markup=False)
     console.print(report.split_line(found), markup=False)
-    console.print(_table(report.GAP_HEAD, report.gap_rows(found)))
+    console.print(_figures(report.GAP_HEAD, report.gap_rows(found)))
     for line in (*report.performance_lines(found), report.ladle_line(found)):
         console.print(line, markup=False)
     rows = report.combination_rows(combination_lines(found), report.WIDTH)
     if rows:
-        console.print(_table(report.GROUP_HEAD, report.effect_rows(group_effects(found))))
-        console.print(_table(report.COMBINATION_HEAD, rows[: report.SHOWN]))
+        console.print(_figures(report.GROUP_HEAD, report.effect_rows(group_effects(found))))
+        console.print(_figures(report.COMBINATION_HEAD, rows[: report.SHOWN]))
         if len(rows) > report.SHOWN:
             console.print(f"{len(rows) - report.SHOWN} more in the report, and each parameter by itself")
     for line in notes_of(found):
@@ -126,10 +111,6 @@ def _print(console: Console, found: Calibration) -> None:
         console.print(f"  {line}", markup=False)
 
 
-def _table(head: Sequence[str], rows: list[Sequence[str]]) -> Table:
-    table = Table(box=None, pad_edge=False)
-    for k, name in enumerate(head):
-        table.add_column(name, justify="left" if k in (0, len(head) - 1) else "right", no_wrap=True)
-    for row in rows:
-        table.add_row(*row)
-    return table
+def _figures(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    """Return a table with names in its first column and remarks in its last."""
+    return plain_table(head, rows, left=(0, len(head) - 1))

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.table import Table
 
 from pouring_robot.cli import options
+from pouring_robot.cli.tables import plain_table
 from pouring_robot.exceptions import BadInputError
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def plan(
         options.print_json(figures | {"written": [str(path) for path in written]})
         return
     console = options.console()
-    console.print(_table("poses, in the order to measure them", *plan_table(found)))
+    console.print(plain_table(*plan_table(found), left=(0,), title="poses, in the order to measure them", wrap=True))
     _print_expected(console, figures)
     for path in written:
         console.print(f"wrote {path}", markup=False)
@@ -123,19 +123,12 @@ def _progress() -> Iterator[Progress]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
-def _table(title: str, headings: list[str], rows: list[list[str]], names: int = 1) -> Table:
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-    for k, heading in enumerate(headings):
-        table.add_column(heading, justify="left" if k < names else "right")
-    for row in rows:
-        table.add_row(*row)
-    return table
-
-
 def _print_expected(console: Console, figures: dict[str, Any]) -> None:
     ladle, compared = figures["ladle"], figures["random_plans"]
     rows = [[p["name"], f"{p['std']:.4g}", p["unit"]] for p in figures["parameters"]]
-    console.print(_table("expected standard deviation", ["parameter", "std", "unit"], rows))
+    console.print(
+        plain_table(["parameter", "std", "unit"], rows, left=(0,), title="expected standard deviation", wrap=True)
+    )
     if figures["left_out"]:
         left = figures["left_out"]
         named = ", ".join(left[:8]) + (f" and {len(left) - 8} more (--json has all)" if len(left) > 8 else "")

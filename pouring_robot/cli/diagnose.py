@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-import sys
 import textwrap
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.console import Console
-from rich.table import Table
 
 from pouring_robot.cli import options
+from pouring_robot.cli.tables import plain_table
 from pouring_robot.exceptions import DiagnosisError
 from pouring_robot.files import check_folder
 from pouring_robot.model import RobotModel
 
 if TYPE_CHECKING:
-    from pouring_robot.diagnosis.diagnose import Progress
     from pouring_robot.diagnosis.summary import Summary
 
-CampaignFile = Annotated[
-    Path, typer.Argument(metavar="CAMPAIGN", help="CSV or Parquet table; the YAML of the same stem lies beside it.")
-]
 OutFolder = Annotated[
     Path,
     typer.Option("--out", metavar="DIR", help="Folder for diagnosis.json, model.yaml, report.html and ladles.html."),
@@ -43,7 +36,7 @@ HoldOutBy = Annotated[
 
 
 def diagnose(
-    campaign: CampaignFile,
+    campaign: options.CampaignFile,
     out: OutFolder,
     model: options.ModelFile = None,
     exclude: Exclude = None,
@@ -63,7 +56,7 @@ def diagnose(
     check_folder(out)
     present = RobotModel.load(model) if model else RobotModel()
     chosen = DiagnosisOptions(exclude=exclude_ids(exclude or ()), hold_out=hold_out)
-    with _progress() as say:
+    with options.status() as say:
         say("reading")
         data = read_campaign(campaign)
         try:
@@ -131,22 +124,12 @@ def _shortened(names: list[str], most: int = 6) -> str:
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
-@contextmanager
-def _progress() -> Iterator[Progress]:
-    """Show what is being done on a terminal's error stream; elsewhere nothing."""
-    if not sys.stderr.isatty():
-        yield lambda text: None
-        return
-    with Console(stderr=True, highlight=False).status("reading") as status:
-        yield lambda text: status.update(text[:100])
-
-
 def _print(console: Console, summary: Summary) -> None:
     from pouring_robot.diagnosis.sentences import gap_sentence, gap_table, headline, sections
 
     console.print(headline(summary), style="bold", markup=False)
     console.print(gap_sentence(summary), markup=False)
-    console.print(_table(*gap_table(summary)))
+    console.print(plain_table(*gap_table(summary), left=(0, 1)))
     for heading, lines in sections(summary):
         console.print(f"{heading}:", style="bold", markup=False)
         for line in lines:
@@ -158,12 +141,3 @@ def _say(console: Console, line: str, by: int = 2) -> None:
     space = " " * by
     folded = textwrap.fill(line, console.width, initial_indent=space, subsequent_indent=space, break_on_hyphens=False)
     console.print(folded, markup=False)
-
-
-def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> Table:
-    table = Table(box=None, pad_edge=False)
-    for k, name in enumerate(head):
-        table.add_column(name, justify="left" if k < 2 else "right", no_wrap=True)
-    for row in rows:
-        table.add_row(*row)
-    return table

@@ -34,6 +34,9 @@ LayoutName = Annotated[
     typer.Option("--layout", metavar="NAME", help="Layout of the dimensions file (default: paper)."),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+CampaignFile = Annotated[
+    Path, typer.Argument(metavar="CAMPAIGN", help="CSV or Parquet table; the YAML of the same stem lies beside it.")
+]
 HtmlFile = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write a self-contained meshcat page.")]
 PngFile = Annotated[Path | None, typer.Option("--png", metavar="FILE", help="Write a picture; no screen is needed.")]
 Exaggeration = Annotated[
@@ -110,6 +113,20 @@ def progress_bar(what: str, total: int) -> Iterator[Callable[[Result], Result]]:
             return result
 
         yield step
+
+
+@contextmanager
+def status() -> Iterator[Callable[[str], None]]:
+    """Show what is being done on a terminal's error stream; elsewhere nothing.
+
+    Yields:
+        A function that says what is being done now.
+    """
+    if not sys.stderr.isatty():
+        yield lambda text: None
+        return
+    with Console(stderr=True, highlight=False).status("reading") as shown:
+        yield lambda text: shown.update(text[:100])
 
 
 def print_json(content: Any) -> None:

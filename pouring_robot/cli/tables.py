@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 from rich.console import Console
 from rich.table import Table
@@ -16,6 +16,31 @@ from pouring_robot.robot import LadleLocation, PouringRobot
 
 def _row(values: Iterable[float], digits: int, *, sign: bool = False) -> list[str]:
     return [decimals(value, digits, sign=sign) for value in values]
+
+
+def plain_table(
+    head: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    left: Collection[int],
+    *,
+    title: str | None = None,
+    wrap: bool = False,
+) -> Table:
+    """Return a table of plain texts without a frame.
+
+    Args:
+        head: headings.
+        rows: one text a column.
+        left: columns set to the left; the others, figures, to the right.
+        title: above it.
+        wrap: whether long cells may go on in the next line.
+    """
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    for k, name in enumerate(head):
+        table.add_column(name, justify="left" if k in left else "right", no_wrap=not wrap)
+    for row in rows:
+        table.add_row(*row)
+    return table
 
 
 def location_table(location: LadleLocation) -> Table:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pouring_robot.diagnosis.hypotheses import BACKGROUND_LEVELS, Hypothesis
-from pouring_robot.diagnosis.state import Diagnoser
 from pouring_robot.diagnosis.verdict import Cause, Judgement
 from pouring_robot.effects.base import Effect, EffectParameter, Form
 from pouring_robot.mechanism import FloatArray
+
+if TYPE_CHECKING:
+    from pouring_robot.diagnosis.state import Diagnoser
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,8 @@ from pouring_robot.diagnosis.verdict import Cause
 from pouring_robot.diagnosis.words import Axis, axes_of, driving_axis
 from pouring_robot.effects.registry import all_effects
 from pouring_robot.mechanism import FloatArray
-from pouring_robot.page_parts import AFTER, BEFORE, GREY, HELD_OUT, new_figure, png_of
+from pouring_robot.page_parts import AFTER, BEFORE, GREY, HELD_OUT
+from pouring_robot.plots import new_figure, png_of
 from pouring_robot.poses import MM, MRAD
 
 _RESIDUAL_AXES = ("time", "load", "travel", "legs", "platform", "tilt")

@@ -9,7 +9,7 @@ import numpy as np
 from pouring_robot.diagnosis.descriptions import poses
 from pouring_robot.diagnosis.explanations import Background, Explanation, Problem
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
-from pouring_robot.effects.base import Effect, EffectParameter, Form, checked_forms
+from pouring_robot.effects.base import Effect, Form, checked_forms
 from pouring_robot.effects.joints import axis_parameters, centre_parameters
 from pouring_robot.mechanism import FloatArray
 
@@ -101,8 +101,3 @@ def _sag(rows: CampaignRows, linear: LinearRows, usual: tuple[Background, ...]) 
             SAG, "soft_sideways", columns, np.ones(columns.shape[1], dtype=bool), cause=False, largest=_SAG_LARGEST
         )
     ]
-
-
-def all_parameters(forms: Mapping[str, Form]) -> list[EffectParameter]:
-    """Return the parameters of some forms, in order."""
-    return [p for form in forms.values() for p in form.parameters]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -10,7 +11,8 @@ from numpy.typing import NDArray
 
 from pouring_robot.calibration.tolerances import FRAME_STD
 from pouring_robot.diagnosis.explanations import Problem
-from pouring_robot.diagnosis.hypotheses import BACKGROUND_LEVELS, Hypothesis
+from pouring_robot.diagnosis.hypotheses import Hypothesis
+from pouring_robot.diagnosis.parameters import found_parameters
 from pouring_robot.diagnosis.problem import problem_at
 from pouring_robot.diagnosis.rows import CampaignRows, Frames, LinearRows
 from pouring_robot.diagnosis.search import DEFAULT_SEARCH, SearchOptions, search
@@ -21,6 +23,7 @@ from pouring_robot.mechanism import FloatArray
 _ROUNDS = 4
 _SETTLED, _EXACT = 0.02, 1e-3
 _HALVINGS = 6
+_FRAME_STEPS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +45,11 @@ class State:
     linear: LinearRows
     every_row: LinearRows
     problem: Problem
+
+    @functools.cached_property
+    def small(self) -> Problem:
+        """The same problem compressed, for the search."""
+        return self.problem.compressed()
 
 
 class Diagnoser:
@@ -69,11 +77,15 @@ class Diagnoser:
 
     def at_rest(self) -> State:
         """Return the state without any change, its frames refined."""
-        state = self._state((), np.zeros(0), self.rows.frames)
-        for _ in range(3):
-            step = _least_squares(state.linear.free, state.linear.residual)
-            state = self._state((), np.zeros(0), state.frames.moved(step))
-        return state
+        return self._at_rest
+
+    @functools.cached_property
+    def _at_rest(self) -> State:
+        frames = self.rows.frames
+        for _ in range(_FRAME_STEPS):
+            linear = self.rows.linearise(self.rows.unchanged(), frames).of(self.fitted)
+            frames = frames.moved(_least_squares(linear.free, linear.residual))
+        return self._state((), np.zeros(0), frames)
 
     def _state(self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: Frames) -> State:
         every_row = self.rows.linearise(self.rows.changes(parameters, values), frames)
@@ -88,14 +100,12 @@ class Diagnoser:
         The hypothesis is of the whole problem of the state returned with it.
         """
         state = self.at_rest()
-        hypothesis = search(state.problem.compressed(), self.options)
+        hypothesis = search(state.small, self.options)
         for turn in range(_ROUNDS):
             if not hypothesis.items and not any(hypothesis.levels):
                 break
             state, moved = self._advanced(state, hypothesis)
-            again = search(
-                state.problem.compressed(), self.options, None if turn < 1 else self._carried(hypothesis, state)
-            )
+            again = search(state.small, self.options, None if turn < 1 else self._carried(hypothesis, state))
             same = [i.key for i in again.items] == [i.key for i in hypothesis.items]
             hypothesis = again
             if same and moved < _SETTLED:
@@ -113,36 +123,16 @@ class Diagnoser:
 
     def _carried(self, hypothesis: Hypothesis, state: State, *, whole: bool = False) -> Hypothesis:
         """Return a hypothesis on another problem."""
-        problem = state.problem if whole else state.problem.compressed()
+        problem = state.problem if whole else state.small
         known = {item.key: item for item in problem.explanations}
         items = tuple(known[item.key] for item in hypothesis.items)
         return replace(hypothesis, problem=problem, items=items)
 
-    def coefficients(self, hypothesis: Hypothesis) -> list[tuple[EffectParameter, float]]:
-        """Return each parameter of a hypothesis with its most probable value, in its unit."""
-        mean, _ = hypothesis.coefficients()
-        pairs: list[tuple[EffectParameter, float]] = []
-        place = 0
-        for level, form in zip(hypothesis.levels, self.backgrounds.values(), strict=True):
-            if not BACKGROUND_LEVELS[level]:
-                continue
-            for p in form.parameters:
-                pairs.append((p, float(mean[place]) * BACKGROUND_LEVELS[level] * p.usual))
-                place += 1
-        for item, scale in zip(hypothesis.items, hypothesis.scales, strict=True):
-            if item.key not in self.forms:
-                place += item.columns.shape[1]
-                continue
-            for p in self.forms[item.key].parameters:
-                pairs.append((p, float(mean[place]) * scale * p.usual))
-                place += 1
-        return pairs
-
     def _advanced(self, state: State, hypothesis: Hypothesis) -> tuple[State, float]:
         """Put in what a hypothesis found, and say by how much that differs from its linear prediction (noise units)."""
-        pairs = self.coefficients(hypothesis)
-        parameters = tuple(p for p, _ in pairs)
-        wanted = np.array([value for _, value in pairs])
+        found = [one for _, group in found_parameters(self, hypothesis) for one in group]
+        parameters = tuple(one.parameter for one in found)
+        wanted = np.array([one.value for one in found])
         known = {id(p): value for p, value in zip(state.parameters, state.values.tolist(), strict=True)}
         from_here = np.array([known.get(id(p), 0.0) for p in parameters])
         before = self._signature(state.parameters, state.values, state.linear)

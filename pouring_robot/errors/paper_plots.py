@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from pouring_robot.errors.paper_claims import PILE_M
 from pouring_robot.errors.paper_closed import axis_rows
 from pouring_robot.errors.paper_study import AXES, NOTHING_M, ErrorSamples, GeometryStudy
+from pouring_robot.plots import new_figure, png_of, tidy
 from pouring_robot.poses import MM
 
 _BLUE, _RED, _GREY = "#2f6690", "#c8553d", "#8a8a8a"
-_DPI = 110
 _SMALL = {"fontsize": 9}
 _NOTE = {"color": _GREY, "fontsize": 8, "ha": "center"}
 
@@ -24,7 +21,7 @@ _NOTE = {"color": _GREY, "fontsize": 8, "ha": "center"}
 def box_plots(errors: ErrorSamples, title: str) -> bytes:
     """Draw the paper's Fig. 4: absolute coordinates of one chain's errors that pass 1 mm; PNG."""
     large = errors.reaching(MM)
-    figure = _figure(10.0, 3.9)
+    figure = new_figure(10.0, 3.9)
     panels = figure.subplots(1, 3, sharey=True)
     values = np.abs(large.translation_m) / MM
     top = 1.08 * float(values.max(initial=1.0))
@@ -43,15 +40,15 @@ def box_plots(errors: ErrorSamples, title: str) -> bytes:
         panel.set_xticks(range(1, len(large.labels) + 1), large.labels, rotation=90 * (len(large.labels) > 9))
         panel.set_title(f"|Δ{axis}|", fontsize=11)
         panel.set_ylim(0.0, top)
-        _tidy(panel)
+        tidy(panel)
     panels[0].set_ylabel("position error of o, mm")
     figure.suptitle(title, fontsize=11)
-    return _png(figure)
+    return png_of(figure)
 
 
 def distributions(errors: ErrorSamples, labels: Sequence[str], title: str) -> bytes:
     """Draw the paper's Fig. 5: how the most sensitive errors of one chain spread, axis by axis; PNG."""
-    figure = _figure(10.0, 5.2)
+    figure = new_figure(10.0, 5.2)
     panels = figure.subplots(1, 3, sharey=True)
     for a, (panel, axis) in enumerate(zip(panels, AXES, strict=True)):
         signed = np.stack([errors.moves(label)[:, a] for label in labels]) / MM
@@ -80,17 +77,17 @@ def distributions(errors: ErrorSamples, labels: Sequence[str], title: str) -> by
         panel.xaxis.set_major_locator(MaxNLocator(5))
         panel.set_ylim(-0.15, len(labels) + 0.3)
         panel.set_yticks(range(len(labels)), list(reversed(labels)))
-        _tidy(panel)
+        tidy(panel)
         panel.grid(visible=False)
     panels[0].set_ylabel("error; share of poses, each to its own height")
     figure.suptitle(title, fontsize=11)
-    return _png(figure)
+    return png_of(figure)
 
 
 def open_against_closed(study: GeometryStudy, title: str) -> bytes:
     """Draw mean absolute coordinates of chain 1's errors, open branch against closed chain, with ratios; PNG."""
     opened, closed = study.open_branch.of_chain(1), study.closed_chain.of_chain(1)
-    figure = _figure(10.0, 6.6)
+    figure = new_figure(10.0, 6.6)
     panels = figure.subplots(1, 3, sharey=True, sharex=True)
     rows = np.arange(len(opened.labels))[::-1]
     floor = 1e-3
@@ -106,7 +103,7 @@ def open_against_closed(study: GeometryStudy, title: str) -> bytes:
         panel.set_title(f"|Δ{axis}|   (rms of all errors × {ratio.ratio:.2g})", fontsize=11)
         panel.set_xlabel("mean over poses, mm")
         panel.set_yticks(rows, opened.labels, **_SMALL)
-        _tidy(panel)
+        tidy(panel)
         panel.text(
             study.layout.accuracy_m / MM, rows[0] + 0.6, f"{study.layout.accuracy_m / MM:g} mm required", **_NOTE
         )
@@ -114,21 +111,4 @@ def open_against_closed(study: GeometryStudy, title: str) -> bytes:
         *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=9, frameon=False
     )
     figure.suptitle(title, fontsize=11)
-    return _png(figure)
-
-
-def _figure(width: float, height: float) -> Figure:
-    return Figure(figsize=(width, height), dpi=_DPI, layout="constrained")
-
-
-def _tidy(panel: Axes) -> None:
-    panel.spines[["top", "right"]].set_visible(False)
-    panel.grid(visible=True, color="#ececec", linewidth=0.7)
-    panel.set_axisbelow(True)
-
-
-def _png(figure: Figure) -> bytes:
-    buffer = io.BytesIO()
-    # No date and no version inside: the same study gives the same file.
-    figure.savefig(buffer, format="png", metadata={"Software": None})
-    return buffer.getvalue()
+    return png_of(figure)

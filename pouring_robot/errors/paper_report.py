@@ -2,36 +2,28 @@
 
 from __future__ import annotations
 
-import csv
 import functools
-import io
 import json
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-from rich.console import Console, RenderableType
+from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from pouring_robot.errors.paper_claims import Claim
 from pouring_robot.errors.paper_closed import AxisRow, Lesson, axis_rows, lesson, parameter_rows
+from pouring_robot.errors.paper_page import PaperReport, claims_table, make_folder, rows_csv, tally, write_all
 from pouring_robot.errors.paper_plots import box_plots, distributions, open_against_closed
 from pouring_robot.errors.paper_shapes import judge_errors, judge_table
 from pouring_robot.errors.paper_study import ANGLE_ERROR_RAD, LENGTH_ERROR_M, GeometryStudy
-from pouring_robot.exceptions import OutputError
-from pouring_robot.files import write_whole
 from pouring_robot.poses import MM, MRAD
-
-_WIDTH = 120
-_STYLES = {"reproduced": "green", "differs": "red", "cannot be checked": "yellow"}
-_COMMAND = "python scripts/reproduce_paper.py geometry"
 
 
 @dataclass(frozen=True, eq=False)
-class GeometryReport:
+class GeometryReport(PaperReport):
     """The judged study.
 
     Attributes:
@@ -42,6 +34,10 @@ class GeometryReport:
         axes: both models, coordinate by coordinate.
         lesson: figures of their comparison.
     """
+
+    title: ClassVar[str] = "The paper's geometric errors, claim by claim"
+    command: ClassVar[str] = "python scripts/reproduce_paper.py geometry"
+    page: ClassVar[str] = "paper_geometry.md"
 
     study: GeometryStudy
     table: list[Claim]
@@ -96,13 +92,6 @@ class GeometryReport:
             *(Text(f"- {sentence}") for sentence in self.lesson.sentences(len(self.study.closed_chain.parameters))),
         ]
 
-    def text(self) -> str:
-        """Return what is printed, 120 characters wide."""
-        console = Console(width=_WIDTH, file=io.StringIO(), record=True, highlight=False, color_system=None)
-        for item in self.renderables():
-            console.print(item)
-        return "\n".join(line.rstrip() for line in console.export_text().splitlines()) + "\n"
-
     @functools.cached_property
     def figures(self) -> dict[str, bytes]:
         """Return the pictures by file name; PNG."""
@@ -120,18 +109,6 @@ class GeometryReport:
                 self.study, f"What an error does in its open branch and in the closed chain ({which})"
             ),
         }
-
-    def markdown(self, arguments: str) -> str:
-        """Return what is printed, with the pictures, as Markdown.
-
-        Args:
-            arguments: of the command that made it.
-        """
-        pictures = "\n\n".join(f"![{name.removesuffix('.png').replace('_', ' ')}]({name})" for name in self.figures)
-        return (
-            f"# The paper's geometric errors, claim by claim\n\nPrinted by `{_COMMAND}{arguments}`.\n\n"
-            f"```text\n{self.text()}```\n\n{pictures}\n"
-        )
 
     def record(self) -> dict[str, Any]:
         """Return all figures, ready for JSON."""
@@ -173,69 +150,13 @@ class GeometryReport:
             "claims.csv": self.claims_csv(),
             "claims.json": json.dumps(self.record(), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
             "parameters.csv": self.parameters_csv(),
-            "paper_geometry.md": self.markdown(arguments),
+            self.page: self.markdown(arguments),
         }
         return write_all(folder, {**texts, **self.figures})
-
-    def write_docs(self, folder: Path, arguments: str = "") -> list[Path]:
-        """Write the page and its pictures only.
-
-        Raises:
-            OutputError: the folder or a file cannot be written.
-        """
-        make_folder(folder)
-        return write_all(folder, {"paper_geometry.md": self.markdown(arguments), **self.figures})
 
     def _all(self) -> list[tuple[str, Claim]]:
         parts = (("table", self.table), ("open branch", self.opened), ("closed chain", self.closed))
         return [(model, claim) for model, claims in parts for claim in claims]
-
-
-def write_all(folder: Path, files: dict[str, str | bytes]) -> list[Path]:
-    """Write files by name into a folder, each whole or not at all.
-
-    Raises:
-        OutputError: a file cannot be written.
-    """
-    return [write_whole(folder / name, content) for name, content in files.items()]
-
-
-def make_folder(folder: Path) -> None:
-    """Make a folder for results, before the work.
-
-    Raises:
-        OutputError: it cannot be made.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(folder, f"{error.strerror or error}; choose a place you may write to") from error
-
-
-def tally(claims: Sequence[Claim], *, starred: bool = False) -> str:
-    """Return how many claims have which verdict, as a sentence."""
-    counts: Counter[str] = Counter(claim.verdict for claim in claims)
-    inferred = sum(claim.used and claim.verdict == "reproduced" for claim in claims)
-    text = ", ".join(f"{counts[verdict]} {verdict}" for verdict in _STYLES)
-    return f"{len(claims)} claims: {text}" + (f"; {inferred} of the reproduced with *" if starred else "")
-
-
-def claims_table(title: str, claims: Sequence[Claim], *, short: bool = False) -> Table:
-    """Return one row a claim; ``short`` leaves out source and rule, which the longer table gives."""
-    table = Table(title=title, title_justify="left", title_style="bold", show_lines=True, pad_edge=False)
-    if not short:
-        table.add_column("section", width=9)
-    table.add_column("the paper says", ratio=4)
-    table.add_column("we compute", ratio=6 if short else 5)
-    table.add_column("verdict", width=11)
-    if not short:
-        table.add_column("why", ratio=5)
-    for claim in claims:
-        mark = "*" if claim.used and claim.verdict == "reproduced" and not short else ""
-        verdict = Text(claim.verdict + mark, style=_STYLES[claim.verdict])
-        cells = (Text(claim.says), Text(claim.computed), verdict)
-        table.add_row(*cells) if short else table.add_row(Text(claim.source), *cells, Text(claim.why))
-    return table
 
 
 def _axes_table(rows: Sequence[AxisRow]) -> Table:
@@ -279,12 +200,3 @@ def _parameters_table(study: GeometryStudy) -> Table:
         ratio = f"{tops[1] / tops[0]:.2f}" if tops[0] > 1e-9 else "from 0"
         table.add_row(label, *cells, ratio)
     return table
-
-
-def rows_csv(rows: Sequence[dict[str, Any]]) -> str:
-    """Return rows with the same keys as CSV."""
-    stream = io.StringIO()
-    writer = csv.DictWriter(stream, rows[0].keys(), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return stream.getvalue()

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from pouring_robot.mechanism import FloatArray
+from pouring_robot.plots import png_of
 from pouring_robot.poses import MM
 from pouring_robot.sweep.store import SweepStore
 from pouring_robot.sweep.summary import Summary
@@ -40,9 +40,7 @@ def picture(store: SweepStore, summary: Summary, ranking: Sequence[RankedParamet
         left.set_xlabel("total Sobol index" if config.study == "sobol" else "share of the scatter, first order")
         _cumulative(right, summary)
     figure.suptitle(f"{config.study.replace('_', ' ')}, {config.kind.replace('_', ' ')}")
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=110, metadata={"Software": None})
-    return stream.getvalue()
+    return png_of(figure, dpi=110)
 
 
 def _name_rows(axes: Any, shown: Sequence[RankedParameter]) -> None:

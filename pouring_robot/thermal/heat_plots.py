@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import io
-
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from pouring_robot.kinematics import CHAINS
+from pouring_robot.plots import new_figure, png_of, tidy
 from pouring_robot.poses import MM
 from pouring_robot.thermal.heat_report import PoseHeat, ShiftHeat
 from pouring_robot.thermal.network_field import TemperatureField
@@ -16,25 +14,6 @@ from pouring_robot.thermal.network_field import TemperatureField
 LEG_COLOURS = ("#2f6690", "#81b1d5", "#c8553d", "#e8a598")
 GREY = "#8a8a8a"
 _AXES = ("#2f6690", "#5b8e55", "#c8553d")
-
-
-def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure; sizes in inches."""
-    return Figure(figsize=(width, height), dpi=110, layout="constrained")
-
-
-def tidy(panel: Axes) -> None:
-    """Give a panel a light grid and no box."""
-    panel.spines[["top", "right"]].set_visible(False)
-    panel.grid(visible=True, color="#ececec", linewidth=0.7)
-    panel.set_axisbelow(True)
-
-
-def png(figure: Figure) -> bytes:
-    """Return a figure as PNG: no date and no version inside, so the same figures give the same file."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", metadata={"Software": None})
-    return buffer.getvalue()
 
 
 def draw_legs(panel: Axes, field: TemperatureField) -> None:
@@ -73,7 +52,7 @@ def pose_picture(heat: PoseHeat, title: str) -> bytes:
     draw_legs(left, heat.field)
     draw_moves(right, heat)
     figure.suptitle(title, fontsize=11)
-    return png(figure)
+    return png_of(figure)
 
 
 def shift_picture(shift: ShiftHeat, title: str) -> bytes:
@@ -107,4 +86,4 @@ def shift_picture(shift: ShiftHeat, title: str) -> bytes:
         panel.margins(y=0.15)
         tidy(panel)
     figure.suptitle(title + ("; dashed: the pose changes" if changes else ""), fontsize=11)
-    return png(figure)
+    return png_of(figure)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from pouring_robot.plots import new_figure, png_of, tidy
 from pouring_robot.poses import MM
-from pouring_robot.thermal.heat_plots import GREY, draw_legs, new_figure, png, tidy
+from pouring_robot.thermal.heat_plots import GREY, draw_legs
 from pouring_robot.thermal.paper_study import ThermalStudy, contest, joint_of
 
 _BLUE, _RED = "#2f6690", "#c8553d"
@@ -28,7 +29,7 @@ def lining_and_chains(study: ThermalStudy) -> bytes:
     for panel in (wall, legs):
         tidy(panel)
     figure.suptitle("Fig. 6: conduction alone", fontsize=11)
-    return png(figure)
+    return png_of(figure)
 
 
 def chains_with_radiation(study: ThermalStudy) -> bytes:
@@ -46,7 +47,7 @@ def chains_with_radiation(study: ThermalStudy) -> bytes:
     for panel in (legs, all_poses):
         tidy(panel)
     figure.suptitle(f"Fig. 7: conduction and radiation, melt at {study.melts_degC[-1]:g} °C", fontsize=11)
-    return png(figure)
+    return png_of(figure)
 
 
 def deformation(study: ThermalStudy) -> bytes:
@@ -79,7 +80,7 @@ def deformation(study: ThermalStudy) -> bytes:
     for panel in (arrows, sizes):
         tidy(panel)
     figure.suptitle("Fig. 8: deformation", fontsize=11)
-    return png(figure)
+    return png_of(figure)
 
 
 def errors_over_temperature(study: ThermalStudy) -> bytes:
@@ -96,7 +97,7 @@ def errors_over_temperature(study: ThermalStudy) -> bytes:
             panel.set_ylabel("mm")
             panel.legend(fontsize=7, frameon=False, ncols=2)
     figure.suptitle("Fig. 9: steady error over the melt's temperature", fontsize=11)
-    return png(figure)
+    return png_of(figure)
 
 
 def choice_of_sets(study: ThermalStudy) -> bytes:
@@ -123,7 +124,7 @@ def choice_of_sets(study: ThermalStudy) -> bytes:
     for panel in (tree, degrees):
         tidy(panel)
     figure.suptitle("Fig. 10: which sets stand for their groups (X)", fontsize=11)
-    return png(figure)
+    return png_of(figure)
 
 
 def contest_picture(study: ThermalStudy, figure_number: int) -> bytes:
@@ -144,4 +145,4 @@ def contest_picture(study: ThermalStudy, figure_number: int) -> bytes:
         if panel.get_subplotspec().colspan.start == 0:
             panel.set_ylabel(f"{'spread' if which else 'mean'} of what is left, mm")
     figure.suptitle(f"Fig. {figure_number}: {'spread' if which else 'mean'} of predicted errors (X)", fontsize=11)
-    return png(figure)
+    return png_of(figure)

@@ -3,34 +3,34 @@
 from __future__ import annotations
 
 import functools
-import io
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-from rich.console import Console, RenderableType
+from rich.console import RenderableType
 from rich.text import Text
 
 from pouring_robot.errors.paper_claims import Claim
-from pouring_robot.errors.paper_report import claims_table, make_folder, rows_csv, tally, write_all
+from pouring_robot.errors.paper_page import PaperReport, claims_table, make_folder, rows_csv, tally, write_all
 from pouring_robot.poses import MM
 from pouring_robot.thermal import paper_plots as plots
 from pouring_robot.thermal.paper_claims import judge_all
 from pouring_robot.thermal.paper_study import AXES, ThermalStudy
 
-_WIDTH = 120
-_COMMAND = "python scripts/reproduce_paper.py thermal"
-
 
 @dataclass(frozen=True, eq=False)
-class ThermalReport:
+class ThermalReport(PaperReport):
     """The judged study.
 
     Attributes:
         study: what was computed.
         claims: row by row.
     """
+
+    title: ClassVar[str] = "The paper's thermal errors, claim by claim"
+    command: ClassVar[str] = "python scripts/reproduce_paper.py thermal"
+    page: ClassVar[str] = "paper_thermal.md"
 
     study: ThermalStudy
     claims: list[Claim]
@@ -58,13 +58,6 @@ class ThermalReport:
             Text(tally(self.claims)),
         ]
 
-    def text(self) -> str:
-        """Return what is printed, 120 characters wide."""
-        console = Console(width=_WIDTH, file=io.StringIO(), record=True, highlight=False, color_system=None)
-        for item in self.renderables():
-            console.print(item)
-        return "\n".join(line.rstrip() for line in console.export_text().splitlines()) + "\n"
-
     @functools.cached_property
     def figures(self) -> dict[str, bytes]:
         """Return the pictures by file name; PNG."""
@@ -78,18 +71,6 @@ class ThermalReport:
             "paper_fig11.png": plots.contest_picture(study, 11),
             "paper_fig12.png": plots.contest_picture(study, 12),
         }
-
-    def markdown(self, arguments: str) -> str:
-        """Return what is printed, with the pictures, as Markdown.
-
-        Args:
-            arguments: of the command that made it.
-        """
-        pictures = "\n\n".join(f"![{name.removesuffix('.png').replace('_', ' ')}]({name})" for name in self.figures)
-        return (
-            f"# The paper's thermal errors, claim by claim\n\nPrinted by `{_COMMAND}{arguments}`.\n\n"
-            f"```text\n{self.text()}```\n\n{pictures}\n"
-        )
 
     def record(self) -> dict[str, Any]:
         """Return all figures, ready for JSON."""
@@ -115,17 +96,8 @@ class ThermalReport:
         texts: dict[str, str | bytes] = {
             "claims.csv": rows_csv([{name: getattr(claim, name) for name in columns} for claim in self.claims]),
             "claims.json": json.dumps(self.record(), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
-            "paper_thermal.md": self.markdown(arguments),
+            self.page: self.markdown(arguments),
         }
         written = write_all(folder, {**texts, **self.figures})
         tables = self.study.tables
         return written + [tables[axis].write_csv(folder / f"error_sets_{axis.lower()}.csv") for axis in AXES]
-
-    def write_docs(self, folder: Path, arguments: str = "") -> list[Path]:
-        """Write the page and its pictures only.
-
-        Raises:
-            OutputError: the folder or a file cannot be written.
-        """
-        make_folder(folder)
-        return write_all(folder, {"paper_thermal.md": self.markdown(arguments), **self.figures})

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.exceptions import BadInputError, TableError
 from pouring_robot.files import write_whole
+from pouring_robot.table_cells import finite_cell
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -238,18 +239,11 @@ def _sort_headings(
 
 
 def _cell(path: Path, number: int, cells: list[str], index: int, headings: list[str]) -> float:
-    text = cells[index].strip() if index < len(cells) else ""
-    if not text:
+    if index >= len(cells) or not cells[index].strip():
         raise TableError(
             path, f"line {number}, column {headings[index]}: the cell is missing; fill it or leave the line out"
         )
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise TableError(path, f"line {number}, column {headings[index]}: '{text}' is not a finite number")
-    return value
+    return finite_cell(path, number, cells, index, headings[index])
 
 
 def _check_distinct(source: Any, temperatures: FloatArray, lines: list[int] | None = None) -> None:

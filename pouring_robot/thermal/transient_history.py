@@ -15,6 +15,7 @@ from pouring_robot.closure import ClosureResult
 from pouring_robot.exceptions import BadInputError, TableError, closest
 from pouring_robot.mechanism import FloatArray
 from pouring_robot.poses import PlatformPose
+from pouring_robot.table_cells import finite_cell
 from pouring_robot.thermal.properties import HOTTEST_DEGC, HOTTEST_SURROUNDINGS_DEGC, ZERO_CELSIUS_K, kelvin
 from pouring_robot.thermal.thermal_errors import HistoryError
 
@@ -215,14 +216,7 @@ def _check_header(path: Path, header: list[str], extra: Sequence[str]) -> str:
 
 
 def _cell(path: Path, number: int, line: list[str], header: list[str], name: str) -> float:
-    index = header.index(name)
-    text = line[index].strip() if index < len(line) else ""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise TableError(path, f"line {number}, column {name}: '{text}' is not a finite number")
+    value = finite_cell(path, number, line, header.index(name), name)
     if name.endswith("degC") and value < -ZERO_CELSIUS_K:
         raise TableError(path, f"line {number}, column {name}: {value:g} degC lies below absolute zero")
     if name.endswith("degC") and value > HOTTEST_DEGC:
