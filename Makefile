@@ -73,10 +73,12 @@ test: lint typecheck  ## lint, types and all tests
 	$(call say,pytest)
 	@$(VPY) -m pytest $(PYTEST_ARGS)
 
-lint: $(INSTALLED)  ## ruff: rules and format, nothing is changed
+lint: $(INSTALLED)  ## ruff and the order of the rooms; nothing is changed
 	$(call say,ruff)
 	@$(VPY) -m ruff check .
 	@$(VPY) -m ruff format --check .
+	$(call say,import-linter)
+	@$(BIN)/lint-imports --no-logo
 
 typecheck: $(INSTALLED)  ## mypy --strict
 	$(call say,mypy)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from pouring_robot.closure import ClosureOptions, ClosureResult, ClosureSolver
-from pouring_robot.energy import Loads
 from pouring_robot.exceptions import BadInputError, NoSolutionError, PouringRobotError
-from pouring_robot.loops import LoopsFile, load_loops
-from pouring_robot.mechanism import ClosedChainMechanism
-from pouring_robot.model import JointPlacement, RobotModel
-from pouring_robot.poses import PlatformPose, PoseDifference
-from pouring_robot.robot import LadleLocation, PouringRobot, load_robot
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure import ClosureOptions, ClosureResult, ClosureSolver
+from pouring_robot.mechanism.energy import Loads
+from pouring_robot.mechanism.loops import LoopsFile, load_loops
+from pouring_robot.mechanism.poses import PoseDifference
+from pouring_robot.robot.model import JointPlacement, RobotModel
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.robot import LadleLocation, PouringRobot, load_robot
 
 __version__ = "0.1.0"
 

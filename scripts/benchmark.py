@@ -26,21 +26,21 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from pouring_robot.calibration.frames import first_frames
-from pouring_robot.calibration.measurement import MeasurementModel
-from pouring_robot.calibration.parameter_sets import ParameterCatalogue, all_parameters
-from pouring_robot.calibration.residuals import MeasuredPoses
-from pouring_robot.calibration.solver import Fit, identify
-from pouring_robot.calibration.study import StudyOptions, virtual_campaign
-from pouring_robot.calibration.tolerances import Tolerances
-from pouring_robot.closure import ClosureResult, ClosureSolver
-from pouring_robot.energy import ClosureEnergy
+from pouring_robot.estimation.first_frames import first_frames
+from pouring_robot.estimation.measurement import MeasurementModel
+from pouring_robot.estimation.parameter_sets import ParameterCatalogue, all_parameters
+from pouring_robot.estimation.priors import Tolerances
+from pouring_robot.estimation.residuals import MeasuredPoses
+from pouring_robot.estimation.solver import Fit, identify
 from pouring_robot.exceptions import NoSolutionError, PouringRobotError
-from pouring_robot.files import check_writable, write_whole
-from pouring_robot.mechanism import FloatArray
-from pouring_robot.model import RobotModel
-from pouring_robot.poses import PlatformPose
-from pouring_robot.robot import PouringRobot, load_robot
+from pouring_robot.io.files import check_writable, write_whole
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
+from pouring_robot.mechanism.energy import ClosureEnergy
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.robot import PouringRobot, load_robot
+from scripts.coverage_study import StudyOptions, virtual_campaign
 
 DEFAULT_MODEL = Path(__file__).resolve().parents[1] / "examples" / "actual.yaml"
 POSES, QUICK_POSES = 10_000, 500
@@ -318,7 +318,7 @@ def calibration_100_by_1000(setting: Setting) -> Measurement:
 
 def thermal_steady(setting: Setting) -> Measurement:
     """Steady temperatures of the whole robot, every time at a pose the network has not seen."""
-    from pouring_robot.thermal.network import ThermalNetwork
+    from pouring_robot.thermal.network.robot_network import ThermalNetwork
 
     network = ThermalNetwork(setting.drawing)
     watch = Stopwatch(setting.drawing.nominal_solver, setting.drawing.kinematics.configuration(setting.poses[0]))
@@ -330,8 +330,8 @@ def thermal_steady(setting: Setting) -> Measurement:
 
 def thermal_study(setting: Setting) -> Measurement:
     """The paper's study: temperatures, growth and closure of ten poses at twelve melt temperatures, one call."""
-    from pouring_robot.thermal.network import ThermalNetwork
-    from pouring_robot.thermal.paper_study import MELTS_DEGC, POSES, draw_poses, error_sets
+    from pouring_robot.thermal.network.robot_network import ThermalNetwork
+    from scripts.paper.thermal_study import MELTS_DEGC, POSES, draw_poses, error_sets
 
     watch = Stopwatch(setting.drawing.nominal_solver, setting.drawing.kinematics.configuration(setting.poses[0]))
     for seed in range(THERMAL_STUDIES):
@@ -344,9 +344,9 @@ def thermal_study(setting: Setting) -> Measurement:
 
 def compensation(setting: Setting) -> Measurement:
     """Drive values for the robot as built at 1700 °C; errors of the four freedoms against the wanted pose."""
-    from pouring_robot.compensation import compensate
-    from pouring_robot.thermal.heat_section import HeatSection
-    from pouring_robot.thermal.heated_robot import HeatedRobot
+    from pouring_robot.compensation.compensate import compensate
+    from pouring_robot.robot.heat_section import HeatSection
+    from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 
     heated = HeatedRobot(setting.actual, HeatSection(melt_degC=1700.0))
     watch = Stopwatch(setting.drawing.nominal_solver, setting.drawing.kinematics.configuration(setting.poses[0]))

@@ -22,13 +22,14 @@ from rich.console import Console
 from rich.table import Table
 
 from pouring_robot.batch import BatchCommand, BatchEngine, BatchStart, SiteErrors
-from pouring_robot.closure import ClosureSolver
-from pouring_robot.description import PlacementError, perturb_urdf
-from pouring_robot.errors.dh import DHTable
 from pouring_robot.exceptions import ClosureError
-from pouring_robot.files import check_writable, write_whole
-from pouring_robot.mechanism import ClosedChainMechanism, FloatArray
-from pouring_robot.robot import PouringRobot
+from pouring_robot.io.files import check_writable, write_whole
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure import ClosureSolver
+from pouring_robot.robot.pouring.description import PlacementError, perturb_urdf
+from pouring_robot.robot.pouring.dh.table import DHTable
+from pouring_robot.robot.robot import PouringRobot
 
 OFF_M, OFF_RAD = 0.020, 0.050
 REPEATS = 3
@@ -76,8 +77,8 @@ def draw_command(robot: PouringRobot, count: int, seed: int) -> tuple[BatchComma
     aside = random.normal(size=(count, 3))
     aside *= OFF_M / np.linalg.norm(aside, axis=1, keepdims=True)
     turned = tilt + random.choice((-OFF_RAD, OFF_RAD), count)
-    command = BatchCommand.from_poses(kinematics, np.column_stack([position, tilt]))
-    return command, BatchCommand.from_poses(kinematics, np.column_stack([position + aside, turned])).start
+    command = kinematics.commands(np.column_stack([position, tilt]))
+    return command, kinematics.commands(np.column_stack([position + aside, turned])).start
 
 
 def robot_of_sample(engine: BatchEngine, errors: FloatArray) -> ClosedChainMechanism:

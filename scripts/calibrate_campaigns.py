@@ -23,9 +23,9 @@ from rich.progress import track
 
 from pouring_robot.calibration.calibrate import CalibrationOptions, calibrate
 from pouring_robot.calibration.summary import noise_floor
-from pouring_robot.campaign import read_campaign
+from pouring_robot.campaign.reader import read_campaign
 from pouring_robot.exceptions import BadInputError, PouringRobotError
-from pouring_robot.files import check_writable, write_whole
+from pouring_robot.io.files import check_writable, write_whole
 
 HEADINGS = ("case", "kind", "kept", "before mm", "after mm", "floor mm", "before mrad", "after mrad", "floor mrad", "s")
 _ALIKE = 1e-6  # below this share two errors are the same

@@ -10,9 +10,9 @@ import json
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 
-from pouring_robot.calibration.study import StudyOptions, coverage_study
 from pouring_robot.exceptions import PouringRobotError
-from pouring_robot.files import write_whole
+from pouring_robot.io.files import write_whole
+from scripts.coverage_study import StudyOptions, coverage_study
 
 
 def _counted(numbers: Iterable[int]) -> Iterator[int]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pouring_robot.model import JointPlacement, RobotModel
+from pouring_robot.robot.model import JointPlacement, RobotModel
 
 SEED = 20221
 CENTRE_MM = 0.15  # standard deviation of a U-joint centre, each direction

@@ -16,11 +16,11 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pouring_robot.calibration.planning import Planner, PlanRequest
-from pouring_robot.calibration.planning_compare import Comparison, compare_with_random
-from pouring_robot.calibration.tolerances import Tolerances
-from pouring_robot.poses import MM
-from pouring_robot.robot import PouringRobot
+from pouring_robot.design.compare import Comparison, compare_with_random
+from pouring_robot.design.planning import Planner, PlanRequest
+from pouring_robot.estimation.priors import Tolerances
+from pouring_robot.mechanism.poses import MM
+from pouring_robot.robot.robot import PouringRobot
 
 REQUIRED = 0.70
 _HEADINGS = (

@@ -18,10 +18,10 @@ import typer
 from rich.console import Console
 from rich.progress import Progress as Bar
 
-from pouring_robot.errors.paper_page import PaperReport, make_folder
-from pouring_robot.errors.paper_report import GeometryReport
-from pouring_robot.errors.paper_study import run_study
 from pouring_robot.exceptions import PouringRobotError
+from scripts.paper.geometry_report import GeometryReport
+from scripts.paper.geometry_study import run_study
+from scripts.paper.page import PaperReport, make_folder
 
 Progress = Callable[[int, int], None]
 DOCS = Path(__file__).resolve().parent.parent / "docs"
@@ -65,8 +65,8 @@ def thermal(
 ) -> None:
     """Heat and the joint regression, section 5: the melt's radiation, ten poses, twelve temperatures."""
     # scikit-learn takes a second to import; only this part pays for it.
-    from pouring_robot.thermal.paper_report import ThermalReport
-    from pouring_robot.thermal.paper_study import run_thermal_study
+    from scripts.paper.thermal_report import ThermalReport
+    from scripts.paper.thermal_study import run_thermal_study
 
     given = {"seed": (seed, 2022), "layout": (layout, "paper"), "draws": (draws, 8)}
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.exceptions import CampaignError
-from pouring_robot.mechanism import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray
 
 FIRST_FILE, SECOND_FILE = "focus_temp_AJR.txt", "focusvstemp_GFA.txt"
 _FIRST = {

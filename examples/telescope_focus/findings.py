@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from pouring_robot.diagnosis.search import SearchOptions
 from pouring_robot.exceptions import DiagnosisError
-from pouring_robot.mechanism import FloatArray
+from pouring_robot.inference.search import SearchOptions
+from pouring_robot.mechanism.arrays import FloatArray
 
 from .data import FocusRows
 from .model import NIGHT, STORIES, USUAL_UM, constants, descriptions, forms, is_night, problem_at

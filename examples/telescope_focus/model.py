@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pouring_robot.diagnosis.courses import separate, smooth, standardised, wandering
-from pouring_robot.diagnosis.explanations import Explanation, Problem
-from pouring_robot.diagnosis.remainder import Description
-from pouring_robot.mechanism import FloatArray
+from pouring_robot.inference.courses import separate, smooth, standardised, wandering
+from pouring_robot.inference.explanations import Explanation, Problem
+from pouring_robot.inference.remainder import Description
+from pouring_robot.mechanism.arrays import FloatArray
 
 from .data import FocusRows
 

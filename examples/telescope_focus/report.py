@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pouring_robot.mechanism import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray
 
 from .data import FIRST_FILE, SECOND_FILE, FocusRows, together
 from .findings import Findings, least_squares, night_name, repeats_um

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from pouring_robot.diagnosis.explanations import Explanation, Problem
-from pouring_robot.diagnosis.hypotheses import Hypothesis
-from pouring_robot.diagnosis.remainder import Description, structures
-from pouring_robot.diagnosis.search import SearchOptions, search
-from pouring_robot.mechanism import FloatArray
+from pouring_robot.inference.explanations import Explanation, Problem
+from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.remainder import Description, structures
+from pouring_robot.inference.search import SearchOptions, search
+from pouring_robot.mechanism.arrays import FloatArray
 
 Key = tuple[str, str]
 Keys = tuple[Key, ...]

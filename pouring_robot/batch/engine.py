@@ -1,6 +1,6 @@
 """The batch engine: closures and transfer matrices of many samples at once, on all cores.
 
-It solves what :class:`~pouring_robot.closure.ClosureSolver` solves, without loads, on arrays read from the same
+It solves what ``closure.ClosureSolver`` solves, without loads, on arrays read from the same
 Pinocchio model. A sample that has no answer says so by its status and holds NaN; nothing is left out in silence.
 """
 
@@ -14,16 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.arrays import lock_fields
-from pouring_robot.batch.batch_kernels import close_samples
-from pouring_robot.batch.room import make_room
+from pouring_robot.batch.kernels.samples import close_samples
+from pouring_robot.batch.kernels.transfer import Columns, branch_samples, make_transfer_room, transfer_samples
+from pouring_robot.batch.kernels.workspace import make_room
 from pouring_robot.batch.samples import BatchClosure, BatchStart, SiteErrors
 from pouring_robot.batch.structure import StarStructure, fixed
-from pouring_robot.batch.transfer_kernel import Columns, branch_samples, make_transfer_room, transfer_samples
-from pouring_robot.closure import DEFAULT_OPTIONS, ClosureOptions
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.mechanism import ClosedChainMechanism, FloatArray
-from pouring_robot.parameters import DriveParameter, LocalParameter, PlacementParameter
+from pouring_robot.mechanism.arrays import FloatArray, lock_fields
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure import DEFAULT_OPTIONS, ClosureOptions
+from pouring_robot.mechanism.parameters import DriveParameter, LocalParameter, PlacementParameter
 
 _SAMPLES_AT_A_TIME = 512
 

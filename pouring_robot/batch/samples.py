@@ -7,11 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.arrays import lock_fields
 from pouring_robot.batch.structure import IntArray, StarStructure, fixed
 from pouring_robot.exceptions import BadInputError, BatchClosureError
-from pouring_robot.kinematics import FourUPUKinematics
-from pouring_robot.mechanism import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 
 STATUS_NAMES = ("closed", "not converged", "left open too far", "not finite", "singular")
 """Meaning of the status codes 0 to 4; only transfer matrices can be singular."""
@@ -77,33 +75,6 @@ class BatchCommand:
     poses: FloatArray
     drives: FloatArray
     start: BatchStart
-
-    @classmethod
-    def from_poses(cls, kinematics: FourUPUKinematics, poses: FloatArray) -> BatchCommand:
-        """Run the nominal inverse kinematics; joint limits are not looked at.
-
-        Args:
-            kinematics: of the drawing.
-            poses: x, y, z in m and the tilt in rad, shape (n, 4).
-
-        Raises:
-            BadInputError: the array has another shape.
-        """
-        poses = np.ascontiguousarray(poses, dtype=float)
-        if poses.ndim != 2 or poses.shape[1] != 4:
-            raise BadInputError(f"poses must have the shape (n, 4): x, y, z, tilt; not {poses.shape}")
-        angles = kinematics.chain_angles(poses[:, :3], poses[:, 3])
-        parts = (angles.psi_rad, angles.phi_rad, angles.length_m, -angles.phi_rad, angles.foot_rad)
-        joints = np.stack(parts, axis=-1)
-        rotation = np.zeros((len(poses), 3, 3))
-        rotation[:, 0, 0] = rotation[:, 2, 2] = np.cos(poses[:, 3])
-        rotation[:, 0, 2] = np.sin(poses[:, 3])
-        rotation[:, 2, 0] = -rotation[:, 0, 2]
-        rotation[:, 1, 1] = 1.0
-        # leg{i}_s{k}: chain i, joint k, both counted from one.
-        places = [(int(name[3]) - 1, int(name[6]) - 1) for name in kinematics.mechanism.loops.drives]
-        drives = np.stack([joints[:, i, k] for i, k in places], axis=1)
-        return cls(poses, drives, BatchStart(poses[:, :3], rotation, joints))
 
     def __len__(self) -> int:
         """Return the number of samples."""

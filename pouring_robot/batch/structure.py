@@ -17,8 +17,9 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.exceptions import UnknownJointError, UnsupportedMechanismError
-from pouring_robot.mechanism import ClosedChainMechanism, FloatArray, LoopAnchor
-from pouring_robot.parameters import PlacementParameter, placement_parameters
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism, LoopAnchor
+from pouring_robot.mechanism.parameters import PlacementParameter, placement_parameters
 
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]

@@ -1,8 +1,8 @@
-"""Measured data in, calibrated robot out: the measurement model, identification, and the report (DESIGN §1, §6)."""
+"""Measured data in, calibrated robot out: choice of parameters, fit, judgement on rows nobody has looked at, report."""
 
 from __future__ import annotations
 
-from pouring_robot.calibration.measurement import (
+from pouring_robot.estimation.measurement import (
     FRAME_PARAMETERS,
     FRAMES,
     CalibrationParameter,
@@ -11,7 +11,7 @@ from pouring_robot.calibration.measurement import (
     Prediction,
     Unknowns,
 )
-from pouring_robot.calibration.residuals import MeasuredPoses, WhitenedEquations, regressor, whiten
+from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations, regressor, whiten
 
 __all__ = [
     "FRAMES",

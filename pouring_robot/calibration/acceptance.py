@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pouring_robot.calibration.figures import Misfit
-from pouring_robot.mechanism import FloatArray
+from pouring_robot.calibration.metrics import Misfit
+from pouring_robot.mechanism.arrays import FloatArray
 
 _STANDARD_ERRORS = 2.0
 

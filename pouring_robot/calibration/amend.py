@@ -8,11 +8,11 @@ import numpy as np
 import pinocchio as pin
 import pydantic
 
-from pouring_robot.calibration.measurement import MeasurementModel
+from pouring_robot.estimation.measurement import MeasurementModel
 from pouring_robot.exceptions import CalibrationError
-from pouring_robot.mechanism import FloatArray
-from pouring_robot.model import DriveOffset, JointPlacement, RobotModel
-from pouring_robot.poses import MM, MRAD
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
 
 
 def amended_model(present: RobotModel, measurement: MeasurementModel, values: FloatArray) -> RobotModel:

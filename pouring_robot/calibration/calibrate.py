@@ -11,23 +11,25 @@ from numpy.typing import NDArray
 
 from pouring_robot.calibration.acceptance import Refusal, acceptable, row_scores
 from pouring_robot.calibration.amend import amended_model
-from pouring_robot.calibration.base_parameters import BaseParameters, base_parameters
-from pouring_robot.calibration.figures import Misfit, PosePerformance, pose_performance
-from pouring_robot.calibration.frames import first_frames
 from pouring_robot.calibration.ladle import LadleUncertainty, ladle_uncertainty, pose_platform_to_lip, workspace_rows
-from pouring_robot.calibration.measurement import FRAMES, MeasurementModel, ModelledRows, Unknowns
-from pouring_robot.calibration.noise import NoiseLevel, fit_with_noise, repeats, stated_noise
-from pouring_robot.calibration.parameter_sets import ParameterCatalogue, ParameterGroup, all_parameters
-from pouring_robot.calibration.residuals import MeasuredPoses, regressor
+from pouring_robot.calibration.metrics import Misfit, PosePerformance, pose_performance
 from pouring_robot.calibration.selection import Selection, select_groups
-from pouring_robot.calibration.solver import Fit, FitOptions, identify
-from pouring_robot.calibration.splits import HoldOut, Rows, Split, split
-from pouring_robot.calibration.tolerances import Tolerances
-from pouring_robot.campaign import Campaign, DataFlag, FlagCode, Severity, check_campaign, outlier_rows
+from pouring_robot.campaign.data import Campaign
+from pouring_robot.checks.check import check_campaign
+from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, outlier_rows
+from pouring_robot.estimation.first_frames import first_frames
+from pouring_robot.estimation.identifiability import BaseParameters, base_parameters
+from pouring_robot.estimation.measurement import FRAMES, MeasurementModel, ModelledRows, Unknowns
+from pouring_robot.estimation.noise import NoiseLevel, fit_with_noise, repeats, stated_noise
+from pouring_robot.estimation.parameter_sets import ParameterCatalogue, ParameterGroup, all_parameters
+from pouring_robot.estimation.priors import Tolerances
+from pouring_robot.estimation.residuals import MeasuredPoses, regressor
+from pouring_robot.estimation.solver import Fit, FitOptions, identify
+from pouring_robot.estimation.splits import HoldOut, Rows, Split, split
 from pouring_robot.exceptions import CampaignError
-from pouring_robot.mechanism import FloatArray
-from pouring_robot.model import RobotModel
-from pouring_robot.robot import PouringRobot
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.robot import PouringRobot
 
 Progress = Callable[[str], None]
 _ROW_FLAGS = (FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES)

@@ -8,10 +8,10 @@ from pathlib import Path
 from pouring_robot.calibration.calibrate import Calibration
 from pouring_robot.calibration.report import headline, html_report
 from pouring_robot.calibration.summary import calibration_figures, notes_of, warnings_of
-from pouring_robot.description import write_urdf
 from pouring_robot.exceptions import DescriptionError, OutputError
-from pouring_robot.files import write_folder, write_whole
-from pouring_robot.model import RobotModel, loops_file
+from pouring_robot.io.files import write_folder, write_whole
+from pouring_robot.robot.model import RobotModel, loops_file
+from pouring_robot.robot.pouring.description import write_urdf
 
 MODEL, FIGURES, REPORT, LOOPS = "calibrated.yaml", "calibration.json", "report.html", "loops.yaml"
 

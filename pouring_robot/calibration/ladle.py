@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.calibration.measurement import FRAMES, MeasurementModel, ModelledRows, Unknowns
+from pouring_robot.estimation.measurement import FRAMES, MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.exceptions import NoSolutionError
-from pouring_robot.layout import Layout
-from pouring_robot.mechanism import ClosedChainMechanism, FloatArray
-from pouring_robot.poses import PlatformPose
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.robot.pouring.layout import Layout
+from pouring_robot.robot.pouring.poses import PlatformPose
 
 _SHARES = (0.1, 0.5, 0.9)  # of the workspace box along each axis
 

@@ -6,11 +6,11 @@ import dataclasses
 
 import numpy as np
 
-from pouring_robot.calibration.base_parameters import combination_text, robot_combinations
 from pouring_robot.calibration.calibrate import Calibration
-from pouring_robot.calibration.measurement import FRAMES
+from pouring_robot.estimation.identifiability import combination_text, robot_combinations
+from pouring_robot.estimation.measurement import FRAMES
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.poses import MM, MRAD
+from pouring_robot.mechanism.poses import MM, MRAD
 
 Z95 = 1.959963984540054
 """Half the 95 % interval of a normal deviate."""

@@ -7,7 +7,6 @@ import math
 from collections.abc import Iterable, Sequence
 
 from pouring_robot.calibration.calibrate import Calibration
-from pouring_robot.calibration.figures import Misfit
 from pouring_robot.calibration.lines import (
     SEEN,
     CombinationLine,
@@ -17,10 +16,11 @@ from pouring_robot.calibration.lines import (
     group_effects,
     parameter_lines,
 )
-from pouring_robot.calibration.pictures import pictures
+from pouring_robot.calibration.metrics import Misfit
+from pouring_robot.calibration.plots import pictures
 from pouring_robot.calibration.summary import next_measurements, noise_floor, notes_of, warnings_of
-from pouring_robot.page_parts import Row, html_page, html_picture, html_table
-from pouring_robot.poses import MM
+from pouring_robot.mechanism.poses import MM
+from pouring_robot.report.page_parts import Row, html_page, html_picture, html_table
 
 SHOWN, WIDTH = 6, 60
 """Combinations, and letters of each, shown on a terminal; the page shows all."""

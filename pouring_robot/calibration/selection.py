@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pouring_robot.calibration.acceptance import mean_and_error
-from pouring_robot.calibration.frames import first_frames
-from pouring_robot.calibration.measurement import MeasurementModel, ModelledRows, Unknowns
-from pouring_robot.calibration.parameter_sets import ParameterGroup, all_parameters
-from pouring_robot.calibration.residuals import MeasuredPoses, whiten
-from pouring_robot.calibration.solver import FitOptions, identify
-from pouring_robot.calibration.splits import Rows, Split
-from pouring_robot.calibration.tolerances import Tolerances
+from pouring_robot.estimation.first_frames import first_frames
+from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
+from pouring_robot.estimation.parameter_sets import ParameterGroup, all_parameters
+from pouring_robot.estimation.priors import Tolerances
+from pouring_robot.estimation.residuals import MeasuredPoses, whiten
+from pouring_robot.estimation.solver import FitOptions, identify
+from pouring_robot.estimation.splits import Rows, Split
 from pouring_robot.exceptions import CalibrationError
-from pouring_robot.mechanism import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray
 
 Progress = Callable[[str], None]
 _FAILED = 1e6

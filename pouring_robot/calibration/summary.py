@@ -10,9 +10,7 @@ import numpy as np
 import pinocchio as pin
 import scipy.stats
 
-from pouring_robot.calibration.base_parameters import observability
 from pouring_robot.calibration.calibrate import Calibration
-from pouring_robot.calibration.figures import Misfit
 from pouring_robot.calibration.lines import (
     LEARNT,
     Z95,
@@ -22,9 +20,11 @@ from pouring_robot.calibration.lines import (
     group_effects,
     parameter_lines,
 )
-from pouring_robot.calibration.measurement import FRAMES
-from pouring_robot.poses import MM, MRAD
-from pouring_robot.report import without_nan
+from pouring_robot.calibration.metrics import Misfit
+from pouring_robot.estimation.identifiability import observability
+from pouring_robot.estimation.measurement import FRAMES
+from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.metrics import without_nan
 
 Figures = dict[str, Any]
 

@@ -1,12 +1,12 @@
-"""Measurement campaigns: reading them, checking them before any fit, and measuring a virtual robot (DESIGN §6)."""
+"""Measured data: one static pose a row, what was commanded, under which conditions, what was seen.
+
+Reading and writing the two files of a campaign, plans of poses, and measuring a virtual robot.
+"""
 
 from __future__ import annotations
 
 from pouring_robot.campaign.blocks import Block, BlockKind
-from pouring_robot.campaign.checks import Examination, check_campaign, examine
 from pouring_robot.campaign.data import DRIVE_JOINTS, Campaign
-from pouring_robot.campaign.flags import DataFlag, FlagCode, Severity, outlier_rows
-from pouring_robot.campaign.frames import FrameFit, fit_frames
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses, planar_poses, rotation_matrices, rotation_vectors
 from pouring_robot.campaign.plan import PosePlan, random_plan, read_plan
@@ -20,20 +20,11 @@ __all__ = [
     "BlockKind",
     "Campaign",
     "CampaignMetadata",
-    "DataFlag",
-    "Examination",
-    "FlagCode",
-    "FrameFit",
     "MeasurementOptions",
     "PosePlan",
     "PoseStack",
-    "Severity",
     "VirtualMeasurement",
-    "check_campaign",
-    "examine",
-    "fit_frames",
     "nominal_poses",
-    "outlier_rows",
     "planar_poses",
     "random_plan",
     "read_campaign",

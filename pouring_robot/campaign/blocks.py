@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.mechanism import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray
 
 BlockKind = Literal["session", "time", "region"]
 Rows = NDArray[np.intp]

@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from pouring_robot.mechanism import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray
 
 Kind = Literal["length", "angle", "mass", "temperature", "time", "sign", "label"]
 

@@ -15,7 +15,7 @@ from pouring_robot.campaign import columns
 from pouring_robot.campaign.blocks import Block, BlockKind, region_blocks, session_blocks, time_blocks
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.mechanism import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray
 
 if TYPE_CHECKING:
     import pandas

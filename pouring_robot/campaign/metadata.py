@@ -13,7 +13,7 @@ from ruamel.yaml import YAML
 
 from pouring_robot.campaign.columns import ABSOLUTE_ZERO_DEGC
 from pouring_robot.exceptions import CampaignError, CampaignFileError
-from pouring_robot.yaml_files import StrictModel, read_yaml, validate
+from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 
 _Number = Annotated[float, Strict()]
 _Size = Annotated[_Number, Field(gt=0.0, lt=1e9)]

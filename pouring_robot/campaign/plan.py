@@ -11,9 +11,9 @@ from pouring_robot.campaign import columns
 from pouring_robot.campaign.reader import sessions_of
 from pouring_robot.campaign.table import read_table
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
-from pouring_robot.mechanism import FloatArray
-from pouring_robot.poses import PlatformPose
-from pouring_robot.robot import PouringRobot
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.robot import PouringRobot
 
 _SECONDS_A_POSE = 75.0
 _MOST_POSES = 100_000

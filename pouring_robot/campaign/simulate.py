@@ -18,8 +18,8 @@ from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.nominal import rotation_vectors
 from pouring_robot.campaign.plan import PosePlan
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
-from pouring_robot.mechanism import FloatArray
-from pouring_robot.robot import PouringRobot
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.robot import PouringRobot
 
 Progress = Callable[[Iterable[int]], Iterable[int]]
 ActualPoses = Callable[[PosePlan], list[pin.SE3]]

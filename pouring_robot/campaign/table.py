@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pouring_robot.campaign.columns import ABSOLUTE_ZERO_DEGC, Column, HeadingError, Quantity, understand
 from pouring_robot.exceptions import CampaignError
-from pouring_robot.mechanism import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray
 
 PARQUET_SUFFIXES = (".parquet", ".pq")
 LARGEST = 1e9

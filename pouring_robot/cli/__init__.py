@@ -1,4 +1,4 @@
-"""The command line: ``pouring-robot``."""
+"""The command line: one file a subcommand; ``app`` puts them together and turns errors into one line."""
 
 from __future__ import annotations
 

@@ -10,10 +10,10 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from pouring_robot.cli import options
-from pouring_robot.cli.tables import plain_table
-from pouring_robot.files import check_folder
-from pouring_robot.model import RobotModel
+from pouring_robot.cli.shared import options
+from pouring_robot.cli.shared.tables import plain_table
+from pouring_robot.io.files import check_folder
+from pouring_robot.robot.model import RobotModel
 
 if TYPE_CHECKING:
     from pouring_robot.calibration.calibrate import Calibration
@@ -56,10 +56,10 @@ def calibrate(
     from pouring_robot.calibration.calibrate import CalibrationOptions
     from pouring_robot.calibration.calibrate import calibrate as run
     from pouring_robot.calibration.export import write_calibration
-    from pouring_robot.calibration.solver import FitOptions
     from pouring_robot.calibration.summary import calibration_figures
-    from pouring_robot.calibration.tolerances import Tolerances
-    from pouring_robot.campaign import read_campaign
+    from pouring_robot.campaign.reader import read_campaign
+    from pouring_robot.estimation.priors import Tolerances
+    from pouring_robot.estimation.solver import FitOptions
 
     check_folder(out)
     present = RobotModel.load(model) if model else RobotModel()

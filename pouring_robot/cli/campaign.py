@@ -14,7 +14,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from pouring_robot.cli import campaign_plan, options
+from pouring_robot.cli import campaign_plan
+from pouring_robot.cli.shared import options
 from pouring_robot.exceptions import BadInputError
 
 app = typer.Typer(
@@ -41,9 +42,10 @@ def check(
     png: options.PngFile = None,
 ) -> None:
     """Say what is in a campaign and what is wrong with its data, before any fit."""
-    from pouring_robot.campaign import examine, read_campaign
-    from pouring_robot.campaign.picture import write_picture
-    from pouring_robot.campaign.summary import campaign_figures
+    from pouring_robot.campaign.reader import read_campaign
+    from pouring_robot.checks.check import examine
+    from pouring_robot.checks.plots import write_picture
+    from pouring_robot.checks.summary import campaign_figures
 
     options.refuse_unwritable(png)
     campaign = read_campaign(file)
@@ -143,7 +145,8 @@ def simulate(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that are there.")] = False,
 ) -> None:
     """Measure a robot as built without having it: a campaign with noise, outliers and unknown frames."""
-    from pouring_robot.campaign import MeasurementOptions, random_plan, read_plan, simulate_campaign
+    from pouring_robot.campaign.plan import random_plan, read_plan
+    from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
     from pouring_robot.campaign.writer import campaign_contents, refuse_existing, write_all
 
     if (plan is None) == (random is None):

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from pouring_robot.cli import options
-from pouring_robot.cli.tables import plain_table
+from pouring_robot.cli.shared import options
+from pouring_robot.cli.shared.tables import plain_table
 from pouring_robot.exceptions import BadInputError
 
 if TYPE_CHECKING:
-    from pouring_robot.calibration.planning_exchange import Progress
+    from pouring_robot.design.exchange import Progress
 
 _COMPARED = 25
 
@@ -69,12 +69,12 @@ def plan(
     as_json: options.AsJson = False,
 ) -> None:
     """Choose the poses that determine parameters best, and say how well, before a single measurement."""
-    from pouring_robot.calibration.planning import Planner, PlanRequest
-    from pouring_robot.calibration.planning_columns import Noise
-    from pouring_robot.calibration.planning_compare import compare_with_random
-    from pouring_robot.calibration.planning_output import plan_figures, plan_table, plan_text, write_picture
-    from pouring_robot.calibration.tolerances import Tolerances
-    from pouring_robot.files import write_whole
+    from pouring_robot.design.columns import Noise
+    from pouring_robot.design.compare import compare_with_random
+    from pouring_robot.design.output import plan_figures, plan_table, plan_text, write_picture
+    from pouring_robot.design.planning import Planner, PlanRequest
+    from pouring_robot.estimation.priors import Tolerances
+    from pouring_robot.io.files import write_whole
 
     if tolerances is not None and not priors:
         raise BadInputError("--tolerances says how sure the priors are; give --priors too")

@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
-from pouring_robot.cli import heat_options, options
+from pouring_robot.cli.shared import heat_options, options
 from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseError, UnknownFrameError
-from pouring_robot.pose_table import read_pose_lines
-from pouring_robot.poses import MM, MRAD, PlatformPose
-from pouring_robot.report import decimals
+from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.metrics import decimals
+from pouring_robot.robot.pose_table import read_pose_lines
+from pouring_robot.robot.pouring.poses import PlatformPose
 
 if TYPE_CHECKING:
-    from pouring_robot.compensation import Compensation
+    from pouring_robot.compensation.compensate import Compensation
 
 PosesFile = Annotated[
     Path | None,
@@ -65,10 +66,10 @@ def compensate(
     robot = options.robot_of(model, layout, warm=True)
     _check_frame(robot.nominal_solver.mechanism.loops.reported_frames, frame)
     heat = heat_options.heat_of(robot, melt_degC, ambient_degC, steady, after_min, cold)
-    from pouring_robot.compensation import compensate as compensated
-    from pouring_robot.compensation_table import commands_csv, compensation_figures, is_outside
-    from pouring_robot.files import write_whole
-    from pouring_robot.thermal.heated_robot import HeatedRobot
+    from pouring_robot.compensation.compensate import compensate as compensated
+    from pouring_robot.compensation.table import commands_csv, compensation_figures, is_outside
+    from pouring_robot.io.files import write_whole
+    from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 
     heated = HeatedRobot(robot, heat)
     found = []

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from rich.console import Console
 
-from pouring_robot.cli import options
-from pouring_robot.cli.tables import plain_table
+from pouring_robot.cli.shared import options
+from pouring_robot.cli.shared.tables import plain_table
 from pouring_robot.exceptions import DiagnosisError
-from pouring_robot.files import check_folder
-from pouring_robot.model import RobotModel
+from pouring_robot.io.files import check_folder
+from pouring_robot.robot.model import RobotModel
 
 if TYPE_CHECKING:
-    from pouring_robot.diagnosis.summary import Summary
+    from pouring_robot.diagnosis.report.summary import Summary
 
 OutFolder = Annotated[
     Path,
@@ -46,12 +46,12 @@ def diagnose(
     """Find where model and measurement disagree, name the missing effect, amend the model, show the gap shrink."""
     from threadpoolctl import threadpool_limits
 
-    from pouring_robot.campaign import read_campaign
+    from pouring_robot.campaign.reader import read_campaign
     from pouring_robot.diagnosis.diagnose import DiagnosisOptions, exclude_ids
     from pouring_robot.diagnosis.diagnose import diagnose as run
-    from pouring_robot.diagnosis.export import FIGURES, MODEL, write_diagnosis
-    from pouring_robot.diagnosis.figures import diagnosis_figures
-    from pouring_robot.diagnosis.summary import Summary
+    from pouring_robot.diagnosis.report.export import FIGURES, MODEL, write_diagnosis
+    from pouring_robot.diagnosis.report.record import diagnosis_figures
+    from pouring_robot.diagnosis.report.summary import Summary
 
     check_folder(out)
     present = RobotModel.load(model) if model else RobotModel()
@@ -96,8 +96,8 @@ def effects(as_json: options.AsJson = False) -> None:
 
 def _library() -> list[dict[str, Any]]:
     """Return the library with forms and parameters, as they are for a campaign that holds every condition."""
+    from pouring_robot.diagnosis.report.words import sources
     from pouring_robot.diagnosis.rows import channel_names, local_parameters
-    from pouring_robot.diagnosis.words import sources
     from pouring_robot.effects.base import checked_forms
     from pouring_robot.effects.examples import complete_conditions
     from pouring_robot.effects.registry import all_effects
@@ -125,7 +125,7 @@ def _shortened(names: list[str], most: int = 6) -> str:
 
 
 def _print(console: Console, summary: Summary) -> None:
-    from pouring_robot.diagnosis.sentences import gap_sentence, gap_table, headline, sections
+    from pouring_robot.diagnosis.report.sentences import gap_sentence, gap_table, headline, sections
 
     console.print(headline(summary), style="bold", markup=False)
     console.print(gap_sentence(summary), markup=False)

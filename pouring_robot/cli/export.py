@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
-from pouring_robot.cli import options
-from pouring_robot.description import write_urdf
-from pouring_robot.ladle_mesh import stale_mesh_note
-from pouring_robot.model import loops_file
+from pouring_robot.cli.shared import options
+from pouring_robot.robot.model import loops_file
+from pouring_robot.robot.pouring.description import write_urdf
+from pouring_robot.robot.pouring.ladle_mesh import stale_mesh_note
 
 OutFolder = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the URDF, its meshes and loops.")]
 

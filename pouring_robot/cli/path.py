@@ -7,18 +7,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pouring_robot.cli import heat_options, options
-from pouring_robot.cli.drawing import drawing_notes, write_drawings
-from pouring_robot.cli.heat_options import Warmth
-from pouring_robot.cli.tables import model_notes, path_table
+from pouring_robot.cli.shared import heat_options, options
+from pouring_robot.cli.shared.drawing import drawing_notes, write_drawings
+from pouring_robot.cli.shared.heat_options import Warmth
+from pouring_robot.cli.shared.tables import model_notes, path_table
 from pouring_robot.exceptions import NoSolutionError, PathPoseError
-from pouring_robot.pose_table import read_pose_lines
-from pouring_robot.poses import MM, PlatformPose
-from pouring_robot.report import location_figures
-from pouring_robot.robot import PouringRobot
+from pouring_robot.mechanism.poses import MM
+from pouring_robot.robot.metrics import location_figures
+from pouring_robot.robot.pose_table import read_pose_lines
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.robot import PouringRobot
 
 if TYPE_CHECKING:
-    from pouring_robot.thermal.heated_robot import HeatedRobot
+    from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 
 PosesFile = Annotated[
     Path,

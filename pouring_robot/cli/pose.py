@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from pouring_robot.cli import heat_options, options
-from pouring_robot.cli.drawing import drawing_notes, write_drawings
-from pouring_robot.cli.tables import drives_line, location_table, model_notes, print_closure_note
-from pouring_robot.poses import PlatformPose
-from pouring_robot.report import location_figures
+from pouring_robot.cli.shared import heat_options, options
+from pouring_robot.cli.shared.drawing import drawing_notes, write_drawings
+from pouring_robot.cli.shared.tables import drives_line, location_table, model_notes, print_closure_note
+from pouring_robot.robot.metrics import location_figures
+from pouring_robot.robot.pouring.poses import PlatformPose
 
 
 def pose(

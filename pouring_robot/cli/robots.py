@@ -7,13 +7,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pouring_robot.cli import options
-from pouring_robot.cli.tables import unseen_note
-from pouring_robot.layout import layout_names
-from pouring_robot.mechanism import FloatArray
-from pouring_robot.model import RobotModel
-from pouring_robot.poses import MM, PlatformPose
-from pouring_robot.robot import PouringRobot
+from pouring_robot.cli.shared import options
+from pouring_robot.cli.shared.tables import unseen_note
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.poses import MM
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.pouring.layout import layout_names
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.robot import PouringRobot
 
 
 def robot_figures(robot: PouringRobot) -> dict[str, Any]:

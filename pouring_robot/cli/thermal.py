@@ -9,15 +9,16 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from pouring_robot.cli import heat_options, options
+from pouring_robot.cli.shared import heat_options, options
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.poses import MM, MRAD, PlatformPose
-from pouring_robot.report import decimals
+from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.metrics import decimals
+from pouring_robot.robot.pouring.poses import PlatformPose
 
 if TYPE_CHECKING:
-    from pouring_robot.thermal.heat_report import PoseHeat, ShiftHeat
-    from pouring_robot.thermal.heat_section import HeatSection
-    from pouring_robot.thermal.heated_robot import HeatedRobot
+    from pouring_robot.robot.heat_section import HeatSection
+    from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+    from pouring_robot.thermal.report import PoseHeat, ShiftHeat
 
 _MOST_ROWS, _DRAWN = 2000, 121
 AtMm = Annotated[
@@ -64,7 +65,7 @@ def thermal(
     """
     options.refuse_unwritable(csv, png)
     robot = options.robot_of(model, layout, warm=True)
-    from pouring_robot.thermal.heat_section import HeatSection
+    from pouring_robot.robot.heat_section import HeatSection
 
     if history is not None and (melt_degC is not None or steady or after_min is not None):
         raise BadInputError(
@@ -78,8 +79,8 @@ def thermal(
     pose = None if at_mm is None else PlatformPose.from_mm_deg(*at_mm, tilt_deg or 0.0)
     if history is None and pose is None:
         raise BadInputError("say where the robot stands: --at-mm X Y Z and --tilt-deg T")
-    from pouring_robot.files import write_whole
-    from pouring_robot.thermal.heat_report import PoseHeat, heated_drawing
+    from pouring_robot.io.files import write_whole
+    from pouring_robot.thermal.report import PoseHeat, heated_drawing
 
     heated = heated_drawing(robot, heat, radiation=not conduction_only)
     kind = "conduction alone" if conduction_only else "conduction and radiation"
@@ -95,7 +96,7 @@ def thermal(
         title = f"melt {melt:g}, surroundings {ambient:g} °C, {when}; {kind}; layout {robot.model.layout}"
     written = [write_whole(csv, found.csv())] if csv else []
     if png:
-        from pouring_robot.thermal.heat_plots import pose_picture, shift_picture
+        from pouring_robot.thermal.plots import pose_picture, shift_picture
 
         picture = pose_picture(drawn, title) if isinstance(drawn, PoseHeat) else shift_picture(drawn, title)
         written.append(write_whole(png, picture))
@@ -135,8 +136,8 @@ def _shift(
     """
     import numpy as np
 
-    from pouring_robot.thermal.heat_report import ShiftHeat
-    from pouring_robot.thermal.transient_history import PoseSchedule, read_shift
+    from pouring_robot.thermal.network.history import PoseSchedule, read_shift
+    from pouring_robot.thermal.report import ShiftHeat
 
     past, schedule = read_shift(file, heated.temperatures_degC[1])
     if (schedule is None) == (pose is None):

@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-from pouring_robot.cli import options
-from pouring_robot.poses import PlatformPose
+from pouring_robot.cli.shared import options
+from pouring_robot.robot.pouring.poses import PlatformPose
 
 MIDDLE_MM = (-100.0, 0.0, -600.0)
 
@@ -26,8 +26,8 @@ def view(
 ) -> None:
     """Show nominal and actual ladle live in the browser until Ctrl-C."""
     # The drawing libraries take half a second to import; only commands that draw pay for it.
-    from pouring_robot.ladle_mesh import stale_mesh_note
-    from pouring_robot.pose_scene import pose_scene
+    from pouring_robot.robot.pouring.ladle_mesh import stale_mesh_note
+    from pouring_robot.robot.scene import pose_scene
     from pouring_robot.viewer import serve
 
     robot = options.robot_of(model, layout)

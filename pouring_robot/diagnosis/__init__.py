@@ -1,1 +1,1 @@
-"""Diagnosis: where model and measurement disagree, which effect is missing, and how sure that is."""
+"""Which effect the model lacks: the gap, where it is, the causes that explain it, the model amended with them."""

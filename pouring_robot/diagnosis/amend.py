@@ -11,14 +11,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pouring_robot.calibration.amend import amended_model
-from pouring_robot.calibration.measurement import FRAMES, MeasurementModel
 from pouring_robot.diagnosis.diagnose import Diagnosis
-from pouring_robot.diagnosis.parameters import found_parameters
-from pouring_robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.effects.registry import all_effects
-from pouring_robot.mechanism import FloatArray
-from pouring_robot.model import RobotModel
+from pouring_robot.estimation.measurement import FRAMES, MeasurementModel
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
+from pouring_robot.robot.model import RobotModel
 
 BACKGROUND = "background"
 """Form of the usual small errors."""
@@ -79,7 +78,7 @@ def _found(diagnosis: Diagnosis) -> list[tuple[str, str, list[Found]]]:
     for parameter, value in zip(after.parameters, after.values.tolist(), strict=True):
         left.setdefault(id(parameter), []).append(value)
     found = []
-    for name, parameters in found_parameters(diagnoser, diagnosis.hypothesis):
+    for name, parameters in diagnoser.parameters_of(diagnosis.hypothesis):
         effect, _, form = name.partition("/")
         own = [(p.parameter, left[id(p.parameter)].pop(0), p.std) for p in parameters if left.get(id(p.parameter))]
         found.append((effect, form or BACKGROUND, own))

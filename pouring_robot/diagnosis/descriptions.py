@@ -6,15 +6,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pouring_robot.diagnosis.courses import separate, smooth, standardised, wandering
-from pouring_robot.diagnosis.remainder import Description
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.drives import CHANNELS, LEGS
 from pouring_robot.effects.joints import LEGS as JOINT_LEGS
 from pouring_robot.effects.joints import axis_parameters, centre_parameters
-from pouring_robot.mechanism import FloatArray
-from pouring_robot.parameters import COMPONENTS
+from pouring_robot.inference.courses import separate, smooth, standardised, wandering
+from pouring_robot.inference.remainder import Description
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.parameters import COMPONENTS
 
 _USUAL = 0.3e-3
 """Usual size of something unknown, in m and rad."""

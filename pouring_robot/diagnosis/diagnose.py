@@ -9,23 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from pouring_robot.calibration.noise import NoiseLevel, stated_noise
-from pouring_robot.calibration.splits import HoldOut, split
-from pouring_robot.campaign import Campaign, DataFlag, examine, outlier_rows
+from pouring_robot.campaign.data import Campaign
+from pouring_robot.checks.check import examine
+from pouring_robot.checks.flags import DataFlag, outlier_rows
 from pouring_robot.diagnosis.descriptions import descriptions
 from pouring_robot.diagnosis.gap import Gap
-from pouring_robot.diagnosis.hypotheses import Hypothesis
 from pouring_robot.diagnosis.parameters import NamedEffect, named_effects
 from pouring_robot.diagnosis.problem import background_forms, effect_forms
 from pouring_robot.diagnosis.rows import CampaignRows
-from pouring_robot.diagnosis.search import DEFAULT_SEARCH, SearchOptions
 from pouring_robot.diagnosis.state import Diagnoser, State
-from pouring_robot.diagnosis.verdict import DEFAULT_THRESHOLDS, Judgement, Thresholds, judge
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.registry import chosen_effects
+from pouring_robot.estimation.noise import NoiseLevel, stated_noise
+from pouring_robot.estimation.splits import HoldOut, split
 from pouring_robot.exceptions import CalibrationError, CampaignError
-from pouring_robot.model import RobotModel
-from pouring_robot.robot import PouringRobot
+from pouring_robot.inference.decision import DEFAULT_THRESHOLDS, Judgement, Thresholds, judge
+from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.search import DEFAULT_SEARCH, SearchOptions
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.robot import PouringRobot
 
 Progress = Callable[[str], None]
 FEWEST_ROWS = 8
@@ -208,7 +210,7 @@ class _Work:
             after=after,
             hypothesis=hypothesis,
             judgement=judgement,
-            effects=named_effects(diagnoser, hypothesis, judgement, self.effects),
+            effects=named_effects(hypothesis, judgement, self.effects, diagnoser.parameters_of(hypothesis)),
             untestable={e.id: e.missing(given) for e in self.effects.values() if e.missing(given)},
             train=gaps[0],
             held_out=gaps[1] if len(gaps) > 1 else None,

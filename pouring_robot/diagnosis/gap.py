@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.diagnosis.rows import LinearRows
-from pouring_robot.mechanism import FloatArray
-from pouring_robot.poses import MM, MRAD
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.poses import MM, MRAD
 
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 

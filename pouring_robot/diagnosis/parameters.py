@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pouring_robot.diagnosis.hypotheses import BACKGROUND_LEVELS, Hypothesis
-from pouring_robot.diagnosis.verdict import Cause, Judgement
 from pouring_robot.effects.base import Effect, EffectParameter, Form
-from pouring_robot.mechanism import FloatArray
-
-if TYPE_CHECKING:
-    from pouring_robot.diagnosis.state import Diagnoser
+from pouring_robot.inference.decision import Cause, Judgement
+from pouring_robot.inference.hypotheses import BACKGROUND_LEVELS, Hypothesis
+from pouring_robot.mechanism.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +43,19 @@ class NamedEffect:
     parameters: tuple[FoundParameter, ...]
 
 
-def found_parameters(diagnoser: Diagnoser, hypothesis: Hypothesis) -> list[tuple[str, tuple[FoundParameter, ...]]]:
-    """Return every group of a hypothesis that has parameters: backgrounds by effect, then items as effect/form."""
+FormsByKey = Mapping[tuple[str, str], Form]
+
+
+def found_parameters(
+    hypothesis: Hypothesis, backgrounds: Mapping[str, Form], forms: FormsByKey
+) -> list[tuple[str, tuple[FoundParameter, ...]]]:
+    """Return every group of a hypothesis that has parameters: backgrounds by effect, then items as effect/form.
+
+    Args:
+        hypothesis: what was found.
+        backgrounds: form of each background, in the order of the hypothesis's levels.
+        forms: by key of the hypothesis's items.
+    """
     mean, covariance = hypothesis.coefficients()
     deviation = np.sqrt(np.diag(covariance))
     found: list[tuple[str, tuple[FoundParameter, ...]]] = []
@@ -60,12 +67,12 @@ def found_parameters(diagnoser: Diagnoser, hypothesis: Hypothesis) -> list[tuple
         found.append((name, _scaled(form, scale, mean[part], deviation[part])))
         place += len(form.parameters)
 
-    for level, (effect, form) in zip(hypothesis.levels, diagnoser.backgrounds.items(), strict=True):
+    for level, (effect, form) in zip(hypothesis.levels, backgrounds.items(), strict=True):
         if BACKGROUND_LEVELS[level]:
             take(effect, form, BACKGROUND_LEVELS[level])
     for item, scale in zip(hypothesis.items, hypothesis.scales, strict=True):
-        if item.key in diagnoser.forms:
-            take("/".join(item.key), diagnoser.forms[item.key], scale)
+        if item.key in forms:
+            take("/".join(item.key), forms[item.key], scale)
         else:
             place += item.columns.shape[1]
     return found
@@ -77,10 +84,13 @@ def _scaled(form: Form, scale: float, mean: FloatArray, deviation: FloatArray) -
 
 
 def named_effects(
-    diagnoser: Diagnoser, hypothesis: Hypothesis, judgement: Judgement, effects: Mapping[str, Effect]
+    hypothesis: Hypothesis,
+    judgement: Judgement,
+    effects: Mapping[str, Effect],
+    found: Sequence[tuple[str, tuple[FoundParameter, ...]]],
 ) -> tuple[NamedEffect, ...]:
-    """Return the causes of a judgement with their parameters."""
-    known = dict(found_parameters(diagnoser, hypothesis))
+    """Return the causes of a judgement with their parameters, which :func:`found_parameters` gave."""
+    known = dict(found)
     named = []
     for cause in judgement.causes:
         keys = ["/".join(hypothesis.items[k].key) for k in cause.indices] or [cause.effect]

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from pouring_robot.diagnosis.descriptions import poses
-from pouring_robot.diagnosis.explanations import Background, Explanation, Problem
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.effects.base import Effect, Form, checked_forms
 from pouring_robot.effects.joints import axis_parameters, centre_parameters
-from pouring_robot.mechanism import FloatArray
+from pouring_robot.inference.explanations import Background, Explanation, Problem
+from pouring_robot.mechanism.arrays import FloatArray
 
 BACKGROUND_CENTRES_MM, BACKGROUND_AXES_MRAD = 0.015, 0.012
 """Usual small errors that workmanship leaves after adjustment: U-joint centres and axes."""

@@ -18,27 +18,27 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.batch import BatchStart
-from pouring_robot.calibration.frames import first_frames
-from pouring_robot.calibration.measurement import FRAMES, MeasurementModel, Prediction
-from pouring_robot.calibration.noise import NoiseLevel
-from pouring_robot.calibration.residuals import MeasuredPoses, whiten
-from pouring_robot.calibration.small_turns import skew
 from pouring_robot.campaign.data import DRIVE_JOINTS, Campaign
-from pouring_robot.effect_stack import EffectEntry
 from pouring_robot.effects.base import EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions, NominalRows, conditions_of
 from pouring_robot.effects.joints import LEGS
 from pouring_robot.effects.registry import all_effects
+from pouring_robot.estimation.first_frames import first_frames
+from pouring_robot.estimation.measurement import FRAMES, MeasurementModel, Prediction
+from pouring_robot.estimation.noise import NoiseLevel
+from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.exceptions import BadInputError, DiagnosisError, closest
-from pouring_robot.mechanism import FloatArray
-from pouring_robot.model import RobotModel
-from pouring_robot.parameters import (
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.parameters import (
     COMPONENTS,
     DriveParameter,
     LocalParameter,
     PlacementParameter,
     placement_parameters,
 )
+from pouring_robot.mechanism.rotations import skew
+from pouring_robot.robot.effect_stack import EffectEntry
+from pouring_robot.robot.model import RobotModel
 
 SCALE = "metrology.scale"
 

@@ -9,16 +9,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.calibration.tolerances import FRAME_STD
-from pouring_robot.diagnosis.explanations import Problem
-from pouring_robot.diagnosis.hypotheses import Hypothesis
-from pouring_robot.diagnosis.parameters import found_parameters
+from pouring_robot.diagnosis.parameters import FoundParameter, found_parameters
 from pouring_robot.diagnosis.problem import problem_at
 from pouring_robot.diagnosis.rows import CampaignRows, Frames, LinearRows
-from pouring_robot.diagnosis.search import DEFAULT_SEARCH, SearchOptions, search
 from pouring_robot.effects.base import EffectParameter, Form
+from pouring_robot.estimation.priors import FRAME_STD
 from pouring_robot.exceptions import DiagnosisError
-from pouring_robot.mechanism import FloatArray
+from pouring_robot.inference.explanations import Problem
+from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.search import DEFAULT_SEARCH, SearchOptions, search
+from pouring_robot.mechanism.arrays import FloatArray
 
 _ROUNDS = 4
 _SETTLED, _EXACT = 0.02, 1e-3
@@ -128,9 +128,13 @@ class Diagnoser:
         items = tuple(known[item.key] for item in hypothesis.items)
         return replace(hypothesis, problem=problem, items=items)
 
+    def parameters_of(self, hypothesis: Hypothesis) -> list[tuple[str, tuple[FoundParameter, ...]]]:
+        """Return every group of a hypothesis that has parameters, with their values."""
+        return found_parameters(hypothesis, self.backgrounds, self.forms)
+
     def _advanced(self, state: State, hypothesis: Hypothesis) -> tuple[State, float]:
         """Put in what a hypothesis found, and say by how much that differs from its linear prediction (noise units)."""
-        found = [one for _, group in found_parameters(self, hypothesis) for one in group]
+        found = [one for _, group in self.parameters_of(hypothesis) for one in group]
         parameters = tuple(one.parameter for one in found)
         wanted = np.array([one.value for one in found])
         known = {id(p): value for p, value in zip(state.parameters, state.values.tolist(), strict=True)}

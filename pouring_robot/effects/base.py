@@ -28,7 +28,7 @@ import numpy as np
 
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.exceptions import BadInputError, closest
-from pouring_robot.mechanism import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray
 
 LocalChanges = Mapping[str, FloatArray]
 """Change of local parameters, (n,) each, in m and rad, by the parameter's name: ``drive.leg1_s3``, ``base.tz`` (of the

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.mechanism import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray
 
 GRAVITY_M_S2 = 9.80665
 _ASSUMED_REFERENCE_DEGC = 20.0

@@ -7,7 +7,7 @@ import numpy as np
 from pouring_robot.effects.base import Effect, EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.drives import CHANNELS, LEGS
-from pouring_robot.mechanism import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray
 
 _PPM = 1e-6
 _USUAL_PPM = 12.0

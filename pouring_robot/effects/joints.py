@@ -6,8 +6,8 @@ import numpy as np
 
 from pouring_robot.effects.base import Effect, EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.mechanism import FloatArray
-from pouring_robot.poses import MM, MRAD
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.poses import MM, MRAD
 
 LEGS = (1, 2, 3, 4)
 _TILTED = {1: "xz", 2: "yz", 3: "xy", 4: "yz", 5: "xz"}

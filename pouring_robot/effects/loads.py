@@ -7,8 +7,8 @@ import numpy as np
 from pouring_robot.effects.base import Effect, EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.drives import CHANNELS, LEGS
-from pouring_robot.mechanism import FloatArray
-from pouring_robot.poses import MM, MRAD
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.poses import MM, MRAD
 
 _LEG_LOAD_N, _LEG_M, _MOMENT_NM, _WEIGHT_N = 5000.0, 0.6, 2000.0, 6500.0
 """Loads at which deflections are given: about the largest of this robot."""

@@ -8,9 +8,9 @@ import numpy as np
 
 from pouring_robot.effects.base import Effect, EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.mechanism import FloatArray
-from pouring_robot.parameters import COMPONENTS
-from pouring_robot.poses import MM, MRAD
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.parameters import COMPONENTS
+from pouring_robot.mechanism.poses import MM, MRAD
 
 _SETTLING = (0.15, 0.3, 0.6)
 """Time constants of settling, as shares of the campaign."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from pouring_robot.batch import StarStructure
-from pouring_robot.errors.dh_chain import inverse
-from pouring_robot.mechanism import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.pouring.dh.chain import inverse
 from pouring_robot.sweep.parameters import homogeneous
 
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import pydantic
 
 from pouring_robot.exceptions import BadInputError, SweepFileError, closest
-from pouring_robot.yaml_files import StrictModel, read_yaml, validate
+from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 
 Study = Literal["one_at_a_time", "monte_carlo", "sobol"]
 Kind = Literal["closed_chain", "open_branch"]

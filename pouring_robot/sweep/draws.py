@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.special
 
-from pouring_robot.mechanism import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.sweep.config import SweepConfig
 from pouring_robot.sweep.parameters import SweepParameter
 

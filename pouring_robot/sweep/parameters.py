@@ -2,7 +2,7 @@
 
 A parameter is a number of the DH table (``alpha_e1_56``), a component of a joint's placement error (``leg1_s1.tx``), or
 the error of a drive (``drive.leg1_s3``). All of them act on top of the robot as it is: DH errors first, exactly as
-:meth:`~pouring_robot.errors.dh.DHTable.placement_errors` has them, then placement errors.
+:meth:`~pouring_robot.robot.pouring.dh.table.DHTable.placement_errors` has them, then placement errors.
 """
 
 from __future__ import annotations
@@ -15,11 +15,12 @@ from typing import Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pouring_robot.errors.dh import DHTable
-from pouring_robot.errors.dh_chain import SEAT, SITES, SYMBOLS, TRANSFORMS, DHChain, dh_transform, inverse
 from pouring_robot.exceptions import closest
-from pouring_robot.mechanism import ClosedChainMechanism, FloatArray
-from pouring_robot.parameters import COMPONENTS, DriveParameter, LocalParameter, placement_parameters
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.parameters import COMPONENTS, DriveParameter, LocalParameter, placement_parameters
+from pouring_robot.robot.pouring.dh.chain import SEAT, SITES, SYMBOLS, TRANSFORMS, DHChain, dh_transform, inverse
+from pouring_robot.robot.pouring.dh.table import DHTable
 from pouring_robot.sweep.config import ErrorEntry, SweepConfig
 
 DRIVE_PREFIX = "drive."

@@ -17,11 +17,12 @@ from scipy.spatial.transform import Rotation
 import pouring_robot
 from pouring_robot.batch import BatchCommand
 from pouring_robot.exceptions import UnknownFrameError
-from pouring_robot.kinematics import FourUPUKinematics
-from pouring_robot.layout import Layout, load_layout
-from pouring_robot.mechanism import ClosedChainMechanism, FloatArray
-from pouring_robot.model import RobotModel
-from pouring_robot.poses import MM
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.poses import MM
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
+from pouring_robot.robot.pouring.layout import Layout, load_layout
 from pouring_robot.sweep.config import Grouping, SweepConfig
 from pouring_robot.sweep.draws import Draws
 from pouring_robot.sweep.evaluation import ByteArray, ClosedChains, Evaluator, OpenBranch, Platforms

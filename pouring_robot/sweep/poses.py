@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from pouring_robot.batch import BatchCommand
-from pouring_robot.kinematics import CHAINS, FourUPUKinematics
-from pouring_robot.layout import Layout
-from pouring_robot.mechanism import FloatArray
-from pouring_robot.pose_table import read_poses
-from pouring_robot.poses import PlatformPose
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.pose_table import read_poses
+from pouring_robot.robot.pouring.kinematics import CHAINS, FourUPUKinematics
+from pouring_robot.robot.pouring.layout import Layout
+from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.sweep.config import Box, Grid, Poses, RandomBox, SweepConfig
 
 
@@ -20,7 +20,7 @@ def sweep_commands(config: SweepConfig, layout: Layout, kinematics: FourUPUKinem
         TableError: the file of poses is wrong.
         UnreachablePoseError: a joint would pass its limits at one of the poses.
     """
-    commands = BatchCommand.from_poses(kinematics, _wanted(config, config.poses, layout))
+    commands = kinematics.commands(_wanted(config, config.poses, layout))
     _refuse_out_of_reach(commands, kinematics)
     return commands
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import pouring_robot
 from pouring_robot.exceptions import SweepWorkerError
+from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.sweep.plan import Chunk, ChunkResult, SweepPlan
-from pouring_robot.sweep.progress import Progress, say_nothing
 from pouring_robot.sweep.store import SweepStore
 
 _Results = Generator[tuple[Chunk, ChunkResult], None, None]

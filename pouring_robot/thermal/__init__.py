@@ -1,1 +1,5 @@
-"""Heat: from the melt to the ladle, and the regression that predicts its error from the melt temperature."""
+"""Heat: from the melt to the ladle.
+
+``network`` finds temperatures, ``expansion`` makes them local parameters and the pose they lead to, ``regression``
+predicts the ladle's error from the melt's temperature as the paper does.
+"""

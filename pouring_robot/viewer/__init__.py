@@ -14,15 +14,7 @@ from __future__ import annotations
 from pouring_robot.viewer.live import LiveView, serve
 from pouring_robot.viewer.page import write_html
 from pouring_robot.viewer.picture import draw, write_png
-from pouring_robot.viewer.scene import (
-    GHOST_TINT,
-    Camera,
-    Scene,
-    SceneArrow,
-    SceneFrame,
-    SceneRobot,
-    exaggeration_text,
-)
+from pouring_robot.viewer.scene import GHOST_TINT, Camera, Scene, SceneArrow, SceneFrame, SceneRobot, exaggeration_text
 from pouring_robot.viewer.shapes import visual_model
 from pouring_robot.viewer.solids import Solid, camera_on, solids
 

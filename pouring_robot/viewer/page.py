@@ -9,7 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 
-from pouring_robot.files import write_whole
+from pouring_robot.io.files import write_whole
 from pouring_robot.viewer.commands import ROOT, drawing_commands
 from pouring_robot.viewer.scene import Colour, Scene, Vector, exaggeration_text, labelled_arrows, legend
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.files import write_whole
+from pouring_robot.io.files import write_whole
 from pouring_robot.viewer.lettering import Panel, label_arrows
 from pouring_robot.viewer.raycast import Floats, Hits, Layer, Mask, View, edge_mask, lit_colours
 from pouring_robot.viewer.scene import SKY_BOTTOM, SKY_TOP, Scene

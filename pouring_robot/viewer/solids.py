@@ -9,16 +9,7 @@ import numpy as np
 import pinocchio as pin
 import trimesh
 
-from pouring_robot.viewer.scene import (
-    SKY_TOP,
-    Camera,
-    Colour,
-    Scene,
-    SceneArrow,
-    SceneFrame,
-    SceneRobot,
-    Vector,
-)
+from pouring_robot.viewer.scene import SKY_TOP, Camera, Colour, Scene, SceneArrow, SceneFrame, SceneRobot, Vector
 from pouring_robot.viewer.shapes import Shape, cylinder, shape_of, smooth
 
 SHARED = "shared"

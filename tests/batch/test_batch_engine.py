@@ -12,14 +12,11 @@ import pytest
 from pouring_robot.batch import (
     STATUS_NAMES,
     BatchClosure,
-    BatchCommand,
     BatchEngine,
     BatchStart,
     SiteErrors,
     StarStructure,
 )
-from pouring_robot.closure import ClosureOptions, ClosureSolver
-from pouring_robot.description import PlacementError, perturb_urdf
 from pouring_robot.exceptions import (
     BadInputError,
     BatchClosureError,
@@ -27,14 +24,16 @@ from pouring_robot.exceptions import (
     UnknownJointError,
     UnsupportedMechanismError,
 )
-from pouring_robot.kinematics import FourUPUKinematics
-from pouring_robot.loops import LoopsFile
-from pouring_robot.mechanism import ClosedChainMechanism
-from pouring_robot.model import RobotModel
-from pouring_robot.parameters import DriveParameter, PayloadParameter, PlacementParameter
-from pouring_robot.poses import PlatformPose
-from pouring_robot.transfer import open_branch_transfer
-from tests.checks import BOX_LOWER, BOX_UPPER, ROOT, planar_urdf
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure import ClosureOptions, ClosureSolver
+from pouring_robot.mechanism.loops import LoopsFile
+from pouring_robot.mechanism.parameters import DriveParameter, PayloadParameter, PlacementParameter
+from pouring_robot.mechanism.transfer import open_branch_transfer
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.pouring.description import PlacementError, perturb_urdf
+from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
+from pouring_robot.robot.pouring.poses import PlatformPose
+from tests.support import BOX_LOWER, BOX_UPPER, ROOT, planar_urdf
 
 SITES, PARAMETERS = 24, 144
 # Up to 2 mm and 4 mrad in every component of every placement at once.
@@ -60,7 +59,7 @@ def paper(robots):
 
 def command_of(kinematics, count, seed):
     poses = np.random.default_rng(seed).uniform(BOX_LOWER, BOX_UPPER, size=(count, 4))
-    return BatchCommand.from_poses(kinematics, poses)
+    return kinematics.commands(poses)
 
 
 def errors_of(spread, count, seed):
@@ -157,7 +156,7 @@ def test_every_start_in_reach_finds_the_same_pose(paper):
     command = command_of(kinematics, 300, seed=9)
     random = np.random.default_rng(10)
     away = random.uniform(-1.0, 1.0, size=(300, 4)) * (0.012, 0.012, 0.012, 0.05)
-    start = BatchCommand.from_poses(kinematics, command.poses + away).start
+    start = kinematics.commands(command.poses + away).start
     closed = engine.close(command.drives, start).require_all()
     np.testing.assert_allclose(closed.position, command.poses[:, :3], rtol=0, atol=1e-12)
     np.testing.assert_allclose(closed.joints, command.start.joints, rtol=0, atol=1e-12)
@@ -412,7 +411,7 @@ def test_shapes_and_names_that_do_not_fit_are_refused(paper):
     with pytest.raises(BadInputError, match="the start's joints"):
         engine.close(command.drives, BatchStart(np.zeros((3, 3)), np.zeros((3, 3, 3)), np.zeros((3, 4, 4))))
     with pytest.raises(BadInputError, match="poses must have the shape"):
-        BatchCommand.from_poses(kinematics, np.zeros(4))
+        kinematics.commands(np.zeros(4))
     with pytest.raises(BadInputError, match="threads must be positive"):
         BatchEngine(engine.structure.mechanism, threads=0)
     with pytest.raises(BadInputError, match="no column for 'payload'"):
@@ -530,11 +529,11 @@ def test_results_and_commands_pickle(paper):
 def test_a_second_process_reads_the_kernels_from_disk(tmp_path):
     script = (
         "import numpy as np\n"
-        "from pouring_robot.batch import BatchCommand, BatchEngine\n"
-        "from pouring_robot.batch.batch_kernels import close_samples\n"
-        "from pouring_robot.robot import PouringRobot\n"
+        "from pouring_robot.batch import BatchEngine\n"
+        "from pouring_robot.batch.kernels.samples import close_samples\n"
+        "from pouring_robot.robot.robot import PouringRobot\n"
         "robot = PouringRobot()\n"
-        "command = BatchCommand.from_poses(robot.kinematics, np.array([[-0.1, 0.02, -0.6, 0.3]]))\n"
+        "command = robot.kinematics.commands(np.array([[-0.1, 0.02, -0.6, 0.3]]))\n"
         "BatchEngine(robot.nominal_solver.mechanism).close(command.drives, command.start).require_all()\n"
         "print(sum(close_samples.stats.cache_hits.values()))\n"
     )

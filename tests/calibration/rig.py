@@ -3,16 +3,16 @@
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.calibration.measurement import FRAMES, MeasurementModel, Unknowns
-from pouring_robot.calibration.parameter_sets import ParameterCatalogue, all_parameters
-from pouring_robot.calibration.residuals import MeasuredPoses
-from pouring_robot.calibration.tolerances import Tolerances
-from pouring_robot.campaign import random_plan
-from pouring_robot.closure import ClosureSolver
-from pouring_robot.description import PlacementError, perturb_urdf
-from pouring_robot.mechanism import ClosedChainMechanism
-from pouring_robot.model import RobotModel
-from pouring_robot.parameters import DriveParameter
+from pouring_robot.campaign.plan import random_plan
+from pouring_robot.estimation.measurement import FRAMES, MeasurementModel, Unknowns
+from pouring_robot.estimation.parameter_sets import ParameterCatalogue, all_parameters
+from pouring_robot.estimation.priors import Tolerances
+from pouring_robot.estimation.residuals import MeasuredPoses
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure import ClosureSolver
+from pouring_robot.mechanism.parameters import DriveParameter
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.pouring.description import PlacementError, perturb_urdf
 
 SIGMA = 3e-5
 OUTER = pin.SE3(pin.exp3(np.array([0.4, -1.1, 2.0])), np.array([1.5, -2.0, 0.7]))

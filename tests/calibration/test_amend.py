@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from pouring_robot.calibration.amend import amended_model
-from pouring_robot.calibration.measurement import FRAMES, Unknowns
+from pouring_robot.estimation.measurement import FRAMES, Unknowns
 from pouring_robot.exceptions import CalibrationError
-from pouring_robot.model import RobotModel
+from pouring_robot.robot.model import RobotModel
 from tests.calibration.rig import INNER, OUTER, Virtual, model_of
-from tests.checks import ACTUAL
+from tests.support import ACTUAL
 
 
 @pytest.mark.parametrize("present", [RobotModel(), RobotModel.load(ACTUAL)], ids=["drawing", "actual"])

@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 
 from pouring_robot.calibration.calibrate import CalibrationOptions, calibrate
-from pouring_robot.calibration.measurement import FRAMES
 from pouring_robot.calibration.report import headline
-from pouring_robot.calibration.splits import split
 from pouring_robot.calibration.summary import warnings_of
-from pouring_robot.campaign import FlagCode, MeasurementOptions, random_plan, simulate_campaign
+from pouring_robot.campaign.plan import random_plan
+from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
+from pouring_robot.checks.flags import FlagCode
+from pouring_robot.estimation.measurement import FRAMES
+from pouring_robot.estimation.splits import split
 from pouring_robot.exceptions import CampaignError
-from pouring_robot.model import JointPlacement
-from pouring_robot.poses import PlatformPose
-from pouring_robot.robot import PouringRobot
+from pouring_robot.robot.model import JointPlacement
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.robot import PouringRobot
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, damaged, measure
 
 

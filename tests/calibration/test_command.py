@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot import ClosedChainMechanism, ClosureSolver, PlatformPose, RobotModel, load_loops, load_robot
-from pouring_robot.cli import main
+from pouring_robot.cli.app import main
 
 ACTUAL = str(Path(__file__).resolve().parents[2] / "examples" / "actual.yaml")
 

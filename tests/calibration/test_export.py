@@ -7,9 +7,9 @@ import pytest
 from pouring_robot.calibration import export
 from pouring_robot.calibration.export import described, write_calibration
 from pouring_robot.exceptions import OutputError
-from pouring_robot.files import check_folder
-from pouring_robot.model import RobotModel
-from pouring_robot.thermal.heat_section import HeatSection
+from pouring_robot.io.files import check_folder
+from pouring_robot.robot.heat_section import HeatSection
+from pouring_robot.robot.model import RobotModel
 
 
 def swapped(calibration, **changes):

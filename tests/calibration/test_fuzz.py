@@ -9,8 +9,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from pouring_robot.campaign import write_campaign
-from pouring_robot.cli import app, main
+from pouring_robot.campaign.writer import write_campaign
+from pouring_robot.cli import app
+from pouring_robot.cli.app import main
 from tests.campaign.test_fuzz import damages, spoil
 
 FUZZ = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

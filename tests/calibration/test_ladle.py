@@ -4,10 +4,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pouring_robot.calibration.frames import first_frames
 from pouring_robot.calibration.ladle import ladle_uncertainty, pose_platform_to_lip, workspace_rows
-from pouring_robot.calibration.measurement import FRAMES
-from pouring_robot.calibration.solver import identify
+from pouring_robot.estimation.first_frames import first_frames
+from pouring_robot.estimation.measurement import FRAMES
+from pouring_robot.estimation.solver import identify
 from tests.calibration.rig import Virtual, model_of
 
 

@@ -4,14 +4,8 @@ import json
 
 import pytest
 
-from pouring_robot.calibration.summary import (
-    calibration_figures,
-    next_measurements,
-    noise_floor,
-    notes_of,
-    warnings_of,
-)
-from pouring_robot.thermal.heat_section import HeatSection
+from pouring_robot.calibration.summary import calibration_figures, next_measurements, noise_floor, notes_of, warnings_of
+from pouring_robot.robot.heat_section import HeatSection
 
 
 def swapped(calibration, **changes):

@@ -5,8 +5,8 @@ import json
 import pytest
 from PIL import Image
 
-from pouring_robot.cli import main
-from tests.checks import ACTUAL
+from pouring_robot.cli.app import main
+from tests.support import ACTUAL
 
 
 def simulate(folder, *more, name="c.csv"):

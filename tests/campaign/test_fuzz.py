@@ -8,8 +8,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pouring_robot.campaign import examine, read_campaign, read_plan, write_campaign
-from pouring_robot.campaign.summary import campaign_figures
+from pouring_robot.campaign.plan import read_plan
+from pouring_robot.campaign.reader import read_campaign
+from pouring_robot.campaign.writer import write_campaign
+from pouring_robot.checks.check import examine
+from pouring_robot.checks.summary import campaign_figures
 from pouring_robot.exceptions import BadInputError
 
 FUZZ = settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

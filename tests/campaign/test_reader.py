@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from pouring_robot.campaign import read_campaign, write_campaign
+from pouring_robot.campaign.reader import read_campaign
+from pouring_robot.campaign.writer import write_campaign
 from pouring_robot.exceptions import BadInputError, CampaignError, CampaignFileError
 from tests.campaign.simulated import write_text
 

@@ -7,16 +7,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pouring_robot.campaign import (
-    MeasurementOptions,
-    check_campaign,
-    outlier_rows,
-    random_plan,
-    read_campaign,
-    read_plan,
-    simulate_campaign,
-    write_campaign,
-)
+from pouring_robot.campaign.plan import random_plan, read_plan
+from pouring_robot.campaign.reader import read_campaign
+from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
+from pouring_robot.campaign.writer import write_campaign
+from pouring_robot.checks.check import check_campaign
+from pouring_robot.checks.flags import outlier_rows
 from pouring_robot.exceptions import BadInputError, CampaignError, OutputError
 from tests.campaign.simulated import measure
 

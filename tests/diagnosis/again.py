@@ -4,7 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from pouring_robot.campaign import read_campaign
+from pouring_robot.campaign.reader import read_campaign
 from tests.rig import Campaign, write_case
 from tests.rig.campaign import _cells, _frames, _settings
 from tests.rig.conditions import CENTRE_OF_MASS, GRAVITY, TARE_KG, Scene, plan

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pouring_robot.campaign import read_campaign
+from pouring_robot.campaign.reader import read_campaign
 from tests.rig import Wanted, make_campaign, write_case
 
 NOTHING: tuple[Wanted, ...] = ()

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.stats import multivariate_normal
 
-from pouring_robot.diagnosis.explanations import Explanation, Problem
+from pouring_robot.inference.explanations import Explanation, Problem
 
 ROWS = 60
 

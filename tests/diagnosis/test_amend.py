@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from pouring_robot.cli import main
+from pouring_robot.cli.app import main
 from pouring_robot.diagnosis.amend import amended, stands_still
 from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects.base import EffectParameter
-from pouring_robot.model import RobotModel
+from pouring_robot.robot.model import RobotModel
 from tests.diagnosis.campaigns import CENTRES_AND_LOAD, DRIFT, HOT, NOTHING, ZEROS, campaign
 
 CASES = {"hot": HOT, "centres_and_load": CENTRES_AND_LOAD, "drift": DRIFT, "zeros": ZEROS, "nothing": NOTHING}

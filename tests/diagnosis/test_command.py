@@ -11,9 +11,9 @@ import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
 
-from pouring_robot.cli import main
+from pouring_robot.cli.app import main
 from pouring_robot.effects.registry import all_effects
-from pouring_robot.model import RobotModel
+from pouring_robot.robot.model import RobotModel
 from tests.campaign.test_fuzz import damages, spoil
 from tests.diagnosis.campaigns import HOT, NOTHING, campaign
 

@@ -9,19 +9,19 @@ import pinocchio as pin
 import pytest
 from PIL import Image
 
-from pouring_robot.diagnosis import export
 from pouring_robot.diagnosis.diagnose import DiagnosisOptions, diagnose
-from pouring_robot.diagnosis.export import described, write_diagnosis
-from pouring_robot.diagnosis.left_over import left_over
-from pouring_robot.diagnosis.pictures import evidence_steps, pictures, rival_margins
-from pouring_robot.diagnosis.report import html_report
-from pouring_robot.diagnosis.scene import ladle_scene, seen_rows
-from pouring_robot.diagnosis.sentences import headline
-from pouring_robot.diagnosis.signatures import in_fixed_platform, pose_platform_to_lip
-from pouring_robot.diagnosis.summary import Summary
+from pouring_robot.diagnosis.report import export
+from pouring_robot.diagnosis.report.export import described, write_diagnosis
+from pouring_robot.diagnosis.report.left_over import left_over
+from pouring_robot.diagnosis.report.page import html_report
+from pouring_robot.diagnosis.report.plots import evidence_steps, pictures, rival_margins
+from pouring_robot.diagnosis.report.scene import ladle_scene, seen_rows
+from pouring_robot.diagnosis.report.sentences import headline
+from pouring_robot.diagnosis.report.signatures import in_fixed_platform, pose_platform_to_lip
+from pouring_robot.diagnosis.report.summary import Summary
 from pouring_robot.exceptions import OutputError
-from pouring_robot.model import RobotModel
-from pouring_robot.poses import PoseDifference
+from pouring_robot.mechanism.poses import PoseDifference
+from pouring_robot.robot.model import RobotModel
 from pouring_robot.viewer import solids
 from tests.diagnosis.campaigns import HOT, STEP_M, campaign, stepped
 

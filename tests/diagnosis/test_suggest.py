@@ -5,19 +5,19 @@ import json
 import numpy as np
 import pytest
 
-from pouring_robot.campaign import read_campaign
+from pouring_robot.campaign.reader import read_campaign
 from pouring_robot.diagnosis.diagnose import diagnose
-from pouring_robot.diagnosis.hypotheses import Hypothesis
 from pouring_robot.diagnosis.problem import background_forms, effect_forms
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser
-from pouring_robot.diagnosis.suggest import RANDOM_SETS, suggest_measurements
-from pouring_robot.diagnosis.suggest_design import Prediction, choose, divergence, expected, total
-from pouring_robot.diagnosis.suggest_words import separating_words, untestable_words
+from pouring_robot.diagnosis.suggest.suggest import RANDOM_SETS, suggest_measurements
+from pouring_robot.diagnosis.suggest.words import separating_words, untestable_words
 from pouring_robot.effects.registry import chosen_effects
-from pouring_robot.model import RobotModel
-from pouring_robot.poses import PlatformPose
-from pouring_robot.robot import PouringRobot
+from pouring_robot.inference.discrimination import Prediction, choose, divergence, expected, total
+from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.robot import PouringRobot
 from tests.diagnosis.again import Machine
 from tests.rig import make_campaign, write_case
 

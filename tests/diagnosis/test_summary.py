@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pouring_robot.campaign import read_campaign
+from pouring_robot.campaign.reader import read_campaign
 from pouring_robot.diagnosis.diagnose import Diagnosis, DiagnosisOptions, diagnose
-from pouring_robot.diagnosis.export import described
-from pouring_robot.diagnosis.figures import diagnosis_figures
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.parameters import FoundParameter
-from pouring_robot.diagnosis.sentences import (
+from pouring_robot.diagnosis.report.export import described
+from pouring_robot.diagnosis.report.record import diagnosis_figures
+from pouring_robot.diagnosis.report.sentences import (
     apart_lines,
     figures_of,
     gap_sentence,
@@ -25,13 +25,13 @@ from pouring_robot.diagnosis.sentences import (
     sure_text,
     untestable_lines,
 )
-from pouring_robot.diagnosis.signatures import moved_at_lip, pose_platform_to_lip
-from pouring_robot.diagnosis.summary import Summary, free_residuals
-from pouring_robot.diagnosis.words import absent_sources, axes_of, driving_axis, sources
+from pouring_robot.diagnosis.report.signatures import moved_at_lip, pose_platform_to_lip
+from pouring_robot.diagnosis.report.summary import Summary, free_residuals
+from pouring_robot.diagnosis.report.words import absent_sources, axes_of, driving_axis, sources
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.effects.registry import all_effects
-from pouring_robot.model import RobotModel
-from pouring_robot.robot import PouringRobot
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.robot import PouringRobot
 from tests.diagnosis.campaigns import HOT, NOTHING, ZEROS, campaign, stepped
 
 CONTRACT = {

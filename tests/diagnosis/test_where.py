@@ -9,9 +9,9 @@ import scipy.stats
 from scipy.spatial.transform import Rotation
 from statsmodels.stats.multitest import multipletests
 
-from pouring_robot.diagnosis.where import disagreements
-from pouring_robot.diagnosis.where_selection import holm
-from pouring_robot.diagnosis.where_terms import FreeResiduals
+from pouring_robot.diagnosis.where.selection import holm
+from pouring_robot.diagnosis.where.terms import FreeResiduals
+from pouring_robot.diagnosis.where.where import disagreements
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.exceptions import BadInputError
 

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from pouring_robot.campaign import read_campaign
+from pouring_robot.campaign.reader import read_campaign
 from pouring_robot.diagnosis.diagnose import Diagnosis, DiagnosisOptions, diagnose
 from pouring_robot.exceptions import PouringRobotError
 from tests.rig import Campaign, write_case
@@ -32,7 +32,7 @@ TEXTBOOK = {
 
 @dataclass(frozen=True)
 class Said:
-    """A named effect: as in :class:`~pouring_robot.diagnosis.verdict.Cause`."""
+    """A named effect: as in :class:`~pouring_robot.inference.decision.Cause`."""
 
     effect: str
     form: str

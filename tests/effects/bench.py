@@ -10,11 +10,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pouring_robot.calibration.noise import NoiseLevel
-from pouring_robot.campaign import Campaign, CampaignMetadata
+from pouring_robot.campaign.data import Campaign
+from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.diagnosis.rows import CampaignRows, Frames
 from pouring_robot.effects import LIBRARY, conditions
-from pouring_robot.model import RobotModel
+from pouring_robot.estimation.noise import NoiseLevel
+from pouring_robot.robot.model import RobotModel
 from tests.rig.conditions import CENTRE_OF_MASS, GRAVITY, PITCH_M, REFERENCE_DEGC, SPAN_M, TARE_KG, plan
 from tests.rig.effects import FORMS, textbook
 from tests.rig.machine import Errors

@@ -2,7 +2,7 @@
 
 import tomllib
 
-from tests.checks import ROOT
+from tests.support import ROOT
 
 EXAMPLE = ROOT / "examples" / "plugin_effect"
 GROUP = "pouring_robot.effects"

@@ -10,10 +10,10 @@ from pouring_robot.diagnosis.rows import SCALE, local_parameters
 from pouring_robot.effects import Conditions, Effect, EffectParameter, Form
 from pouring_robot.effects.base import checked_forms
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.model import RobotModel
-from pouring_robot.parameters import COMPONENTS
-from tests.checks import ACTUAL
+from pouring_robot.mechanism.parameters import COMPONENTS
+from pouring_robot.robot.model import RobotModel
 from tests.effects.bench import EFFECTS, SIGMA_M, SIGMA_RAD
+from tests.support import ACTUAL
 
 LOCAL = {p.name for p in local_parameters()} | {f"base.{c}" for c in COMPONENTS} | {SCALE}
 MAY_BE_MISSING = {name for name, field in Conditions.__dataclass_fields__.items() if "None" in str(field.type)}

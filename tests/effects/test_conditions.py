@@ -133,8 +133,8 @@ def test_sessions_are_numbered_as_they_come(bench):
 
 def test_errors_of_the_model_do_not_change_the_conditions(bench):
     """What was found must not change what it was found with."""
-    from pouring_robot.model import RobotModel
-    from tests.checks import ACTUAL
+    from pouring_robot.robot.model import RobotModel
+    from tests.support import ACTUAL
 
     amended = bench.rows_of(bench.campaign, RobotModel.load(ACTUAL)).conditions
     for field in ("position_m", "lengths_m", "leg_pull_n", "tilt_moment_nm"):

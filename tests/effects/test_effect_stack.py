@@ -6,10 +6,10 @@ import numpy as np
 import pydantic
 import pytest
 
-from pouring_robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.effects.examples import complete_conditions
 from pouring_robot.exceptions import BadInputError, DiagnosisError, ModelFileError
-from pouring_robot.model import RobotModel
+from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
+from pouring_robot.robot.model import RobotModel
 from tests.effects.bench import EFFECTS
 
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pouring_robot.closure import ClosureSolver
 from pouring_robot.effects.conditions import GRAVITY_M_S2
 from pouring_robot.effects.drives import CHANNELS
-from pouring_robot.energy import Loads
-from pouring_robot.mechanism import ClosedChainMechanism
-from pouring_robot.model import RobotModel
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure import ClosureSolver
+from pouring_robot.mechanism.energy import Loads
+from pouring_robot.robot.model import RobotModel
 from tests.effects.bench import CENTRE_OF_MASS, EFFECTS, GRAVITY, SIGMA_M, SIGMA_RAD, SPAN_M, TARE_KG
 from tests.rig.machine import LOWER, UPPER
 from tests.rig.true_values import true_values

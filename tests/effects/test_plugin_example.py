@@ -12,7 +12,7 @@ import pytest
 from pouring_robot.diagnosis.amend import amended
 from pouring_robot.diagnosis.diagnose import DiagnosisOptions, diagnose
 from pouring_robot.effects import all_effects
-from pouring_robot.model import RobotModel
+from pouring_robot.robot.model import RobotModel
 from tests.effects.bench import Bench
 from tests.effects.plugins import EXAMPLE, GROUP, installed_example
 

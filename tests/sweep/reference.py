@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from pouring_robot.closure import ClosureSolver
-from pouring_robot.description import PlacementError, perturb_urdf
 from pouring_robot.exceptions import ClosureError
-from pouring_robot.mechanism import ClosedChainMechanism
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure import ClosureSolver
+from pouring_robot.robot.pouring.description import PlacementError, perturb_urdf
 from pouring_robot.sweep.evaluation import Platforms
 
 

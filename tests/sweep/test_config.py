@@ -5,9 +5,9 @@ import os
 import pytest
 import yaml
 
-from pouring_robot.cli import main
+from pouring_robot.cli.app import main
 from pouring_robot.sweep import SweepPlan
-from tests.checks import ACTUAL
+from tests.support import ACTUAL
 from tests.sweep.sweep_files import content, snapshot, write
 
 LENGTHS = {"parameters": "a_e1_*", "half_width_mm": 0.1}

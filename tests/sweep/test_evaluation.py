@@ -68,7 +68,7 @@ def test_without_errors_nothing_moves(plan):
 
 
 def test_a_robot_as_built_is_compared_with_itself(make_plan):
-    from tests.checks import ACTUAL
+    from tests.support import ACTUAL
 
     plan = make_plan(layout=None, model=str(ACTUAL))
     displacement, _ = plan.displacements(np.zeros((1, len(plan.names))), plan.poses)

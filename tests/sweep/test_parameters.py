@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.model import RobotModel
+from pouring_robot.robot.model import RobotModel
 from pouring_robot.sweep import ErrorEntry
 from pouring_robot.sweep.parameters import ErrorMap, ParameterCatalogue
 

@@ -7,11 +7,12 @@ import runpy
 import numpy as np
 import pytest
 
-from pouring_robot.cli import main
-from pouring_robot.sweep import ErrorEntry, SweepPlan, open_results, report, run_sweep
-from pouring_robot.sweep.linear import transfer_matrices
-from pouring_robot.sweep.summary import Distances
-from tests.checks import ROOT
+from pouring_robot.cli.app import main
+from pouring_robot.sweep import ErrorEntry, SweepPlan, open_results, run_sweep
+from pouring_robot.sweep.analysis.linear import transfer_matrices
+from pouring_robot.sweep.analysis.report import report
+from pouring_robot.sweep.analysis.summary import Distances
+from tests.support import ROOT
 from tests.sweep.sweep_files import write
 
 ALLOCATION = {"by": "part", "share": 0.95, "machines": 50}

@@ -9,10 +9,10 @@ import time
 
 import pytest
 
-from pouring_robot.cli import main
+from pouring_robot.cli.app import main
 from pouring_robot.exceptions import SweepStoreError, SweepWorkerError
 from pouring_robot.sweep import SweepPlan, SweepStore, run_sweep
-from tests.checks import ROOT
+from tests.support import ROOT
 from tests.sweep.sweep_files import numbers, snapshot, write
 
 CHUNKS = 150

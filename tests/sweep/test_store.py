@@ -8,7 +8,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from pouring_robot.cli import main
+from pouring_robot.cli.app import main
 from pouring_robot.exceptions import SweepStoreError
 from pouring_robot.sweep import SweepConfig, SweepPlan, SweepStore, open_results, run_sweep
 from tests.sweep.sweep_files import numbers, snapshot, write

@@ -7,18 +7,18 @@ import pinocchio as pin
 import pytest
 from scipy.integrate import solve_bvp
 
-from pouring_robot.exceptions import BadInputError
-from pouring_robot.model import JointPlacement, RobotModel
-from pouring_robot.poses import PlatformPose, PoseDifference
-from pouring_robot.robot import PouringRobot
-from pouring_robot.thermal.expansion import ThermalExpansion
-from pouring_robot.thermal.expansion_bending import LegBending
-from pouring_robot.thermal.expansion_pose import pose_shares, solve_heated
-from pouring_robot.thermal.network import ThermalNetwork
-from pouring_robot.thermal.network_field import gradient_across_tube
-from pouring_robot.thermal.properties import load_thermal_properties
-from pouring_robot.thermal.thermal_errors import TemperatureError
-from tests.checks import CHAINS, oracle_cases, random_poses
+from pouring_robot.exceptions import BadInputError, TemperatureError
+from pouring_robot.mechanism.poses import PoseDifference
+from pouring_robot.robot.model import JointPlacement, RobotModel
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.thermal_properties import load_thermal_properties
+from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.thermal.expansion.bending import LegBending
+from pouring_robot.thermal.expansion.growth import ThermalExpansion
+from pouring_robot.thermal.expansion.warm_robot import pose_shares, solve_heated
+from pouring_robot.thermal.network.field import gradient_across_tube
+from pouring_robot.thermal.network.robot_network import ThermalNetwork
+from tests.support import CHAINS, oracle_cases, random_poses
 
 POSE = PlatformPose((-0.100, 0.020, -0.600), np.radians(10.0))
 PROPERTIES = load_thermal_properties()

@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from pouring_robot.model import DriveOffset, RobotModel
-from pouring_robot.poses import PlatformPose, PoseDifference
-from pouring_robot.robot import PouringRobot
-from pouring_robot.thermal.expansion import ThermalExpansion
-from pouring_robot.thermal.expansion_pose import WarmRobot, solve_heated
-from pouring_robot.thermal.heat_section import HeatSection
-from pouring_robot.thermal.heated_robot import SETTLED_M, HeatedRobot
-from tests.checks import random_poses
+from pouring_robot.mechanism.poses import PoseDifference
+from pouring_robot.robot.heat_section import HeatSection
+from pouring_robot.robot.model import DriveOffset, RobotModel
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.thermal.expansion.growth import ThermalExpansion
+from pouring_robot.thermal.expansion.heated_robot import SETTLED_M, HeatedRobot
+from pouring_robot.thermal.expansion.warm_robot import WarmRobot, solve_heated
+from tests.support import random_poses
 
 POSE = PlatformPose((-0.100, 0.020, -0.600), 0.3)
 COLD = ThermalExpansion((0.0, 0.0, 0.0, 0.0))

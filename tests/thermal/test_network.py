@@ -4,18 +4,17 @@ import numpy as np
 import pytest
 from scipy.constants import Stefan_Boltzmann
 
-from pouring_robot.exceptions import BadInputError, DescriptionError
-from pouring_robot.poses import PlatformPose
-from pouring_robot.thermal.elements import BarCells, link_boxes, merged
-from pouring_robot.thermal.elements_legs import _seen_around
-from pouring_robot.thermal.network import ThermalNetwork
-from pouring_robot.thermal.network_circuit import Circuit, chain_links, laplacian
-from pouring_robot.thermal.network_parts import radiation_conductances
-from pouring_robot.thermal.properties import ThermalProperties, load_thermal_properties
-from pouring_robot.thermal.steady import steady_temperatures
-from pouring_robot.thermal.thermal_errors import TemperatureError, ThermalSolutionError
-from pouring_robot.thermal.view_factors import Boxes, DiscSample
-from tests.checks import random_poses
+from pouring_robot.exceptions import BadInputError, DescriptionError, TemperatureError, ThermalSolutionError
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, load_thermal_properties
+from pouring_robot.thermal.network.circuit import Circuit, chain_links, laplacian
+from pouring_robot.thermal.network.elements import BarCells, link_boxes, merged
+from pouring_robot.thermal.network.leg_elements import _seen_around
+from pouring_robot.thermal.network.parts import radiation_conductances
+from pouring_robot.thermal.network.robot_network import ThermalNetwork
+from pouring_robot.thermal.network.steady import steady_temperatures
+from pouring_robot.thermal.network.view_factors import Boxes, DiscSample
+from tests.support import random_poses
 
 POSE = PlatformPose((-0.100, 0.020, -0.600), np.radians(10.0))
 
@@ -241,8 +240,8 @@ def test_impossible_input_is_refused(network, drawing):
 
 
 def test_the_other_layout_works():
-    from pouring_robot.model import RobotModel
-    from pouring_robot.robot import PouringRobot
+    from pouring_robot.robot.model import RobotModel
+    from pouring_robot.robot.robot import PouringRobot
 
     field = ThermalNetwork(PouringRobot(RobotModel(layout="wide"))).steady(POSE)
     assert field.balance.relative_error < 1e-9

@@ -13,13 +13,13 @@ from sklearn.utils.estimator_checks import check_estimator
 from statsmodels.multivariate import pca as statsmodels_pca
 from statsmodels.stats.outliers_influence import variance_inflation_factor
 
-from pouring_robot.thermal.regression import (
+from pouring_robot.thermal.regression.components import (
     CorrelationComponents,
     PrincipalComponentRegression,
     pairwise_inflation_factors,
     variance_inflation_factors,
 )
-from pouring_robot.thermal.regression_table import ErrorSetError
+from pouring_robot.thermal.regression.table import ErrorSetError
 
 
 def collinear(seed, sets=4, rows=12, noise=0.2):

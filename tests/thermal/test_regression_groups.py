@@ -10,14 +10,14 @@ from sklearn.base import clone
 from sklearn.feature_selection import SelectKBest
 from sklearn.utils.estimator_checks import check_estimator
 
-from pouring_robot.thermal.clustering import (
+from pouring_robot.thermal.regression.clustering import (
     FuzzyClustering,
     fuzzy_similarity,
     max_min_composition,
     transitive_closure,
 )
-from pouring_robot.thermal.grey import grey_relational_coefficients, grey_relational_degree
-from pouring_robot.thermal.regression_table import ErrorSetError
+from pouring_robot.thermal.regression.grey import grey_relational_coefficients, grey_relational_degree
+from pouring_robot.thermal.regression.table import ErrorSetError
 
 # A textbook-sized relation: the best path 0-2-1 carries 0.6, set 3 hangs on by 0.3.
 RELATION = np.array([[1.0, 0.2, 0.8, 0.1], [0.2, 1.0, 0.6, 0.3], [0.8, 0.6, 1.0, 0.0], [0.1, 0.3, 0.0, 1.0]])

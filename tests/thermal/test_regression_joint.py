@@ -13,10 +13,12 @@ from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
 from sklearn.utils.estimator_checks import check_estimator
 
-from pouring_robot.thermal.grey import grey_relational_degree
-from pouring_robot.thermal.joint_model import WEIGHTINGS, JointRegression
-from pouring_robot.thermal.regression import PrincipalComponentRegression, pairwise_inflation_factors
-from pouring_robot.thermal.regression_study import (
+from pouring_robot.thermal.regression.components import PrincipalComponentRegression, pairwise_inflation_factors
+from pouring_robot.thermal.regression.grey import grey_relational_degree
+from pouring_robot.thermal.regression.joint_model import WEIGHTINGS, JointRegression
+from pouring_robot.thermal.regression.sensitive_sets import SensitiveSetSelector
+from pouring_robot.thermal.regression.table import ErrorSetError
+from scripts.paper.regression_study import (
     TableDesign,
     compare,
     count_beaten,
@@ -24,8 +26,6 @@ from pouring_robot.thermal.regression_study import (
     report_beaten,
     residual_figures,
 )
-from pouring_robot.thermal.regression_table import ErrorSetError
-from pouring_robot.thermal.sensitive_sets import SensitiveSetSelector
 
 
 @pytest.fixture

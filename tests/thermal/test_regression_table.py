@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pouring_robot.exceptions import BadInputError, TableError
-from pouring_robot.thermal.regression_table import ErrorTable
+from pouring_robot.thermal.regression.table import ErrorTable
 
 GOOD = "melt_degC,P1_mm,P2_mm\n600,1,2\n700,1.5,2.5\n800,2.5,2.75\n"
 

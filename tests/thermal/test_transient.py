@@ -5,13 +5,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pouring_robot.exceptions import TableError
-from pouring_robot.poses import PlatformPose
-from pouring_robot.thermal.network import ThermalNetwork
-from pouring_robot.thermal.network_circuit import Circuit
-from pouring_robot.thermal.thermal_errors import HistoryError, TemperatureError
-from pouring_robot.thermal.transient import TransientOptions, _integrate
-from pouring_robot.thermal.transient_history import HeatHistory, PoseSchedule, read_history, read_shift
+from pouring_robot.exceptions import HistoryError, TableError, TemperatureError
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.thermal.network.circuit import Circuit
+from pouring_robot.thermal.network.history import HeatHistory, PoseSchedule, read_history, read_shift
+from pouring_robot.thermal.network.robot_network import ThermalNetwork
+from pouring_robot.thermal.network.transient import TransientOptions, _integrate, simulate
 
 POSE = PlatformPose((-0.100, 0.020, -0.600), 0.2)
 OTHER = PlatformPose((-0.060, -0.030, -0.800), -0.1)
@@ -47,7 +46,7 @@ def test_a_lump_follows_a_ramp():
 
 @pytest.mark.parametrize("method", ["BDF", "Radau"])
 def test_settles_to_steady(network, method):
-    result = network.transient(HeatHistory.constant(1700.0, 20.0, 2 * DAY_S), POSE, options=TransientOptions(method))
+    result = simulate(network, HeatHistory.constant(1700.0, 20.0, 2 * DAY_S), POSE, options=TransientOptions(method))
     steady = network.steady(POSE, 1700.0, 20.0)
     assert np.abs(result.last.temperatures_K - steady.temperatures_K).max() < 1e-3
     assert result.last.balance.relative_error < 1e-5
@@ -55,17 +54,17 @@ def test_settles_to_steady(network, method):
 
 def test_starts_at_the_surroundings_or_where_told(network):
     history = HeatHistory.constant(1700.0, 35.0, 3600.0)
-    cold = network.transient(history, POSE)
+    cold = simulate(network, history, POSE)
     assert np.all(cold.fields[0].temperatures_K == 308.15)
     steady = network.steady(POSE, 1700.0, 35.0)
-    warm = network.transient(history, POSE, start=steady)
+    warm = simulate(network, history, POSE, start=steady)
     assert np.abs(warm.last.temperatures_K - steady.temperatures_K).max() < 1e-3
 
 
 def test_heat_that_came_in_is_there(network):
     """Stored heat against the integral of the network's balance."""
     times = np.linspace(0.0, 3600.0, 721)
-    result = network.transient(HeatHistory.constant(1700.0, 20.0, 3600.0), POSE, times_s=times)
+    result = simulate(network, HeatHistory.constant(1700.0, 20.0, 3600.0), POSE, times_s=times)
     capacity = network.circuit(POSE).capacity
     stored = capacity @ (result.last.temperatures_K - result.fields[0].temperatures_K)
     rates = [field.balance.stored_W for field in result.fields]
@@ -83,7 +82,7 @@ def test_both_solvers_agree_through_history_and_poses(network):
     )
     poses = [(0.0, POSE), (2000.0, OTHER), (5000.0, POSE)]
     bdf, radau = (
-        network.transient(history, poses, times_s=np.arange(0.0, 7201.0, 600.0), options=TransientOptions(method))
+        simulate(network, history, poses, times_s=np.arange(0.0, 7201.0, 600.0), options=TransientOptions(method))
         for method in ("BDF", "Radau")
     )
     assert bdf.leg_degC == pytest.approx(radau.leg_degC, abs=0.02)
@@ -92,8 +91,8 @@ def test_both_solvers_agree_through_history_and_poses(network):
 
 def test_after_a_change_of_pose_the_steel_keeps_its_heat(network):
     history = HeatHistory.constant(1700.0, 20.0, 2 * DAY_S)
-    result = network.transient(
-        history, [(0.0, POSE), (DAY_S, OTHER)], times_s=np.array([DAY_S - 1.0, DAY_S, DAY_S + 1.0, 2 * DAY_S])
+    result = simulate(
+        network, history, [(0.0, POSE), (DAY_S, OTHER)], times_s=np.array([DAY_S - 1.0, DAY_S, DAY_S + 1.0, 2 * DAY_S])
     )
     before, at, after, end = (field.temperatures_K for field in result.fields)
     assert np.abs(at - before).max() < 0.01
@@ -134,14 +133,14 @@ def test_impossible_temperatures_in_a_history():
 def test_bad_schedules(network):
     history = HeatHistory.constant(1700.0, 20.0, 100.0)
     with pytest.raises(HistoryError, match="entry 2"):
-        network.transient(history, [(50.0, POSE), (10.0, OTHER)])
+        simulate(network, history, [(50.0, POSE), (10.0, OTHER)])
     with pytest.raises(HistoryError, match="after the history's end"):
-        network.transient(history, [(0.0, POSE), (200.0, OTHER)])
+        simulate(network, history, [(0.0, POSE), (200.0, OTHER)])
     with pytest.raises(HistoryError, match="no pose"):
         PoseSchedule(())
     for times in ([5.0, 1.0], [], [0.0, 200.0]):
         with pytest.raises(HistoryError, match="times to report"):
-            network.transient(history, POSE, times_s=np.array(times))
+            simulate(network, history, POSE, times_s=np.array(times))
 
 
 def test_a_history_file(tmp_path):

@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from pouring_robot.thermal.view_factors import (
-    Boxes,
-    DiscSample,
-    blocked,
-    element_to_disc,
-    hidden_view_factors,
-)
+from pouring_robot.thermal.network.view_factors import Boxes, DiscSample, blocked, element_to_disc, hidden_view_factors
 
 RADIUS = 0.3
 DOWN = np.array([0.0, 0.0, -1.0])

@@ -1,0 +1,108 @@
+"""Pictures of a calibration: residuals before and after, what moved, correlation, how well the ladle is known."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pouring_robot.calibration.calibrate import Calibration
+from pouring_robot.calibration.lines import SEEN, parameter_lines
+from pouring_robot.estimation.measurement import FRAMES
+from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.report.page_parts import AFTER, BEFORE, GREY, HELD_OUT
+from pouring_robot.report.plots import new_figure, png_of
+
+_MOST_NAMES = 60
+
+
+def pictures(calibration: Calibration) -> list[tuple[str, bytes]]:
+    """Return titles and PNG files."""
+    drawn = [
+        ("Error of every row before and after; the held-out block is shaded", _residuals(calibration)),
+        ("How well the calibrated model knows the pouring lip (95 % half width)", _ladle(calibration)),
+    ]
+    if calibration.changed:
+        drawn.insert(1, ("Parameters with 95 % intervals against their tolerances", _parameters(calibration)))
+        drawn.append(("Correlation of the parameters", _correlation(calibration)))
+    return drawn
+
+
+def _plain(value: float, _place: object) -> str:
+    return f"{value:g}"
+
+
+def _residuals(calibration: Calibration) -> bytes:
+    from matplotlib.ticker import FuncFormatter, NullFormatter
+
+    figure = new_figure(10.0, 5.6)
+    parts = [("position error [mm]", slice(0, 3), MM, calibration.noise.position_m)]
+    if calibration.noise.rotation_source != "none":
+        parts.append(("rotation error [mrad]", slice(3, 6), MRAD, calibration.noise.rotation_rad))
+    kept = np.setdiff1d(np.arange(len(calibration.before)), calibration.left_out)
+    for axes, (label, columns, unit, sigma) in zip(
+        np.atleast_1d(figure.subplots(len(parts), 1, sharex=True)), parts, strict=True
+    ):
+        for values, colour, name in ((calibration.before, BEFORE, "before"), (calibration.after, AFTER, "after")):
+            length = np.linalg.norm(values[kept, columns], axis=1) / unit
+            axes.semilogy(kept, np.maximum(length, 1e-6), ".", color=colour, markersize=4, label=name)
+        for row in calibration.split.test:
+            axes.axvspan(row - 0.5, row + 0.5, color=HELD_OUT, alpha=0.12, linewidth=0)
+        axes.axhline(np.sqrt(3.0) * sigma / unit, color=GREY, linestyle="--", label="noise")
+        axes.set_ylabel(label)
+        axes.yaxis.set_major_formatter(FuncFormatter(_plain))
+        axes.yaxis.set_minor_formatter(NullFormatter())
+        axes.grid(alpha=0.25)
+    axes.set_xlabel("row of the campaign")
+    figure.legend(*axes.get_legend_handles_labels(), ncols=3, loc="outside upper right")
+    return png_of(figure)
+
+
+def _parameters(calibration: Calibration) -> bytes:
+    lines = parameter_lines(calibration)
+    lines = [line for line in lines if line.learnt >= SEEN] or lines
+    order = sorted(lines, key=lambda line: -abs(line.value) / line.std)[:_MOST_NAMES]
+    figure = new_figure(9.0, 1.2 + 0.19 * len(order))
+    axes = figure.subplots()
+    place = np.arange(len(order))
+    prior = np.array([line.prior_std for line in order])
+    value, std = np.array([line.value for line in order]) / prior, np.array([line.std for line in order]) / prior
+    axes.barh(place, 2 * np.full(len(order), 1.96), left=-1.96, color=GREY, alpha=0.2, label="95 % by tolerance")
+    axes.errorbar(value, place, xerr=1.96 * std, fmt="o", color=AFTER, markersize=3, label="found, 95 %")
+    axes.set_yticks(place, [f"{line.name}  {line.value:+.3f} {line.unit}" for line in order], fontsize=7)
+    axes.set_ylim(len(order) - 0.5, -0.5)
+    axes.axvline(0.0, color="black", linewidth=0.6)
+    axes.set_xlabel("in standard deviations of the tolerance")
+    axes.grid(axis="x", alpha=0.25)
+    axes.legend(loc="lower right", fontsize=8)
+    return png_of(figure)
+
+
+def _correlation(calibration: Calibration) -> bytes:
+    matrix = calibration.correlation[FRAMES:, FRAMES:]
+    names = calibration.unknown_names[FRAMES:]
+    figure = new_figure(8.0, 7.2)
+    axes = figure.subplots()
+    image = axes.imshow(matrix, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
+    if len(names) <= _MOST_NAMES:
+        axes.set_xticks(range(len(names)), names, rotation=90, fontsize=5)
+        axes.set_yticks(range(len(names)), names, fontsize=5)
+    figure.colorbar(image, ax=axes, shrink=0.8)
+    return png_of(figure)
+
+
+def _ladle(calibration: Calibration) -> bytes:
+    figure = new_figure(9.0, 3.8)
+    left, right = figure.subplots(1, 2)
+    ladle = calibration.ladle
+    half = ladle.half_width_m / MM
+    if half.size:
+        places, index = np.unique(ladle.poses[:, [0, 2]].round(6), axis=0, return_inverse=True)
+        worst = np.array([half[index.ravel() == k].max() for k in range(len(places))])
+        shown = left.scatter(places[:, 0] / MM, places[:, 1] / MM, c=worst, s=60, cmap="viridis")
+        figure.colorbar(shown, ax=left, label="± mm, the worst y and tilt there")
+        left.margins(0.2)
+        right.scatter(np.degrees(ladle.poses[:, 3]), half, s=8, color=AFTER)
+    left.set(xlabel="x [mm]", ylabel="z [mm]")
+    right.set(xlabel="tilt [°]", ylabel="± mm")
+    for axes in (left, right):
+        axes.grid(alpha=0.25)
+    return png_of(figure)

@@ -1,0 +1,49 @@
+"""All checks of a campaign before any fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pouring_robot.campaign.data import Campaign
+from pouring_robot.checks.columns import check_columns
+from pouring_robot.checks.flags import DataFlag, Severity
+from pouring_robot.checks.frames import Comparison, FrameChecks
+from pouring_robot.checks.residuals import check_rows
+from pouring_robot.estimation.frames import FrameFit
+from pouring_robot.robot.robot import PouringRobot
+
+
+@dataclass(frozen=True, eq=False)
+class Examination:
+    """What the checks found.
+
+    Attributes:
+        flags: the findings, errors first.
+        comparison: commands and measurements with the mistakes found undone.
+        fit: the two frames fitted to them; None where they cannot be.
+    """
+
+    flags: list[DataFlag]
+    comparison: Comparison
+    fit: FrameFit | None
+
+
+def examine(campaign: Campaign, robot: PouringRobot) -> Examination:
+    """Run all checks and keep what they found on the way."""
+    found = list(check_columns(campaign))
+    frames = FrameChecks(campaign, robot.kinematics)
+    found += frames.flags
+    if frames.fit is not None:
+        found += check_rows(campaign, robot.kinematics, frames.data, frames.fit)
+    order = list(Severity)
+    return Examination(sorted(found, key=lambda flag: order.index(flag.severity)), frames.data, frames.fit)
+
+
+def check_campaign(campaign: Campaign, robot: PouringRobot) -> list[DataFlag]:
+    """Return what is wrong with a campaign's data, errors first; an empty list for sound data.
+
+    Args:
+        campaign: the data.
+        robot: gives nominal kinematics and limits; its errors do not matter here.
+    """
+    return examine(campaign, robot).flags

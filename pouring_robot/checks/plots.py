@@ -1,0 +1,114 @@
+"""The picture of a campaign: where its poses lie in the workspace, and how far they are from the nominal robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pouring_robot.campaign.data import Campaign
+from pouring_robot.checks.check import Examination
+from pouring_robot.checks.flags import Rows, outlier_rows
+from pouring_robot.io.files import write_whole
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.report.plots import png_of
+from pouring_robot.robot.pouring.layout import Layout
+
+# Okabe and Ito's colours, told apart by colour-blind readers too; vermilion is kept for what is wrong.
+_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#8C6D1F", "#000000")
+_WRONG, _BOX, _NOISE = "#D55E00", "#666666", "#999999"
+_MOST_SESSIONS = 12
+
+
+def write_picture(campaign: Campaign, found: Examination, layout: Layout, path: Path | str) -> Path:
+    """Draw the commanded poses (x–z, y–z, tilt–z) with the workspace box, and the misfit of each row, as PNG.
+
+    Args:
+        campaign: the data.
+        found: what the checks found; outliers are marked.
+        layout: gives the workspace box.
+        path: the file; written whole or not at all.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    # No pyplot: it would look for a screen and keep figures alive.
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.0, 9.5), dpi=120, layout="constrained")
+    # The box is four times as high as wide, so that the first two sights keep its shape.
+    sights_of = figure.subplot_mosaic("XYTT;MMMM", height_ratios=(1.6, 1.0), width_ratios=(1.0, 1.0, 1.2, 1.2))
+    wrong = outlier_rows(found.flags)
+    poses = found.comparison.poses.inverse() if found.comparison.inverted else found.comparison.poses
+    tilt = np.degrees(np.arctan2(poses.rotation[:, 0, 2], poses.rotation[:, 0, 0]))
+    x, y, z = poses.position_m.T * 1e3
+    low, high = layout.position_lower_m * 1e3, layout.position_upper_m * 1e3
+    tilts = np.degrees([layout.tilt_lower_rad, layout.tilt_upper_rad])
+    sights = (
+        (sights_of["X"], "seen along y", ("x", "mm", x, low[0], high[0])),
+        (sights_of["Y"], "seen along x", ("y", "mm", y, low[1], high[1])),
+        (sights_of["T"], "tilt over height", ("tilt", "°", tilt, tilts[0], tilts[1])),
+    )
+    for place, title, (name, unit, values, lower, upper) in sights:
+        _box(place, (lower, upper), (low[2], high[2]))
+        _points(place, campaign, values, z, wrong)
+        place.set(title=title, xlabel=f"{name} [{unit}]", ylabel="z [mm]")
+        place.grid(alpha=0.25)
+    _misfit(sights_of["M"], campaign, found, wrong)
+    handles, labels = sights_of["X"].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False)
+    kind = "full poses" if campaign.full_pose else "positions"
+    figure.suptitle(f"{campaign.path.name}: {len(campaign)} {kind}, as commanded, in the fixed platform's frame")
+    return write_whole(path, png_of(figure))
+
+
+def _box(place: Any, across: tuple[float, float], up: tuple[float, float]) -> None:
+    from matplotlib.patches import Rectangle
+
+    size = across[1] - across[0], up[1] - up[0]
+    place.add_patch(Rectangle((across[0], up[0]), *size, fill=False, edgecolor=_BOX, linestyle="--", label="workspace"))
+
+
+def _points(place: Any, campaign: Campaign, across: FloatArray, up: FloatArray, wrong: Rows) -> None:
+    groups = _sessions(campaign)
+    for index, (name, rows, colour) in enumerate(groups):
+        # Poses are often visited again in a later session: larger dots below smaller ones show both.
+        size = min(16.0 + 14.0 * (len(groups) - 1 - index), 60.0)
+        place.scatter(across[rows], up[rows], s=size, color=colour, alpha=0.75, linewidths=0, label=name)
+    if wrong.size:
+        place.scatter(across[wrong], up[wrong], s=70, marker="x", color=_WRONG, label="flagged row", zorder=3)
+
+
+def _sessions(campaign: Campaign) -> list[tuple[str, Rows, str]]:
+    names = list(dict.fromkeys(campaign.sessions))
+    shown = names[:_MOST_SESSIONS] if len(names) > _MOST_SESSIONS else names
+    groups = []
+    for index, name in enumerate(shown):
+        rows = np.array([i for i, session in enumerate(campaign.sessions) if session == name], dtype=np.intp)
+        groups.append((f"session {name}"[:24], rows, _COLOURS[index % len(_COLOURS)]))
+    rest = np.array([i for i, session in enumerate(campaign.sessions) if session not in shown], dtype=np.intp)
+    return [*groups, ("other sessions", rest, _NOISE)] if rest.size else groups
+
+
+def _misfit(place: Any, campaign: Campaign, found: Examination, wrong: Rows) -> None:
+    """Draw each row's distance from the nominal robot, noise level beside it; logarithmic, for outliers are far."""
+    place.set(title="measured against nominal robot, frames fitted", xlabel="line in file", ylabel="distance [mm]")
+    place.grid(alpha=0.25)
+    if found.fit is None:
+        place.text(0.5, 0.5, "the frames cannot be fitted", ha="center", transform=place.transAxes)
+        return
+    residual = found.fit.position_residual_m
+    distance = np.linalg.norm(np.nan_to_num(residual), axis=1) * 1e3
+    distance[~np.isfinite(residual).all(axis=1) | (distance == 0.0)] = np.nan
+    _points(place, campaign, campaign.lines.astype(float), distance, wrong)
+    sigma = campaign.metadata.sigma_position_m
+    if sigma:
+        place.axhline(sigma * 1e3 * np.sqrt(3.0), color=_BOX, linestyle=":", linewidth=1.2)
+        place.annotate(
+            "noise", (1.0, sigma * 1e3 * np.sqrt(3.0)), xycoords=("axes fraction", "data"), ha="right", va="bottom"
+        )
+    if np.isfinite(distance).any():
+        place.set_yscale("log")
+        place.yaxis.set_major_formatter("{x:g}")
+        place.yaxis.set_minor_formatter("{x:g}" if np.nanmax(distance) < 10.0 * np.nanmin(distance) else "")

@@ -1,0 +1,229 @@
+"""The options that say how warm the robot is, and the robot they make."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.heat_section import HeatSection
+from pouring_robot.robot.metrics import decimals
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from pouring_robot.robot.pouring.poses import PlatformPose
+    from pouring_robot.robot.robot import LadleLocation, PouringRobot
+    from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmState
+    from pouring_robot.thermal.expansion.warm_robot import PoseShares
+
+MeltDegC = Annotated[
+    float | None,
+    typer.Option("--melt-degC", metavar="T", help="Temperature of the melt; makes the robot warm."),
+]
+AmbientDegC = Annotated[
+    float | None,
+    typer.Option("--ambient-degC", metavar="T", help="Temperature of the surroundings; makes the robot warm."),
+]
+Steady = Annotated[bool, typer.Option("--steady", help="Warm, after so long that nothing changes any more.")]
+AfterMin = Annotated[
+    float | None,
+    typer.Option("--after-min", metavar="MIN", help="Warm, so long after the melt came to the cold robot."),
+]
+Cold = Annotated[bool, typer.Option("--cold", help="Leave out the heat that the model file tells of.")]
+
+
+def heat_of(
+    robot: PouringRobot,
+    melt: float | None,
+    ambient: float | None,
+    steady: bool,
+    after_min: float | None,
+    cold: bool,
+) -> HeatSection | None:
+    """Return how warm the robot is by the command line, over what its model file says; None: cold.
+
+    Raises:
+        BadInputError: options contradict each other or a value is impossible.
+    """
+    if steady and after_min is not None:
+        raise BadInputError("give --steady or --after-min, not both")
+    flags: dict[str, Any] = {"melt_degC": melt, "ambient_degC": ambient, "after_min": after_min}
+    given = {name: value for name, value in flags.items() if value is not None}
+    if cold:
+        if given or steady:
+            raise BadInputError("--cold leaves heat out; give it alone, or leave it out")
+        return None
+    if robot.model.heat is None and not given and not steady:
+        return None
+    if steady:
+        given["after_min"] = None
+    return (robot.model.heat or HeatSection()).with_values(**given)
+
+
+@dataclass(frozen=True, eq=False)
+class Warmth:
+    """One command's answer, cold or warm.
+
+    Attributes:
+        robot: the actual robot, warm where it is warm.
+        location: where the ladle should be and where it is.
+        heated: the heat; None for a cold robot, and so are the others.
+        state: temperatures.
+        shares: what geometry and heat do, by frame.
+    """
+
+    robot: PouringRobot
+    location: LadleLocation
+    heated: HeatedRobot | None = None
+    state: WarmState | None = None
+    shares: dict[str, PoseShares] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, robot: PouringRobot, heated: HeatedRobot | None, pose: PlatformPose, *, shares: bool = False) -> Warmth:
+        """Find it, and the shares of geometry and heat if they are wanted.
+
+        Raises:
+            NoSolutionError: the robot cannot take the pose, or no temperatures are found.
+        """
+        if heated is None:
+            return cls(robot, robot.locate(pose))
+        found = heated.locate(pose)
+        loops = found.location.loops
+        frames = (loops.end_frame or "", loops.working_frame) if shares else ()
+        told = {frame: heated.shares(found, frame) for frame in frames}
+        return cls(found.state.robot, found.location, heated, found.state, told)
+
+    def figures(self) -> dict[str, Any]:
+        """Return heat and shares, ready for JSON; nothing for a cold robot."""
+        if self.heated is None or self.state is None:
+            return {}
+        shares = {frame: share_figures(one) for frame, one in self.shares.items()}
+        return {"heat": heat_figures(self.heated, self.state)} | ({"shares": shares} if shares else {})
+
+    def print(self, console: Console) -> None:
+        """Print heat and shares; nothing for a cold robot."""
+        if self.heated is None or self.state is None:
+            return
+        print_shares(console, self.shares)
+        lip = list(self.shares.values())[-1]
+        missing = float(lip.remainder_m @ lip.remainder_m) ** 0.5
+        console.print(
+            f"the shares need not add up: geometry + heat misses the lip's actual place by {missing / MM:.4f} mm, "
+            f"{missing / max(lip.together.distance_m, 1e-15):.2%} of its error"
+        )
+        console.print(heat_line(self.heated, self.state))
+        console.print(settled_line(self.state))
+
+
+def heated_of(robot: PouringRobot, heat: HeatSection | None) -> HeatedRobot | None:
+    """Return the robot with its heat, or None for a cold one."""
+    if heat is None:
+        return None
+    # The thermal network takes a while to import; only a warm robot pays for it.
+    from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+
+    return HeatedRobot(robot, heat)
+
+
+def heat_line(heated: HeatedRobot, state: WarmState) -> str:
+    """Return on one line how warm the robot is."""
+    if heated.heat is None or state.field is None:
+        return "heat: none, the robot is as warm as the drawing"
+    melt, ambient = heated.temperatures_degC
+    minutes = heated.heat.after_min
+    when = "steady" if minutes is None else f"{minutes:g} min after the melt came"
+    legs = "  ".join(f"{value:.0f}" for value in state.field.leg_degC)
+    line = f"heat: melt {melt:g}, surroundings {ambient:g} degC, {when}; legs 1-4 {legs}, platform "
+    line += f"{state.field.platform_degC:.0f} degC"
+    if heated.heat.measured_degC:
+        measured = ", ".join(f"{part} {value:g}" for part, value in heated.heat.measured_degC.items())
+        line += f" computed; measured instead: {measured} degC"
+    return line
+
+
+def alone_line(heat: HeatSection) -> str:
+    """Return on one line how long each pose of a list is held."""
+    held = "until nothing changes" if heat.after_min is None else f"{heat.after_min:g} min"
+    return (
+        f"every pose is taken by itself, cold at first and held {held}: what earlier poses leave behind is not in it; "
+        "for poses one after the other, see pouring-robot thermal --history"
+    )
+
+
+def settled_line(state: WarmState) -> str:
+    """Return on one line how well temperatures and pose fit each other."""
+    return (
+        f"temperatures taken where the ladle is, {state.turns} times; the last time moved it by "
+        f"{state.unsettled_m / MM:.1e} mm{unsettled_words(state.unsettled_m)}"
+    )
+
+
+def unsettled_words(unsettled_m: float) -> str:
+    """Return a warning where temperatures and pose did not settle to 1e-6 mm, or nothing."""
+    return "" if unsettled_m <= 1e-6 * MM else ": NOT settled, a shadow of the platform jumps at this pose"
+
+
+def heat_figures(heated: HeatedRobot, state: WarmState) -> dict[str, Any]:
+    """Return how warm the robot is, ready for JSON."""
+    if heated.heat is None or state.field is None:
+        return {"on": False}
+    melt, ambient = heated.temperatures_degC
+    found = state.field
+    computed = {f"leg{i}": float(value) for i, value in enumerate(found.leg_degC, start=1)}
+    computed |= {"platform": found.platform_degC, "fixed_platform": found.fixed_platform_degC}
+    return {
+        "on": True,
+        "melt_degC": melt,
+        "ambient_degC": ambient,
+        "after_min": heated.heat.after_min,
+        "computed_degC": computed,
+        "measured_degC": heated.heat.measured_degC,
+        "leg_strain": list(state.robot.expansion.leg_strain),
+        "platform_strain": state.robot.expansion.platform_strain,
+        "fixed_platform_strain": state.robot.expansion.fixed_platform_strain,
+        "temperatures_taken": state.turns,
+        "unsettled_mm": state.unsettled_m / MM,
+    }
+
+
+def print_shares(console: Console, shares: dict[str, PoseShares]) -> None:
+    """Print what geometry and heat do alone and together, and by how much they do not add up, frame by frame."""
+    from rich.table import Table
+
+    table = Table(title="shares of the error: mm, mrad", title_justify="left", box=None, pad_edge=False)
+    table.add_column("frame")
+    table.add_column("")
+    for name in ("x", "y", "z", "|xyz|", "rx", "ry", "rz"):
+        table.add_column(name, justify="right")
+    for frame, one in shares.items():
+        rows = {
+            "geometry": (one.geometry.translation_m, one.geometry.rotation_rad),
+            "heat": (one.heat.translation_m, one.heat.rotation_rad),
+            "together": (one.together.translation_m, one.together.rotation_rad),
+            "not the sum by": (one.remainder_m, one.remainder_rad),
+        }
+        for k, (name, (shift, turn)) in enumerate(rows.items()):
+            size = float(sum(shift**2) ** 0.5)
+            cells = [decimals(v / MM, 3, sign=True) for v in shift] + [f"{size / MM:.3f}"]
+            table.add_row(frame if k == 0 else "", name, *cells, *(decimals(v / MRAD, 3, sign=True) for v in turn))
+    console.print(table)
+
+
+def share_figures(shares: PoseShares) -> dict[str, Any]:
+    """Return the three shares and what they leave, in mm and mrad, ready for JSON."""
+    from pouring_robot.robot.metrics import difference_figures
+
+    return {
+        "geometry": difference_figures(shares.geometry),
+        "heat": difference_figures(shares.heat),
+        "together": difference_figures(shares.together),
+        "not_the_sum_by": {
+            "translation_mm": (shares.remainder_m / MM).tolist(),
+            "rotation_mrad": (shares.remainder_rad / MM).tolist(),
+            "distance_mm": float((shares.remainder_m @ shares.remainder_m) ** 0.5) / MM,
+        },
+    }

@@ -1,0 +1,1 @@
+"""What to command so that the actual ladle, with errors and heat, comes to the wanted pose."""

@@ -1,0 +1,231 @@
+"""Drive values that bring the actual ladle, with its geometric errors and its heat, to the wanted pose.
+
+Four drives command four freedoms: x, y, z of a frame on the moving platform and the tilt about y. Newton on the exact
+Jacobian of the closed mechanism solves them, temperatures held; then temperatures are taken anew where the ladle now
+is, and so on until that moves nothing (``expansion.heated_robot``). The two other turns of the platform,
+roll about x and yaw about z, follow from the errors and cannot be commanded. They are what is left, and what they do
+to the lip.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from pouring_robot.exceptions import ClosureError, NoSolutionError, SingularPoseError, UnreachablePoseError
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closure import ClosureResult
+from pouring_robot.mechanism.parameters import DriveParameter
+from pouring_robot.mechanism.poses import MM, PoseDifference
+from pouring_robot.mechanism.transfer import closed_chain_transfer
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmState
+from pouring_robot.thermal.expansion.warm_robot import WarmRobot
+
+TOLERANCE = 1e-11
+"""The four freedoms are met when each is this near, in m or rad: a tenth of a thousandth of what is promised, 1e-9."""
+_MOST_STEPS = 25
+
+
+class CompensationError(NoSolutionError):
+    """No drive values bring the ladle to a pose.
+
+    Attributes:
+        wanted: the pose; ``left_m`` and ``left_rad``: what the last step left.
+    """
+
+    def __init__(self, wanted: PlatformPose, left_m: float, left_rad: float) -> None:
+        """Keep the figures."""
+        self.wanted, self.left_m, self.left_rad = wanted, left_m, left_rad
+        x, y, z, tilt = wanted.to_mm_deg()
+        super().__init__(
+            f"no drive values found for x {x:g}, y {y:g}, z {z:g} mm, tilt {tilt:g} deg: after {_MOST_STEPS} steps the "
+            f"ladle is {left_m / MM:.3g} mm and {left_rad * 1e3:.3g} mrad off; choose a pose further from a singularity"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Compensation:
+    """What to command, and what it leads to. Differences are actual minus wanted, in the fixed platform.
+
+    Attributes:
+        wanted: the pose wanted.
+        frame: the frame whose position is brought there.
+        drives: drive values to command, in m and rad.
+        command: the pose of the drawing with these drive values: what to ask a controller for that knows the drawing.
+        before: of the frame, if the wanted pose itself were commanded.
+        left: of the frame, with ``drives``.
+        left_at_lip: of the lip, with ``drives``: what the two rotations do there.
+        left_tilt_rad: what is left of the tilt.
+        steps: Newton steps taken in all.
+        state: temperatures, warm robot and closure with ``drives``.
+    """
+
+    wanted: PlatformPose
+    frame: str
+    drives: dict[str, float]
+    command: PlatformPose
+    before: PoseDifference
+    left: PoseDifference
+    left_at_lip: PoseDifference
+    left_tilt_rad: float
+    steps: int
+    state: WarmState
+
+    @property
+    def uncontrolled_rad(self) -> tuple[float, float]:
+        """The two rotations that cannot be commanded: about x and about z, in rad."""
+        return float(self.left.rotation_rad[0]), float(self.left.rotation_rad[2])
+
+
+@dataclass
+class _Search:
+    """Newton's way to one pose; counts its steps over all turns of temperature."""
+
+    heated: HeatedRobot
+    wanted: PlatformPose
+    frame: str
+    drives: dict[str, float]
+    steps: int = 0
+
+    def close(self, warm: WarmRobot) -> tuple[ClosureResult, ClosureResult]:
+        """Bring a warm robot to the pose, starting from the drive values found last.
+
+        Returns:
+            The closure with these drive values, and with those that bring it to the pose.
+
+        Raises:
+            CompensationError: no drive values are found.
+            SingularPoseError: the drives do not command the four freedoms here.
+            ClosureError: the loops do not close on the way.
+        """
+        start = self.heated.robot.kinematics.configuration(self.wanted)
+        prismatic = [warm.actual_solver.mechanism.unit_of(name) == "m" for name in self.drives]
+        best = np.inf
+        first: ClosureResult | None = None
+        for _ in range(_MOST_STEPS):
+            result = warm.actual_solver.solve(warm.actual_drives(self.drives), start)
+            first = first or result
+            left = self.left(result)
+            size = float(np.abs(left).max())
+            # Round-off may end the way a little earlier; what was reached is then reported as it is.
+            if size < TOLERANCE or (size < 100.0 * TOLERANCE and size > 0.5 * best):
+                return first, result
+            best = min(best, size)
+            step = -_solved(_four_rows(warm, result, self.frame), left)
+            largest = max(float(np.abs(step[k])) / (0.1 if prismatic[k] else 0.3) for k in range(len(step)))
+            step /= max(1.0, largest)
+            # The actual drive is the commanded one, grown with its leg: its derivative is 1 + strain, taken as 1.
+            self.drives = {name: value + float(d) for (name, value), d in zip(self.drives.items(), step, strict=True)}
+            start = result.configuration
+            self.steps += 1
+        raise CompensationError(self.wanted, float(np.linalg.norm(left[:3])), abs(float(left[3])))
+
+    def left(self, result: ClosureResult) -> FloatArray:
+        """Return what is missing: x, y, z of the frame in m and the platform's tilt in rad, actual minus wanted."""
+        loops = result.mechanism.loops
+        place = result.pose(loops.base_frame, self.frame).translation
+        tilt = PlatformPose.from_se3(result.pose_base_to_end).tilt_rad - self.wanted.tilt_rad
+        wanted = _wanted_pose(self.heated, self.wanted, self.frame).translation
+        return np.array([*(place - wanted), tilt])
+
+
+def compensate(heated: HeatedRobot, wanted: PlatformPose, frame: str | None = None) -> Compensation:
+    """Return the drive values that bring the actual ladle to a pose.
+
+    Args:
+        heated: the robot as built and how warm it is.
+        wanted: x, y, z and tilt of the moving platform, as for a robot of the drawing.
+        frame: the frame whose position shall be where that pose has it in the drawing; by default the moving platform.
+            With the lip, the platform gives way so that the lip is right.
+
+    Raises:
+        UnreachablePoseError: a joint of the actual robot, or a commanded drive, would pass its limits.
+        CompensationError: no drive values are found.
+        SingularPoseError: the drives do not command the four freedoms at this pose.
+        ClosureError: the loops do not close.
+        ThermalSolutionError: no temperatures are found.
+        UnknownFrameError: there is no such frame.
+    """
+    kinematics = heated.robot.kinematics
+    loops = kinematics.mechanism.loops
+    frame = frame or loops.end_frame or ""
+    values = kinematics.joint_values(wanted)
+    commanded = {name: values[name] for name in loops.drives}
+    try:
+        search = _Search(heated, wanted, frame, dict(commanded))
+        state = heated.settle(wanted, search.close)
+        result = state.result
+        kinematics.refuse_beyond_limits(search.drives)
+        kinematics.refuse_beyond_limits({name: result.joint_values[name] for name in kinematics.joint_names})
+    except (ClosureError, CompensationError, SingularPoseError) as problem:
+        # A pose beyond the limits also does not close; the limit is what a user can understand and mend.
+        reach = kinematics.limiting_joint(values)
+        if reach.margin < 0.0:
+            raise UnreachablePoseError(reach.joint, reach.value, reach.lower, reach.upper, reach.unit) from problem
+        raise
+    uncorrected = _uncorrected(heated, wanted, commanded)
+    return Compensation(
+        wanted=wanted,
+        frame=frame,
+        drives=search.drives,
+        command=kinematics.forward(search.drives, near=wanted),
+        before=_difference(heated, wanted, uncorrected, frame),
+        left=_difference(heated, wanted, result, frame),
+        left_at_lip=_difference(heated, wanted, result, loops.working_frame),
+        left_tilt_rad=float(search.left(result)[3]),
+        steps=search.steps,
+        state=state,
+    )
+
+
+def _uncorrected(heated: HeatedRobot, wanted: PlatformPose, commanded: dict[str, float]) -> ClosureResult:
+    """Return the closure if the wanted pose itself is commanded, with the temperatures that this brings."""
+    start = heated.robot.kinematics.configuration(wanted)
+
+    def close(warm: WarmRobot) -> tuple[ClosureResult, ClosureResult]:
+        result = warm.actual_solver.solve(warm.actual_drives(commanded), start)
+        return result, result
+
+    return heated.settle(wanted, close).result
+
+
+def _wanted_pose(heated: HeatedRobot, wanted: PlatformPose, frame: str) -> pin.SE3:
+    """Return the pose of a frame of the moving platform, in the fixed platform, in the drawing."""
+    mechanism = heated.robot.kinematics.mechanism
+    data = mechanism.thread_data()
+    pin.framesForwardKinematics(mechanism.shared_model, data, mechanism.neutral_configuration())
+    end, tip = (data.oMf[mechanism.frame_id(name)] for name in (mechanism.loops.end_frame or "", frame))
+    return wanted.to_se3() * end.actInv(tip)
+
+
+def _difference(heated: HeatedRobot, wanted: PlatformPose, result: ClosureResult, frame: str) -> PoseDifference:
+    actual = result.pose(result.mechanism.loops.base_frame, frame)
+    return PoseDifference.between(_wanted_pose(heated, wanted, frame), actual)
+
+
+def _four_rows(warm: WarmRobot, result: ClosureResult, frame: str) -> FloatArray:
+    """Return how x, y, z of a frame and the platform's tilt follow the drives, shape (4, 4).
+
+    The tilt is atan2(c_x, c_z) of the platform's third axis c, which turns as ω × c.
+    """
+    drives = [DriveParameter(name, "") for name in result.mechanism.loops.drives]
+    twists = closed_chain_transfer(warm.actual_solver, result, drives, frame).matrix
+    axis = result.pose_base_to_end.rotation[:, 2]
+    moved = np.cross(twists[3:].T, axis)
+    tilt = (axis[2] * moved[:, 0] - axis[0] * moved[:, 2]) / (axis[0] ** 2 + axis[2] ** 2)
+    return np.vstack([twists[:3], tilt])
+
+
+def _solved(matrix: FloatArray, right_side: FloatArray) -> FloatArray:
+    """Solve four equations.
+
+    Raises:
+        SingularPoseError: they do not determine the drives.
+    """
+    factors = np.linalg.svd(matrix, compute_uv=False)
+    if not np.isfinite(factors).all() or factors[-1] < 1e-9 * factors[0]:
+        raise SingularPoseError(float(factors[-1] / factors[0]))
+    return np.asarray(np.linalg.solve(matrix, right_side))

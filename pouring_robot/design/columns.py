@@ -1,0 +1,211 @@
+"""From poses and conditions to whitened rows: how a measurement there shows every unknown, by G of the closed chain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from pouring_robot.design.parameters import PlannedParameter, drive_parameters
+from pouring_robot.estimation.measurement import FRAMES, MeasurementModel, Unknowns
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.robot.pouring.layout import Layout
+from pouring_robot.robot.robot import PouringRobot
+
+REFERENCE_DEGC = 20.0
+_GRAVITY = 9.81
+# Candidates are round figures, so that the plan's file says exactly what was planned.
+_ROUND_M, _ROUND_DEG = 1e-4, 1e-2
+_EDGE_LEVELS = 3
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of the measuring device.
+
+    Attributes:
+        position_m: standard deviation of a coordinate, in m.
+        rotation_rad: standard deviation of a rotation component, in rad; None: positions only.
+    """
+
+    position_m: float
+    rotation_rad: float | None
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard deviation of each measured component of a pose, shape (6,) or (3,), in m and rad."""
+        levels = [self.position_m] if self.rotation_rad is None else [self.position_m, self.rotation_rad]
+        return np.repeat(levels, 3)
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """How a pose is visited.
+
+    Attributes:
+        side: +1: every drive was rising when it stopped, -1: falling, 0: not stated.
+        payload_kg: melt in the ladle.
+        leg_degC: temperature of the legs.
+    """
+
+    side: int = 1
+    payload_kg: float = 0.0
+    leg_degC: float = REFERENCE_DEGC  # noqa: N815 - the unit is spelt as in the campaign files
+
+
+class Columns:
+    """Rows of the Jacobian for poses and conditions. The outer frame's axes are taken as the fixed platform's.
+
+    Args:
+        robot: the present robot.
+        parameters: what is to be determined.
+    """
+
+    def __init__(self, robot: PouringRobot, parameters: Sequence[PlannedParameter]) -> None:
+        """Build the measurement model with the drives, which carry the columns of the conditions, at its end."""
+        nominal = robot.nominal_solver.mechanism
+        self.robot, self.parameters = robot, tuple(parameters)
+        self.local = [p.local for p in parameters if p.kind == "local"]
+        self.drives = drive_parameters(nominal)
+        # The drives may be among the parameters already; under names of their own they can stand twice.
+        self._model = MeasurementModel(robot.model, self.local)
+        self._drive_model = self._model.with_parameters(self.drives)
+        self._lip_m = frame_offset(nominal, "ladle_lip")
+
+    @property
+    def unknowns(self) -> int:
+        """The twelve frame numbers and the parameters."""
+        return FRAMES + len(self.parameters)
+
+    def reachable(self, poses: FloatArray) -> NDArray[np.bool_]:
+        """Return which poses (n, 4), x y z in m and tilt in rad, are within joint limits; shape (n,)."""
+        kinematics = self.robot.kinematics
+        joints = kinematics.commands(poses).start.joints
+        limits = kinematics.mechanism.joint_limits()
+        within = np.ones(len(poses), dtype=bool)
+        for i in range(joints.shape[1]):
+            for k in range(joints.shape[2]):
+                lower, upper = limits[f"leg{i + 1}_s{k + 1}"]
+                within &= (joints[:, i, k] >= lower) & (joints[:, i, k] <= upper)
+        return within
+
+    def measured(
+        self, poses: FloatArray, conditions: Sequence[Conditions], noise: Noise, target_m: FloatArray
+    ) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return whitened rows of every pose under every condition.
+
+        Args:
+            poses: x, y, z in m and the tilt in rad, shape (n, 4).
+            conditions: c of them.
+            noise: of the device; decides how many components k a pose has.
+            target_m: place of the target on the moving platform, shape (3,).
+
+        Returns:
+            Shape (n, c, k, 12 + P), per m, rad, m/N ... of each unknown, and which poses the robot closes at, (n,).
+        """
+        base, drives, loads, closed = self._parts(poses, target_m)
+        sigma = noise.sigma
+        rows = np.stack([self._row(base, drives, loads, poses, c) for c in conditions], axis=1)
+        return rows[:, :, : len(sigma)] / sigma[:, None], closed
+
+    def ladle(self, poses: FloatArray, conditions: Conditions) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return how the pouring lip moves per unit of each unknown, and which poses close.
+
+        It is seen in the tracker's frame, and stands where it does to the target.
+
+        Args:
+            poses: shape (n, 4).
+            conditions: at work; side 0 is the mean of both.
+
+        Returns:
+            Shape (n, 6, 12 + P): displacement in m, rotation vector in rad; and (n,).
+        """
+        base, drives, loads, closed = self._parts(poses, self._lip_m)
+        return self._row(base, drives, loads, poses, conditions), closed
+
+    def _parts(
+        self, poses: FloatArray, target_m: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
+        """Return columns of frames and local parameters, of the drives, and load on each drive per N of weight."""
+        command = self.robot.kinematics.commands(poses)
+        modelled = self._model.at(command.drives, command.start)
+        still, centre = pin.SE3.Identity(), np.array(self.robot.layout.ladle.centre_of_mass_m)
+        at_target = pin.SE3(np.eye(3), np.asarray(target_m, dtype=float))
+        seen = modelled.linearise(Unknowns.zero(still, at_target, len(self.local)))
+        driven = modelled.with_model(self._drive_model)
+        unknowns = Unknowns.zero(still, at_target, len(self.drives))
+        drives = driven.linearise(unknowns)
+        lifted = driven.linearise(Unknowns.zero(still, pin.SE3(np.eye(3), centre), len(self.drives)))
+        closed = seen.closed & drives.closed & lifted.closed
+        parts = [seen.jacobian, drives.jacobian, lifted.jacobian]
+        base, drive_columns, at_centre = (np.nan_to_num(part) for part in parts if part is not None)
+        return base, drive_columns[:, :, FRAMES:], -at_centre[:, 2, FRAMES:], closed
+
+    def _row(
+        self, base: FloatArray, drives: FloatArray, loads: FloatArray, poses: FloatArray, conditions: Conditions
+    ) -> FloatArray:
+        rows = np.empty((len(poses), 6, self.unknowns))
+        rows[:, :, : base.shape[2]] = base
+        ladle = self.robot.layout.ladle
+        weight = _GRAVITY * (ladle.tare_kg + conditions.payload_kg)
+        commanded = self.robot.kinematics.commands(poses).drives
+        for k, parameter in enumerate(self.parameters[len(self.local) :], start=base.shape[2]):
+            drive = [d.joint for d in self.drives].index(parameter.local.joint)
+            column = drives[:, :, drive]
+            if parameter.kind == "backlash":
+                rows[:, :, k] = -0.5 * conditions.side * column
+            elif parameter.kind == "compliance":
+                rows[:, :, k] = column * (weight * loads[:, drive])[:, None]
+            else:
+                warmth = conditions.leg_degC - REFERENCE_DEGC
+                rows[:, :, k] = column * (warmth * commanded[:, drive])[:, None]
+        return rows
+
+
+def frame_offset(mechanism: ClosedChainMechanism, frame: str) -> FloatArray:
+    """Return the origin of a frame of the end body in the moving platform's axes, in m, shape (3,)."""
+    model = mechanism.shared_model
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, mechanism.neutral_configuration())
+    platform, wanted = (data.oMf[mechanism.frame_id(name)] for name in ("moving_platform", frame))
+    return np.array(platform.actInv(wanted).translation)
+
+
+def box(layout: Layout) -> tuple[FloatArray, FloatArray]:
+    """Return lower and upper corner of the workspace: x, y, z in m, tilt in rad; shape (4,) each."""
+    lower = np.append(layout.position_lower_m, layout.tilt_lower_rad)
+    return lower, np.append(layout.position_upper_m, layout.tilt_upper_rad)
+
+
+def candidate_poses(layout: Layout, count: int) -> FloatArray:
+    """Return poses that fill the workspace box: its corners, edges and middles, and a Sobol sequence between.
+
+    Args:
+        layout: the workspace.
+        count: how many about; at least the 81 of corners, edges and middles.
+
+    Returns:
+        Round figures (0.1 mm, 0.01 degrees) inside the box, none twice; shape (n, 4), in m and rad.
+    """
+    lower, upper = box(layout)
+    levels = np.linspace(0.0, 1.0, _EDGE_LEVELS)
+    grid = np.stack(np.meshgrid(*[levels] * 4, indexing="ij"), axis=-1).reshape(-1, 4)
+    wanted = max(0, count - len(grid))
+    filled = qmc.Sobol(4, scramble=False).random_base2(int(np.ceil(np.log2(wanted + 1))))[:wanted]
+    step = np.array([_ROUND_M, _ROUND_M, _ROUND_M, np.radians(_ROUND_DEG)])
+    poses = lower + (upper - lower) * np.concatenate([grid, filled])
+    whole = np.clip(np.round(poses / step), np.ceil(lower / step - 1e-9), np.floor(upper / step + 1e-9))
+    _, first = np.unique(whole, axis=0, return_index=True)
+    return np.asarray(whole[np.sort(first)] * step)
+
+
+def workspace_grid(layout: Layout, levels: tuple[int, int, int, int] = (3, 3, 7, 7)) -> FloatArray:
+    """Return a regular grid of the workspace box, its faces included; shape (n, 4), in m and rad."""
+    lower, upper = box(layout)
+    axes = [np.linspace(a, b, n) for a, b, n in zip(lower, upper, levels, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 4)

@@ -1,0 +1,285 @@
+r"""Exchange: choosing rows of a plan from a dense set of candidates, one swap at a time.
+
+Fedorov's exchange in the form of Cook and Nachtsheim (Technometrics 22, 1980): each pose of the plan in turn is taken
+out and the best of all candidates is put in, until a whole round changes nothing; from several random plans, the best
+kept. A pose brings a block X of m measured rows, so a swap is a rank-m update. With C = M⁻¹,
+
+.. math:: \det(M + X^T X) = \det M \, \det(I + X C X^T)
+
+and the blocks :math:`K_j = X_j C X_j^T` of all candidates follow each update, so that a round costs n products of the
+candidates with a p × m matrix. D_s-optimality maximises det M / det M_ff; both factors are kept up to date so. For
+O2 to O5 the swaps that their derivative and the determinant recommend are worked out exactly.
+
+Numbers stay sound because everything happens in a basis in which the mean information of the candidates is the unit
+matrix: determinants only change by a constant, whatever the units and however hard parameters are to tell apart.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from pouring_robot.design.information import Criterion, index_slopes, observability_index
+from pouring_robot.design.updates import InformationFactor, log_determinants
+from pouring_robot.estimation.identifiability import RANK_TOLERANCE
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.arrays import FloatArray
+
+IntArray = NDArray[np.intp]
+Progress = Callable[[int, int], None]
+# Keeps random first plans regular; against a mean information of one it changes no decision.
+_RIDGE = 1e-6
+_LEAST_GAIN = 1e-9
+_ROUNDS = 60
+_SHORTLIST = 16
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateSet:
+    """What can be chosen from.
+
+    Attributes:
+        rows: whitened rows of each candidate, shape (N, m, p); unused rows are zero.
+        nuisance: how many leading columns are nuisance.
+        place: candidates of the same number stand for the same pose: at most one of them is chosen, shape (N,).
+        kind: of each candidate, shape (N,); a slot of the plan takes one kind.
+        prior: one over the prior standard deviation of each unknown, shape (p,), 0 for none.
+    """
+
+    rows: FloatArray
+    nuisance: int
+    place: IntArray
+    kind: IntArray
+    prior: FloatArray
+
+    @classmethod
+    def plain(cls, rows: FloatArray, nuisance: int = 0, prior: FloatArray | None = None) -> CandidateSet:
+        """Return candidates of one kind, each its own pose."""
+        count, _, unknowns = rows.shape
+        none = np.zeros(unknowns)
+        return cls(rows, nuisance, np.arange(count), np.zeros(count, dtype=np.intp), none if prior is None else prior)
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The best plan found.
+
+    Attributes:
+        chosen: candidate of each slot, shape (n,).
+        value: the observability index.
+        values: the index reached from each start.
+        rounds: rounds of exchange in all.
+    """
+
+    chosen: IntArray
+    value: float
+    values: tuple[float, ...]
+    rounds: int
+
+
+def choose(
+    candidates: CandidateSet,
+    slots: Sequence[int] | IntArray,
+    criterion: Criterion = "D",
+    *,
+    seed: int = 0,
+    starts: int = 4,
+    progress: Progress | None = None,
+) -> Choice:
+    """Return the plan that an exchange finds best.
+
+    Args:
+        candidates: what can be chosen from.
+        slots: kind of each of the n slots of the plan.
+        criterion: what is maximised; D and O1 are the same plan.
+        seed: of the random first plans; the same seed gives the same plan.
+        starts: how many first plans.
+        progress: called with starts done and starts in all.
+
+    Raises:
+        BadInputError: there are fewer poses to choose from than slots.
+    """
+    slots = np.asarray(slots, dtype=np.intp)
+    search = _Search(candidates, slots, criterion)
+    random = np.random.default_rng([seed, 3])
+    found: list[tuple[float, IntArray]] = []
+    for start in range(starts):
+        # In turn: by determinant first, which is mostly good; the best so far, shaken; at random, for other valleys.
+        first = search.random_plan(random)
+        if start % 3 == 1:
+            best = max(found, key=lambda pair: pair[0])[1]
+            first = search.shaken(best, first, random)
+        found.append(search.improve(first, random, determinant_first=start % 3 == 0))
+        if progress:
+            progress(start + 1, starts)
+    values = [value for value, _ in found]
+    value, chosen = found[int(np.argmax(values))]
+    return Choice(chosen, value, tuple(values), search.rounds)
+
+
+class _Search:
+    """Exchange over one candidate set. The basis: see the module."""
+
+    def __init__(self, candidates: CandidateSet, slots: IntArray, criterion: Criterion) -> None:
+        self.slots, self.criterion, self.nuisance = slots, criterion, candidates.nuisance
+        self.place, self.kind, self.rounds = candidates.place, candidates.kind, 0
+        self._at = {where: k for k, where in enumerate(zip(self.place.tolist(), self.kind.tolist(), strict=True))}
+        for kind in np.unique(slots):
+            # Each place may be needed by slots of another kind too.
+            if len(np.unique(self.place[self.kind == kind])) < len(slots):
+                raise BadInputError(f"a plan of {len(slots)} poses needs more candidates to choose from")
+        count, _, unknowns = candidates.rows.shape
+        stack = np.concatenate(
+            [candidates.rows.reshape(-1, unknowns) / np.sqrt(count), np.diag(candidates.prior) / np.sqrt(len(slots))]
+        )
+        triangle: FloatArray = np.asarray(np.linalg.qr(stack, mode="r"))
+        own = np.abs(np.diagonal(triangle))
+        if len(own) < unknowns or np.any(own <= RANK_TOLERANCE * np.linalg.norm(triangle, axis=0)):
+            raise BadInputError("all candidates together do not determine the unknowns; leave some out or give priors")
+        flat = scipy.linalg.solve_triangular(triangle, candidates.rows.reshape(-1, unknowns).T, trans="T").T
+        self.rows = np.ascontiguousarray(flat.reshape(candidates.rows.shape))
+        weights = scipy.linalg.solve_triangular(triangle, np.diag(candidates.prior), trans="T")
+        self.base = weights @ weights.T + _RIDGE * len(slots) * np.eye(unknowns)
+        self.units = triangle[self.nuisance :, self.nuisance :]
+        widths = [unknowns] + ([self.nuisance] if self.nuisance else [])
+        self.factors = [InformationFactor(self.rows[:, :, :width], self.base[:width, :width]) for width in widths]
+
+    def random_plan(self, random: np.random.Generator) -> IntArray:
+        """Return a plan with each place at most once."""
+        chosen = np.empty(len(self.slots), dtype=np.intp)
+        taken: set[int] = set()
+        for slot, kind in enumerate(self.slots.tolist()):
+            free = np.flatnonzero((self.kind == kind) & ~np.isin(self.place, list(taken)))
+            chosen[slot] = random.choice(free)
+            taken.add(int(self.place[chosen[slot]]))
+        return chosen
+
+    def shaken(self, plan: IntArray, other: IntArray, random: np.random.Generator) -> IntArray:
+        """Return a plan with about a third of its slots taken from another where they are free."""
+        mixed = plan.copy()
+        for slot in random.permutation(len(plan))[: max(2, len(plan) // 3)].tolist():
+            if self._open(mixed, slot)[other[slot]]:
+                mixed[slot] = other[slot]
+        return mixed
+
+    def improve(
+        self, chosen: IntArray, random: np.random.Generator, *, determinant_first: bool
+    ) -> tuple[float, IntArray]:
+        """Exchange until nothing is gained; return the index and the plan."""
+        by_determinant = self.criterion in ("D", "O1")
+        if determinant_first and not by_determinant:
+            chosen = self._run(chosen, random, self._determinant_swap)
+        swap = self._determinant_swap if by_determinant else self._index_swap
+        while True:
+            chosen = self._run(chosen, random, swap)
+            if not self._trade_kinds(chosen):
+                return float(self._indices(self._information(chosen)[None])[0]), chosen
+
+    def _run(self, chosen: IntArray, random: np.random.Generator, swap: Callable[[IntArray, int], bool]) -> IntArray:
+        chosen = chosen.copy()
+        for _ in range(_ROUNDS):
+            information = self._information(chosen)
+            for factor in self.factors:
+                width = len(factor.inverse)
+                factor.restart(information[:width, :width])
+            self.rounds += 1
+            swaps = [swap(chosen, slot) for slot in random.permutation(len(chosen)).tolist()]
+            if not any(swaps):
+                break
+        return chosen
+
+    def _information(self, chosen: IntArray) -> FloatArray:
+        rows = self.rows[chosen].reshape(-1, self.rows.shape[2])
+        return np.asarray(self.base + rows.T @ rows)
+
+    def _open(self, chosen: IntArray, slot: int) -> NDArray[np.bool_]:
+        """Return which candidates may take a slot, shape (N,)."""
+        others = np.delete(self.place[chosen], slot)
+        return np.asarray((self.kind == self.slots[slot]) & ~np.isin(self.place, others))
+
+    def _gains(self, slot_out: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
+        gains = log_determinants(slot_out[0][1])
+        return gains - log_determinants(slot_out[1][1]) if self.nuisance else gains
+
+    def _determinant_swap(self, chosen: IntArray, slot: int) -> bool:
+        present = int(chosen[slot])
+        out = [factor.without(present) for factor in self.factors]
+        gains = self._gains(out)
+        gains[~self._open(chosen, slot)] = -np.inf
+        best = int(np.argmax(gains))
+        if not gains[best] > gains[present] + _LEAST_GAIN:
+            return False
+        self._put(chosen, slot, best, out)
+        return True
+
+    def _put(self, chosen: IntArray, slot: int, candidate: int, out: Sequence[tuple[FloatArray, FloatArray]]) -> None:
+        for factor, (inverse, blocks) in zip(self.factors, out, strict=True):
+            factor.put(inverse, blocks, candidate)
+        chosen[slot] = candidate
+
+    def _index_swap(self, chosen: IntArray, slot: int) -> bool:
+        """Work out the index of the swaps that look best by its derivative or by the determinant."""
+        present = int(chosen[slot])
+        out = [factor.without(present) for factor in self.factors]
+        left = self._information(np.delete(chosen, slot))
+        may = self._open(chosen, slot)
+        ranked = []
+        for promise in (self._promise(left), self._promise(self._information(chosen)), self._gains(out)):
+            ranked.append(np.argsort(np.where(may, -promise, np.inf), kind="stable")[:_SHORTLIST])
+        shortlist = np.unique(np.concatenate([*ranked, [present]]))
+        shortlist = shortlist[may[shortlist]]
+        added = self.rows[shortlist]
+        scores = self._indices(left + np.swapaxes(added, 1, 2) @ added)
+        best = int(np.argmax(scores))
+        if not scores[best] > scores[shortlist == present][0] * (1.0 + _LEAST_GAIN):
+            return False
+        self._put(chosen, slot, int(shortlist[best]), out)
+        return True
+
+    def _trade_kinds(self, chosen: IntArray) -> bool:
+        """Let two slots of different kinds trade places, in place, where that gains most; say whether one did.
+
+        A swap alone cannot do that: each stands in the other's way.
+        """
+        trades, information = [], []
+        for a, b in itertools.combinations(range(len(chosen)), 2):
+            there = self._at.get((int(self.place[chosen[b]]), int(self.slots[a])))
+            here = self._at.get((int(self.place[chosen[a]]), int(self.slots[b])))
+            if self.slots[a] != self.slots[b] and there is not None and here is not None:
+                traded = chosen.copy()
+                traded[a], traded[b] = there, here
+                trades.append(traded)
+                information.append(self._information(traded))
+        if not trades:
+            return False
+        scores = self._indices(np.array([self._information(chosen), *information]))
+        best = int(np.argmax(scores))
+        if not scores[best] > scores[0] * (1.0 + _LEAST_GAIN):
+            return False
+        chosen[:] = trades[best - 1]
+        return True
+
+    def _promise(self, information: FloatArray) -> FloatArray:
+        """Return the index's derivative towards each candidate, shape (N,)."""
+        f = self.nuisance
+        lower = np.linalg.cholesky(information)
+        _, values, directions = np.linalg.svd(lower[f:, f:].T @ self.units)
+        slopes = index_slopes(values, self.criterion, len(self.slots))
+        # A row (x_f, x_t) adds to S the square of x_t - x_f M_ff^-1 M_ft, here in the units of the parameters.
+        passed = np.zeros((len(information), len(values)))
+        passed[f:] = np.eye(len(values))
+        if f:
+            passed[:f] = -np.linalg.solve(information[:f, :f], information[:f, f:])
+        seen = self.rows @ (passed @ self.units @ directions.T)
+        return np.asarray((seen**2).sum(axis=1) @ slopes)
+
+    def _indices(self, information: FloatArray) -> FloatArray:
+        """Return the index, in the units of the parameters, of information matrices (k, p, p); shape (k,)."""
+        lower = np.linalg.cholesky(information)[:, self.nuisance :, self.nuisance :]
+        values = np.linalg.svd(np.swapaxes(lower, 1, 2) @ self.units, compute_uv=False)
+        return observability_index(np.asarray(values, dtype=float), self.criterion, len(self.slots))

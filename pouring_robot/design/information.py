@@ -1,0 +1,151 @@
+r"""What a plan tells about parameters: information, observability indices, expected covariance.
+
+A plan is a stack of whitened rows J (one measured coordinate over its noise a row, one unknown a column). The first
+columns are nuisance: the twelve numbers of the two outer frames, which have to be fitted but are of no interest. With
+M = JᵀJ + prior, what is known of the other parameters θ is the Schur complement
+
+.. math:: S = M_{\theta\theta} - M_{\theta f} M_{ff}^{-1} M_{f\theta}
+
+whose inverse is their covariance. Its eigenvalues' roots, :math:`\sigma_1 \ge \dots \ge \sigma_m`, are the singular
+values of J with the frames projected out. Of them the observability indices are made, each larger for a better plan
+(Sun and Hollerbach, *Observability index selection for robot calibration*, ICRA 2008; n poses):
+
+====  ==========================================  ==========================================================
+O1    :math:`(\sigma_1 \cdots \sigma_m)^{1/m} / \sqrt n`  Borm and Menq 1991; the best plan is the D_s-optimal one
+O2    :math:`\sigma_m / \sigma_1`                  Driels and Pathre 1990, inverse condition number
+O3    :math:`\sigma_m`                             Nahvi, Hollerbach and Hayward 1994
+O4    :math:`\sigma_m^2 / \sigma_1`                Nahvi and Hollerbach 1996, noise amplification index
+O5    :math:`1 / \sum_k 1/\sigma_k`                Sun and Hollerbach 2008
+====  ==========================================  ==========================================================
+
+Only O1 does not depend on the units of the parameters; the others mean columns per unit of comparable size.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import scipy.linalg
+
+from pouring_robot.estimation.identifiability import RANK_TOLERANCE
+from pouring_robot.mechanism.arrays import FloatArray
+
+Criterion = Literal["D", "O1", "O2", "O3", "O4", "O5"]
+CRITERIA: tuple[Criterion, ...] = ("D", "O1", "O2", "O3", "O4", "O5")
+
+
+def observability_index(singular_values: FloatArray, criterion: Criterion, poses: int) -> FloatArray:
+    """Return an observability index; D is O1.
+
+    Args:
+        singular_values: shape (..., m), not negative.
+        criterion: which one.
+        poses: number of poses, for O1.
+
+    Returns:
+        Shape (...), larger is better; 0 where a combination is not determined.
+    """
+    values = np.asarray(singular_values, dtype=float)
+    low, high = values.min(axis=-1), values.max(axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if criterion in ("D", "O1"):
+            return np.asarray(np.exp(np.log(values).mean(axis=-1)) / np.sqrt(poses))
+        if criterion == "O2":
+            return np.asarray(np.where(high > 0.0, low / high, 0.0))
+        if criterion == "O3":
+            return np.asarray(low)
+        if criterion == "O4":
+            return np.asarray(np.where(high > 0.0, low**2 / high, 0.0))
+        return np.asarray(1.0 / (1.0 / values).sum(axis=-1))
+
+
+def index_slopes(singular_values: FloatArray, criterion: Criterion, poses: int) -> FloatArray:
+    """Return the derivative of an index by the squares of the singular values; both of shape (m,)."""
+    values = np.maximum(singular_values, 1e-9 * np.max(singular_values))
+    squares, slopes = values**2, np.zeros(len(values))
+    lowest, highest = int(np.argmin(values)), int(np.argmax(values))
+    if criterion in ("D", "O1"):
+        return np.asarray(observability_index(values, "O1", poses) / (2.0 * len(values) * squares))
+    if criterion == "O2":
+        slopes[lowest] += 0.5 / (values[lowest] * values[highest])
+        slopes[highest] -= 0.5 * values[lowest] / values[highest] ** 3
+    elif criterion == "O3":
+        slopes[lowest] = 0.5 / values[lowest]
+    elif criterion == "O4":
+        slopes[lowest] += 1.0 / values[highest]
+        slopes[highest] -= 0.5 * squares[lowest] / values[highest] ** 3
+    else:
+        slopes = 0.5 * observability_index(values, "O5", poses) ** 2 / values**3
+    return slopes
+
+
+def projected_singular_values(rows: FloatArray, nuisance: int, prior: FloatArray | None = None) -> FloatArray:
+    """Return the singular values of a plan with the nuisance columns projected out, the largest first.
+
+    Args:
+        rows: whitened rows, shape (k, p).
+        nuisance: how many leading columns are nuisance.
+        prior: one over the prior standard deviation of each unknown, shape (p,), 0 for none.
+
+    Returns:
+        Shape (p - nuisance,).
+    """
+    factor = _triangle(rows, prior)[nuisance:, nuisance:]
+    values = np.zeros(rows.shape[1] - nuisance)
+    found = np.linalg.svd(factor, compute_uv=False)
+    values[: len(found)] = found
+    return values
+
+
+def covariance(rows: FloatArray, prior: FloatArray | None = None) -> FloatArray:
+    """Return the expected covariance of all unknowns of a linear fit, shape (p, p): the inverse of JᵀJ + prior.
+
+    Args:
+        rows: whitened rows, shape (k, p), of full column rank together with the prior.
+        prior: one over the prior standard deviation of each unknown, shape (p,), 0 for none.
+    """
+    stack = with_prior(rows, prior)
+    size = np.linalg.norm(stack, axis=0)
+    # Through R, not through JᵀJ: squaring would lose half of the digits where parameters are hard to tell apart.
+    inverse = scipy.linalg.solve_triangular(np.linalg.qr(stack / size, mode="r"), np.eye(stack.shape[1]))
+    inverse = inverse / size[:, None]
+    return np.asarray(inverse @ inverse.T)
+
+
+def telling(rows: FloatArray, nuisance: int, sizes: FloatArray) -> list[int]:
+    """Return the parameters about which rows tell more than is known of them anyway, in order.
+
+    A parameter is kept if a change of its usual size, those kept before it free to make up for it, shows by more
+    than the noise: the length of what its column adds to the span of the earlier ones (Gram-Schmidt).
+
+    Args:
+        rows: whitened rows, shape (k, p).
+        nuisance: how many leading columns are nuisance.
+        sizes: usual size of each parameter, its tolerance, shape (p - nuisance,).
+
+    Returns:
+        Places among the parameters, from 0.
+    """
+    free = _triangle(rows, None)[nuisance:, nuisance:] * sizes
+    span, kept = np.zeros((len(free), 0)), list[int]()
+    for k in range(free.shape[1]):
+        left = free[:, k]
+        for _ in range(2):  # the second time takes off what round-off left
+            left = left - span @ (span.T @ left)
+        length = float(np.linalg.norm(left))
+        if length > max(1.0, RANK_TOLERANCE * float(np.linalg.norm(free[:, k]))):
+            span, kept = np.column_stack([span, left / length]), [*kept, k]
+    return kept
+
+
+def with_prior(rows: FloatArray, prior: FloatArray | None) -> FloatArray:
+    """Return rows with one more for every unknown of which something is known beforehand."""
+    return rows if prior is None else np.concatenate([rows, np.diag(prior)[prior > 0.0]])
+
+
+def _triangle(rows: FloatArray, prior: FloatArray | None) -> FloatArray:
+    """Return R of a QR factorisation, at least as many rows as columns."""
+    stack = with_prior(rows, prior)
+    missing = max(0, stack.shape[1] - len(stack))
+    return np.asarray(np.linalg.qr(np.pad(stack, ((0, missing), (0, 0))), mode="r"))

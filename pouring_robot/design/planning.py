@@ -1,0 +1,271 @@
+"""Planning a campaign: which poses to measure, under which conditions, and how well the robot will then be known.
+
+    planner = Planner(load_robot(), PlanRequest(poses=30))
+    plan = planner.plan()
+    plan.quality.parameter_std, plan.quality.ladle_rms_m      # before a single measurement
+
+The unknowns are the twelve numbers of the two outer frames and the wanted parameters; the frames are nuisance. See
+:mod:`~pouring_robot.design.information` for the indices, and
+:mod:`~pouring_robot.design.exchange` for the search. Everything is linear in the unknowns, about the
+given model; effects of the conditions are the simple columns of
+:mod:`~pouring_robot.design.parameters`.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pouring_robot.design.columns import Columns, Conditions, Noise, candidate_poses, workspace_grid
+from pouring_robot.design.exchange import CandidateSet, IntArray, Progress, choose
+from pouring_robot.design.information import (
+    covariance,
+    observability_index,
+    projected_singular_values,
+    telling,
+    with_prior,
+)
+from pouring_robot.design.parameters import (
+    DEFAULT_SETS,
+    PlannedParameter,
+    condition_parameters,
+    local_parameters,
+    usual_size,
+)
+from pouring_robot.design.request import PlanRequest
+from pouring_robot.design.result import MeasurementPlan, PlanQuality, UndeterminedError
+from pouring_robot.estimation.identifiability import base_parameters
+from pouring_robot.estimation.measurement import FRAME_PARAMETERS, FRAMES
+from pouring_robot.estimation.priors import Tolerances
+from pouring_robot.exceptions import BadInputError, NoSolutionError
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.robot import PouringRobot
+
+__all__ = ["Conditions", "MeasurementPlan", "Noise", "PlanQuality", "PlanRequest", "Planner", "UndeterminedError"]
+
+_ONE, _BOTH = 0, 1  # kinds of a candidate: visited from one side, or from both
+
+
+class Planner:
+    """Plans for one robot and one request. Candidates and their columns are worked out once.
+
+    Args:
+        robot: the present robot.
+        request: what is asked for.
+
+    Raises:
+        BadInputError: a parameter is unknown, or a load is more than the ladle holds.
+        UndeterminedError: measurements cannot determine the parameters, wherever they are taken.
+        NoSolutionError: the robot can hardly go anywhere in its workspace.
+    """
+
+    def __init__(self, robot: PouringRobot, request: PlanRequest | None = None) -> None:
+        """Choose the parameters and see how every candidate shows them."""
+        self.robot, self.request = robot, request or PlanRequest()
+        self._refuse_overload()
+        asked = self._asked()
+        columns = Columns(robot, asked)
+        visits = len(self.states) * (2 if self.request.both_sides else 1)
+        # Where a pose can be visited in several ways, fewer poses make as many candidates.
+        wanted = self.request.candidates // visits if visits > 1 else self.request.candidates
+        poses = candidate_poses(robot.layout, wanted)
+        self.poses, rows = self._rows(columns, poses[columns.reachable(poses)])
+        # Of the frames' twelve numbers some cannot be told apart: along y, the axis of every tilt, both frames shift
+        # the target alike. Which of them is kept changes neither the parameters nor the ladle seen by the tracker.
+        names = [p.name for p in FRAME_PARAMETERS]
+        apart = base_parameters(rows[..., :FRAMES].reshape(-1, FRAMES), names).base
+        self._frames = [k for k, name in enumerate(names) if name in apart]
+        self._frame_names = [names[k] for k in self._frames]
+        rows = rows[..., [*self._frames, *range(FRAMES, rows.shape[-1])]]
+        self.nuisance = len(self._frames)
+        kept = self._kept(asked, rows)
+        self.left_out = tuple(p.name for k, p in enumerate(asked) if k not in kept)
+        if not kept:
+            raise BadInputError("measurements show none of the parameters; name others")
+        self.parameters = tuple(asked[k] for k in kept)
+        self.columns = Columns(robot, self.parameters)
+        self._candidate_rows = rows[..., [*range(self.nuisance), *(self.nuisance + k for k in kept)]]
+
+    def _refuse_overload(self) -> None:
+        most = self.robot.layout.ladle.payload_kg
+        if self.request.loads_kg and max(self.request.loads_kg) > most:
+            raise BadInputError(f"the ladle holds at most {most:g} kg of melt, not {max(self.request.loads_kg):g} kg")
+
+    def _asked(self) -> tuple[PlannedParameter, ...]:
+        request, nominal = self.request, self.robot.nominal_solver.mechanism
+        chosen = local_parameters(nominal, request.parameters or DEFAULT_SETS)
+        return chosen + condition_parameters(
+            nominal,
+            backlash=request.both_sides > 0,
+            compliance=bool(request.loads_kg),
+            expansion=bool(request.leg_degC),
+        )
+
+    @functools.cached_property
+    def states(self) -> tuple[Conditions, ...]:
+        """Loads and temperatures to choose from."""
+        loads, temperatures = self.request.loads_kg or (0.0,), self.request.leg_degC or (Conditions().leg_degC,)
+        return tuple(Conditions(1, load, degrees) for degrees in temperatures for load in loads)
+
+    def _rows(self, columns: Columns, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the poses that close, and their whitened rows (n, states, sides, k, 12 + P) per shown unit."""
+        sides = (1, -1) if self.request.both_sides else (1,)
+        visits = [Conditions(side, s.payload_kg, s.leg_degC) for s in self.states for side in sides]
+        rows, closed = self.measured(columns, poses, visits)
+        if np.count_nonzero(closed) < max(self.request.poses, 20):
+            raise NoSolutionError("the robot can hardly go anywhere in its workspace box; check the layout and model")
+        shape = (-1, len(self.states), len(sides), *rows.shape[2:])
+        return poses[closed], rows[closed].reshape(shape)
+
+    def measured(
+        self, columns: Columns, poses: FloatArray, visits: Sequence[Conditions]
+    ) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return whitened rows (n, visits, k, 12 + P) per shown unit, and which poses close, (n,)."""
+        rows, closed = columns.measured(poses, visits, self.request.noise, np.array(self.request.target_m))
+        return rows / _units(columns.parameters), closed
+
+    def _prior(self, parameters: Sequence[PlannedParameter]) -> FloatArray:
+        """Return one over the prior standard deviation in shown units, shape (f + P,); 0 where nothing is known."""
+        weights = np.zeros(self.nuisance + len(parameters))
+        priors = self.request.priors
+        for k, parameter in enumerate(parameters, start=self.nuisance):
+            if priors is not None and parameter.kind == "local":
+                weights[k] = 1.0 / (usual_size(parameter, priors) * parameter.shown_factor)
+        return weights
+
+    def _kept(self, asked: Sequence[PlannedParameter], rows: FloatArray) -> list[int]:
+        """Return which parameters to plan for; refuse what may not be left out."""
+        flat = rows.reshape(-1, rows.shape[-1])
+        if self.request.reduced and self.request.priors is None:
+            sizes = np.array([usual_size(p, Tolerances.load()) * p.shown_factor for p in asked])
+            # All candidates count as one plan of the wanted size.
+            share = math.sqrt(self.request.poses / len(self.poses) / rows.shape[1] / rows.shape[2])
+            return telling(flat * share, self.nuisance, sizes)
+        self._refuse_undetermined("measurements all over the workspace", flat, asked)
+        return list(range(len(asked)))
+
+    def _refuse_undetermined(self, what: str, rows: FloatArray, parameters: Sequence[PlannedParameter]) -> None:
+        names = [*self._frame_names, *(p.name for p in parameters)]
+        found = base_parameters(with_prior(rows, self._prior(parameters)), names, lead=self._frame_names)
+        if found.deficient:
+            raise UndeterminedError(what, found, set(self._frame_names))
+
+    def plan(self, progress: Progress | None = None) -> MeasurementPlan:
+        """Return the best plan found.
+
+        Args:
+            progress: called with starts of the search done and in all.
+
+        Raises:
+            UndeterminedError: so many poses cannot determine so many parameters.
+        """
+        request, rows = self.request, self._candidate_rows
+        candidates, slots = self._candidate_set(rows)
+        choice = choose(
+            candidates, slots, request.criterion, seed=request.seed, starts=request.starts, progress=progress
+        )
+        visits = []
+        for candidate, both in zip(choice.chosen.tolist(), slots.tolist(), strict=True):
+            pose, state = divmod(int(candidates.place[candidate]), len(self.states))
+            visits.append((pose, state, both))
+        visits = self._ordered(visits)
+        numbered = [
+            (n, pose, state, side)
+            for n, (pose, state, both) in enumerate(visits, start=1)
+            for side in ((1, -1) if both else (1,))
+        ]
+        states = self.states
+        conditions = tuple(Conditions(side, states[s].payload_kg, states[s].leg_degC) for _, _, s, side in numbered)
+        stack = np.stack([rows[pose, state, 0 if side > 0 else 1] for _, pose, state, side in numbered])
+        chosen_poses = self.poses[[pose for _, pose, _, _ in numbered]]
+        quality = self._quality(stack, request.poses)
+        return MeasurementPlan(
+            request,
+            self.parameters,
+            self.left_out,
+            chosen_poses,
+            conditions,
+            np.array([n for n, *_ in numbered]),
+            quality,
+            float(observability_index(quality.singular_values, request.criterion, request.poses)),
+            choice.values,
+        )
+
+    def _candidate_set(self, rows: FloatArray) -> tuple[CandidateSet, IntArray]:
+        """Return candidates of one visit and, where asked for, of two; and the kind of each slot of the plan."""
+        count, states, sides, size, unknowns = rows.shape
+        visits = rows.reshape(count * states, sides * size, unknowns)
+        place, kind = np.arange(len(visits)), np.full(len(visits), _ONE)
+        request = self.request
+        slots = np.array([_BOTH] * request.both_sides + [_ONE] * (request.poses - request.both_sides), dtype=np.intp)
+        if request.both_sides:
+            once = visits.copy()
+            once[:, size:] = 0.0
+            visits = np.concatenate([once, visits])
+            place, kind = np.tile(place, 2), np.repeat([_ONE, _BOTH], len(place))
+        return CandidateSet(visits, self.nuisance, place, kind, self._prior(self.parameters)), slots
+
+    def _ordered(self, visits: list[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
+        """Return the visits in an order a shop floor can follow: heat last, then load, short ways between poses."""
+        lower, upper = self.poses.min(axis=0), self.poses.max(axis=0)
+        scaled = (self.poses - lower) / np.maximum(upper - lower, 1e-12)
+        ordered: list[tuple[int, int, int]] = []
+        here = np.zeros(4)
+        for state in sorted({s for _, s, _ in visits}, key=lambda s: (self.states[s].leg_degC, s)):
+            left = sorted(v for v in visits if v[1] == state)
+            while left:
+                nearest = min(left, key=lambda v: (float(np.linalg.norm(scaled[v[0]] - here)), v))
+                left.remove(nearest)
+                ordered.append(nearest)
+                here = scaled[nearest[0]]
+        return ordered
+
+    def quality(self, poses: FloatArray, conditions: Sequence[Conditions] | None = None) -> PlanQuality:
+        """Return what any other plan would give, for the same parameters and noise.
+
+        Args:
+            poses: rows, x y z in m and tilt in rad, shape (rows, 4).
+            conditions: of each row; by default of all alike, one side, empty and at the reference temperature.
+
+        Raises:
+            NoSolutionError: the robot does not close at a pose.
+            UndeterminedError: the rows do not determine the parameters.
+        """
+        poses = np.asarray(poses, dtype=float)
+        given = list(conditions or [Conditions()] * len(poses))
+        unique = list(dict.fromkeys(given))
+        rows, closed = self.measured(self.columns, poses, unique)
+        if not closed.all():
+            raise NoSolutionError(f"row {int(np.argmin(closed)) + 1} of the plan does not close; choose another pose")
+        rows = rows[..., [*self._frames, *range(FRAMES, rows.shape[-1])]]
+        picked = rows[np.arange(len(poses)), [unique.index(c) for c in given]]
+        return self._quality(picked, len(poses))
+
+    def _quality(self, rows: FloatArray, poses: int) -> PlanQuality:
+        flat, prior = rows.reshape(-1, rows.shape[-1]), self._prior(self.parameters)
+        self._refuse_undetermined(f"a plan of {poses} (measured figures: {len(flat)})", flat, self.parameters)
+        units = _units(self.parameters)[[*self._frames, *range(FRAMES, self.columns.unknowns)]]
+        expected = covariance(flat, prior) / np.outer(units, units)
+        grid, ladle = self._ladle
+        variance = np.einsum("gip,pq,giq->gi", ladle, expected, ladle, optimize=True)
+        std = np.sqrt(np.diagonal(expected)[self.nuisance :])
+        values = projected_singular_values(flat, self.nuisance, prior)
+        return PlanQuality(expected, std, grid, np.sqrt(np.maximum(variance, 0.0)), values, poses)
+
+    @functools.cached_property
+    def _ladle(self) -> tuple[FloatArray, FloatArray]:
+        """Workspace poses within reach, and the ladle's columns there at the heaviest load and highest heat."""
+        grid = workspace_grid(self.robot.layout)
+        grid = grid[self.columns.reachable(grid)]
+        work = Conditions(0, max(s.payload_kg for s in self.states), max(s.leg_degC for s in self.states))
+        columns, closed = self.columns.ladle(grid, work)
+        return grid[closed], columns[closed][..., [*self._frames, *range(FRAMES, columns.shape[-1])]]
+
+
+def _units(parameters: Sequence[PlannedParameter]) -> FloatArray:
+    """Return how many shown units make one inner unit of each unknown (frames: mm, mrad), shape (12 + P,)."""
+    return np.array([1e3] * FRAMES + [p.shown_factor for p in parameters])

@@ -1,0 +1,89 @@
+"""What is asked of a plan."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from pouring_robot.design.columns import Noise
+from pouring_robot.design.information import CRITERIA, Criterion
+from pouring_robot.estimation.priors import Tolerances
+from pouring_robot.exceptions import BadInputError
+
+_MOST_POSES = 500
+_HOTTEST_DEGC = 800.0
+_TRACKER = Noise(5e-5, 5e-5)
+
+
+@dataclass(frozen=True)
+class PlanRequest:
+    """What is asked of a plan.
+
+    Attributes:
+        poses: number of poses n.
+        parameters: sets, groups, names and patterns as calibration knows them; empty: drives and U-joint centres,
+            reduced.
+        criterion: what the plan is best in.
+        noise: of the measuring device.
+        target_m: place of the target on the moving platform.
+        priors: tolerances that count as known beforehand (MAP); None: nothing is known.
+        both_sides: how many of the poses are visited from both sides; each gives one more row.
+        loads_kg: melt in the ladle to choose from; with any, the drives' compliances are to be determined too.
+        leg_degC: leg temperatures to choose from; with any, the legs' expansions are to be determined too.
+        reduce: leave out parameters of which so many poses tell less than their tolerances, instead of refusing.
+        candidates: about how many poses to choose from.
+        starts: how many random first plans.
+        seed: of everything random.
+
+    Raises:
+        BadInputError: a figure is out of range.
+    """
+
+    poses: int = 30
+    parameters: tuple[str, ...] = ()
+    criterion: Criterion = "D"
+    noise: Noise = _TRACKER
+    target_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    priors: Tolerances | None = None
+    both_sides: int = 0
+    loads_kg: tuple[float, ...] = ()
+    leg_degC: tuple[float, ...] = ()  # noqa: N815 - the unit is spelt as in the campaign files
+    reduce: bool = False
+    candidates: int = 2000
+    starts: int = 4
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse what means nothing, one line each."""
+        if self.criterion not in CRITERIA:
+            raise BadInputError(f"unknown criterion '{self.criterion}'; known: {', '.join(CRITERIA)}")
+        for name, count, least, most in (
+            ("number of poses", self.poses, 1, _MOST_POSES),
+            ("number of poses visited from both sides", self.both_sides, 0, self.poses),
+            ("number of candidates", self.candidates, 1, 20_000),
+            ("number of starts", self.starts, 1, 1000),
+            ("seed", self.seed, 0, 2**63),
+        ):
+            if not least <= count <= most:
+                raise BadInputError(f"the {name} must be {least} to {most}, not {count}")
+        for name, value, unit in (
+            ("noise of a position", self.noise.position_m, "m"),
+            ("noise of a rotation", self.noise.rotation_rad, "rad"),
+        ):
+            if value is not None and not (math.isfinite(value) and 0.0 < value <= 1.0):
+                raise BadInputError(f"the {name} must be above 0 and at most 1 {unit}, not {value:g} {unit}")
+        if not all(math.isfinite(value) and abs(value) <= 10.0 for value in self.target_m):
+            raise BadInputError("the place of the target must be three figures of at most 10 m")
+        for name, values, least_value, most_value in (
+            ("load in kg", self.loads_kg, 0.0, 1e4),
+            ("leg temperature in °C", self.leg_degC, -100.0, _HOTTEST_DEGC),
+        ):
+            if not all(math.isfinite(value) and least_value <= value <= most_value for value in values):
+                raise BadInputError(f"a {name} must be {least_value:g} to {most_value:g}, not {values}")
+            if len(set(values)) < len(values) or len(values) == 1:
+                raise BadInputError(f"give two different figures of the {name}, or none")
+
+    @property
+    def reduced(self) -> bool:
+        """Whether parameters may be left out."""
+        return self.reduce or not self.parameters

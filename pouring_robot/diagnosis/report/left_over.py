@@ -1,0 +1,131 @@
+"""The remainder in words: what it depends on, how large it is, a step and when. Descriptions, not causes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pouring_robot.diagnosis.diagnose import Diagnosis
+from pouring_robot.diagnosis.gap import COMPONENTS
+from pouring_robot.inference.decision import DEFAULT_THRESHOLDS
+from pouring_robot.inference.remainder import Structure
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.poses import MM, MRAD
+
+MOST = 3
+BY_CHANCE = "row, by chance"
+_IN_TIME = ("time", "order", "session")
+_STEP_SHARE, _FEWEST_BESIDE = 0.8, 4
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOver:
+    """Structure that the best known effects leave.
+
+    Attributes:
+        structure: as the search found it.
+        component: in which component it is largest.
+        rms: of its part there, in m or rad.
+        step_after: the line of the file after which it jumps, in order of time; None where it is no step.
+        step: by how much it jumps there, in m or rad.
+    """
+
+    structure: Structure
+    component: str
+    rms: float
+    step_after: int | None = None
+    step: float = math.nan
+
+    @property
+    def _in_unit(self) -> tuple[float, str]:
+        return (MRAD, "mrad") if self.component.startswith("r") else (MM, "mm")
+
+    @property
+    def sentence(self) -> str:
+        """It in words."""
+        scale, unit = self._in_unit
+        said = self.structure.description
+        text = (
+            f"{described(said.where, said.by)}: {self.structure.size:.1f} times the noise, mostly in {self.component} "
+            f"({self.rms / scale:.3f} {unit} rms)"
+        )
+        if self.step_after is not None:
+            text += f"; it is a step of {self.step / scale:+.2f} {unit} after line {self.step_after}"
+        return text
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as ``diagnosis.json`` holds it."""
+        scale, unit = self._in_unit
+        out: dict[str, Any] = {
+            "where": self.structure.description.where,
+            "by": self.structure.description.by,
+            "log_evidence_nats": self.structure.evidence,
+            "size_in_noise": self.structure.size,
+            "component": self.component,
+            f"rms_{unit}": self.rms / scale,
+            "sentence": self.sentence,
+        }
+        if self.step_after is not None:
+            out["step"] = {"after_line": self.step_after, f"size_{unit}": self.step / scale}
+        return out
+
+
+def left_over(diagnosis: Diagnosis) -> list[LeftOver]:
+    """Return the clearest structure that is left, most evident first; nothing where none counts."""
+    causes = diagnosis.judgement.causes
+    limits = DEFAULT_THRESHOLDS
+    largest = max((cause.size for cause in causes), default=0.0)
+    least = max(limits.structure_size, limits.structure_share * largest)
+    found = [s for s in diagnosis.judgement.structures if s.evidence > limits.structure_evidence and s.size > least]
+    kinds: dict[str, Structure] = {}
+    for structure in found:
+        kinds.setdefault(structure.description.by.partition(",")[0], structure)
+    return [_described(diagnosis, structure) for structure in list(kinds.values())[:MOST]]
+
+
+def described(where: str, by: str) -> str:
+    """Return in words what moves, and what with."""
+    return f"{where}, different in every row" if by == BY_CHANCE else f"{where} by {by}"
+
+
+def parts_by_row(diagnosis: Diagnosis, structure: Structure) -> FloatArray:
+    """Return what a structure adds to the fitted rows, (n, 6) in the tracker's axes, in m and rad; NaN elsewhere."""
+    linear = diagnosis.after.linear
+    table = np.full((len(diagnosis.rows), 6), np.nan)
+    table[linear.row, linear.component] = structure.part * linear.tracker
+    return table
+
+
+def _described(diagnosis: Diagnosis, structure: Structure) -> LeftOver:
+    table = parts_by_row(diagnosis, structure)
+    sigma = np.asarray(diagnosis.rows.measured.sigma)
+    known = np.isfinite(table)
+    measured = np.asarray(known.any(axis=0))
+    rms = np.sqrt((np.where(known, table, 0.0) ** 2).sum(axis=0) / np.maximum(known.sum(axis=0), 1))
+    worst = int(np.argmax(np.where(measured, rms / np.where(sigma > 0.0, sigma, np.inf), 0.0)))
+    step_after, step = None, math.nan
+    if structure.description.by in _IN_TIME:
+        step_after, step = _step(diagnosis, table[:, worst])
+    return LeftOver(structure, COMPONENTS[worst], float(rms[worst]), step_after, step)
+
+
+def _step(diagnosis: Diagnosis, values: FloatArray) -> tuple[int | None, float]:
+    """Return the line after which values in order of time jump, and by how much; None where they do not."""
+    order = np.argsort(diagnosis.rows.conditions.time_s, kind="stable")
+    order = order[np.isfinite(values[order])]
+    series = values[order] - values[order].mean()
+    n = series.size
+    if n < 2 * _FEWEST_BESIDE or not series.any():
+        return None, math.nan
+    before = np.arange(_FEWEST_BESIDE, n - _FEWEST_BESIDE + 1)
+    sums = np.cumsum(series)[before - 1]
+    explained = sums**2 / before + sums**2 / (n - before)
+    best = int(np.argmax(explained))
+    if explained[best] < _STEP_SHARE * float(series @ series):
+        return None, math.nan
+    k = int(before[best])
+    line = int(diagnosis.rows.campaign.lines[order[k - 1]])
+    return line, float(series[k:].mean() - series[:k].mean())

@@ -1,0 +1,228 @@
+"""Pictures of a diagnosis: the gap, residuals over conditions, what each effect does, the evidence, what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import scipy.stats
+
+from pouring_robot.diagnosis.diagnose import Diagnosis
+from pouring_robot.diagnosis.gap import COMPONENTS, Gap
+from pouring_robot.diagnosis.report.left_over import described, parts_by_row
+from pouring_robot.diagnosis.report.signatures import in_fixed_platform, table_of
+from pouring_robot.diagnosis.report.summary import Summary
+from pouring_robot.diagnosis.report.words import Axis, axes_of, driving_axis
+from pouring_robot.effects.registry import all_effects
+from pouring_robot.inference.decision import Cause
+from pouring_robot.inference.evidence import gain
+from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.report.page_parts import AFTER, BEFORE, GREY, HELD_OUT
+from pouring_robot.report.plots import new_figure, png_of
+
+_RESIDUAL_AXES = ("time", "load", "travel", "legs", "platform", "tilt")
+_COLOURS = ("#0072B2", "#D55E00", "#009E73")
+_MOST_EFFECTS, _FEW_VALUES = 4, 6
+_NARROW = 4.0
+
+
+def pictures(summary: Summary) -> list[tuple[str, bytes]]:
+    """Return titles and PNG files, most important first."""
+    makers: list[tuple[str, Callable[[Summary], bytes]]] = [
+        ("The gap of each component, before and after (RMS, tracker's axes; logarithmic)", _gap),
+        ("Residuals over conditions, before and after (fixed platform's axes; held-out rows ringed)", _residuals),
+    ]
+    drawn = [(title, make(summary)) for title, make in makers]
+    if summary.firm:
+        drawn.append(("What each effect does at the pouring lip, in these poses", _signatures(summary)))
+    if summary.diagnosis.hypothesis.items:
+        drawn.append(("Evidence: step by step, and with other effects in the place of each one", _evidence(summary)))
+    drawn.append(("What is left after the best known effects, over the noise", _remainder(summary)))
+    return drawn
+
+
+def _gap(summary: Summary) -> bytes:
+    gaps = summary.gaps
+    turned = any(np.isfinite(gap.before[3:]).any() for gap in gaps.values())
+    figure = new_figure(9.0, 3.0)
+    for k, axes in enumerate(np.atleast_1d(figure.subplots(1, 2 if turned else 1))):
+        _gap_panel(axes, gaps, k, amended=not summary.refused)
+    figure.legend(*axes.get_legend_handles_labels(), ncols=4, loc="outside upper center", fontsize=8)
+    return png_of(figure)
+
+
+def _gap_panel(axes: Any, gaps: dict[str, Gap], kind: int, *, amended: bool) -> None:
+    part, unit = slice(3 * kind, 3 * kind + 3), (MM, MRAD)[kind]
+    for shift, (name, gap) in zip((0.14, -0.14), gaps.items(), strict=False):
+        before, after, floor = gap.before[part] / unit, gap.after[part] / unit, gap.floor[part] / unit
+        place = np.arange(3) + (shift if len(gaps) > 1 else 0.0)
+        filled, words = name == "held_out", name.replace("_", " ").replace("train", "fitted")
+        axes.hlines(place, after, before, color=GREY, linewidth=1.0)
+        shown = ((before, BEFORE, "before"), (after, AFTER, "after")) if amended else ((before, BEFORE, "before"),)
+        for values, colour, label in shown:
+            face = colour if filled or len(gaps) == 1 else "white"
+            axes.plot(values, place, "o", color=colour, markerfacecolor=face, label=f"{label}, {words}")
+        if name == next(iter(gaps)):
+            axes.vlines(floor, np.arange(3) - 0.35, np.arange(3) + 0.35, color="black", linestyle="--", label="noise")
+    axes.set_xscale("log")
+    axes.set_yticks(range(3), COMPONENTS[part])
+    axes.set_ylim(2.5, -0.5)
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    low, high = axes.get_xlim()
+    labelled = "25" if high > _NARROW * low else "23456789"
+    axes.xaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in labelled else "")
+    axes.tick_params(axis="x", which="both", labelsize=8)
+    axes.set_xlabel(("RMS [mm]", "RMS [mrad]")[kind])
+    axes.grid(axis="x", which="both", alpha=0.2)
+
+
+def _residuals(summary: Summary) -> bytes:
+    diagnosis = summary.diagnosis
+    shown = {name: axis for name, axis in axes_of(diagnosis.rows.conditions).items() if name in _RESIDUAL_AXES}
+    names = [name for name in _RESIDUAL_AXES if name in shown]
+    if not names:
+        shown, names = {"row": Axis("row", np.arange(len(diagnosis.rows), dtype=float))}, ["row"]
+    kinds = [("before", BEFORE)] if summary.refused else [("before", BEFORE), ("after", AFTER)]
+    tables = [_residual_table(diagnosis, of_after=label == "after") for label, _ in kinds]
+    figure = new_figure(max(1.75 * len(names), 5.0), 5.6)
+    grid = figure.subplots(3, len(names), sharex="col", sharey="row", squeeze=False)
+    for k, row in enumerate(grid):
+        for name, axes in zip(names, row, strict=True):
+            for table, (label, colour) in zip(tables, kinds, strict=True):
+                axes.plot(shown[name].values, table[:, k] / MM, ".", color=colour, markersize=3, label=label)
+            held = ~diagnosis.fitted
+            if held.any():
+                words = f"held out, {kinds[-1][0]}"
+                ring = {"color": HELD_OUT, "markersize": 5, "markerfacecolor": "none", "markeredgewidth": 0.6}
+                axes.plot(shown[name].values[held], tables[-1][held, k] / MM, "o", label=words, **ring)
+            axes.axhline(0.0, color="black", linewidth=0.5)
+            axes.grid(alpha=0.2)
+            axes.tick_params(labelsize=7)
+        row[0].set_ylabel(f"{COMPONENTS[k]} [mm]")
+    for name, axes in zip(names, grid[-1], strict=True):
+        axes.set_xlabel(shown[name].label, fontsize=7)
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), ncols=3, loc="outside upper right", fontsize=8)
+    return png_of(figure)
+
+
+def _residual_table(diagnosis: Diagnosis, *, of_after: bool) -> FloatArray:
+    state = diagnosis.after if of_after else diagnosis.before
+    table = table_of(state.every_row, len(diagnosis.rows))
+    return in_fixed_platform(table, state.frames.pose_tracker_to_fixed_platform.rotation)
+
+
+def _signatures(summary: Summary) -> bytes:
+    shown = summary.firm[:_MOST_EFFECTS]
+    axes_at_hand, known = axes_of(summary.diagnosis.rows.conditions), all_effects()
+    figure = new_figure(9.5, 0.3 + 2.6 * len(shown))
+    for effect, axes in zip(shown, np.atleast_1d(figure.subplots(len(shown), 1)), strict=True):
+        name = effect.cause.effect
+        moved = summary.moved[name] / MM
+        axis = driving_axis(name, known[name].needs, axes_at_hand) or Axis("row", np.arange(len(moved), dtype=float))
+        for k, colour in enumerate(_COLOURS):
+            axes.plot(axis.values, moved[:, k], ".", color=colour, markersize=5, label=COMPONENTS[k])
+        axes.axhline(0.0, color="black", linewidth=0.5)
+        axes.set(xlabel=axis.label, ylabel="moves the lip [mm]", title=f"{name}: {effect.story}")
+        axes.title.set_fontsize(9)
+        if np.unique(axis.values).size <= _FEW_VALUES:
+            axes.set_xticks(np.unique(axis.values))
+        axes.grid(alpha=0.2)
+        axes.legend(fontsize=8, loc="best")
+    return png_of(figure)
+
+
+def _evidence(summary: Summary) -> bytes:
+    hypothesis = summary.diagnosis.hypothesis
+    causes = [cause for cause in summary.diagnosis.judgement.causes if cause.indices][:_MOST_EFFECTS]
+    steps = evidence_steps(hypothesis)
+    figure = new_figure(9.5, 1.2 + 0.3 * len(steps) + 3.1 * ((len(causes) + 1) // 2))
+    heights = [1.0 + 0.3 * len(steps), *[3.1] * ((len(causes) + 1) // 2)]
+    grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
+    axes = figure.add_subplot(grid[0, :])
+    values = [value for _, value in steps]
+    axes.barh(range(len(steps)), values, color=AFTER)
+    axes.set_yticks(range(len(steps)), [name for name, _ in steps], fontsize=8)
+    axes.invert_yaxis()
+    for k, value in enumerate(values):
+        axes.annotate(f" {value:.0f}", (max(value, 0.0), k), va="center", fontsize=8)
+    axes.margins(x=0.1)
+    axes.set_xlabel("log evidence over usual small errors alone [nats]", fontsize=8)
+    for k, cause in enumerate(causes):
+        _rival_panel(figure.add_subplot(grid[1 + k // 2, k % 2]), hypothesis, cause)
+    return png_of(figure)
+
+
+def _rival_panel(axes: Any, hypothesis: Hypothesis, cause: Cause) -> None:
+    rivals = sorted(rival_margins(hypothesis, cause).items(), key=lambda item: item[1])
+    lost = [value for _, value in rivals]
+    colours = [BEFORE if name in cause.alternatives else GREY for name, _ in rivals]
+    axes.barh(range(len(rivals)), lost, color=colours)
+    axes.set_yticks(range(len(rivals)), [name for name, _ in rivals], fontsize=7)
+    axes.invert_yaxis()
+    for k, value in enumerate(lost):
+        axes.annotate(f" {value:.0f}", (max(value, 0.0), k), va="center", fontsize=7)
+    axes.margins(x=0.15)
+    axes.tick_params(axis="x", labelsize=7)
+    axes.set_title(f"instead of {cause.effect}", fontsize=9)
+    axes.set_xlabel("log evidence lost [nats]; orange: cannot be told apart", fontsize=7)
+
+
+def evidence_steps(hypothesis: Hypothesis) -> list[tuple[str, float]]:
+    """Return the log evidence as the explanations are added in the order they were found, over none of them."""
+    problem = hypothesis.problem.compressed()
+    known = {item.key: item for item in problem.explanations}
+    current = replace(hypothesis, problem=problem, items=(), scales=()).settled()
+    start, steps = current.log_evidence, []
+    for item, scale in zip(hypothesis.items, hypothesis.scales, strict=True):
+        current = current.with_item(known[item.key], scale)
+        steps.append((f"+ {item.effect} ({item.form.replace('_', ' ')})", current.log_evidence - start))
+    return steps
+
+
+def rival_margins(hypothesis: Hypothesis, cause: Cause) -> dict[str, float]:
+    """Return by how much log evidence drops with another effect in the place of a cause, best form of each, in nats."""
+    residual, others = hypothesis.problem.residual, hypothesis.others(cause.indices)
+    own = hypothesis.worth(cause.indices)
+    found: dict[str, float] = {}
+    for item in hypothesis.problem.explanations:
+        if item.cause and item.effect not in hypothesis.effects:
+            lost = own - gain(item.columns, residual, others, item.largest).evidence
+            found[item.effect] = min(lost, found.get(item.effect, np.inf))
+    return found
+
+
+def _remainder(summary: Summary) -> bytes:
+    diagnosis = summary.diagnosis
+    linear = diagnosis.before.every_row if summary.refused else diagnosis.after.every_row
+    figure = new_figure(9.5, 3.6)
+    left, right = figure.subplots(1, 2, width_ratios=(2.0, 1.0))
+    n = len(diagnosis.rows)
+    given = diagnosis.rows.conditions
+    order = np.argsort(given.time_s, kind="stable")
+    place = np.empty(n, dtype=int)
+    place[order] = np.arange(n)
+    for parts, colour, label in ((slice(0, 3), AFTER, "position"), (slice(3, 6), HELD_OUT, "rotation")):
+        chosen = (linear.component >= parts.start) & (linear.component < parts.stop)
+        if chosen.any():
+            left.plot(place[linear.row[chosen]], linear.residual[chosen], ".", color=colour, markersize=3, label=label)
+    if summary.left:
+        first = summary.left[0]
+        table = parts_by_row(diagnosis, first.structure) / np.asarray(diagnosis.rows.measured.sigma)
+        values = table[:, COMPONENTS.index(first.component)]
+        words = described(first.structure.description.where, first.structure.description.by)
+        left.plot(place, values, "x", color=BEFORE, markersize=4, label=f"{first.component}: {words}")
+    left.axhspan(-2.0, 2.0, color=GREY, alpha=0.2, linewidth=0)
+    left.set(xlabel="rows in order of time", ylabel="residual / noise")
+    left.legend(fontsize=8, loc="best")
+    values = np.sort(linear.residual)
+    expected = scipy.stats.norm.ppf((np.arange(values.size) + 0.5) / values.size)
+    right.plot(expected, values, ".", color=AFTER, markersize=3)
+    right.plot(expected, expected, color="black", linewidth=0.7)
+    right.set(xlabel="as noise would be", ylabel="residual / noise, sorted")
+    for axes in (left, right):
+        axes.grid(alpha=0.2)
+    return png_of(figure)

@@ -1,0 +1,320 @@
+"""A diagnosis in sentences that a shop floor understands."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from pouring_robot.checks.flags import FlagCode
+from pouring_robot.diagnosis.diagnose import Diagnosis
+from pouring_robot.diagnosis.gap import COMPONENTS
+from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
+from pouring_robot.diagnosis.report.left_over import BY_CHANCE, described
+from pouring_robot.diagnosis.report.summary import Summary, judged, named_parameters
+from pouring_robot.diagnosis.report.words import absent_sources, source_text
+from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.poses import MM, MRAD
+
+_SHOWN_PARAMETERS, _SHOWN_SENTENCES, _SHOWN_PAIRS, _SHOWN_MEASUREMENTS = 4, 5, 2, 3
+_FEW_ROWS = 30
+_CLEAR = 2.0
+
+
+def plain(name: str) -> str:
+    """Return an id as words."""
+    return name.replace("_", " ")
+
+
+def sure_text(probability: float) -> str:
+    """Return a probability in percent."""
+    return "more than 99.9 % sure" if probability > 0.999 else f"{math.floor(100.0 * probability)} % sure"
+
+
+def headline(summary: Summary) -> str:
+    """Return the verdict in one sentence."""
+    diagnosis = summary.diagnosis
+    verdict = diagnosis.judgement.verdict
+    if verdict == "no_gap":
+        if diagnosis.noise.from_residuals:
+            return (
+                "NO STRUCTURE: nothing the model lacks shows in these data; their noise is not stated, see the notes."
+            )
+        return "NO GAP: model and measurement agree within the noise."
+    if verdict == "unknown":
+        # While something is unknown, what was found beside it may make up for it; no probability is worth saying.
+        named = " and ".join(effect.cause.effect for effect in summary.firm)
+        besides = f" Found beside it, perhaps only in its place: {named}." if named else ""
+        return f"UNKNOWN: something moves the ladle that no effect of the library explains.{besides}"
+    names = _names(summary.firm)
+    if verdict == "group":
+        return f"ONE OF A GROUP: the model lacks {names}; this campaign cannot tell more."
+    return f"NAMED: the model lacks {names}."
+
+
+def _names(effects: Sequence[NamedEffect]) -> str:
+    parts = []
+    for effect in effects:
+        cause = effect.cause
+        others = (
+            f" or {' or '.join(cause.alternatives)}" if cause.alternatives else f" ({sure_text(cause.probability)})"
+        )
+        parts.append(cause.effect + others)
+    return "; and ".join(parts) if any(e.cause.alternatives for e in effects) else " and ".join(parts)
+
+
+def gap_sentence(summary: Summary) -> str:
+    """Return the gap before and after in one sentence."""
+    name, gap = summary.shown_gap
+    before, after, floor = (gap.position(which) / MM for which in ("before", "after", "floor"))
+    turned = [gap.rotation(which) / MRAD for which in ("before", "after", "floor")]
+    rotated = bool(np.isfinite(turned).all())
+    if summary.refused:
+        text = f"{name}: {before:.3f} mm RMS a coordinate, noise {floor:.3f} mm"
+        text += f"; {turned[0]:.3f} mrad, noise {turned[2]:.3f} mrad" if rotated else ""
+        return f"{text[0].upper()}{text[1:]}. The model is not amended."
+    text = f"{name}: {before:.3f} mm RMS a coordinate before, {after:.3f} mm after, noise {floor:.3f} mm"
+    if rotated:
+        text += f"; {turned[0]:.3f} mrad before, {turned[1]:.3f} mrad after, noise {turned[2]:.3f} mrad"
+    # Of a gap that is hardly there, a share says nothing.
+    of = " in position" if rotated else ""
+    share = "all" if gap.closed > 0.995 else f"{100.0 * gap.closed:.0f} %"
+    closed = f" ({share} of the gap{of} closed)" if before > 1.2 * floor else ""
+    return text[0].upper() + text[1:] + closed + "."
+
+
+GAP_HEAD = ("rows", "", *COMPONENTS[:3], "all mm", *COMPONENTS[3:], "all mrad", "count")
+
+
+def gap_table(summary: Summary) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return heading and rows of the gap by component, RMS in mm and mrad, tracker's axes; empty columns left out."""
+    table = []
+    for name, gap in summary.gaps.items():
+        kind = "held out" if name == "held_out" else "fitted"
+        for which in ("before", "floor") if summary.refused else ("before", "after", "floor"):
+            values = getattr(gap, which)
+            cells = [*(values[:3] / MM), gap.position(which) / MM, *(values[3:] / MRAD), gap.rotation(which) / MRAD]
+            known = [*np.isfinite(gap.before[:3]), True, *np.isfinite(gap.before[3:]), True]
+            shown = (f"{v:.4f}" if k and math.isfinite(v) else "" for v, k in zip(cells, known, strict=True))
+            rows = str(gap.rows) if which == "before" else ""
+            table.append((kind, "noise" if which == "floor" else which, *shown, rows))
+    kept = [k for k in range(len(GAP_HEAD)) if any(row[k] for row in table)]
+    return tuple(GAP_HEAD[k] for k in kept), [tuple(row[k] for k in kept) for row in table]
+
+
+def where_lines(summary: Summary) -> list[str]:
+    """Return where model and data disagree, most important first."""
+    return list(summary.where.sentences)
+
+
+def effect_lines(summary: Summary, effect: NamedEffect) -> list[str]:
+    """Return an effect in sentences: what happens, how large it is, its parameters."""
+    cause = effect.cause
+    moved = np.linalg.norm(summary.moved[cause.effect], axis=1) / MM
+    largest = float(np.nanmax(moved)) if np.isfinite(moved).any() else math.nan
+    lines = [
+        f"{cause.effect}: {effect.story}",
+        f"moves the pouring lip by up to {largest:.2f} mm in these poses; "
+        f"left out, it leaves {cause.size:.1f} times the noise",
+    ]
+    every = named_parameters(summary.diagnosis, effect)
+    clear = [(name, p) for name, p in every if p.std > 0.0 and abs(p.value) > _CLEAR * p.std]
+    order = sorted(
+        clear or every, key=lambda item: (not item[1].parameter.main, -abs(item[1].value) / max(item[1].std, 1e-300))
+    )
+    shown = order[:_SHOWN_PARAMETERS]
+    more = len(every) - len(shown)
+    form = "" if cause.form in ("background", "all") else f"form '{plain(cause.form)}': "
+    lines.append(
+        f"{form}{', '.join(parameter_text(*item) for item in shown)} (95 %)"
+        + (f"; {more} more in the report" if more else "")
+    )
+    return lines
+
+
+def parameter_text(name: str, found: FoundParameter) -> str:
+    """Return a parameter with its 95 % half width and unit."""
+    value, half = figures_of(found)
+    return f"{plain(name)} {value} ± {half} {found.parameter.unit}"
+
+
+def figures_of(found: FoundParameter) -> tuple[str, str]:
+    """Return a parameter's value and its 95 % half width, two digits of the latter."""
+    half = 1.96 * found.std
+    digits = 1 - math.floor(math.log10(half)) if half > 0.0 else 3
+    digits = min(max(digits, 0), 6)
+    return f"{found.value:+.{digits}f}", f"{half:.{digits}f}"
+
+
+def apart_lines(summary: Summary) -> list[str]:
+    """Return what this campaign cannot tell apart, and what would."""
+    lines = []
+    for effect in summary.firm:
+        cause = effect.cause
+        if cause.alternatives:
+            group = {cause.effect, *cause.alternatives}
+            lines.append(f"{', '.join((cause.effect, *cause.alternatives))} look alike in this campaign")
+            pairs = [s for s in summary.suggestion.separations if {s.first, s.second} <= group]
+            lines += [f"  {s.first} or {s.second}: {s.words}" for s in pairs]
+    return lines
+
+
+def left_lines(summary: Summary) -> list[str]:
+    """Return what is left over and why the verdict is ``unknown``: descriptions, not causes."""
+    if summary.diagnosis.judgement.verdict != "unknown":
+        return []
+    lines = [item.sentence for item in summary.left]
+    beaten: dict[str, list[str]] = {}
+    names = {e.cause.effect for e in summary.nearest}
+    for cause, found in zip(*judged(summary.diagnosis), strict=True):
+        if cause.effect in names:
+            beaten.setdefault(described(*found.description.split(" by ", 1)), []).append(cause.effect)
+    for better, effects in beaten.items():
+        are = (
+            "are the nearest known effects but not it" if len(effects) > 1 else "is the nearest known effect but not it"
+        )
+        lines.append(f"{', '.join(effects)} {are}: '{better}' describes the data better")
+    return lines or list(summary.diagnosis.judgement.reasons)
+
+
+def untestable_lines(summary: Summary) -> list[str]:
+    """Return which effects this campaign cannot test, and which columns or keys are missing."""
+    campaign = summary.diagnosis.campaign
+    by_source: dict[str, list[str]] = {}
+    for effect, missing in summary.diagnosis.untestable.items():
+        by_source.setdefault(source_text(absent_sources(missing, campaign), campaign), []).append(effect)
+    return [f"{', '.join(effects)}: add {source}" for source, effects in by_source.items()]
+
+
+def next_lines(summary: Summary) -> list[str]:
+    """Return what to measure or do next."""
+    verdict, lines = summary.diagnosis.judgement.verdict, []
+    if verdict == "unknown":
+        by = [x.structure.description.by for x in summary.left if x.structure.description.by != BY_CHANCE]
+        lines.append(
+            f"look for a cause that depends on {' or '.join(dict.fromkeys(by))}; "
+            "register it as an effect of your own, or measure what it may depend on as a column"
+            if by
+            else "measure the same poses again under other conditions: what changes tells what it depends on"
+        )
+    if verdict == "no_gap":
+        lines += _hidden_lines(summary)
+    else:
+        lines += _measurement_lines(summary)
+    if summary.diagnosis.noise.from_residuals:
+        lines.append(
+            "state the noise of the measuring device (metrology in the YAML), or measure some poses three times"
+        )
+    if summary.diagnosis.held_out is None:
+        lines.append("measure more poses, so that some can be held out as a check")
+    return lines
+
+
+def _hidden_lines(summary: Summary) -> list[str]:
+    """Return what could be there and not show."""
+    hidden = {s.second: s.words for s in summary.suggestion.separations}
+    return [f"could be there and not show: {name}; to see it, {words}" for name, words in hidden.items()]
+
+
+def _measurement_lines(summary: Summary) -> list[str]:
+    suggestion = summary.suggestion
+    if not suggestion.measurements:
+        return []
+    pairs = list(dict.fromkeys(f"{s.first} from {s.second}" for s in suggestion.separations))
+    more = f" and {len(pairs) - _SHOWN_PAIRS} more" if len(pairs) > _SHOWN_PAIRS else ""
+    gain = suggestion.expected_nats
+    by_chance = float(np.median(suggestion.random_nats)) if suggestion.random_nats.size else math.nan
+    best = sorted(suggestion.measurements, key=lambda m: m.rank)
+    lines = [
+        f"{len(best)} measurements to tell {', '.join(pairs[:_SHOWN_PAIRS])}{more}: {gain:.1f} nats expected, "
+        f"{by_chance:.1f} from as many at random (3 nats: odds of 20); the best of them:"
+    ]
+    return lines + [f"  {measurement_text(m)}" for m in best[:_SHOWN_MEASUREMENTS]]
+
+
+def measurement_text(measurement: SuggestedMeasurement) -> str:
+    """Return a suggested measurement in words."""
+    x, y, z, tilt = measurement.pose.to_mm_deg()
+    given = measurement.conditions
+    sides = "".join("+" if given[f"approach_q{k}"] > 0 else "-" for k in (1, 2, 3, 4)) if "approach_q1" in given else ""
+    said = [f"x {x:.0f}, y {y:.0f}, z {z:.0f} mm, tilt {tilt:.0f}°"]
+    said += [f"approached {sides}"] if sides else []
+    said += [
+        f"{words} {given[name]:.{digits}f} {unit}"
+        for name, words, digits, unit in (
+            ("payload_kg", "load", 0, "kg"),
+            ("truss_travel_m", "travel", 1, "m"),
+            ("leg1_degC", "leg 1 at", 0, "°C"),
+            ("platform_degC", "platform at", 0, "°C"),
+        )
+        if name in given
+    ]
+    return ", ".join(said)
+
+
+def note_lines(summary: Summary) -> list[str]:
+    """Return what limits the answer."""
+    diagnosis = summary.diagnosis
+    given = diagnosis.rows.conditions
+    lines = [note for note in diagnosis.notes if not (given.filled and note.startswith("single missing cells"))]
+    if len(diagnosis.rows) < _FEW_ROWS:
+        lines.append(f"only {len(diagnosis.rows)} rows: take what is named as a hint, and measure {_FEW_ROWS} or more")
+    if given.filled:
+        lines.append(f"missing cells were filled in from their neighbours in time: {', '.join(given.filled)}")
+    if not given.time_known:
+        lines.append("there is no time: the order of the rows stands for it")
+    if "repeats" in (diagnosis.noise.position_source, diagnosis.noise.rotation_source):
+        lines.append(
+            "the noise is not stated and comes from how far repeats of a command scatter: what changes from one repeat "
+            "to the next counts as noise"
+        )
+    lines += [line for line in (summary.refused, summary.unsuggested) if line]
+    if diagnosis.outliers.size:
+        lines.append(f"left out as gross errors: {_file_lines(diagnosis, diagnosis.outliers)}")
+    unusable = np.setdiff1d(np.flatnonzero(~diagnosis.campaign.usable), diagnosis.outliers)
+    if unusable.size:
+        lines.append(f"without a command or a measurement: {_file_lines(diagnosis, unusable)}")
+    if summary.worse:
+        lines.append("the amended model is further from the held-out rows than the given one: do not use it")
+    stays = [entry.effect for entry in summary.model.effects if not entry.placed]
+    if stays:
+        lines.append(
+            f"{', '.join(dict.fromkeys(stays))} depend{'s' if len(set(stays)) == 1 else ''} on conditions: "
+            "diagnose applies this part of model.yaml, other commands do not"
+        )
+    told = (FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES)
+    seen = [flag for flag in diagnosis.flags if flag.severity == "warning" and flag.code not in told]
+    lines += [f"data: {flag.message}" for flag in seen]
+    return lines
+
+
+def _file_lines(diagnosis: Diagnosis, rows: FloatArray | Any, most: int = 8) -> str:
+    lines = [str(int(diagnosis.campaign.lines[row])) for row in rows]
+    more = f" and {len(lines) - most} more" if len(lines) > most else ""
+    return f"line{'s' if len(lines) > 1 else ''} {', '.join(lines[:most])}{more}"
+
+
+def sections(summary: Summary, *, short: bool = True) -> list[tuple[str, list[str]]]:
+    """Return headings and lines in the order they matter; empty sections are left out.
+
+    Args:
+        summary: what is told.
+        short: whether only the most important sentences are wanted.
+    """
+    where = where_lines(summary)
+    if short and len(where) > _SHOWN_SENTENCES:
+        where = [*where[:_SHOWN_SENTENCES], f"{len(where) - _SHOWN_SENTENCES} more in the report"]
+    which = [line if k == 0 else f"  {line}" for e in summary.firm for k, line in enumerate(effect_lines(summary, e))]
+    found = [
+        ("where they disagree", [] if summary.diagnosis.judgement.verdict == "no_gap" and short else where),
+        ("which effect", which),
+        ("what cannot be told apart", apart_lines(summary)),
+        ("what is left", left_lines(summary)),
+        ("what could not be tested", untestable_lines(summary)),
+        ("next", next_lines(summary)),
+        ("notes", note_lines(summary)),
+    ]
+    return [(heading, lines) for heading, lines in found if lines]

@@ -1,0 +1,56 @@
+"""What effects do at the pouring lip, and residuals in the fixed platform's axes: figures to show, not to judge by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from pouring_robot.diagnosis.diagnose import Diagnosis
+from pouring_robot.diagnosis.rows import Frames, LinearRows
+from pouring_robot.effects.base import EffectParameter
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.model import RobotModel
+
+
+def pose_platform_to_lip(model: RobotModel) -> pin.SE3:
+    """Return where the drawing has the frame that counts, the pouring lip, on the moving platform."""
+    mechanism = model.nominal_mechanism()
+    shared, loops = mechanism.shared_model, mechanism.loops
+    data = shared.createData()
+    pin.framesForwardKinematics(shared, data, pin.neutral(shared))
+    platform, lip = (data.oMf[mechanism.frame_id(str(name))] for name in (loops.end_frame, loops.working_frame))
+    return platform.actInv(lip)
+
+
+def moved_at_lip(diagnosis: Diagnosis, parameters: Sequence[EffectParameter]) -> FloatArray:
+    """Return by how much some of the fitted parameters move the pouring lip, shape (n, 3), in m.
+
+    In the axes of the fixed platform, loops closed exactly with everything found and again without these parameters.
+    A constant part counts here, though the frames absorb it in the campaign.
+    """
+    rows, after = diagnosis.rows, diagnosis.after
+    frames = Frames(pin.SE3.Identity(), pose_platform_to_lip(diagnosis.model))
+    chosen = {id(p) for p in parameters}
+    kept = np.array([0.0 if id(p) in chosen else 1.0 for p in after.parameters])
+    with_all = rows.predicted(rows.changes(after.parameters, after.values), frames)
+    without = rows.predicted(rows.changes(after.parameters, kept * after.values), frames)
+    return np.asarray(with_all.position_m - without.position_m)
+
+
+def table_of(linear: LinearRows, count: int) -> FloatArray:
+    """Return residuals as a table (n, 6) in the tracker's axes, in m and rad; NaN where nothing was measured."""
+    table = np.full((count, 6), np.nan)
+    table[linear.row, linear.component] = linear.residual * linear.tracker
+    return table
+
+
+def in_fixed_platform(table: FloatArray, axes: FloatArray) -> FloatArray:
+    """Return residuals (n, 6) turned into the axes of the fixed platform; NaN where a component is missing.
+
+    Args:
+        table: in the tracker's axes.
+        axes: axes of the fixed platform in the tracker's frame, (3, 3).
+    """
+    return np.hstack([table[:, :3] @ axes, table[:, 3:] @ axes])

@@ -1,0 +1,1 @@
+"""What to measure next, so that the explanations a diagnosis leaves can be told apart."""

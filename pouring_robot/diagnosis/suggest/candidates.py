@@ -1,0 +1,204 @@
+"""Possible next measurements: poses within reach, under plausible conditions, as rows beside those of a campaign.
+
+They are measured in three blocks after the campaign, hours apart: the machine cold, hot, and cold again. Within a block
+temperatures stand still; load, place of the truss and sides of approach change from pose to pose. The measuring device
+may have been set up anew, so that the new rows have frames of their own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pouring_robot.campaign.data import ARRAYS, Campaign
+from pouring_robot.campaign.plan import random_plan
+from pouring_robot.diagnosis.descriptions import descriptions
+from pouring_robot.diagnosis.diagnose import Diagnosis
+from pouring_robot.diagnosis.problem import background_forms, effect_forms, problem_at
+from pouring_robot.diagnosis.rows import CampaignRows, RowChanges
+from pouring_robot.effects.registry import all_effects
+from pouring_robot.inference.explanations import Background, Explanation, Problem
+from pouring_robot.inference.remainder import Description
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.robot import PouringRobot
+
+SESSION = "next"
+_HOUR_S = 3600.0
+_BLOCKS = ((2.0, False), (6.0, True), (10.0, False))
+"""Hours after the campaign, and whether the machine is hot."""
+_MELT_DEGC, _LEG_RISE_K, _PLATFORM_RISE_K, _REFERENCE_DEGC = 1600.0, 100.0, 130.0, 20.0
+_FRAME = 0.02
+"""How far the frames of the new rows may be off, in m and rad: further than anybody fails to see."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """Possible measurements.
+
+    Attributes:
+        poses: n poses of the moving platform.
+        drives: (n, 4) in m and rad.
+        hot: whether the machine is hot, (n,).
+        hours_later: after the last row of the campaign, (n,).
+        arrays: condition arrays as a campaign has them, by field name; only those that the campaign has.
+    """
+
+    poses: tuple[PlatformPose, ...]
+    drives: FloatArray
+    hot: NDArray[np.bool_]
+    hours_later: FloatArray
+    arrays: dict[str, FloatArray]
+
+    def __len__(self) -> int:
+        """Return the number of candidates."""
+        return len(self.poses)
+
+
+def candidates(campaign: Campaign, robot: PouringRobot, count: int, seed: int) -> Candidates:
+    """Return measurements that could follow a campaign, drawn within limits.
+
+    Args:
+        campaign: its conditions are those that can be recorded.
+        robot: what can be reached and carried.
+        count: how many.
+        seed: of the draw.
+    """
+    plan = random_plan(robot, count, seed)
+    random = np.random.default_rng([seed, 7])
+    block = np.sort(np.arange(count) % len(_BLOCKS))
+    after_h, hot = np.array([_BLOCKS[k][0] for k in block]), np.array([_BLOCKS[k][1] for k in block])
+    within = np.arange(count) - np.searchsorted(block, block)
+    later = after_h + within / 60.0
+    last = 0.0 if campaign.time_s is None else float(np.nanmax(campaign.time_s))
+    span = campaign.metadata.truss_span_m or robot.layout.truss_span_m
+    loads = np.array([0.0, 0.5, 1.0]) * robot.layout.ladle.payload_kg
+    reference = campaign.metadata.reference_temperature_degC
+    cold = _REFERENCE_DEGC if reference is None else reference
+    made: dict[str, FloatArray] = {
+        "approach": random.choice([-1.0, 1.0], (count, 4)),
+        "time_s": last + _HOUR_S * later,
+        "payload_kg": random.choice(loads, count),
+        "truss_travel_m": np.round(random.uniform(0.0, span, count), 2),
+        "melt_degC": np.where(hot, _MELT_DEGC, cold),
+        "ambient_degC": np.full(count, cold),
+        "leg_degC": _warm(campaign.leg_degC, cold, _LEG_RISE_K, hot),
+        "platform_degC": _warm(campaign.platform_degC, cold, _PLATFORM_RISE_K, hot),
+    }
+    kept = {name: values for name, values in made.items() if _recorded(getattr(campaign, name))}
+    return Candidates(plan.poses, plan.drives, hot, later, kept)
+
+
+def _recorded(values: FloatArray | None) -> bool:
+    """Return whether a campaign says a condition: no column of it is empty."""
+    return values is not None and bool(np.isfinite(values.reshape(len(values), -1)).any(axis=0).all())
+
+
+def _warm(seen: FloatArray | None, cold: float, rise_k: float, hot: NDArray[np.bool_]) -> FloatArray:
+    """Return temperatures of a part, (n,) or (n, 4): cold, or as hot as it was seen, at least by a plausible rise."""
+    if seen is None or not _recorded(seen):
+        return np.zeros(len(hot))
+    highest = np.round(np.maximum(np.nanmax(seen, axis=0), cold + rise_k))
+    return np.asarray(np.where(hot if seen.ndim == 1 else hot[:, None], highest, cold))
+
+
+class Prospect:
+    """Explanations of a campaign, with what they would predict of possible measurements.
+
+    Args:
+        diagnosis: of the campaign.
+        possible: the measurements.
+
+    Attributes:
+        problem: the fitted rows of the campaign and all explanations.
+        components: measured of a pose, 3 or 6.
+        frames: columns of the new rows' own frames, times their usual size, (n * components, 12).
+    """
+
+    def __init__(self, diagnosis: Diagnosis, possible: Candidates) -> None:
+        """Linearise the rows of the campaign as its diagnosis left them, and the new ones as drawn."""
+        old, self._after = diagnosis.rows, diagnosis.after
+        rows = CampaignRows(_together(old.campaign, possible, diagnosis), diagnosis.model, diagnosis.noise)
+        changes = old.changes(self._after.parameters, self._after.values)
+        self._rows, self._linear = rows, rows.linearise(_padded(changes, len(possible)), self._after.frames)
+        new = self._linear.row >= len(old)
+        self._old = np.append(diagnosis.fitted, np.zeros(len(possible), dtype=bool))[self._linear.row]
+        self._new = np.asarray(new, dtype=np.bool_)
+        self.components = int(new.sum()) // len(possible)
+        effects = {name: e for name, e in all_effects().items() if name not in _left_out(diagnosis)}
+        self._whole = problem_at(
+            rows,
+            self._linear,
+            effect_forms(rows, effects),
+            background_forms(rows),
+            np.zeros(self._linear.residual.size),
+        )
+        known = self._whole
+        self.problem = Problem.build(
+            diagnosis.hypothesis.problem.residual,
+            self._linear.free[self._old],
+            [replace(b, columns=b.columns[self._old]) for b in known.backgrounds],
+            [replace(e, columns=e.columns[self._old]) for e in known.explanations],
+        )
+        self._described: dict[str, Description] = {}
+        self.frames = _FRAME * self._linear.free[self._new]
+
+    def explanation(self, name: str) -> Explanation | None:
+        """Return a description as an explanation of the campaign's rows; None where there is none of that name."""
+        if not self._described:
+            self._described = {d.name: d for d in descriptions(self._rows, self._linear)}
+        found = self._described.get(name)
+        if found is None:
+            return None
+        columns = self.problem.cleared(found.columns[self._old])
+        return Explanation(name, "description", columns, np.ones(columns.shape[1], dtype=bool), cause=False)
+
+    def new_columns(self, item: Explanation | Background, index: int = -1) -> FloatArray:
+        """Return the columns of an explanation, or of the background of an index, in the new rows."""
+        if isinstance(item, Background):
+            return self._whole.backgrounds[index].columns[self._new]
+        if item.form == "description" and item.effect in self._described:
+            return self._described[item.effect].columns[self._new]
+        return next(e.columns for e in self._whole.explanations if e.key == item.key)[self._new]
+
+
+def _left_out(diagnosis: Diagnosis) -> set[str]:
+    """Return effects that were not tried: taken out of the library by the user, or untestable."""
+    return set(all_effects()) - {effect for effect, _ in diagnosis.diagnoser.forms}
+
+
+def _together(campaign: Campaign, possible: Candidates, diagnosis: Diagnosis) -> Campaign:
+    """Return a campaign with the possible measurements behind its rows, as the drawing predicts them."""
+    n, frames = len(possible), diagnosis.after.frames
+    outer, inner = frames.pose_tracker_to_fixed_platform, frames.pose_platform_to_target
+    seen = [outer * pose.to_se3() * inner for pose in possible.poses]
+    arrays: dict[str, Any] = possible.arrays | {
+        "drives": possible.drives,
+        "position_m": np.array([pose.translation for pose in seen]),
+        "rotation_vector_rad": Rotation.from_matrix([pose.rotation for pose in seen]).as_rotvec(),
+    }
+    joined: dict[str, Any] = {
+        name: np.concatenate([values, arrays.get(name, np.full((n, *values.shape[1:]), np.nan))])
+        for name in ARRAYS
+        if (values := getattr(campaign, name)) is not None
+    }
+    return replace(
+        campaign,
+        lines=np.append(campaign.lines, int(campaign.lines.max()) + 1 + np.arange(n)),
+        samples=(*campaign.samples, *(f"next_{k + 1}" for k in range(n))),
+        sessions=(*campaign.sessions, *((SESSION,) * n)),
+        **joined,
+    )
+
+
+def _padded(changes: RowChanges, count: int) -> RowChanges:
+    """Return changes of rows with unchanged ones behind."""
+
+    def longer(values: FloatArray) -> FloatArray:
+        return np.concatenate([values, np.zeros((count, *values.shape[1:]))])
+
+    return RowChanges(*(longer(v) for v in (changes.drives, changes.placements, changes.base, changes.scale)))

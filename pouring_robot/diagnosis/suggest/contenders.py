@@ -1,0 +1,176 @@
+"""Explanations that survive a diagnosis, and those nearest to it: what the next measurements should tell apart."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pouring_robot.diagnosis.diagnose import Diagnosis
+from pouring_robot.diagnosis.suggest.candidates import Prospect
+from pouring_robot.inference.decision import Cause
+from pouring_robot.inference.explanations import Explanation
+from pouring_robot.inference.hypotheses import BACKGROUND_LEVELS, Hypothesis
+from pouring_robot.mechanism.arrays import FloatArray
+
+MOST_RIVALS = 3
+NOTHING = "nothing"
+
+
+@dataclass(frozen=True, eq=False)
+class Contender:
+    """An explanation of the campaign.
+
+    Attributes:
+        name: what explains: an effect's id, or a description in words.
+        hypothesis: the whole of it.
+        log_evidence: its own, in nats, up to a constant of the campaign.
+    """
+
+    name: str
+    hypothesis: Hypothesis
+    log_evidence: float
+
+    @classmethod
+    def of(cls, name: str, hypothesis: Hypothesis) -> Contender:
+        """Return a hypothesis as a contender."""
+        return cls(name, hypothesis, hypothesis.log_evidence)
+
+
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """Explanations to be told apart.
+
+    Attributes:
+        contenders: the explanations, the best first.
+        pairs: which to tell from which, by index.
+    """
+
+    contenders: tuple[Contender, ...]
+    pairs: tuple[tuple[int, int], ...]
+
+
+def contest(diagnosis: Diagnosis, prospect: Prospect) -> Contest:
+    """Return what is to be told apart.
+
+    Of a group its members, of a named effect the next best ones, of something unknown the best descriptions; where
+    there is no gap, the effects that could best hide.
+    """
+    best = _carried(diagnosis.hypothesis, prospect)
+    causes, verdict = diagnosis.judgement.causes, diagnosis.judgement.verdict
+    if verdict == "unknown":
+        return _against_first(_descriptions(diagnosis, prospect, best))
+    if not causes:
+        return _against_first([Contender.of(NOTHING, best), *_hidden(best, prospect)])
+    ordered = sorted(causes, key=lambda c: c.probability)
+    found: list[tuple[Contender, list[Contender]]] = []
+    for cause in ordered:
+        wanted = cause.alternatives if verdict == "group" else None
+        if wanted == ():
+            continue
+        found.append((Contender.of(cause.effect, best), _rivals(best, cause, prospect, wanted)))
+    firsts = [first for first, _ in found]
+    pairs, contenders = [], firsts
+    room = max(1, MOST_RIVALS // len(firsts))
+    for k, (_, rivals) in enumerate(found):
+        for rival in rivals[: MOST_RIVALS if k == 0 and verdict == "group" else room]:
+            pairs.append((k, len(contenders)))
+            contenders = [*contenders, rival]
+    return Contest(tuple(contenders), tuple(pairs))
+
+
+def _against_first(found: Sequence[Contender]) -> Contest:
+    return Contest(tuple(found), tuple((0, k) for k in range(1, len(found))))
+
+
+def _carried(hypothesis: Hypothesis, prospect: Prospect) -> Hypothesis:
+    """Return the diagnosis's hypothesis on the prospect's columns of the same rows."""
+    known = {item.key: item for item in prospect.problem.explanations}
+    items = tuple(known[item.key] for item in hypothesis.items)
+    return replace(hypothesis, problem=prospect.problem, items=items).settled()
+
+
+def _less(hypothesis: Hypothesis, cause: Cause, prospect: Prospect) -> Hypothesis:
+    """Return the hypothesis without a cause, nothing else changed."""
+    kept = [k for k, item in enumerate(hypothesis.items) if item.effect != cause.effect]
+    levels = list(hypothesis.levels)
+    if not cause.indices:
+        levels = [
+            0 if b.effect == cause.effect else level
+            for level, b in zip(levels, prospect.problem.backgrounds, strict=True)
+        ]
+    return replace(
+        hypothesis,
+        items=tuple(hypothesis.items[k] for k in kept),
+        scales=tuple(hypothesis.scales[k] for k in kept),
+        levels=tuple(levels),
+    )
+
+
+def _rivals(best: Hypothesis, cause: Cause, prospect: Prospect, wanted: Collection[str] | None) -> list[Contender]:
+    """Return other effects in the place of a cause, best first: the wanted ones or, by default, the next best."""
+    rest = _less(best, cause, prospect)
+    first: dict[str, tuple[float, float, Explanation]] = {}
+    for item in prospect.problem.explanations:
+        taken = item.effect in best.effects or item.effect == cause.effect or not item.cause
+        if taken or not (wanted is None or item.effect in wanted):
+            continue
+        worth = rest.candidate_gain(item)
+        if item.effect not in first or worth.evidence > first[item.effect][0]:
+            first[item.effect] = (worth.evidence, worth.scale, item)
+    ordered = sorted(first.values(), key=lambda entry: -entry[0])[:MOST_RIVALS]
+    found = [Contender.of(item.effect, _fixed(rest, item, scale)) for _, scale, item in ordered if scale > 0.0]
+    return sorted(found, key=lambda c: -c.log_evidence)
+
+
+def _fixed(rest: Hypothesis, item: Explanation, scale: float) -> Hypothesis:
+    return replace(rest, items=(*rest.items, item), scales=(*rest.scales, scale)).settled()
+
+
+def _descriptions(diagnosis: Diagnosis, prospect: Prospect, best: Hypothesis) -> list[Contender]:
+    """Return the descriptions that explain best what no effect does; chance, too, where there is only one."""
+    judgement = diagnosis.judgement
+    named = [(structure.description.name, best) for structure in judgement.structures]
+    for cause, challenge in zip(judgement.causes, judgement.challenges, strict=False):
+        if challenge.margin > 0.0:
+            named.append((challenge.description, _less(best, cause, prospect)))
+    found: dict[str, Contender] = {}
+    for name, rest in named[: 2 * MOST_RIVALS]:
+        item = prospect.explanation(name)
+        if item is None or name in found or " by row, by chance" in name:
+            continue
+        worth = rest.candidate_gain(item)
+        if worth.scale > 0.0:
+            grown = replace(rest, items=(*rest.items, item), scales=(*rest.scales, worth.scale))
+            found[name] = Contender(name, grown, rest.log_evidence + worth.evidence)
+    ordered = sorted(found.values(), key=lambda c: -c.log_evidence)[: MOST_RIVALS + 1]
+    return ordered if len(ordered) > 1 else [*ordered, Contender.of(" and ".join(best.effects) or NOTHING, best)]
+
+
+def _hidden(best: Hypothesis, prospect: Prospect) -> list[Contender]:
+    """Return the effects that would be seen least if they were as large as usual: those tested worst."""
+    seen: dict[str, tuple[float, Explanation]] = {}
+    for item in prospect.problem.explanations:
+        if not item.cause or item.effect in seen:
+            continue  # the usual form of an effect comes first
+        inner = best.everything.inner(item.columns, item.columns)
+        worth = 0.5 * float(np.linalg.slogdet(np.eye(len(inner)) + inner)[1])
+        seen[item.effect] = (worth, item)
+    least = sorted(seen.values(), key=lambda entry: entry[0])[:MOST_RIVALS]
+    return [
+        Contender.of(item.effect, replace(best, items=(*best.items, item), scales=(*best.scales, 1.0)))
+        for _, item in least
+    ]
+
+
+def scaled_columns(hypothesis: Hypothesis, prospect: Prospect) -> FloatArray:
+    """Return the columns of the new rows that go with :meth:`Hypothesis.groups`, (n * components, q)."""
+    backgrounds = prospect.problem.backgrounds
+    usual = [
+        BACKGROUND_LEVELS[level] * prospect.new_columns(b, k)
+        for k, (level, b) in enumerate(zip(hypothesis.levels, backgrounds, strict=True))
+        if BACKGROUND_LEVELS[level]
+    ]
+    items = [s * prospect.new_columns(item) for s, item in zip(hypothesis.scales, hypothesis.items, strict=True)]
+    return np.hstack([np.zeros((len(prospect.frames), 0)), *usual, *items])

@@ -1,0 +1,228 @@
+"""What to measure next: poses and conditions that best tell apart the explanations a diagnosis leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from pouring_robot.diagnosis.diagnose import Diagnosis
+from pouring_robot.diagnosis.suggest.candidates import Candidates, Prospect, candidates
+from pouring_robot.diagnosis.suggest.contenders import Contender, Contest, contest, scaled_columns
+from pouring_robot.diagnosis.suggest.words import separating_words, untestable_words
+from pouring_robot.inference.discrimination import Prediction, choose, expected, total
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.poses import MM
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.robot import PouringRobot
+
+MOST = 10
+RANDOM_SETS = 50
+_CANDIDATES = 75
+_LITTLE_NATS = 3.0
+_APPROACHES = ("approach_q1", "approach_q2", "approach_q3", "approach_q4")
+_LEGS = ("leg1_degC", "leg2_degC", "leg3_degC", "leg4_degC")
+
+
+@dataclass(frozen=True, eq=False)
+class SuggestedMeasurement:
+    """One pose under some conditions.
+
+    Attributes:
+        pose: of the moving platform in the fixed platform.
+        drives: commanded, (4,), in m and rad.
+        conditions: by the column names of a campaign file, in the units they carry.
+        hours_later: after the last row of the campaign.
+        rank: 1 for the measurement that tells most, and so on: who can make only some makes these.
+        separates: the two explanations it tells apart best.
+        nats: by how much their log evidence difference is expected to grow, given the measurements of a lower rank.
+    """
+
+    pose: PlatformPose
+    drives: FloatArray
+    conditions: dict[str, float]
+    hours_later: float
+    rank: int
+    separates: tuple[str, str]
+    nats: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it in mm, degrees and the units of its names."""
+        x, y, z, tilt = self.pose.to_mm_deg()
+        lengths = {f"q{k + 1}_mm": round(float(self.drives[k]) / MM, 5) for k in range(3)}
+        return {
+            "pose": {"x_mm": round(x, 3), "y_mm": round(y, 3), "z_mm": round(z, 3), "tilt_deg": round(tilt, 4)},
+            "drives": lengths | {"q4_rad": round(float(self.drives[3]), 8)},
+            "conditions": dict(self.conditions),
+            "hours_later": round(self.hours_later, 2),
+            "rank": self.rank,
+            "separates": list(self.separates),
+            "expected_nats": self.nats,
+            "why": f"tells {self.separates[0]} from {self.separates[1]}",
+        }
+
+
+@dataclass(frozen=True)
+class Separation:
+    """What the measurements do for one pair of explanations.
+
+    Attributes:
+        first: the better explanation so far.
+        second: the other one.
+        now_nats: by how much the log evidence of the first is larger so far.
+        expected_nats: by how much the difference is expected to grow, for whichever of the two is right.
+        random_nats: the same for as many measurements chosen at random: median.
+        words: how to tell them apart.
+    """
+
+    first: str
+    second: str
+    now_nats: float
+    expected_nats: float
+    random_nats: float
+    words: str
+
+
+@dataclass(frozen=True, eq=False)
+class Suggestion:
+    """What to measure next.
+
+    Attributes:
+        measurements: in the order in which to make them; none where nothing is to be told apart.
+        separations: pairs of explanations.
+        expected_nats: how far all pairs come apart together: a geometric mean.
+        random_nats: the same of random choices among the same candidates, one a set, (sets,).
+        advice: what else would help, one line each.
+        seed: of the candidates and the random choices.
+    """
+
+    measurements: tuple[SuggestedMeasurement, ...]
+    separations: tuple[Separation, ...]
+    expected_nats: float
+    random_nats: FloatArray = field(default_factory=lambda: np.zeros(0))
+    advice: tuple[str, ...] = ()
+    seed: int = 0
+
+    def as_list(self) -> list[dict[str, Any]]:
+        """Return the measurements as ``diagnosis.json`` has them."""
+        return [measurement.as_dict() for measurement in self.measurements]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return everything, for people and programs."""
+        return {
+            "measurements": self.as_list(),
+            "separations": [
+                {
+                    "first": s.first,
+                    "second": s.second,
+                    "now_nats": s.now_nats,
+                    "expected_nats": s.expected_nats,
+                    "random_median_nats": s.random_nats,
+                    "how": s.words,
+                }
+                for s in self.separations
+            ],
+            "expected_nats": self.expected_nats,
+            "random_median_nats": float(np.median(self.random_nats)) if self.random_nats.size else None,
+            "random_sets": int(self.random_nats.size),
+            "advice": list(self.advice),
+            "seed": self.seed,
+        }
+
+
+def suggest_measurements(diagnosis: Diagnosis, count: int = MOST, seed: int = 0) -> Suggestion:
+    """Return up to ``count`` measurements that best separate the surviving explanations of a campaign.
+
+    They are chosen among poses within reach and conditions that the campaign records, after what the frames of a newly
+    set up device absorb. A device left standing tells no less.
+
+    Args:
+        diagnosis: of the campaign.
+        count: how many, 1 to 75.
+        seed: of the candidates, and of the random choices they are compared with.
+
+    Raises:
+        DiagnosisError: the drawing does not close at a candidate.
+        BadInputError: hardly any pose of the workspace is within reach.
+    """
+    advice = untestable_words(diagnosis.untestable)
+    possible = candidates(diagnosis.rows.campaign, PouringRobot(diagnosis.model), _CANDIDATES, seed)
+    prospect = Prospect(diagnosis, possible)
+    found = contest(diagnosis, prospect)
+    if not found.pairs:
+        return Suggestion((), (), 0.0, advice=advice, seed=seed)
+    predictions = [_prediction(c, prospect) for c in found.contenders]
+    k = prospect.components
+    choice = choose(predictions, found.pairs, k, min(count, len(possible)))
+    random = np.random.default_rng([seed, 11])
+    sets = [random.choice(len(possible), choice.chosen.size, replace=False) for _ in range(RANDOM_SETS)]
+    by_chance = np.array([expected(predictions, found.pairs, k, chosen) for chosen in sets])
+    grown = expected(predictions, found.pairs, k, choice.chosen)
+    names = [(found.contenders[a].name, found.contenders[b].name) for a, b in found.pairs]
+    separations = _separations(found, names, grown, np.median(by_chance, axis=0), diagnosis)
+    order = np.argsort(choice.chosen, kind="stable")  # candidates stand in the order of their time
+    measurements = [_measurement(possible, int(choice.chosen[i]), int(i) + 1, names, choice.gains[i]) for i in order]
+    together = float(total(grown))
+    if together < _LITTLE_NATS:
+        advice = (
+            *advice,
+            f"{len(measurements)} more measurements like these would tell little more: {together:.1f} nats",
+        )
+    return Suggestion(tuple(measurements), separations, together, total(by_chance), advice=advice, seed=seed)
+
+
+def _prediction(contender: Contender, prospect: Prospect) -> Prediction:
+    """Return what a contender, fitted to the campaign, predicts of the candidates."""
+    mean, covariance = contender.hypothesis.coefficients()
+    columns = scaled_columns(contender.hypothesis, prospect)
+    spread = columns @ covariance @ columns.T + prospect.frames @ prospect.frames.T
+    return Prediction(columns @ mean, spread + np.eye(len(columns)))
+
+
+def _separations(
+    found: Contest,
+    names: Sequence[tuple[str, str]],
+    grown: FloatArray,
+    by_chance: FloatArray,
+    diagnosis: Diagnosis,
+) -> tuple[Separation, ...]:
+    conditions = diagnosis.rows.conditions
+    return tuple(
+        Separation(
+            first,
+            second,
+            found.contenders[a].log_evidence - found.contenders[b].log_evidence,
+            float(grown[k]),
+            float(by_chance[k]),
+            separating_words(first, second, conditions),
+        )
+        for k, ((a, b), (first, second)) in enumerate(zip(found.pairs, names, strict=True))
+    )
+
+
+def _measurement(
+    possible: Candidates, index: int, rank: int, names: Sequence[tuple[str, str]], gains: FloatArray
+) -> SuggestedMeasurement:
+    arrays = possible.arrays
+    given: dict[str, float] = {}
+    if "approach" in arrays:
+        given |= dict(zip(_APPROACHES, arrays["approach"][index].tolist(), strict=True))
+    for name in ("payload_kg", "truss_travel_m", "melt_degC", "ambient_degC"):
+        if name in arrays:
+            given[name] = float(arrays[name][index])
+    if "leg_degC" in arrays:
+        given |= dict(zip(_LEGS, arrays["leg_degC"][index].tolist(), strict=True))
+    if "platform_degC" in arrays:
+        given["platform_degC"] = float(arrays["platform_degC"][index])
+    best = int(np.argmax(gains))
+    return SuggestedMeasurement(
+        possible.poses[index],
+        possible.drives[index],
+        given,
+        float(possible.hours_later[index]),
+        rank,
+        names[best],
+        float(gains[best]),
+    )

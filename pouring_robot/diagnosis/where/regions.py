@@ -1,0 +1,93 @@
+"""In which part of the workspace the disagreement is largest: ranks of the rows' misfit, which no scale can upset."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.stats
+from numpy.typing import NDArray
+
+from pouring_robot.diagnosis.where.terms import FreeResiduals
+from pouring_robot.diagnosis.where.words import size_text
+from pouring_robot.effects.conditions import Conditions
+from pouring_robot.mechanism.arrays import FloatArray
+
+_FEWEST = 6
+_LARGER = 1.3
+_HEIGHTS = ("low", "at middle height", "high")
+_TILTS = ("tilted back", "half tilted", "tilted far forward")
+
+
+@dataclass(frozen=True)
+class Region:
+    """A part of the workspace where the disagreement is larger than elsewhere.
+
+    Attributes:
+        words: what it is.
+        rms: of a coordinate in it, in m.
+        elsewhere: of a coordinate in all other rows, in m.
+        p_value: of a Mann-Whitney test of its rows against the others, one-sided; 1 if it is not larger by 30 % too.
+    """
+
+    words: str
+    rms: float
+    elsewhere: float
+    p_value: float
+
+    @property
+    def sentence(self) -> str:
+        """In words."""
+        here, there = size_text(self.rms, False), size_text(self.elsewhere, False)
+        return f"Largest where the ladle is {self.words}: {here} rms there, {there} elsewhere."
+
+
+def regions(data: FreeResiduals, given: Conditions) -> list[Region]:
+    """Return all regions with enough rows, largest disagreement first.
+
+    Each row counts with its sum of squares over what noise would make after the frames were fitted.
+    """
+    n = len(given)
+    expected = np.bincount(data.row, 1.0 - (data.absorbed**2).sum(axis=1), n)
+    score = np.bincount(data.row, data.cleared**2, n) / np.maximum(expected, 1e-12)
+    positions = data.component < 3
+    squares = np.bincount(data.row[positions], ((data.cleared * data.sigma) ** 2)[positions], n)
+    counts = np.bincount(data.row[positions], minlength=n)
+    seen = expected > 1e-9
+    found = []
+    for words, inside in _parts(given):
+        here, there = inside & seen, ~inside & seen
+        if min(here.sum(), there.sum()) < _FEWEST or not (counts[here].any() and counts[there].any()):
+            continue
+        p_value = float(scipy.stats.mannwhitneyu(score[here], score[there], alternative="greater").pvalue)
+        rms = [float(np.sqrt(squares[part].sum() / counts[part].sum())) for part in (here, there)]
+        if rms[0] < _LARGER * rms[1]:
+            p_value = 1.0
+        found.append(Region(words, rms[0], rms[1], p_value))
+    return sorted(found, key=lambda region: region.p_value)
+
+
+def _parts(given: Conditions) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+    x, y, z = given.position_m.T
+    height, tilt = _third(z), _third(given.tilt_rad)
+    for k, high in enumerate(_HEIGHTS):
+        if height is not None:
+            yield high, height == k
+        for j, tilted in enumerate(_TILTS):
+            if height is not None and tilt is not None:
+                yield f"{high} and {tilted}", (height == k) & (tilt == j)
+    if tilt is not None:
+        for j, tilted in enumerate(_TILTS):
+            yield tilted, tilt == j
+    for name, values in (("x", x), ("y", y)):
+        if np.ptp(values) > 1e-6:
+            yield f"at small {name}", values < np.median(values)
+            yield f"at large {name}", values >= np.median(values)
+
+
+def _third(values: FloatArray) -> NDArray[np.intp] | None:
+    """Return 0, 1 or 2 by thirds of the rows; None where the value hardly varies."""
+    if np.ptp(values) < 0.02:
+        return None
+    return np.asarray(np.searchsorted(np.quantile(values, [1.0 / 3.0, 2.0 / 3.0]), values))

@@ -1,0 +1,298 @@
+"""Terms that disagreement is tested for: which condition, along which channel, by which course over the rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse
+import scipy.special
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+
+from pouring_robot.diagnosis.rows import LinearRows
+from pouring_robot.effects.conditions import GRAVITY_M_S2, Conditions
+from pouring_robot.inference.courses import separate, standardised
+from pouring_robot.mechanism.arrays import FloatArray
+
+COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
+DRIVES = ("l1", "l2", "l3", "theta46")
+POSE = "pose"
+_RANK = 1e-10
+_SOME, _MANY = 40, 80
+"""Rows from which a condition may act quadratically, and as a spline; with fewer only in lines."""
+_KNOTS, _TIME_KNOTS = (0.5,), (0.2, 0.4, 0.6, 0.8)
+"""Inner knots of splines, as quantiles: more for time, in which things step."""
+_BY_POSE = ("load", "platform temperature")
+"""Conditions that may act differently in different poses."""
+
+
+@dataclass(frozen=True, eq=False)
+class FreeResiduals:
+    """Residuals of a model of which only two frames were fitted.
+
+    Attributes:
+        residual: measured minus predicted over the noise, shape (m,).
+        row: row of each equation, (m,).
+        component: component 0 to 5 of each equation in the tracker's axes, (m,).
+        sigma: noise of each equation, (m,), in m or rad.
+        absorbed: orthonormal columns of what the frames absorb, (m, f).
+        axes: axes of the fixed platform in the tracker's frame, (3, 3).
+        drives: whitened derivative of the prediction by the four drives, (m, 4), per m and rad; None if not at hand.
+        noise_known: False where ``sigma`` was guessed or taken from these very residuals.
+        noise_freedoms: degrees of freedom of an estimated noise (from repeats); infinite where it was stated.
+    """
+
+    residual: FloatArray
+    row: NDArray[np.intp]
+    component: NDArray[np.intp]
+    sigma: FloatArray
+    absorbed: FloatArray
+    axes: FloatArray
+    drives: FloatArray | None = None
+    noise_known: bool = True
+    noise_freedoms: float = float("inf")
+
+    @classmethod
+    def of(
+        cls,
+        linear: LinearRows,
+        axes: FloatArray,
+        drives: FloatArray | None = None,
+        *,
+        noise_known: bool = True,
+        noise_freedoms: float = float("inf"),
+    ) -> FreeResiduals:
+        """Return the residuals of linearised rows.
+
+        Args:
+            linear: of the given model, its frames fitted.
+            axes: axes of the fixed platform in the tracker's frame, (3, 3).
+            drives: whitened derivative of the prediction by the four drives, (m, 4).
+            noise_known: False where the noise was guessed.
+            noise_freedoms: of an estimated noise.
+        """
+        size = np.linalg.norm(linear.free, axis=0)
+        columns, values, _ = np.linalg.svd(linear.free[:, size > 0.0] / size[size > 0.0], full_matrices=False)
+        absorbed = columns[:, values > _RANK * values.max(initial=0.0)]
+        given = (linear.residual, linear.row, linear.component, linear.tracker)
+        return cls(*given, absorbed, axes, drives, noise_known, noise_freedoms)
+
+    @cached_property
+    def cleared(self) -> FloatArray:
+        """The residual without what the frames absorb, (m,)."""
+        return np.asarray(self.residual - self.absorbed @ (self.absorbed.T @ self.residual))
+
+    def excess(self, squares: float, freedoms: float) -> float:
+        """Return the probability that noise alone makes so large a sum of squares, of so many degrees of freedom."""
+        if np.isinf(self.noise_freedoms):
+            return float(scipy.special.chdtrc(freedoms, squares))
+        return float(scipy.special.fdtrc(freedoms, self.noise_freedoms, squares / freedoms))
+
+    @property
+    def full_pose(self) -> bool:
+        """Whether rotations were measured."""
+        return bool((self.component >= 3).any())
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """A direction in which every row may be off: a component in the fixed platform's axes, or a drive.
+
+    Attributes:
+        name: ``y``, ``rx``, ``l2`` …
+        turning: whether it counts in rad.
+        column: what one m or rad of it adds to the whitened prediction, (m,).
+        by_row: the same as a sparse matrix (n, m) that sums each row.
+        rows: number of rows that show it.
+    """
+
+    name: str
+    turning: bool
+    column: FloatArray
+    by_row: scipy.sparse.csr_array
+    rows: int
+
+    @cached_property
+    def weight(self) -> float:
+        """Sum of squares of the column."""
+        return float(self.column @ self.column)
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """One way in which one condition may act.
+
+    Attributes:
+        condition: its name in words; several terms share it.
+        channel: what it moves.
+        course: shape (n, k): the channel is off by a combination of these.
+        values: what the condition is in the user's unit, (n,), where that is one number; else None.
+        unit: of ``values``.
+        by_pose: whether what it does is a matter of pose.
+    """
+
+    condition: str
+    channel: Channel
+    course: FloatArray
+    values: FloatArray | None = None
+    unit: str = ""
+    by_pose: bool = False
+
+    @property
+    def kind(self) -> tuple[str, bool, bool]:
+        """What terms that belong together share: the condition, drive or ladle, and whether by pose."""
+        return self.condition, self.channel.name in DRIVES, self.by_pose
+
+
+def channels(data: FreeResiduals, count: int) -> tuple[list[Channel], list[Channel]]:
+    """Return the measured components in the fixed platform's axes and the drives (none if their columns are missing).
+
+    Args:
+        data: the residuals.
+        count: n, rows of the campaign.
+    """
+    measured = range(6 if data.full_pose else 3)
+    ladle = []
+    for k in measured:
+        same_kind = data.component // 3 == k // 3
+        column = np.where(same_kind, data.axes[data.component % 3, k % 3], 0.0) / data.sigma
+        ladle.append(_channel(data, count, COMPONENTS[k], k >= 3, column))
+    if data.drives is None:
+        return ladle, []
+    return ladle, [_channel(data, count, DRIVES[k], k == 3, data.drives[:, k]) for k in range(4)]
+
+
+def _channel(data: FreeResiduals, count: int, name: str, turning: bool, column: FloatArray) -> Channel:
+    places = (data.row, np.arange(column.size))
+    by_row = scipy.sparse.csr_array((column, places), shape=(count, column.size))
+    return Channel(name, turning, column, by_row, np.unique(data.row[column != 0.0]).size)
+
+
+def terms(given: Conditions, ladle: Sequence[Channel], drives: Sequence[Channel]) -> list[Term]:
+    """Return what can be tested under these conditions; constant and absent conditions have no term.
+
+    Conditions act on the components of the ladle's pose. Sides, turns of a screw, pulls and temperatures of single legs
+    act on the drive too, in proportion to the change of the condition alone: what they do on average is a matter of
+    pose.
+    """
+    n = len(given)
+    found: list[Term] = []
+    for name, values, unit in _numbers(given):
+        course = _spline(values, n, _TIME_KNOTS if name in ("time", "order of measurement") else _KNOTS)
+        if course is None:
+            continue
+        found += [Term(name, channel, course, values, unit) for channel in ladle]
+        if name in _BY_POSE and n >= _SOME:
+            mixed = course[:, :1] * standardised(np.column_stack([given.position_m, given.tilt_rad]))
+            found += [Term(name, channel, mixed, values, unit, by_pose=True) for channel in ladle]
+    if given.session.max() > 0:
+        found += [Term("session", channel, _centred(separate(given.session))) for channel in ladle]
+    if n >= _SOME:
+        found += [Term(POSE, channel, _pose(given), by_pose=True) for channel in ladle]
+    if drives:
+        found += _of_drives(given, drives)
+    elif given.approach is not None:
+        for k, values in enumerate(given.approach.T):
+            if np.ptp(values) > 0.0:
+                found += [Term(f"side of {DRIVES[k]}", channel, _centred(values[:, None]), values) for channel in ladle]
+    return found
+
+
+def untested(given: Conditions) -> tuple[str, ...]:
+    """Return the conditions that the campaign does not have or did not vary."""
+    tables: list[tuple[str, FloatArray | None]] = [
+        ("load", given.weight_n),
+        ("truss travel", given.truss_travel_m),
+        ("melt temperature", given.melt_rise_k),
+        ("hall temperature", given.ambient_rise_k),
+        ("leg temperatures", given.leg_rise_k),
+        ("platform temperature", given.platform_rise_k),
+        ("side of approach", given.approach),
+        ("time", given.time_s if given.time_known else None),
+    ]
+    return tuple(name for name, v in tables if v is None or not _varies(v.reshape(len(given), -1)[:, 0]))
+
+
+def _varies(values: FloatArray) -> bool:
+    return bool(np.ptp(values) > 1e-9 * (1.0 + np.abs(values).max()))
+
+
+def _numbers(given: Conditions) -> Iterator[tuple[str, FloatArray, str]]:
+    """Yield conditions that are one number a row, in the user's unit."""
+    hours = (given.time_s - given.time_s.min()) / 3600.0
+    yield ("time", hours, "h") if given.time_known else ("order of measurement", given.time_s, "")
+    if given.weight_n is not None:
+        yield "load", given.weight_n / GRAVITY_M_S2, "kg"
+    if given.truss_travel_m is not None:
+        yield "truss travel", given.truss_travel_m, "m"
+    named = [("melt", given.melt_rise_k), ("hall", given.ambient_rise_k), ("platform", given.platform_rise_k)]
+    if given.leg_rise_k is not None:
+        named += [(f"leg {k + 1}", column) for k, column in enumerate(given.leg_rise_k.T)]
+    for name, values in named:
+        if values is not None:
+            yield f"{name} temperature", values, "K above reference"
+
+
+def _of_drives(given: Conditions, drives: Sequence[Channel]) -> Iterator[Term]:
+    """Yield what may act through one drive alone."""
+    n = len(given)
+    for k, channel in enumerate(drives):
+        if given.approach is not None and np.ptp(given.approach[:, k]) > 0.0:
+            values = given.approach[:, k]
+            yield Term(f"side of {channel.name}", channel, _centred(values[:, None]), values)
+        own = _spline(given.drives[:, k], n)
+        if own is not None and n >= _SOME:
+            yield Term(f"{'angle' if k == 3 else 'length'} of {channel.name}", channel, own, by_pose=True)
+        if k < 3 and given.screw_pitch_m is not None and n >= _SOME:
+            turn = 2.0 * np.pi * given.drives[:, k] / given.screw_pitch_m
+            yield Term(f"turn of {channel.name}", channel, _waves(turn))
+        if k < 3 and given.leg_rise_k is not None and _varies(given.leg_rise_k[:, k]):
+            rise = given.leg_rise_k[:, k]
+            course = ((rise - rise.mean()) * given.lengths_m[:, k])[:, None]
+            yield Term(f"leg {k + 1} temperature", channel, course, rise, "K above reference")
+    if given.weight_n is None or not _varies(given.weight_n):
+        return
+    share = 1.0 - given.weight_n.mean() / given.weight_n
+    forces = [] if given.leg_pull_n is None else list(given.leg_pull_n.T)
+    forces += [] if given.tilt_moment_nm is None else [given.tilt_moment_nm]
+    for channel, force in zip(drives, forces, strict=False):
+        yield Term("load", channel, (force * share)[:, None], given.weight_n / GRAVITY_M_S2, "kg", by_pose=True)
+
+
+def _centred(course: FloatArray) -> FloatArray:
+    return np.asarray(course - course.mean(axis=0))
+
+
+def _waves(angle: FloatArray) -> FloatArray:
+    parts: list[Callable[[FloatArray], FloatArray]] = [np.cos, np.sin]
+    return _centred(np.column_stack([f(k * angle) for k in (1, 2) for f in parts]))
+
+
+def _spline(values: FloatArray, n: int, inner: tuple[float, ...] = _KNOTS) -> FloatArray | None:
+    """Return a line first, then what bends: cubic splines, with few rows or values a parabola."""
+    if not _varies(values):
+        return None
+    line = standardised(values)
+    distinct = np.unique(np.round(line, 6)).size
+    if distinct == 2 or n < _SOME:
+        return np.asarray(line[:, None])
+    if n < _MANY or distinct < 8:
+        return _centred(np.column_stack([line, line**2]))
+    places = np.quantile(values, [0.0, *inner, 1.0])
+    if (np.diff(places) <= 0.0).any():
+        return _centred(np.column_stack([line, line**2]))
+    knots = np.concatenate([[places[0]] * 3, places, [places[-1]] * 3])
+    return _centred(np.column_stack([line, BSpline.design_matrix(values, knots, 3).toarray()[:, 1:-1]]))
+
+
+def _pose(given: Conditions) -> FloatArray:
+    """Return all products of two of x, y, z and tilt, with lines and a constant; tilt goes to its third power."""
+    pose = standardised(np.column_stack([given.position_m, given.tilt_rad]))
+    columns = [np.ones((len(given), 1)), pose]
+    if len(given) >= _MANY:
+        first, second = np.triu_indices(4)
+        columns += [pose[:, first] * pose[:, second], pose[:, 3:] ** 3]
+    return np.hstack(columns)

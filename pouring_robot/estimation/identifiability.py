@@ -1,0 +1,206 @@
+r"""Base parameters: which combinations of the unknowns the measurements determine, and which they never can.
+
+Columns of the whitened regressor W that depend on each other move the ladle alike at every measured pose; only a
+combination of them can be identified. QR with column pivoting, :math:`W P = Q [R_1 R_2; 0\ 0]`, splits them into base
+columns and dependent ones, :math:`W_d = W_b R_1^{-1} R_2` (Gautier, *Numerical calculation of the base inertial
+parameters of robots*, J. Robotic Systems 8, 1991; Gautier & Khalil, IEEE T-RA 6, 1990). How well the base is determined
+is said by the observability indices O1 to O5 of Hollerbach & Wampler (*The calibration index and taxonomy for robot
+kinematic calibration methods*, IJRR 15, 1996) and Sun & Hollerbach (ICRA 2008).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.arrays import FloatArray
+
+RANK_TOLERANCE = 1e-9
+"""Below it, round-off of an exact zero: of a column's length against the longest (per metre and per radian), and of
+a singular value against the largest, columns scaled to unit length. Solving for G magnifies round-off of 2e-16 by the
+closure's condition: analytic zeros come out at up to 2e-11 on the drawing, the least true column at 2e-2 and the least
+true singular value at 1e-6, so that the threshold lies in a gap of four decades and more (a test holds it there)."""
+_NO_SHARE = 1e-6
+
+
+@dataclass(frozen=True)
+class DependentGroup:
+    """Unknowns that are tied together: fewer combinations of them can be identified than there are members.
+
+    Attributes:
+        members: their names.
+        combinations: what can be identified: for each base member, every member's share in it per unit.
+        hidden: number of directions that no measurement of these poses shows.
+    """
+
+    members: tuple[str, ...]
+    combinations: tuple[dict[str, float], ...]
+    hidden: int
+
+    def texts(self) -> tuple[str, ...]:
+        """Return each identifiable combination as a line: ``leg1_s1.tx + 0.5 leg1_s2.tx``."""
+        return tuple(combination_text(combination) for combination in self.combinations)
+
+
+def combination_text(combination: dict[str, float]) -> str:
+    """Return a combination as a line: ``leg1_s1.tx + 0.5 leg1_s2.tx``."""
+    terms = []
+    for k, (name, share) in enumerate(combination.items()):
+        sign = ("- " if share < 0.0 else "+ ") if k else ("-" if share < 0.0 else "")
+        size = "" if abs(abs(share) - 1.0) < 1e-9 else f"{abs(share):.4g} "
+        terms.append(f"{sign}{size}{name}")
+    return " ".join(terms)
+
+
+@dataclass(frozen=True, eq=False)
+class BaseParameters:
+    """What a regressor can tell.
+
+    Attributes:
+        names: of its columns.
+        rank: number of combinations that are determined.
+        null_space: orthonormal basis of the directions that nothing shows, in scaled columns, shape (K, K - rank).
+        scale: lengths of the columns; 1 for columns that are zero; shape (K,).
+        singular: singular values of the columns scaled to unit length, shape (K,).
+        base: names of the columns kept by pivoting; the others depend on them.
+        groups: unknowns tied together.
+        unseen: columns that are zero: no measurement changes with them.
+    """
+
+    names: tuple[str, ...]
+    rank: int
+    null_space: FloatArray
+    scale: FloatArray
+    singular: FloatArray
+    base: tuple[str, ...]
+    groups: tuple[DependentGroup, ...]
+    unseen: tuple[str, ...]
+
+    @property
+    def deficient(self) -> bool:
+        """Whether some direction cannot be determined."""
+        return self.rank < len(self.names)
+
+    @property
+    def physical_null_space(self) -> FloatArray:
+        """The directions that nothing shows in the unknowns' own units, orthonormal, shape (K, K - rank)."""
+        if self.null_space.shape[1] == 0:
+            return self.null_space
+        return np.asarray(np.linalg.qr(self.null_space / self.scale[:, None])[0])
+
+
+def base_parameters(
+    matrix: FloatArray, names: Sequence[str], tolerance: float = RANK_TOLERANCE, lead: Sequence[str] = ()
+) -> BaseParameters:
+    """Split the columns of a regressor.
+
+    Args:
+        matrix: whitened regressor, shape (m, K); see :func:`~pouring_robot.estimation.residuals.regressor`.
+        names: of the columns.
+        tolerance: of zero columns and of the rank; see :data:`RANK_TOLERANCE`.
+        lead: names that are to stand for their group where there is a choice; the frames, say.
+
+    Raises:
+        BadInputError: the shapes do not fit or the matrix is not finite.
+    """
+    names = tuple(names)
+    if matrix.ndim != 2 or matrix.shape[1] != len(names) or not np.isfinite(matrix).all():
+        raise BadInputError(f"a regressor needs shape (m, {len(names)}) and finite entries, not {matrix.shape}")
+    lengths = np.linalg.norm(matrix, axis=0)
+    seen = lengths > tolerance * max(float(lengths.max(initial=0.0)), np.finfo(float).tiny)
+    scale = np.where(seen, lengths, 1.0)
+    # QR first: from here on m no longer counts. Columns that are zero stay zero exactly.
+    compact = np.asarray(np.linalg.qr(np.where(seen, matrix / scale, 0.0), mode="r"), dtype=np.float64)
+    _, singular, right = np.linalg.svd(compact, full_matrices=True)
+    singular = np.r_[singular, np.zeros(len(names) - singular.size)]
+    rank = int((singular > tolerance * singular[0]).sum()) if seen.any() else 0
+    order = _order(compact, names, lead, rank)
+    kept, dependent = order[:rank], order[rank:]
+    shares: FloatArray = np.zeros((rank, dependent.size))
+    if rank:
+        shares = np.asarray(np.linalg.lstsq(compact[:, kept], compact[:, dependent], rcond=None)[0], dtype=np.float64)
+    groups = _groups(names, kept, dependent, shares, scale)
+    return BaseParameters(
+        names,
+        rank,
+        np.asarray(right[rank:].T),
+        scale,
+        singular,
+        tuple(names[k] for k in sorted(kept.tolist())),
+        groups,
+        tuple(names[k] for k in np.flatnonzero(~seen)),
+    )
+
+
+def robot_combinations(base: BaseParameters, frames: Sequence[str]) -> list[dict[str, float]]:
+    """Return the identifiable combinations without the outer frames; base columns that lead no group stand alone.
+
+    Args:
+        base: split with the frames leading.
+        frames: names of the frames' unknowns.
+    """
+    tied = [combination for group in base.groups for combination in group.combinations]
+    members = {name for group in base.groups for name in group.members}
+    alone = [{name: 1.0} for name in base.base if name not in members]
+    return [combination for combination in (*tied, *alone) if not set(frames) & set(combination)]
+
+
+def _order(compact: FloatArray, names: tuple[str, ...], lead: Sequence[str], rank: int) -> np.ndarray:
+    """Return the columns, those of the base first: the leading names as far as they are independent, then by pivots."""
+    weight = np.array([1e3 if name in set(lead) else 1.0 for name in names])
+    _, _, order = scipy.linalg.qr(compact * weight, mode="economic", pivoting=True)
+    return np.asarray(order) if rank else np.arange(len(names))
+
+
+def _groups(
+    names: tuple[str, ...], kept: np.ndarray, dependent: np.ndarray, shares: FloatArray, scale: FloatArray
+) -> tuple[DependentGroup, ...]:
+    """Return the connected parts: a dependent column ties together all base columns it is a combination of."""
+    tied = np.abs(shares) > _NO_SHARE
+    parts: list[tuple[set[int], set[int]]] = []
+    for column in range(dependent.size):
+        base = set(np.flatnonzero(tied[:, column]).tolist())
+        if not base:
+            continue
+        members = {column}
+        for part in [part for part in parts if part[0] & base]:
+            parts.remove(part)
+            base, members = base | part[0], members | part[1]
+        parts.append((base, members))
+    groups = []
+    for base, members in parts:
+        combinations = []
+        for b in sorted(base, key=lambda b: int(kept[b])):
+            combination = {names[kept[b]]: 1.0}
+            for d in sorted(members, key=lambda d: int(dependent[d])):
+                if tied[b, d]:
+                    combination[names[dependent[d]]] = float(shares[b, d] * scale[dependent[d]] / scale[kept[b]])
+            combinations.append(combination)
+        every = sorted([*(int(kept[b]) for b in base), *(int(dependent[d]) for d in members)])
+        groups.append(DependentGroup(tuple(names[k] for k in every), tuple(combinations), len(members)))
+    return tuple(sorted(groups, key=lambda group: names.index(group.members[0])))
+
+
+def observability(singular: FloatArray, rows: int) -> dict[str, float]:
+    """Return the observability indices O1 to O5 of the determined directions; larger is better.
+
+    Args:
+        singular: their singular values, shape (r,), largest first.
+        rows: number of poses.
+
+    O1 = (Π σ)^(1/r) / √n, O2 = σ_min/σ_max, O3 = σ_min, O4 = σ_min²/σ_max, O5 = 1 / Σ(1/σ).
+    """
+    if singular.size == 0:
+        return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
+    largest, least = float(singular[0]), float(singular[-1])
+    return {
+        "O1": float(np.exp(np.log(singular).mean()) / np.sqrt(rows)),
+        "O2": least / largest,
+        "O3": least,
+        "O4": least**2 / largest,
+        "O5": float(1.0 / (1.0 / singular).sum()),
+    }

@@ -1,0 +1,146 @@
+"""The noise of a campaign: as stated, or from repeats of a pose, or from what a fit leaves over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pouring_robot.campaign.data import Campaign
+from pouring_robot.estimation.measurement import ModelledRows, Unknowns
+from pouring_robot.estimation.residuals import MeasuredPoses
+from pouring_robot.estimation.solver import Fit, FitOptions, identify
+from pouring_robot.mechanism.arrays import FloatArray
+
+Source = Literal["stated", "repeats", "residuals", "none"]
+_FEWEST_FREEDOMS = 12
+_SAME_DRIVE = 1e-6  # m or rad: the last digit of a campaign file
+_LEAST = 1e-9
+_FIRST_GUESS_M, _FIRST_GUESS_RAD = 1e-3, 1e-3
+
+
+@dataclass(frozen=True)
+class NoiseLevel:
+    """Standard deviations of one measured component.
+
+    Attributes:
+        position_m: of a coordinate, in m.
+        rotation_rad: of a rotation component, in rad.
+        position_source: where the figure comes from; ``none``: nothing of it was measured.
+        rotation_source: the same for rotations.
+    """
+
+    position_m: float
+    rotation_rad: float
+    position_source: Source
+    rotation_source: Source
+
+    @property
+    def from_residuals(self) -> bool:
+        """Whether a figure is what the fit left over, so that it cannot serve to judge the fit."""
+        return "residuals" in (self.position_source, self.rotation_source)
+
+
+def repeats(campaign: Campaign, rows: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """Return the rows that were commanded alike, in the same session and from the same side: groups of two or more."""
+    drives = np.round(campaign.drives[rows] / _SAME_DRIVE).astype(np.int64)
+    approach = np.zeros((rows.size, 4)) if campaign.approach is None else np.nan_to_num(campaign.approach[rows])
+    groups: dict[tuple[object, ...], list[int]] = {}
+    for k, row in enumerate(rows.tolist()):
+        key = (campaign.sessions[row], *drives[k].tolist(), *approach[k].tolist())
+        groups.setdefault(key, []).append(row)
+    return [np.array(members, dtype=np.intp) for members in groups.values() if len(members) > 1]
+
+
+def repeat_noise(measured: MeasuredPoses, groups: list[NDArray[np.intp]]) -> tuple[float | None, float | None]:
+    """Return the scatter of repeats about their means, in m and rad; None with fewer than 12 differences.
+
+    Args:
+        measured: all rows of the campaign.
+        groups: rows commanded alike.
+    """
+    sums, freedoms = np.zeros(2), np.zeros(2)
+    for rows in groups:
+        position = measured.position_m[rows]
+        counts = np.isfinite(position).sum(axis=0)
+        for k in np.flatnonzero(counts > 1):
+            values = position[np.isfinite(position[:, k]), k]
+            sums[0] += float(((values - values.mean()) ** 2).sum())
+            freedoms[0] += values.size - 1
+        turned = measured.rotation[rows][np.isfinite(measured.rotation[rows]).all(axis=(1, 2))]
+        if len(turned) > 1:
+            stack = Rotation.from_matrix(turned)
+            sums[1] += float(((stack * stack.mean().inv()).as_rotvec() ** 2).sum())
+            freedoms[1] += 3 * (len(turned) - 1)
+    found = [
+        float(np.sqrt(total / freedom)) if freedom >= _FEWEST_FREEDOMS and total > 0.0 else None
+        for total, freedom in zip(sums, freedoms, strict=True)
+    ]
+    return found[0], found[1]
+
+
+def stated_noise(campaign: Campaign, rows: NDArray[np.intp]) -> NoiseLevel:
+    """Return the noise that metadata or repeats tell; ``residuals`` with a first guess where neither does.
+
+    Args:
+        campaign: the data.
+        rows: the rows that may be looked at.
+    """
+    blank = MeasuredPoses.from_campaign(campaign, 1.0, 1.0)
+    from_repeats = repeat_noise(blank, repeats(campaign, rows))
+    metadata = campaign.metadata
+    chosen: list[tuple[float, Source]] = []
+    for given, seen, guess in (
+        (metadata.sigma_position_m, from_repeats[0], _FIRST_GUESS_M),
+        (metadata.sigma_rotation_rad, from_repeats[1], _FIRST_GUESS_RAD),
+    ):
+        if given is not None:
+            chosen.append((given, "stated"))
+        elif seen is not None:
+            chosen.append((seen, "repeats"))
+        else:
+            chosen.append((guess, "residuals"))
+    if not campaign.rotation_measured.any():
+        chosen[1] = (chosen[1][0], "none")
+    (position, position_source), (rotation, rotation_source) = chosen
+    return NoiseLevel(position, rotation, position_source, rotation_source)
+
+
+def fit_with_noise(
+    rows: ModelledRows,
+    measured: MeasuredPoses,
+    start: Unknowns,
+    prior_std: FloatArray,
+    noise: NoiseLevel,
+    options: FitOptions | None = None,
+) -> tuple[Fit, NoiseLevel]:
+    """Identify, and where the noise is unknown take it from what is left over, until both agree within 1 %.
+
+    The residuals of n equations with p unknowns spent on them have the variance σ² (n - p) / n.
+
+    Raises:
+        CalibrationError: as :func:`~pouring_robot.estimation.solver.identify`.
+    """
+    fit = identify(rows, measured.with_noise(noise.position_m, noise.rotation_rad), start, prior_std, options)
+    evaluations = fit.evaluations
+    for _ in range(12 if noise.from_residuals else 0):
+        factors = [_factor(fit, rotation=False), _factor(fit, rotation=True)]
+        position = noise.position_m * (factors[0] if noise.position_source == "residuals" else 1.0)
+        rotation = noise.rotation_rad * (factors[1] if noise.rotation_source == "residuals" else 1.0)
+        settled = max(abs(position / noise.position_m - 1.0), abs(rotation / noise.rotation_rad - 1.0)) < 0.01
+        noise = replace(noise, position_m=max(position, _LEAST), rotation_rad=max(rotation, _LEAST))
+        if settled:
+            break
+        seen = measured.with_noise(noise.position_m, noise.rotation_rad)
+        fit = identify(rows, seen, fit.unknowns, prior_std, options)
+        evaluations += fit.evaluations
+    return replace(fit, evaluations=evaluations), noise
+
+
+def _factor(fit: Fit, rotation: bool) -> float:
+    """Return the noise the residuals show over the one assumed."""
+    freedom = fit.freedom(rotation)
+    return float(np.sqrt(fit.chi_square(rotation) / freedom)) if freedom > 1.0 else 1.0

@@ -1,0 +1,256 @@
+"""Levenberg-Marquardt for curved valleys, on iteratively reweighted equations with the analytic Jacobian.
+
+Every variable is counted in its prior's standard deviation, so the prior is the unit matrix. Axis errors act on each
+other, and a pose the drawing does not show at first order moves at second: along combinations that the data hold
+loosely the cost is a curved valley, where plain Gauss-Newton creeps. Four things help, in this order: a correction
+that leads a step back to the valley's floor, steps lengthened by how the last ones shrank, damping in the measure of
+the tolerances (which shortens steps along the valley and leaves the others), and, where that is not enough, second
+derivatives measured along the loose combinations only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from pouring_robot.estimation.measurement import FRAMES, ModelledRows, Prediction, Unknowns
+from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations, whiten
+from pouring_robot.estimation.robust import Loss, robust_terms, scatter
+from pouring_robot.exceptions import BadInputError, CalibrationError
+from pouring_robot.mechanism.arrays import FloatArray
+
+_FEWEST_ROWS = 6
+# From which step length on (standard deviations of the answer) steps are lengthened, and by how much at most.
+_LATE, _LONGEST_STRIDE = 10.0, 5.0
+# After so many evaluations without an answer second derivatives are measured if steps are short (standard deviations
+# of the answer), and again after as many more.
+_PATIENCE, _NEAR = 12, 5.0
+_AS_EXPECTED = 0.25  # share of the expected gain below which a step has left the valley
+# Along combinations that the data hold this much firmer than the tolerances, second derivatives do not count.
+_FIRM = 100.0
+# A search that ends at its limit is of use if its last step is no longer than this (standard deviations).
+_USABLE = 1.0
+_NUDGE, _LEAST_CURVATURE = 0.02, 0.3
+# Damping is counted in priors: 1 holds a step as firmly as the tolerances do.
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1.0, 0.1, 1e16
+_HARDER, _SOFTER = 4.0, 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A point that was tried, and its cost."""
+
+    unknowns: Unknowns
+    prediction: Prediction
+    equations: WhitenedEquations
+    cost: float
+
+
+class Search:
+    """The state is the best point so far, in the normal equations of prior-scaled variables.
+
+    Args:
+        rows: what was commanded.
+        measured: what was seen.
+        start: where to begin.
+        prior_std: of all unknowns, shape (12 + P,), in m and rad.
+        loss: the robust loss.
+
+    Raises:
+        CalibrationError: too few rows can be used.
+    """
+
+    def __init__(
+        self, rows: ModelledRows, measured: MeasuredPoses, start: Unknowns, prior_std: FloatArray, loss: Loss
+    ) -> None:
+        """Predict all rows at the start."""
+        self.rows, self.measured, self.prior_std, self.loss = rows, measured, prior_std, loss
+        self.evaluations = 0
+        prediction = self._predict(start)
+        equations = whiten(measured, prediction)
+        self.failed = equations.failed
+        used = np.unique(equations.rows).size
+        if equations.rows.size <= FRAMES or used < _FEWEST_ROWS:
+            raise CalibrationError(
+                f"only {used} of {len(rows)} rows can be used ({self.failed.size} do not close)",
+                "measure more poses, or check drive values and model file",
+            )
+        self.second: FloatArray | None = None
+        self.second_evaluations = 0
+        self._take(start, prediction)
+
+    def run(self, tolerance: float, most_evaluations: int) -> float:
+        """Search, and return the length of the step not taken any more, in standard deviations of the answer.
+
+        Args:
+            tolerance: the search ends when a step is shorter.
+            most_evaluations: how many times all rows may be predicted.
+
+        Raises:
+            CalibrationError: the search ends far from an answer.
+        """
+        damping, patience = 0.0, _PATIENCE  # the problem is nearly linear: Gauss-Newton until a step fails
+        stride, last = 1.0, np.zeros_like(self.gradient)
+        while True:
+            if self.evaluations >= patience and self.length(self.step(0.0)) < _NEAR:
+                self.measure_second()
+                damping, stride, last = 0.0, 1.0, np.zeros_like(last)
+                patience = self.evaluations + _PATIENCE
+            step = self.step(damping)
+            stride = self.stride(step, last, stride) if damping == 0.0 else 1.0
+            length = self.length(step)
+            if length < tolerance and damping == 0.0:
+                return length
+            if self.evaluations >= most_evaluations or damping > _MOST_DAMPING:
+                return self._usable(length)
+            if self.try_step(stride * step):
+                last = step
+                damping = damping * _SOFTER if damping > _LEAST_DAMPING else 0.0
+            elif length < tolerance:
+                return length  # what is left is round-off of the closure
+            elif stride != 1.0:
+                stride, last = 1.0, np.zeros_like(step)
+            else:
+                if self._curved is None:
+                    self.second = None  # measured elsewhere
+                damping = max(damping * _HARDER, _FIRST_DAMPING)
+
+    def _usable(self, length: float) -> float:
+        if length <= _USABLE:
+            return length
+        raise CalibrationError(
+            f"the fit does not converge in {self.evaluations} evaluations (last step {length:.1e} standard deviations)",
+            "check the campaign with `pouring-robot campaign check`, or identify fewer parameters",
+        )
+
+    def _predict(self, unknowns: Unknowns) -> Prediction:
+        self.evaluations += 1
+        return self.rows.predict(unknowns)
+
+    def _cost(self, unknowns: Unknowns, equations: WhitenedEquations) -> float:
+        cost, _ = robust_terms(equations, self.loss, self.widened)
+        return cost + float(((unknowns.values / self.prior_std) ** 2).sum())
+
+    def _take(self, unknowns: Unknowns, prediction: Prediction) -> None:
+        self.unknowns = unknowns
+        self.prediction = self.rows.differentiate(unknowns, prediction)
+        self.equations = whiten(self.measured, self.prediction)
+        if self.equations.jacobian is None:
+            raise BadInputError("a linearised prediction holds its Jacobian")
+        self.widened = scatter(self.equations)
+        self.cost = self._cost(unknowns, self.equations)
+        _, self.weights = robust_terms(self.equations, self.loss, self.widened)
+        self.scaled = self.equations.jacobian * self.prior_std
+        weighted = np.sqrt(self.weights)[:, None] * self.scaled
+        place = unknowns.values / self.prior_std
+        self.gradient = weighted.T @ (np.sqrt(self.weights) * self.equations.residual) + place
+        # The Hessian is its square. Orthogonal, since squares would drown the prior's 1 in the round-off of exact data.
+        self.triangle = _triangle(weighted, np.eye(place.size))
+        self._curved: FloatArray | None = None
+
+    def step(self, damping: float) -> FloatArray:
+        """Return the damped step in standard deviations of the prior."""
+        factor = self._factor()
+        if damping > 0.0:
+            # Products of errors bend the valley, so what must stay short is a step in the tolerances' measure, where
+            # loose combinations go far; firm ones are hardly damped.
+            factor = _triangle(factor, np.sqrt(damping) * np.eye(len(factor)))
+        return -_solve(factor, self.gradient)
+
+    def _factor(self) -> FloatArray:
+        """Return an upper triangle whose square is the Hessian, measured second derivatives included."""
+        if self.second is not None:
+            try:
+                return np.asarray(scipy.linalg.cholesky(self.triangle.T @ self.triangle + self.second))
+            except np.linalg.LinAlgError:
+                self.second = None  # measured elsewhere: here they would make a saddle of the valley
+        return self.triangle
+
+    def try_step(self, step: FloatArray) -> bool:
+        """Go a step if that lowers the cost; widen the bound by what is left there.
+
+        The valley of the cost is curved where errors act by their products. Where a step leaves it, a second one with
+        the same Jacobian leads back to its floor (second-order correction), and both together are the step.
+        """
+        trial = self._trial(step)
+        if trial is not None and trial.cost > self.cost - _AS_EXPECTED * self.length(step) ** 2:
+            _, weights = robust_terms(trial.equations, self.loss, self.widened)
+            left = self.scaled.T @ (weights * trial.equations.residual) + trial.unknowns.values / self.prior_std
+            better = self._trial(step - _solve(self._factor(), left))
+            trial = better if better is not None and better.cost < trial.cost else trial
+        if trial is None or not trial.cost <= self.cost * (1.0 + 1e-10):
+            return False
+        self._take(trial.unknowns, trial.prediction)
+        return True
+
+    def _trial(self, step: FloatArray) -> Trial | None:
+        """Return what a step leads to; None where it bends the robot so far that rows which closed do not."""
+        unknowns = self.unknowns.at(self.unknowns.values + self.prior_std * step)
+        prediction = self._predict(unknowns)
+        equations = whiten(self.measured, prediction)
+        if equations.rows.size < self.weights.size:
+            return None
+        return Trial(unknowns, prediction, equations, self._cost(unknowns, equations))
+
+    def length(self, step: FloatArray) -> float:
+        """Return a step's length in standard deviations of the answer, as the scatter of the rows has them."""
+        return float(np.linalg.norm(self.triangle @ step)) / self.widened
+
+    def measure_second(self) -> None:
+        """Measure the second derivatives Σ r ∂²r that Gauss-Newton leaves out, where they count.
+
+        Errors that act by their products bend the valley of the cost; along combinations that tolerances alone hold
+        (weak axes of the Hessian) that is as much as the Hessian itself. There the Jacobian is taken a nudge aside.
+        """
+        _, singular, right = np.linalg.svd(self.triangle)
+        weak = singular**2 < _FIRM
+        axes, firmness = right[weak].T, singular[weak] ** 2
+        pull = self.weights * self.equations.residual
+        change = np.zeros_like(axes)
+        for k, axis in enumerate(axes.T):
+            nudge = _NUDGE / float(np.abs(axis).max())
+            aside = self.unknowns.at(self.unknowns.values + nudge * self.prior_std * axis)
+            jacobian = whiten(self.measured, self.rows.linearise(aside)).jacobian
+            self.second_evaluations += 1
+            if jacobian is not None and jacobian.shape == self.scaled.shape:
+                change[:, k] = (jacobian * self.prior_std - self.scaled).T @ pull / nudge
+        block = axes.T @ change
+        curvature, turn = np.linalg.eigh(np.diag(firmness) + 0.5 * (block + block.T))
+        curvature = np.maximum(np.abs(curvature), _LEAST_CURVATURE)  # a saddle is left along it, not sought
+        principal = axes @ turn
+        self.second = (principal * curvature) @ principal.T - (axes * firmness) @ axes.T
+        firm = self.triangle - (self.triangle @ axes) @ axes.T
+        self._curved = _triangle(firm, (principal * np.sqrt(curvature)).T)
+
+    def stride(self, step: FloatArray, last: FloatArray, stride: float) -> float:
+        """Return by how much to lengthen a step.
+
+        Gauss-Newton leaves out second derivatives, so that near the answer steps shrink by a steady ratio r. Were all
+        of one direction, a step longer by 1 / (1 - r) would end there (Aitken).
+        """
+        before, now = self.triangle @ last, self.triangle @ step
+        size = float(before @ before)
+        if size == 0.0 or self.length(step) > _LATE:
+            return 1.0
+        ratio = float(now @ before) / size
+        return float(np.clip(stride / max(1.0 - ratio, 1e-3), 0.5, _LONGEST_STRIDE))
+
+    def covariance(self) -> FloatArray:
+        """Return the covariance of all unknowns, in m and rad; with second derivatives if they were measured here."""
+        factor = self.triangle if self._curved is None else self._curved
+        inverse = scipy.linalg.solve_triangular(factor, np.eye(len(self.gradient)))
+        return np.asarray(self.prior_std[:, None] * (inverse @ inverse.T) * self.prior_std)
+
+
+def _triangle(upper: FloatArray, lower: FloatArray) -> FloatArray:
+    """Return the upper triangle whose square is the sum of two matrices' squares (A.T @ A)."""
+    return np.asarray(scipy.linalg.qr(np.vstack([upper, lower]), mode="r", overwrite_a=True, check_finite=False)[0])[
+        : upper.shape[1]
+    ]
+
+
+def _solve(factor: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve factor.T @ factor @ x = right."""
+    return np.asarray(scipy.linalg.cho_solve((factor, False), right))

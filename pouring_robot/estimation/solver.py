@@ -1,0 +1,151 @@
+r"""Identification: the most probable unknowns given the measurements and the tolerances (MAP).
+
+Minimised is
+
+.. math:: \sum_b \rho(s_b) + \sum_k (x_k / \sigma_k)^2, \quad s_b^2 = \sum_{c \in b} (r_c / \sigma_c)^2
+
+where a block b is the position or the rotation of one row: one slip spoils all three coordinates. The robust loss is
+quadratic up to the bound that 99 % of sound blocks keep, widened while the median block is larger than noise makes it
+(far from the answer, or where the model lacks something). How it is searched: :mod:`pouring_robot.estimation.search`.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pouring_robot.estimation.measurement import ModelledRows, Prediction, Unknowns
+from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations
+from pouring_robot.estimation.robust import Loss
+from pouring_robot.estimation.search import Search
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """How to search.
+
+    Attributes:
+        loss: ``huber``, ``soft_l1`` or ``linear`` (no robustness).
+        max_evaluations: how many times all rows may be predicted.
+        step_tolerance: the search ends when a step is shorter than this in standard deviations of the answer.
+        curvature: whether the covariance takes second derivatives into account; about a prediction a parameter more.
+    """
+
+    loss: Loss = "huber"
+    max_evaluations: int = 200
+    step_tolerance: float = 0.03
+    curvature: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """What was found.
+
+    Attributes:
+        unknowns: the most probable values.
+        covariance: of all unknowns given data and tolerances, shape (12 + P, 12 + P), in m and rad.
+        prior_std: shape (12 + P,), in m and rad.
+        equations: whitened residuals and Jacobian at the answer.
+        weights: of each equation by the robust loss, shape (m,).
+        prediction: of all rows at the answer.
+        evaluations: how many times all rows were predicted in the search.
+        second_evaluations: how many times they were to measure second derivatives; 0 where the search did without.
+        cost: the minimum.
+        failed: rows that were measured but do not close; they took no part.
+        last_step: length of the step not taken any more, in standard deviations of the answer.
+        converged: whether that is below the tolerance; else the search ended at its limit.
+    """
+
+    unknowns: Unknowns
+    covariance: FloatArray
+    prior_std: FloatArray
+    equations: WhitenedEquations
+    weights: FloatArray
+    prediction: Prediction
+    evaluations: int
+    second_evaluations: int
+    cost: float
+    failed: NDArray[np.intp]
+    last_step: float
+    converged: bool
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviations of all unknowns, shape (12 + P,), in m and rad."""
+        return np.asarray(np.sqrt(np.diagonal(self.covariance)))
+
+    @property
+    def learnt(self) -> FloatArray:
+        """Share of each unknown's prior variance that the data took away, shape (12 + P,), 0 to 1."""
+        return np.asarray(1.0 - np.diagonal(self.covariance) / self.prior_std**2)
+
+    @functools.cached_property
+    def leverage(self) -> FloatArray:
+        """Share of each equation that the fit used up, shape (m,): diagonal of the hat matrix."""
+        if self.equations.jacobian is None:
+            raise BadInputError("a fit holds its Jacobian")
+        rows = self.equations.jacobian
+        return np.asarray(((rows @ self.covariance) * rows).sum(axis=1) * self.weights)
+
+    def freedom(self, rotation: bool | None = None) -> float:
+        """Return the equations left over for the noise: all, or those of positions or rotations only."""
+        chosen = self._chosen(rotation)
+        return float((self.weights - self.leverage)[chosen].sum())
+
+    def chi_square(self, rotation: bool | None = None) -> float:
+        """Return the weighted sum of squared whitened residuals: of all, or of positions or rotations only."""
+        chosen = self._chosen(rotation)
+        return float((self.weights * self.equations.residual**2)[chosen].sum())
+
+    def _chosen(self, rotation: bool | None) -> NDArray[np.bool_]:
+        if rotation is None:
+            return np.ones(len(self.weights), dtype=bool)
+        return np.asarray((self.equations.components >= 3) == rotation)
+
+
+def identify(
+    rows: ModelledRows,
+    measured: MeasuredPoses,
+    start: Unknowns,
+    prior_std: FloatArray,
+    options: FitOptions | None = None,
+) -> Fit:
+    """Find the most probable unknowns.
+
+    Args:
+        rows: what was commanded.
+        measured: what was seen.
+        start: frames near the answer (see ``first_frames.first_frames``); prior means are 0.
+        prior_std: of all unknowns, shape (12 + P,), in m and rad.
+        options: loss and limits.
+
+    Raises:
+        CalibrationError: too few rows can be used, or the search ends far from an answer.
+        BadInputError: a shape does not fit.
+    """
+    options = options or FitOptions()
+    if prior_std.shape != start.values.shape or not (np.isfinite(prior_std) & (prior_std > 0.0)).all():
+        raise BadInputError(f"the prior needs {start.values.size} positive standard deviations")
+    search = Search(rows, measured, start, prior_std, options.loss)
+    last_step = search.run(options.step_tolerance, options.max_evaluations)
+    if options.curvature:
+        search.measure_second()
+    return Fit(
+        search.unknowns,
+        search.covariance(),
+        prior_std,
+        search.equations,
+        search.weights,
+        search.prediction,
+        search.evaluations,
+        search.second_evaluations,
+        search.cost,
+        search.failed,
+        last_step,
+        last_step < options.step_tolerance,
+    )

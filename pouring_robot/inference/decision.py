@@ -1,0 +1,243 @@
+"""From what was found to what may be said: verdict, alternatives, probabilities. Nothing here knows the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.special import expit, logsumexp
+
+from pouring_robot.inference.evidence import gain
+from pouring_robot.inference.explanations import Explanation
+from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.remainder import Challenge, Description, Structure, challenge, structures
+from pouring_robot.inference.search import sound
+from pouring_robot.mechanism.arrays import FloatArray
+
+Verdict = Literal["no_gap", "named", "group", "unknown"]
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """When something counts.
+
+    Attributes:
+        structure_evidence: log evidence for structure in the remainder, in nats.
+        structure_size: its least size, in noise standard deviations.
+        structure_share: its least share of the largest named effect: below, it is that effect's form that is not quite
+            the library's.
+        challenge_margin: by how much a description must beat a cause in its place, in nats.
+        hidden: sum of squares, in noise variances, that nobody would see: an effect that leaves no more of another
+            one's part explains it as well.
+        alternative: least probability of an alternative.
+        minor_share: an effect smaller than this share of the largest one, and
+        minor_evidence: worth less than this, in nats, corrects the other's form rather than being a cause of its own.
+        background_evidence: log evidence for small errors where nothing else is found, in nats.
+    """
+
+    structure_evidence: float = 8.0
+    structure_size: float = 0.3
+    structure_share: float = 0.05
+    challenge_margin: float = 8.0
+    hidden: float = 16.0
+    alternative: float = 0.05
+    minor_share: float = 0.12
+    minor_evidence: float = 25.0
+    background_evidence: float = 6.0
+
+
+DEFAULT_THRESHOLDS = Thresholds()
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A named effect.
+
+    Attributes:
+        effect: its id.
+        form: in which form it fits best.
+        indices: of its items in the hypothesis, several where it takes more than one form; none for usual small errors
+            that are all there is.
+        alternatives: effects that these data cannot tell apart from it.
+        probability: that it is at work rather than an alternative or chance.
+        evidence: log evidence of the hypothesis with it against the best one without it, in nats.
+        size: root mean square of its part in the predictions, free unknowns taken out, in noise standard deviations.
+    """
+
+    effect: str
+    form: str
+    indices: tuple[int, ...]
+    alternatives: tuple[str, ...]
+    probability: float
+    evidence: float
+    size: float
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What may be said.
+
+    Attributes:
+        verdict: no_gap, named, group or unknown.
+        causes: named effects, in the order they were added.
+        structures: what structure is left, most evident first.
+        challenges: of each cause, the description that would explain best in its place.
+        reasons: why the verdict is what it is, one line each.
+    """
+
+    verdict: Verdict
+    causes: tuple[Cause, ...]
+    structures: tuple[Structure, ...]
+    challenges: tuple[Challenge, ...]
+    reasons: tuple[str, ...]
+
+
+def judge(
+    hypothesis: Hypothesis, descriptions: Sequence[Description], thresholds: Thresholds = DEFAULT_THRESHOLDS
+) -> Judgement:
+    """Return what may be said of a hypothesis, of the whole problem."""
+    left = structures(hypothesis, descriptions, hypothesis.problem.residual)
+    causes = _without_minor([_cause(hypothesis, effect, thresholds) for effect in _named(hypothesis)], thresholds)
+    challenges = [challenge(hypothesis, cause.indices, descriptions) for cause in causes]
+    reasons = _reasons(hypothesis, causes, challenges, left, thresholds)
+    if not causes and not reasons:
+        small = background_cause(hypothesis, thresholds)
+        causes = [cause for cause in small if cause.effect in hypothesis.problem.known]
+        reasons = [f"small errors like {c.effect} are there, which may not be named" for c in small if c not in causes]
+    verdict: Verdict = "named"
+    if reasons:
+        verdict = "unknown"
+    elif not causes:
+        verdict = "no_gap"
+    elif any(cause.alternatives for cause in causes):
+        verdict = "group"
+    return Judgement(verdict, tuple(causes), tuple(left), tuple(challenges), tuple(reasons))
+
+
+def _reasons(
+    hypothesis: Hypothesis,
+    causes: Sequence[Cause],
+    challenges: Sequence[Challenge],
+    left: Sequence[Structure],
+    thresholds: Thresholds,
+) -> list[str]:
+    largest = max((cause.size for cause in causes), default=0.0)
+    least = max(thresholds.structure_size, thresholds.structure_share * largest)
+    reasons = [
+        f"what is left depends on something no effect explains: {found.description.name} "
+        f"({found.size:.2f} of the noise, log evidence {found.evidence:.0f})"
+        for found in left
+        if found.evidence > thresholds.structure_evidence and found.size > least
+    ][:1]
+    reasons += [
+        f"{cause.effect} is only the nearest of the known effects: '{found.description}' explains better by "
+        f"{found.margin:.0f} nats"
+        for cause, found in zip(causes, challenges, strict=True)
+        if found.margin > thresholds.challenge_margin
+    ]
+    nuisance = [item.effect for item in hypothesis.items if not item.cause]
+    if nuisance and not causes:
+        reasons.append("the gap looks like small errors brought to light by the load, and nothing else is found")
+    return reasons
+
+
+def _named(hypothesis: Hypothesis) -> list[str]:
+    """Return the effects that are named: causes, without what is no more than workmanship leaves beside another one."""
+    large = {
+        item.effect
+        for item, scale in zip(hypothesis.items, hypothesis.scales, strict=True)
+        if item.cause and scale > item.small
+    }
+    causes = [e for e in hypothesis.effects if any(hypothesis.items[k].cause for k in hypothesis.of_effect(e))]
+    return [effect for effect in causes if effect in large or not large]
+
+
+def _without_minor(causes: list[Cause], thresholds: Thresholds) -> list[Cause]:
+    """Leave out causes that are small beside the largest one and hardly evident."""
+    least = thresholds.minor_share * max((cause.size for cause in causes), default=0.0)
+    return [cause for cause in causes if cause.size > least or cause.evidence > thresholds.minor_evidence]
+
+
+def _cause(hypothesis: Hypothesis, effect: str, thresholds: Thresholds) -> Cause:
+    """Return an effect at work as a cause with its alternatives."""
+    indices = hypothesis.of_effect(effect)
+    main = max(indices, key=hypothesis.size)
+    evidence = hypothesis.log_evidence - hypothesis.without_items(indices).log_evidence
+    rivals = _rivals(hypothesis, indices)
+    total = float(logsumexp([0.0, *rivals.values()]))
+    likely = {rival for rival, margin in rivals.items() if np.exp(margin - total) > thresholds.alternative}
+    part = np.sum([hypothesis.part(k) for k in indices], axis=0)
+    same = {e.effect for e in _choices(hypothesis) if _left_of(part, e.columns[:, e.main]) < thresholds.hidden}
+    chance = float(expit(evidence - np.log(len(hypothesis.problem.known))) * np.exp(-total))
+    size = float(np.sqrt(part @ part / max(len(part), 1)))
+    return Cause(effect, hypothesis.items[main].form, indices, tuple(sorted(likely | same)), chance, evidence, size)
+
+
+def _choices(hypothesis: Hypothesis) -> list[Explanation]:
+    return [e for e in hypothesis.problem.explanations if e.cause and e.effect not in hypothesis.effects]
+
+
+def _rivals(hypothesis: Hypothesis, indices: Sequence[int], close: float = 12.0) -> dict[str, float]:
+    """Return by how much other effects in the place of one change the log evidence, best form of each, in nats."""
+    residual, others = hypothesis.problem.residual, hypothesis.others(indices)
+    own = hypothesis.worth(indices)
+    first: dict[str, tuple[float, float, Explanation]] = {}
+    for item in _choices(hypothesis):
+        worth = gain(item.columns, residual, others, item.largest)
+        if item.effect not in first or worth.evidence > first[item.effect][0]:
+            first[item.effect] = (worth.evidence, worth.scale, item)
+    rest = hypothesis.without_items(indices)
+    tried = {
+        effect: rest.with_item(item, scale)
+        for effect, (evidence, scale, item) in first.items()
+        if evidence > own - close
+    }
+    return {
+        effect: other.log_evidence - hypothesis.log_evidence
+        for effect, other in tried.items()
+        if sound(other, len(other.items) - 1)
+    }
+
+
+def _left_of(part: FloatArray, columns: FloatArray) -> float:
+    size = np.linalg.norm(columns, axis=0)
+    if not (size > 0.0).any():
+        return float(part @ part)
+    axes, values, _ = np.linalg.svd(columns[:, size > 0.0] / size[size > 0.0], full_matrices=False)
+    axes = axes[:, values > 1e-9 * values[0]]
+    rest = part - axes @ (axes.T @ part)
+    return float(rest @ rest)
+
+
+def background_cause(hypothesis: Hypothesis, thresholds: Thresholds) -> list[Cause]:
+    """Return the usual small errors as causes, where nothing else is found and the data ask for them.
+
+    Mostly one kind of them explains as well as all; then it is named alone, with the others that do as alternatives.
+    """
+    kinds = [k for k, level in enumerate(hypothesis.levels) if level]
+    without = hypothesis.with_levels_of(()).log_evidence
+    if not kinds or hypothesis.log_evidence - without < thresholds.background_evidence:
+        return []
+    alone = {k: hypothesis.with_levels_of((k,)) for k in kinds}
+    best = max(kinds, key=lambda k: alone[k].log_evidence)
+    if alone[best].log_evidence < hypothesis.log_evidence - thresholds.background_evidence:
+        # It takes several kinds: the one that is missed most is named, the others are there as they usually are.
+        missed = {k: hypothesis.with_levels_of([j for j in kinds if j != k]).log_evidence for k in kinds}
+        return [_small(hypothesis, min(kinds, key=lambda k: missed[k]), without, (), thresholds)]
+    least = alone[best].log_evidence + np.log(thresholds.alternative)
+    close = [k for k in kinds if k != best and alone[k].log_evidence > least]
+    names = tuple(hypothesis.problem.backgrounds[k].effect for k in close)
+    return [_small(alone[best], best, without, names, thresholds)]
+
+
+def _small(
+    hypothesis: Hypothesis, kind: int, without: float, alternatives: tuple[str, ...], thresholds: Thresholds
+) -> Cause:
+    evidence = hypothesis.log_evidence - without
+    part = hypothesis.background_part(kind)
+    size = float(np.sqrt(part @ part / max(len(part), 1)))
+    chance = float(expit(evidence - thresholds.background_evidence)) / (1 + len(alternatives))
+    effect = hypothesis.problem.backgrounds[kind].effect
+    return Cause(effect, "background", (), alternatives, chance, evidence, size)

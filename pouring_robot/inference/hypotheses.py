@@ -1,0 +1,228 @@
+"""A hypothesis: which explanations are at work, at which scale, beside how much of the usual small errors."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pouring_robot.inference.evidence import Gain, Others, gain, posterior
+from pouring_robot.inference.explanations import Explanation, Problem
+from pouring_robot.mechanism.arrays import FloatArray
+
+BACKGROUND_LEVELS = (0.0, 0.5, 1.0, 2.0)
+"""How large usual errors may be against their usual size."""
+_SWEEPS = 3
+_RANK = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """Explanations with their scales, and a level of every background.
+
+    Attributes:
+        problem: what is to be explained.
+        items: the explanations, in the order they were added.
+        scales: one an item.
+        levels: index into :data:`BACKGROUND_LEVELS` for each background.
+    """
+
+    problem: Problem
+    items: tuple[Explanation, ...]
+    scales: tuple[float, ...]
+    levels: tuple[int, ...]
+
+    @classmethod
+    def nothing(cls, problem: Problem) -> Hypothesis:
+        """Return the hypothesis that the model lacks nothing but, perhaps, the usual errors."""
+        return cls(problem, (), (), (0,) * len(problem.backgrounds)).settled()
+
+    @property
+    def keys(self) -> frozenset[tuple[str, str]]:
+        """Effects and forms at work."""
+        return frozenset(item.key for item in self.items)
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Ids of the effects at work, each once, in the order they were added."""
+        return tuple(dict.fromkeys(item.effect for item in self.items))
+
+    def of_effect(self, effect: str) -> tuple[int, ...]:
+        """Return which items are forms of an effect."""
+        return tuple(k for k, item in enumerate(self.items) if item.effect == effect)
+
+    @property
+    def causes(self) -> tuple[Explanation, ...]:
+        """The explanations that may be named."""
+        return tuple(item for item in self.items if item.cause)
+
+    def groups(self, skip: Collection[int] = ()) -> list[FloatArray]:
+        """Return the scaled columns of everything fitted, some items left out if wanted."""
+        levels = [BACKGROUND_LEVELS[k] for k in self.levels]
+        usual = [level * b.columns for level, b in zip(levels, self.problem.backgrounds, strict=True) if level]
+        pairs = enumerate(zip(self.items, self.scales, strict=True))
+        return [*usual, *(s * item.columns for k, (item, s) in pairs if k not in skip)]
+
+    def _beside(self, index: int) -> Others:
+        if index not in self._cache:
+            self._cache[index] = self.others((index,))
+        return self._cache[index]
+
+    @functools.cached_property
+    def _cache(self) -> dict[int, Others]:
+        return {}
+
+    def others(self, skip: Collection[int] = ()) -> Others:
+        """Return the covariance of everything fitted, some items left out if wanted."""
+        return Others(self.groups(skip), len(self.problem.residual))
+
+    @functools.cached_property
+    def everything(self) -> Others:
+        """The covariance of everything fitted."""
+        return self.others()
+
+    @functools.cached_property
+    def log_evidence(self) -> float:
+        """Log evidence, scales averaged, up to a constant of the problem, in nats."""
+        return self._log_likelihood - sum(found.peak - found.evidence for found in self._item_gains)
+
+    @functools.cached_property
+    def _log_likelihood(self) -> float:
+        return -0.5 * (self.misfit() + self.everything.log_determinant)
+
+    @functools.cached_property
+    def _item_gains(self) -> tuple[Gain, ...]:
+        return tuple(self.item_gain(k) for k in range(len(self.items)))
+
+    def item_gain(self, index: int, instead: Explanation | None = None) -> Gain:
+        """Return what an item is worth beside the others, or what another explanation would be in its place."""
+        item = instead or self.items[index]
+        return gain(item.columns, self.problem.residual, self._beside(index), item.largest)
+
+    def worth(self, indices: Collection[int]) -> float:
+        """Return the log evidence for some items together, everything else held, in nats."""
+        rest = replace(
+            self,
+            items=tuple(item for k, item in enumerate(self.items) if k not in indices),
+            scales=tuple(scale for k, scale in enumerate(self.scales) if k not in indices),
+        )
+        return self.log_evidence - rest.log_evidence
+
+    def candidate_gain(self, item: Explanation) -> Gain:
+        """Return what one more explanation would be worth."""
+        return gain(item.columns, self.problem.residual, self.everything, item.largest)
+
+    def with_item(self, item: Explanation, scale: float) -> Hypothesis:
+        """Return the hypothesis with one more explanation, settled."""
+        return replace(self, items=(*self.items, item), scales=(*self.scales, scale)).settled()
+
+    def without_item(self, index: int) -> Hypothesis:
+        """Return the hypothesis with one explanation less, settled."""
+        return self.without_items((index,))
+
+    def without_items(self, indices: Collection[int]) -> Hypothesis:
+        """Return the hypothesis with some explanations less, settled."""
+        keep = [k for k in range(len(self.items)) if k not in indices]
+        items, scales = tuple(self.items[k] for k in keep), tuple(self.scales[k] for k in keep)
+        return replace(self, items=items, scales=scales).settled()
+
+    def with_replaced(self, index: int, item: Explanation, scale: float) -> Hypothesis:
+        """Return the hypothesis with another explanation in the place of one, settled."""
+        items, scales = list(self.items), list(self.scales)
+        items[index], scales[index] = item, scale
+        return replace(self, items=tuple(items), scales=tuple(scales)).settled()
+
+    def with_levels_of(self, kinds: Collection[int]) -> Hypothesis:
+        """Return the hypothesis with no backgrounds but some at their most probable level, all else unchanged."""
+        best = replace(self, levels=(0,) * len(self.levels))
+        for kind in kinds:
+            choices = [
+                replace(best, levels=(*best.levels[:kind], level, *best.levels[kind + 1 :]))
+                for level in range(len(BACKGROUND_LEVELS))
+            ]
+            best = max(choices, key=lambda h: h.log_evidence)
+        return best
+
+    def settled(self) -> Hypothesis:
+        """Return the same explanations at their most probable scales and background levels, found one by one."""
+        current = self._with_settled_scales()
+        best = current._with_settled_levels()
+        return best if best.levels == current.levels else best._with_settled_scales()
+
+    def _with_settled_levels(self) -> Hypothesis:
+        """Move background levels step by step, scales held, as long as that helps."""
+        best, improved = self, True
+        while improved:
+            improved = False
+            for k in range(len(best.levels)):
+                for level in (best.levels[k] - 1, best.levels[k] + 1):
+                    if not 0 <= level < len(BACKGROUND_LEVELS):
+                        continue
+                    other = replace(best, levels=(*best.levels[:k], level, *best.levels[k + 1 :]))
+                    if other._log_likelihood > best._log_likelihood + 1e-9:
+                        best, improved = other, True
+        return best
+
+    def _with_settled_scales(self) -> Hypothesis:
+        current = self
+        for _ in range(_SWEEPS):
+            before = current.scales
+            for k in range(len(current.items)):
+                found = current.item_gain(k).scale
+                if found != current.scales[k]:
+                    current = replace(current, scales=(*current.scales[:k], found, *current.scales[k + 1 :]))
+            if len(current.items) < 2 or before == current.scales:
+                break
+        return current
+
+    def coefficients(self) -> tuple[FloatArray, FloatArray]:
+        """Return mean and covariance of the coefficients of :meth:`groups`, in prior standard deviations."""
+        return posterior(np.hstack([np.zeros((len(self.problem.residual), 0)), *self.groups()]), self.problem.residual)
+
+    @functools.cached_property
+    def _pull(self) -> FloatArray:
+        return self.everything.solve(self.problem.residual)
+
+    def part(self, index: int) -> FloatArray:
+        """Return what an item adds to the prediction, free unknowns taken out, whitened, shape (m,)."""
+        columns = self.scales[index] * self.items[index].columns
+        return np.asarray(columns @ (columns.T @ self._pull))
+
+    def background_part(self, index: int) -> FloatArray:
+        """Return what a background adds to the prediction, free unknowns taken out, whitened, shape (m,)."""
+        columns = BACKGROUND_LEVELS[self.levels[index]] * self.problem.backgrounds[index].columns
+        return np.asarray(columns @ (columns.T @ self._pull))
+
+    def size(self, index: int) -> float:
+        """Return the sum of squares of an item's part, in noise variances."""
+        part = self.part(index)
+        return float(part @ part)
+
+    def main_share(self, index: int) -> float:
+        """Return how much of an item's part its main parameters alone could make, as a share of its sum of squares."""
+        item, part = self.items[index], self.part(index)
+        total = float(part @ part)
+        main = item.columns[:, item.main]
+        found = main @ np.linalg.lstsq(main, part, rcond=_RANK)[0]
+        return float(found @ found) / total if total > 0.0 else 1.0
+
+    def shape_excess(self, index: int) -> float:
+        """Return the largest shaping coefficient over the largest main one, both in their usual sizes.
+
+        Far above 1 the effect would be nearly absent and only what shapes it at work.
+        """
+        item = self.items[index]
+        pull = np.abs(item.columns.T @ self._pull)
+        shape, main = pull[~item.main].max(initial=0.0), pull[item.main].max(initial=0.0)
+        return float(shape / main) if main > 0.0 else np.inf
+
+    def spent(self) -> float:
+        """Return how many coefficients the data determine, each counted by how far."""
+        columns = np.hstack([np.zeros((len(self.problem.residual), 0)), *self.groups()])
+        return float(self.everything.inner(columns, columns).trace())
+
+    def misfit(self) -> float:
+        """Return the squared length of the residual, measured by everything fitted; m where the hypothesis is true."""
+        return float(self.everything.inner(self.problem.residual, self.problem.residual)) + self.problem.constant

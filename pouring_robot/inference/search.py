@@ -1,0 +1,154 @@
+"""Which explanations the data ask for: forward steps, forms and effects reconsidered, backward steps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from pouring_robot.inference.explanations import Problem
+from pouring_robot.inference.hypotheses import Hypothesis
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """When an explanation counts.
+
+    Attributes:
+        least_evidence: log evidence in nats that one more effect must be worth. 5: odds of 150, which among fourteen
+            effects leaves ten to one.
+        most_effects: how many may be found.
+        branches: how many effects are tried in full at every step.
+        least_main_share: share of an effect's part that its main parameters must be able to make.
+        most_shape: how many times larger than its largest main parameter one that only shapes an effect may be, each in
+            its usual size.
+    """
+
+    least_evidence: float = 5.0
+    most_effects: int = 5
+    branches: int = 3
+    least_main_share: float = 0.4
+    most_shape: float = 5.0
+
+
+DEFAULT_SEARCH = SearchOptions()
+_BRANCH_BEHIND = 30.0
+_CATCHES_UP = 200.0
+"""How far behind another explanation may be at first sight, in nats."""
+_WORTH_TRYING = 0.6
+"""Share of the best first sight that another branch must promise."""
+_MOST_REFUSED = 8
+_BEYOND_DOUBT = 200.0
+"""Log evidence beyond which no background takes the place of an item, in nats."""
+
+
+def search(problem: Problem, options: SearchOptions = DEFAULT_SEARCH, start: Hypothesis | None = None) -> Hypothesis:
+    """Return the hypothesis with the best evidence that steps of one explanation reach.
+
+    On the way an effect may bend to what is not found yet. If at the end it is still no more than what may shape it
+    (see :func:`sound`), the search goes on without it.
+
+    Args:
+        problem: compressed or not.
+        options: thresholds.
+        start: where to begin; by default with nothing.
+    """
+    current = _ascended(start.settled() if start else Hypothesis.nothing(problem), options)
+    for _ in range(_MOST_REFUSED):
+        wrong = [k for k, item in enumerate(current.items) if item.cause and not sound(current, k, options)]
+        if not wrong:
+            break
+        worst = current.items[max(wrong, key=current.shape_excess)].effect
+        # Its other forms that may be shaped would be bent in the same way.
+        allowed = tuple(e for e in current.problem.explanations if e.effect != worst or e.main.all())
+        rest = current.without_items(wrong)
+        current = _ascended(replace(rest, problem=replace(rest.problem, explanations=allowed)), options)
+    return current
+
+
+def _ascended(current: Hypothesis, options: SearchOptions) -> Hypothesis:
+    """Add explanations as long as each is worth its place."""
+    while len(current.items) < options.most_effects:
+        tried = sorted(_forward(current, options), key=lambda h: -h.log_evidence)
+        # A branch that is behind by this much at first does not catch up when its neighbours are reconsidered.
+        close = [h for h in tried if h.log_evidence > tried[0].log_evidence - _BRANCH_BEHIND]
+        close = [backward(reconsidered(h, options), options) for h in close]
+        best = max(close, key=lambda h: h.log_evidence, default=current)
+        if best.log_evidence < current.log_evidence + options.least_evidence:
+            break
+        current = best
+    return backward(current, options)
+
+
+def sound(hypothesis: Hypothesis, index: int, options: SearchOptions = DEFAULT_SEARCH) -> bool:
+    """Return whether an item is the effect it is called, and not mostly what may shape it."""
+    enough = hypothesis.main_share(index) >= options.least_main_share
+    return enough and hypothesis.shape_excess(index) <= options.most_shape
+
+
+def _forward(current: Hypothesis, options: SearchOptions) -> Iterator[Hypothesis]:
+    """Yield the hypotheses of one more effect that look best at first sight."""
+    found = [
+        (current.candidate_gain(item), item) for item in current.problem.explanations if item.key not in current.keys
+    ]
+    found.sort(key=lambda pair: -pair[0].evidence)
+    seen: set[str] = set()
+    for worth, item in found:
+        if len(seen) >= options.branches or worth.evidence <= 0.0:
+            return
+        if seen and worth.evidence < _WORTH_TRYING * found[0][0].evidence:
+            return
+        if item.effect in seen:
+            continue
+        seen.add(item.effect)
+        yield current.with_item(item, worth.scale)
+
+
+def reconsidered(hypothesis: Hypothesis, options: SearchOptions) -> Hypothesis:
+    """Return the hypothesis with every item exchanged for the best other one, as long as that helps."""
+    for _ in range(3):
+        changed = False
+        for index in range(len(hypothesis.items)):
+            other = _exchanged(hypothesis, index, options)
+            if other is not None:
+                hypothesis, changed = other, True
+        if not changed:
+            break
+    return hypothesis
+
+
+def _exchanged(hypothesis: Hypothesis, index: int, options: SearchOptions) -> Hypothesis | None:
+    """Return the hypothesis with another explanation in the place of one, if there is a better one.
+
+    Scales and backgrounds settle anew: what looks worse at first may turn out better, so the best few are tried.
+    """
+    own, key = hypothesis.item_gain(index), hypothesis.items[index].key
+    choices = [
+        (hypothesis.item_gain(index, item), item)
+        for item in hypothesis.problem.explanations
+        if item.key not in hypothesis.keys
+    ]
+    tried: set[str] = set()
+    for found, item in sorted(choices, key=lambda pair: -pair[0].evidence):
+        if found.evidence < own.evidence - _CATCHES_UP:
+            break
+        if item.effect in tried or (item.effect == key[0] and found.evidence < own.evidence):
+            continue
+        other = hypothesis.with_replaced(index, item, found.scale)
+        if other.log_evidence > hypothesis.log_evidence + 1e-6:
+            return other
+        tried.add(item.effect)
+        if len(tried) == options.branches:
+            break
+    return None
+
+
+def backward(hypothesis: Hypothesis, options: SearchOptions) -> Hypothesis:
+    """Return the hypothesis without the items that are not worth their place."""
+    while hypothesis.items:
+        doubtful = [k for k in range(len(hypothesis.items)) if hypothesis.item_gain(k).evidence < _BEYOND_DOUBT]
+        shorter = [hypothesis.without_item(k) for k in doubtful]
+        best = max(shorter, key=lambda h: h.log_evidence, default=None)
+        if best is None or best.log_evidence <= hypothesis.log_evidence - options.least_evidence:
+            break
+        hypothesis = best
+    return hypothesis

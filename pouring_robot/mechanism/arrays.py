@@ -1,0 +1,26 @@
+"""Arrays that are handed out: what a result holds must not change under the hands of its reader."""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Number = TypeVar("Number", bound=np.generic)
+
+
+def read_only(array: NDArray[Number]) -> NDArray[Number]:
+    """Return the array itself, locked against writing."""
+    array.flags.writeable = False
+    return array
+
+
+def lock_fields(result: Any, *names: str) -> None:
+    """Put read-only views in place of the named arrays of a frozen dataclass; call it from ``__post_init__``.
+
+    The arrays that were given stay writable for their owner.
+    """
+    for name in names:
+        object.__setattr__(result, name, read_only(getattr(result, name).view()))

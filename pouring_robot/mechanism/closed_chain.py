@@ -1,0 +1,284 @@
+"""A closed-chain mechanism: a URDF tree and the loops that close it, in Pinocchio, unchangeable once built.
+
+The URDF says which chain carries the moving platform, because a URDF must be a tree. The real platform hangs from
+all chains alike. So the joint that carries it (``cut_joints`` of the loops file) is cut: it becomes a floating
+joint, every chain, the carrying one included, is closed onto the platform by a loop, and the choice of the
+carrying chain drops out of all results.
+"""
+
+from __future__ import annotations
+
+import functools
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+from lxml import etree
+from numpy.typing import NDArray
+
+from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownFrameError, UnknownJointError, closest
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.loops import LoopsFile
+
+IndexArray = NDArray[np.intp]
+
+
+def release_joints(urdf: str, joints: tuple[str, ...]) -> str:
+    """Return the URDF with the given fixed joints turned into floating ones.
+
+    Raises:
+        UnknownJointError: the URDF has no such joint.
+    """
+    root = etree.fromstring(urdf.encode())
+    found = {joint.get("name"): joint for joint in root.iterfind("joint")}
+    for name in joints:
+        if name not in found:
+            raise UnknownJointError(name, found)
+        found[name].set("type", "floating")
+    return str(etree.tostring(root, encoding="unicode"))
+
+
+@dataclass(frozen=True)
+class LoopAnchor:
+    """Where one loop is closed: two frames, each rigidly on a joint of the tree.
+
+    Attributes:
+        name: name of the loop.
+        kind: ``6d`` or ``3d``.
+        joint_a: Pinocchio index of the joint that carries frame a; likewise ``joint_b``.
+        placement_a: pose of frame a in ``joint_a``; likewise ``placement_b``.
+    """
+
+    name: str
+    kind: str
+    joint_a: int
+    placement_a: pin.SE3
+    joint_b: int
+    placement_b: pin.SE3
+
+
+class ClosedChainMechanism:
+    """URDF + loops as one immutable object; everything that moves lives in the solvers built on it.
+
+    Args:
+        urdf: the robot as URDF text.
+        loops: the declaration of loops and drives.
+        source: the file to name in error messages.
+
+    Raises:
+        DescriptionError: Pinocchio cannot build the URDF, or the loops name absent frames or joints.
+    """
+
+    def __init__(self, urdf: str, loops: LoopsFile, source: Path | str = "loops.yaml") -> None:
+        """Build the Pinocchio model once and resolve every name to an index."""
+        self._urdf, self._loops, self._source = urdf, loops, Path(source)
+        self._workspace = threading.local()
+        self._model = self._build()
+        self._anchors = tuple(self._anchor(i) for i in range(len(loops.loops)))
+        for name in (loops.base_frame, *((loops.end_frame,) if loops.end_frame else ()), *loops.tool_frames):
+            self._frame_id(name, f"'{name}' is not a frame of the robot")
+        self._drive_ids = tuple(self._joint_id(name) for name in loops.drives)
+        self._locked_ids = tuple(self._joint_id(name) for name in loops.locked_joints)
+        for name, joint in zip(loops.drives, self._drive_ids, strict=True):
+            if self._model.joints[joint].nv != 1:
+                raise DescriptionError(self._source, f"drive '{name}' must have one freedom")
+
+    def __reduce__(self) -> tuple[type[ClosedChainMechanism], tuple[str, LoopsFile, Path]]:
+        """Pickle as the text it was built from: Pinocchio's constraint models cannot be pickled."""
+        return type(self), (self._urdf, self._loops, self._source)
+
+    def _build(self) -> pin.Model:
+        try:
+            released = release_joints(self._urdf, self._loops.cut_joints)
+        except UnknownJointError as problem:
+            raise DescriptionError(self._source, f"cut_joints: {problem}") from problem
+        except etree.XMLSyntaxError as problem:
+            raise DescriptionError("URDF", f"not valid XML: {problem}") from problem
+        try:
+            return pin.buildModelFromXML(released)
+        except (ValueError, RuntimeError) as problem:
+            raise DescriptionError("URDF", f"Pinocchio cannot build it: {problem}") from problem
+
+    def _frame_id(self, name: str, problem: str) -> int:
+        if not self._model.existFrame(name):
+            known = [frame.name for frame in self._model.frames]
+            raise DescriptionError(self._source, problem + closest(name, known))
+        return int(self._model.getFrameId(name))
+
+    def _joint_id(self, name: str) -> int:
+        if not self._model.existJointName(name):
+            known = list(self._model.names)[1:]
+            raise DescriptionError(self._source, f"'{name}' is not a moving joint of the robot{closest(name, known)}")
+        return int(self._model.getJointId(name))
+
+    def _anchor(self, index: int) -> LoopAnchor:
+        loop = self._loops.loops[index]
+        frames = [
+            self._model.frames[self._frame_id(name, f"loop '{loop.name}' names the absent frame '{name}'")]
+            for name in (loop.frame_a, loop.frame_b)
+        ]
+        a, b = frames
+        return LoopAnchor(loop.name, loop.type, a.parentJoint, a.placement, b.parentJoint, b.placement)
+
+    @property
+    def urdf(self) -> str:
+        """The URDF text the mechanism was built from."""
+        return self._urdf
+
+    @property
+    def loops(self) -> LoopsFile:
+        """The declaration of loops and drives."""
+        return self._loops
+
+    @property
+    def anchors(self) -> tuple[LoopAnchor, ...]:
+        """Where each loop is closed."""
+        return self._anchors
+
+    @property
+    def shared_model(self) -> pin.Model:
+        """Pinocchio's model itself, for solvers of this package: read it, never change it."""
+        return self._model
+
+    def thread_data(self) -> pin.Data:
+        """Return this thread's workspace for Pinocchio's algorithms; the next call may overwrite what it holds."""
+        if not hasattr(self._workspace, "data"):
+            self._workspace.data = self._model.createData()
+        return self._workspace.data
+
+    def copy_model(self) -> pin.Model:
+        """Return a copy of the Pinocchio model, free to change."""
+        return self._model.copy()
+
+    @functools.cached_property
+    def drive_columns(self) -> IndexArray:
+        """Velocity indices of the drives, in the order of the loops file."""
+        return np.array([self._model.idx_vs[j] for j in self._drive_ids], dtype=np.intp)
+
+    @functools.cached_property
+    def passive_columns(self) -> IndexArray:
+        """Velocity indices that closure has to find: neither driven nor locked."""
+        fixed = {*self._drive_ids, *self._locked_ids}
+        columns = [
+            self._model.idx_vs[j] + k
+            for j in range(1, self._model.njoints)
+            if j not in fixed
+            for k in range(self._model.nvs[j])
+        ]
+        return np.array(columns, dtype=np.intp)
+
+    @functools.cached_property
+    def closing_columns(self) -> IndexArray:
+        """Velocity indices of all joints that are not locked: drives and passive joints together."""
+        return np.sort(np.concatenate([self.drive_columns, self.passive_columns]))
+
+    @functools.cached_property
+    def frame_paths(self) -> dict[str, tuple[str, ...]]:
+        """Every frame by name: the names of the joints, moving and fixed, from the root down to it, it included."""
+        frames = list(self._model.frames)
+        paths: list[tuple[str, ...]] = []
+        for i, frame in enumerate(frames):  # Pinocchio lists a frame after its parent
+            before = paths[frame.parentFrame] if i else ()
+            is_joint = frame.type in (pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT)
+            paths.append((*before, frame.name) if is_joint else before)
+        return {frame.name: path for frame, path in zip(frames, paths, strict=True)}
+
+    @functools.cached_property
+    def path_depths(self) -> dict[str, int]:
+        """Number of joints, moving and fixed, before each joint on its way from the root."""
+        return {name: len(path) - 1 for name, path in self.frame_paths.items() if path and path[-1] == name}
+
+    def unit_of(self, joint: str) -> Literal["m", "rad"]:
+        """Return the unit of a one-freedom joint: a length or an angle.
+
+        Raises:
+            UnknownJointError: there is no such joint.
+        """
+        kind = self._model.joints[self.joint_id(joint)].shortname()
+        return "m" if kind.startswith("JointModelP") and not kind.startswith("JointModelPlanar") else "rad"
+
+    def frame_id(self, name: str) -> int:
+        """Return Pinocchio's index of a frame.
+
+        Raises:
+            UnknownFrameError: there is no such frame.
+        """
+        if not self._model.existFrame(name):
+            raise UnknownFrameError(name, (frame.name for frame in self._model.frames))
+        return int(self._model.getFrameId(name))
+
+    def joint_id(self, name: str) -> int:
+        """Return Pinocchio's index of a moving joint.
+
+        Raises:
+            UnknownJointError: there is no such joint.
+        """
+        if not self._model.existJointName(name):
+            raise UnknownJointError(name, list(self._model.names)[1:])
+        return int(self._model.getJointId(name))
+
+    def pose_world_to_placement(self, data: pin.Data, joint: str) -> pin.SE3:
+        """Return where the placement of a joint, fixed or moving, stands: before the joint's own motion.
+
+        Args:
+            data: Pinocchio's workspace with frame placements up to date.
+            joint: its name.
+
+        Raises:
+            UnknownFrameError: there is no such joint.
+        """
+        if self._model.existJointName(joint):
+            index = self._model.getJointId(joint)
+            return data.oMi[self._model.parents[index]] * self._model.jointPlacements[index]
+        return data.oMf[self.frame_id(joint)]
+
+    def neutral_configuration(self) -> FloatArray:
+        """Return the configuration with every joint at zero; shape (nq,)."""
+        return np.asarray(pin.neutral(self._model), dtype=float)
+
+    def with_joint_values(self, configuration: FloatArray, values: Mapping[str, float]) -> FloatArray:
+        """Return a copy of a configuration with the given one-freedom joints set (m or rad); shape (nq,).
+
+        Raises:
+            UnknownJointError: there is no such joint.
+            BadInputError: a value is not finite, the configuration has another length, or the joint has more than
+                one freedom.
+        """
+        result = np.array(configuration, dtype=float)
+        if result.shape != (self._model.nq,):
+            raise BadInputError(f"a configuration of this robot has shape ({self._model.nq},), not {result.shape}")
+        for name, value in values.items():
+            joint = self._model.joints[self.joint_id(name)]
+            if not np.isfinite(value):
+                raise BadInputError(f"joint '{name}': the value must be a finite number, not {value}")
+            if joint.nv != 1:
+                raise BadInputError(f"joint '{name}' has {joint.nv} freedoms; only one-freedom joints can be set")
+            # A joint without limits ('continuous' in URDF) is stored as cosine and sine.
+            stored = (value,) if joint.nq == 1 else (np.cos(value), np.sin(value))
+            result[joint.idx_q : joint.idx_q + joint.nq] = stored
+        return result
+
+    def joint_values(self, configuration: FloatArray) -> dict[str, float]:
+        """Return the value of every one-freedom joint by name, in m or rad."""
+        values = {}
+        for name, joint in zip(list(self._model.names)[1:], list(self._model.joints)[1:], strict=True):
+            stored = configuration[joint.idx_q : joint.idx_q + joint.nq]
+            if joint.nv == 1:
+                values[name] = float(stored[0] if joint.nq == 1 else np.arctan2(stored[1], stored[0]))
+        return values
+
+    def joint_limits(self) -> dict[str, tuple[float, float]]:
+        """Return lower and upper limit of every one-freedom joint with limits, in m or rad."""
+        limits = {}
+        for name, joint in zip(list(self._model.names)[1:], list(self._model.joints)[1:], strict=True):
+            if joint.nq == 1:
+                lower, upper = (
+                    self._model.lowerPositionLimit[joint.idx_q],
+                    self._model.upperPositionLimit[joint.idx_q],
+                )
+                limits[name] = (float(lower), float(upper))
+        return limits

@@ -1,0 +1,284 @@
+"""Closing the loops: damped Newton on the closure energy, symmetric in the chains.
+
+Four UPU chains over-constrain the platform: any axis error makes rigid closure impossible. The answer is the
+minimum of ``mechanism.energy``, and what is left open at that minimum is part of the result: it tells the
+user that parts would be forced together.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+import scipy.linalg
+
+from pouring_robot.exceptions import BadInputError, ClosureError
+from pouring_robot.mechanism.arrays import FloatArray, read_only
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.energy import NO_LOADS, ClosureEnergy, EnergyState, Loads
+
+# Singular values of the constraint Jacobian (m and rad, all of order one) below this are zero: perturbations
+# of interest start at a micrometre or a microradian.
+RANK_TOLERANCE = 1e-8
+# Of the search: the iteration from which residuals count as lasting, how many steps may climb, when damping ends.
+_FIRST_EXACT = 4
+_PATIENCE = 4
+_LEAST_DAMPING = 1e-6
+# Steps shorter than this (m or rad) leave the Hessian nearly as it was.
+_KEEP_FACTORS_BELOW = 1e-5
+
+
+@dataclass(frozen=True)
+class ClosureOptions:
+    """When a closure counts as found.
+
+    Attributes:
+        step_tolerance: largest component of the last Newton step, in m or rad.
+        left_over: what the last step may leave, in m or rad: its length times the share by which steps shrink.
+        round_off: steps that are shorter and no longer shrink are round-off, in m or rad.
+        max_iterations: Newton steps before giving up.
+        max_gap_m: largest distance that may be left open; ``max_gap_rad``: largest angle.
+        closed_below: loops open by less than this (m or rad) count as closed exactly, where Gauss-Newton
+            converges quadratically and the exact Hessian adds nothing.
+    """
+
+    step_tolerance: float = 1e-7
+    left_over: float = 3e-14
+    round_off: float = 1e-9
+    max_iterations: int = 60
+    max_gap_m: float = 0.01
+    max_gap_rad: float = 0.1
+    closed_below: float = 1e-9
+
+
+DEFAULT_OPTIONS = ClosureOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class ClosureResult:
+    """A closed configuration and how well it is closed. Its arrays are read-only; results compare by identity.
+
+    Attributes:
+        mechanism: the mechanism that was closed.
+        configuration: Pinocchio configuration, shape (nq,).
+        residual: what is left open in each loop, log6, shape (loops, 6), in m and rad.
+        internal_wrench: what each loop carries: the wrench with which frame b pulls at frame a's chain, in the axes
+            of frame b, shape (loops, 6), in N and Nm.
+        energy: closure energy at the minimum, in J.
+        iterations: Newton steps taken.
+        jacobian: derivative of the residual by all joint velocities, shape (loops, 6, nv).
+        commanded: configuration that holds the commanded drives, shape (nq,); differs where drives yield.
+    """
+
+    mechanism: ClosedChainMechanism
+    configuration: FloatArray
+    residual: FloatArray
+    internal_wrench: FloatArray
+    energy: float
+    iterations: int
+    jacobian: FloatArray
+    commanded: FloatArray
+
+    @functools.cached_property
+    def joint_values(self) -> dict[str, float]:
+        """Value of every one-freedom joint, in m or rad."""
+        return self.mechanism.joint_values(self.configuration)
+
+    @property
+    def gap_m(self) -> float:
+        """Largest distance left open between two frames that should coincide, in m."""
+        return float(np.linalg.norm(self.residual[:, :3], axis=1).max())
+
+    @property
+    def gap_rad(self) -> float:
+        """Largest angle left open, in rad."""
+        return float(np.linalg.norm(self.residual[:, 3:], axis=1).max())
+
+    @property
+    def internal_force_n(self) -> float:
+        """Largest force with which a loop's two frames pull at each other, in N."""
+        return float(np.linalg.norm(self.internal_wrench[:, :3], axis=1).max())
+
+    @property
+    def internal_torque_nm(self) -> float:
+        """Largest torque between a loop's two frames, in Nm."""
+        return float(np.linalg.norm(self.internal_wrench[:, 3:], axis=1).max())
+
+    @functools.cached_property
+    def rank(self) -> int:
+        """Rank of the loops' Jacobian over all joints that move: freedoms = joint freedoms - rank."""
+        columns = self.mechanism.closing_columns
+        return int(np.linalg.matrix_rank(self.jacobian.reshape(-1, self.jacobian.shape[2])[:, columns], RANK_TOLERANCE))
+
+    @property
+    def freedoms(self) -> int:
+        """Freedoms left to the closed mechanism, were its loops rigid."""
+        return int(self.mechanism.closing_columns.size) - self.rank
+
+    def pose(self, base_frame: str, frame: str) -> pin.SE3:
+        """Return the pose of ``frame`` in ``base_frame``.
+
+        Raises:
+            UnknownFrameError: a frame does not exist.
+        """
+        placements = self._placements
+        base, tip = (placements[self.mechanism.frame_id(name)] for name in (base_frame, frame))
+        return base.actInv(tip)
+
+    @functools.cached_property
+    def _placements(self) -> list[pin.SE3]:
+        data = self.mechanism.thread_data()
+        pin.framesForwardKinematics(self.mechanism.shared_model, data, self.configuration)
+        # Copies: a frame of the workspace itself would keep the whole workspace alive, a megabyte a result.
+        return [pose.copy() for pose in data.oMf]
+
+    @property
+    def pose_base_to_end(self) -> pin.SE3:
+        """Pose of the loops file's ``end_frame`` in its ``base_frame``."""
+        loops = self.mechanism.loops
+        if loops.end_frame is None:
+            raise BadInputError("the loops file names no end_frame; ask for a pose between two frames instead")
+        return self.pose(loops.base_frame, loops.end_frame)
+
+
+class ClosureSolver:
+    """Closes a mechanism for given drive values. Holds workspace: one solver a thread.
+
+    Args:
+        mechanism: the mechanism.
+        loads: weight and yielding drives; none by default.
+        options: tolerances.
+    """
+
+    def __init__(
+        self,
+        mechanism: ClosedChainMechanism,
+        loads: Loads = NO_LOADS,
+        options: ClosureOptions = DEFAULT_OPTIONS,
+    ) -> None:
+        """Keep the energy of the mechanism at hand."""
+        self.mechanism, self.options = mechanism, options
+        self.energy = ClosureEnergy(mechanism, loads)
+        self._factors: FloatArray = np.empty((0, 0))
+
+    def solve(self, drives: Mapping[str, float], start: FloatArray) -> ClosureResult:
+        """Close the loops.
+
+        Args:
+            drives: value of each drive, in m or rad; drives left out keep their value of ``start``.
+            start: configuration to start from, shape (nq,); also fixes the locked joints.
+
+        Raises:
+            UnknownJointError: a name is no joint.
+            BadInputError: a value is not finite.
+            ClosureError: the loops stay open, or Newton does not converge.
+        """
+        return self.solve_from(self.mechanism.with_joint_values(start, drives))
+
+    def solve_from(self, configuration: FloatArray) -> ClosureResult:
+        """Close the loops from a configuration that already holds the drive values; shape (nq,).
+
+        Raises:
+            ClosureError: the loops stay open, or Newton does not converge.
+        """
+        if not np.all(np.isfinite(configuration)):
+            raise BadInputError("the start configuration holds a value that is not a finite number")
+        state, iterations = self._minimise(configuration)
+        result = ClosureResult(
+            self.mechanism,
+            read_only(state.configuration),
+            read_only(state.residual),
+            read_only((state.wrench[:, None, :] @ state.jlog)[:, 0]),
+            state.energy,
+            iterations,
+            read_only(state.jacobian),
+            read_only(configuration.copy()),  # the caller may go on with its own
+        )
+        if result.gap_m > self.options.max_gap_m or result.gap_rad > self.options.max_gap_rad:
+            raise self._failure("the parts do not fit together", state, iterations)
+        return result
+
+    def _minimise(self, commanded: FloatArray) -> tuple[EnergyState, int]:
+        """Run Newton: Gauss-Newton far away, the exact Hessian where residuals stay, a watchdog over both.
+
+        The energy is a curved valley, stiff across and soft along, so a good step along it first climbs the wall.
+        A few steps may therefore end higher than the best one so far (watchdog technique: Chamberlain, Powell,
+        Lemarechal and Pedersen, Math. Programming Study 16, 1982); if they come to nothing, the search returns to
+        the best state and shortens its steps by Levenberg's term.
+        """
+        options, energy = self.options, self.energy
+        best = state = energy.evaluate(commanded, commanded)
+        damping, climbs, exact, kept = 0.0, 0, False, False
+        previous, share_before = np.inf, 1.0
+        for iteration in range(1, options.max_iterations + 1):
+            # Next to the minimum the factors of the last Hessian still serve, and cost nothing.
+            step = self._step_with_kept_factors(state) if kept else self._step(state, exact, damping)
+            length = max(step.max(), -step.min())
+            trial = energy.evaluate(pin.integrate(energy.model, state.configuration, step), commanded)
+            closed = energy.can_close and np.abs(trial.residual).max() < options.closed_below
+            short = length < options.step_tolerance
+            share = length / previous if previous < np.inf else 1.0
+            # A step measures the error before it; it leaves less by as much as steps shrink. The worse of two steps
+            # counts, because Newton may set stiff and soft directions right in turns.
+            settled = length * max(share, share_before) < options.left_over or (
+                share > 0.5 and previous < options.round_off
+            )
+            sharp = damping == 0.0 and (exact or closed)
+            if settled and short and sharp:
+                return trial, iteration
+            kept = sharp and length < _KEEP_FACTORS_BELOW and not kept and self._factors.size > 0
+            # Energy that no longer falls steeply is there to stay: from here the residual's curvature counts.
+            exact = not closed and (iteration >= _FIRST_EXACT or trial.elastic > 0.01 * state.elastic)
+            # Round-off of the energy: near the minimum it may rise by a few last digits.
+            if trial.energy <= best.energy + 1e-12 * abs(best.energy) + 1e-18 or short:
+                best = state = trial
+                previous, share_before = length, share
+                damping, climbs = 0.1 * damping if damping > _LEAST_DAMPING else 0.0, 0
+            elif damping == 0.0 and climbs < _PATIENCE:
+                state, climbs = trial, climbs + 1
+            else:
+                best = state = energy.evaluate(best.configuration, commanded)  # the Hessian reads the workspace
+                damping, climbs = max(10.0 * damping, 1e-4), 0
+        raise self._failure("Newton's steps do not settle", best, options.max_iterations)
+
+    def _step(self, state: EnergyState, exact: bool, damping: float) -> FloatArray:
+        """Return the Newton step over all velocity columns; shape (nv,)."""
+        energy = self.energy
+        free, block = energy.free_columns, energy.free_block
+        downhill = -state.gradient[free]
+        step = np.zeros(energy.model.nv)
+        for full in (energy.hessian, energy.gauss_newton_hessian)[0 if exact else 1 :]:
+            hessian = full(state)[block]
+            if damping:
+                hessian[np.diag_indices_from(hessian)] *= 1.0 + damping
+            self._factors, solution, info = scipy.linalg.lapack.dposv(hessian, downhill)
+            if info == 0:  # positive definite: the step goes downhill
+                step[free] = solution
+                return step
+        self._factors = np.empty((0, 0))
+        # Gauss-Newton singular: the least-norm step keeps what is undetermined in place.
+        step[free] = np.linalg.lstsq(hessian, downhill, rcond=1e-12)[0]
+        return step
+
+    def _step_with_kept_factors(self, state: EnergyState) -> FloatArray:
+        """Return a Newton step from the Hessian of the step before; shape (nv,)."""
+        step = np.zeros(self.energy.model.nv)
+        free = self.energy.free_columns
+        step[free], _ = scipy.linalg.lapack.dpotrs(self._factors, -state.gradient[free])
+        return step
+
+    def _failure(self, reason: str, state: EnergyState, iterations: int) -> ClosureError:
+        gaps = np.linalg.norm(state.residual[:, :3], axis=1)
+        turns = np.linalg.norm(state.residual[:, 3:], axis=1)
+        worst = int(np.argmax(gaps + 0.1 * turns))
+        name = self.mechanism.loops.names[worst]
+        return ClosureError(
+            reason,
+            iterations=iterations,
+            gap_m=float(gaps.max()),
+            gap_rad=float(turns.max()),
+            worst_loop=name,
+        )

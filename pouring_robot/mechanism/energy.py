@@ -1,0 +1,347 @@
+r"""The energy whose minimum is the closed pose of an over-constrained mechanism, with exact derivatives.
+
+.. math:: E(q) = \sum_i \tfrac12 e_i^T K e_i + \tfrac12 \sum_d k_d (q_d - \bar q_d)^2 + V(q)
+
+``e_i = log6(M_i)``, with :math:`M_i` the pose of frame b in frame a of loop i, in m and rad; K holds the loop's
+translation and rotation stiffness (N/m, Nm/rad); the second sum are drives that yield, and V is gravity. For a
+3d loop, ``e_i`` is the position of frame b in frame a.
+
+First order. Pinocchio's anchor Jacobian is the relative twist seen in frame a, so the residual's Jacobian is
+``Jlog6(M) Ad(M)^-1 J_anchor``. It differs from the anchor Jacobian as soon as the loop is not exactly closed.
+
+Second order. With :math:`w = J_{log}^T K e` the wrench of a loop and D its relative twist columns in world
+coordinates, the Hessian is :math:`J^T W J` plus the wrench times the motion of the columns themselves, where
+:math:`\partial S_k / \partial q_j = S_j \times S_k` for every joint j before joint k (Lie bracket of twists; see
+Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 2). W contains the derivative of Jlog6 by its Bernoulli
+series. Motions are ordered (linear, angular), as in Pinocchio.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+
+# Bernoulli series of the inverse right Jacobian: ad/2 + ad^2/12 - ad^4/720 + ad^6/30240 - ad^8/1209600.
+_JLOG_SERIES = {1: 1 / 2, 2: 1 / 12, 4: -1 / 720, 6: 1 / 30240, 8: -1 / 1209600}
+# Terms kept by the size of the residual (m or rad): those left out are below 2e-12 of those kept.
+_SERIES_LENGTHS = ((1e-3, 2), (1e-2, 4), (np.inf, 8))
+
+
+@dataclass(frozen=True)
+class Loads:
+    """What bends the mechanism: weight and yielding drives. The default is none.
+
+    Attributes:
+        gravity: whether the links' weight acts.
+        payload_kg: mass carried in addition to the URDF's links.
+        payload_frame: frame that carries it.
+        payload_centre_m: its centre of mass in that frame, in m.
+        drive_stiffness: stiffness of yielding drives by joint, in N/m or Nm/rad; others are rigid.
+    """
+
+    gravity: bool = False
+    payload_kg: float = 0.0
+    payload_frame: str = "moving_platform"
+    payload_centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    drive_stiffness: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+
+    def __post_init__(self) -> None:
+        """Refuse what has no physical meaning."""
+        if self.payload_kg and not self.gravity:
+            raise BadInputError(f"a payload of {self.payload_kg} kg weighs nothing without gravity; switch gravity on")
+        if not all(np.isfinite(self.payload_centre_m)):
+            raise BadInputError(f"the payload's centre must be three finite numbers, not {self.payload_centre_m}")
+        if not 0.0 <= self.payload_kg < np.inf:
+            raise BadInputError(f"the payload must be zero or positive, not {self.payload_kg} kg")
+        for joint, stiffness in self.drive_stiffness.items():
+            if not 0.0 < stiffness < np.inf:
+                raise BadInputError(f"the stiffness of drive '{joint}' must be positive and finite, not {stiffness}")
+
+
+NO_LOADS = Loads()
+
+
+def motion_cross(twists: FloatArray) -> FloatArray:
+    """Return the matrices ad(x) with ad(x) y = x × y; twists (..., 6) give (..., 6, 6)."""
+    linear, angular = _skew(twists[..., :3]), _skew(twists[..., 3:])
+    matrix = np.zeros((*twists.shape[:-1], 6, 6))
+    matrix[..., :3, :3] = matrix[..., 3:, 3:] = angular
+    matrix[..., :3, 3:] = linear
+    return matrix
+
+
+def bracket_form(wrenches: FloatArray) -> FloatArray:
+    """Return the antisymmetric matrices F with ``wrench . (x × y) = x^T F y``; wrenches (..., 6) give (..., 6, 6)."""
+    force, torque = _skew(wrenches[..., :3]), _skew(wrenches[..., 3:])
+    form = np.zeros((*wrenches.shape[:-1], 6, 6))
+    form[..., :3, 3:] = form[..., 3:, :3] = -force
+    form[..., 3:, 3:] = -torque
+    return form
+
+
+def _skew(vectors: FloatArray) -> FloatArray:
+    skew = np.zeros((*vectors.shape[:-1], 3, 3))
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    skew[..., 0, 1], skew[..., 0, 2], skew[..., 1, 2] = -z, y, -x
+    skew[..., 1, 0], skew[..., 2, 0], skew[..., 2, 1] = z, -y, x
+    return skew
+
+
+def log_wrench_derivative(residual: FloatArray, stiff_residual: FloatArray, jlog: FloatArray) -> FloatArray:
+    """Return the part of d(Jlog^T K e)/d(body twist) that comes from the change of Jlog.
+
+    Args:
+        residual: e = log6(M), shape (n, 6); its angle must be well below pi (the series is exact to machine
+            precision below 0.3 rad).
+        stiff_residual: K e, shape (n, 6).
+        jlog: Jlog6(M), shape (n, 6, 6).
+
+    Returns:
+        Matrices of shape (n, 6, 6).
+    """
+    transposed = np.swapaxes(motion_cross(residual), -1, -2)
+    # d(ad^n)^T w = sum_k (ad^T)^(n-1-k) B((ad^T)^k w) de, summed over n by Horner's rule in ad^T.
+    size = np.abs(residual).max()
+    highest = next(terms for limit, terms in _SERIES_LENGTHS if size <= limit)
+    vectors = [stiff_residual[..., None]]
+    for _ in range(highest - 1):
+        vectors.append(transposed @ vectors[-1])
+    forms = -bracket_form(np.stack(vectors)[..., 0])
+    total = np.zeros_like(transposed)
+    for power in range(highest - 1, -1, -1):
+        weighted = [
+            _JLOG_SERIES[power + k + 1] * forms[k] for k in range(highest - power) if power + k + 1 in _JLOG_SERIES
+        ]
+        total = transposed @ total + sum(weighted, np.zeros_like(transposed))
+    return np.asarray(total @ jlog)
+
+
+@dataclass(frozen=True)
+class EnergyState:
+    """Energy and first derivatives at one configuration, over all velocity columns of the model.
+
+    Attributes:
+        configuration: shape (nq,).
+        energy: in J.
+        elastic: its part in the loops, in J.
+        residual: e of each loop, shape (loops, 6), m and rad (3d loops: last three zero).
+        jacobian: de/dq, shape (loops, 6, nv).
+        wrench: K e of each loop, shape (loops, 6), in N and Nm.
+        gradient: dE/dq, shape (nv,).
+        jlog: d e / d(relative twist in frame b), shape (loops, 6, 6).
+    """
+
+    configuration: FloatArray
+    energy: float
+    elastic: float
+    residual: FloatArray
+    jacobian: FloatArray
+    wrench: FloatArray
+    gradient: FloatArray
+    jlog: FloatArray
+
+
+@dataclass(frozen=True)
+class TwistColumns:
+    """Twists that displace the tree at some place, in world coordinates, as each loop feels them.
+
+    Attributes:
+        on_a: twist of what carries frame a of each loop, zero where it is not displaced, shape (loops, 6, n).
+        on_b: the same for frame b.
+        depth: how deep in the tree each twist acts, shape (n,): a joint's placement at the number of frames
+            before it, its motion half a step later.
+    """
+
+    on_a: FloatArray
+    on_b: FloatArray
+    depth: FloatArray
+
+    def precedes(self, joints: TwistColumns) -> FloatArray:
+        """Return 1 where a twist (column) acts before a joint (row) of the same path; shape (joints, n)."""
+        return np.asarray(self.depth[None, :] < joints.depth[:, None], dtype=float)
+
+
+def _dual(left: FloatArray, form: FloatArray, right: FloatArray) -> FloatArray:
+    return np.asarray(np.swapaxes(left, 1, 2) @ form @ right)
+
+
+class ClosureEnergy:
+    """The closure energy of a mechanism, evaluated with Pinocchio. Holds workspace: one object a thread.
+
+    Args:
+        mechanism: the closed-chain mechanism.
+        loads: weight and yielding drives.
+    """
+
+    def __init__(self, mechanism: ClosedChainMechanism, loads: Loads = NO_LOADS) -> None:
+        """Make Pinocchio's constraint models and workspace."""
+        self.mechanism, self.loads = mechanism, loads
+        self.model = self._loaded_model()
+        self.data = self.model.createData()
+        self._constraints = pin.StdVec_ConstraintModel()
+        self._constraint_data = pin.StdVec_ConstraintData()
+        for anchor in mechanism.anchors:
+            frame_anchor = pin.FrameAnchorConstraintModel(
+                self.model, anchor.joint_a, anchor.placement_a, anchor.joint_b, anchor.placement_b
+            )
+            constraint = pin.ConstraintModel(frame_anchor)
+            self._constraints.append(constraint)
+            self._constraint_data.append(constraint.createData())
+        self._anchor_data = [data.extract() for data in self._constraint_data]
+        self._is_3d = [anchor.kind == "3d" for anchor in mechanism.anchors]
+        translation, rotation = mechanism.loops.stiffness_si
+        self._stiffness = np.array([[translation] * 3 + [0.0 if d3 else rotation] * 3 for d3 in self._is_3d])
+        self._root_stiffness = np.sqrt(self._stiffness).reshape(-1, 1)
+        self.springs = np.zeros(self.model.nv)
+        for joint, stiffness in loads.drive_stiffness.items():
+            if joint not in mechanism.loops.drives:
+                raise BadInputError(f"drive_stiffness: '{joint}' is not a drive; drives: {mechanism.loops.drives}")
+            self.springs[self.model.idx_vs[mechanism.joint_id(joint)]] = stiffness
+
+    def _loaded_model(self) -> pin.Model:
+        """Return the model itself, or a copy that carries the payload."""
+        loads = self.loads
+        if not loads.gravity or loads.payload_kg == 0.0:
+            return self.mechanism.shared_model
+        model = self.mechanism.copy_model()
+        frame = model.frames[self.mechanism.frame_id(loads.payload_frame)]
+        point_mass = pin.Inertia(loads.payload_kg, np.array(loads.payload_centre_m), np.zeros((3, 3)))
+        model.appendBodyToJoint(frame.parentJoint, point_mass, frame.placement)
+        return model
+
+    @functools.cached_property
+    def free_columns(self) -> NDArray[np.intp]:
+        """Velocity columns that minimise the energy: passive joints and yielding drives."""
+        yielding = np.flatnonzero(self.springs)
+        return np.sort(np.concatenate([self.mechanism.passive_columns, yielding]))
+
+    @functools.cached_property
+    def free_block(self) -> tuple[NDArray[np.intp], ...]:
+        """Index of the free columns' block of a Hessian."""
+        return np.ix_(self.free_columns, self.free_columns)
+
+    @property
+    def can_close(self) -> bool:
+        """Whether the loops of a sound mechanism close exactly: no weight forces them."""
+        return not self.loads.gravity
+
+    def evaluate(self, configuration: FloatArray, commanded: FloatArray | None = None) -> EnergyState:
+        """Return energy and first derivatives at a configuration.
+
+        Args:
+            configuration: shape (nq,).
+            commanded: configuration that holds the commanded drives, shape (nq,); needed when drives yield.
+        """
+        model, data = self.model, self.data
+        pin.computeJointJacobians(model, data, configuration)
+        for constraint, workspace in zip(self._constraints, self._constraint_data, strict=True):
+            constraint.calc(model, data, workspace)
+        anchors = pin.getConstraintsJacobian(model, data, self._constraints, self._constraint_data)
+        count = len(self._anchor_data)
+        residual = np.zeros((count, 6))
+        inverse_actions, jlog = np.empty((count, 6, 6)), np.empty((count, 6, 6))
+        for i, anchor in enumerate(self._anchor_data):
+            pose = anchor.c1Mc2
+            inverse_actions[i] = pose.toActionMatrixInverse()
+            if self._is_3d[i]:
+                residual[i, :3], jlog[i] = pose.translation, 0.0
+                jlog[i, :3, :3] = pose.rotation
+            else:
+                residual[i], jlog[i] = pin.log6(pose).vector, pin.Jlog6(pose)
+        jacobian = (jlog @ inverse_actions) @ anchors.reshape(count, 6, model.nv)
+        wrench = self._stiffness * residual
+        gradient = wrench.ravel() @ jacobian.reshape(6 * count, model.nv)
+        elastic = energy = 0.5 * float(np.vdot(residual, wrench))
+        if self.loads.drive_stiffness:
+            stretch = pin.difference(model, configuration if commanded is None else commanded, configuration)
+            gradient += self.springs * stretch
+            energy += 0.5 * float(self.springs @ stretch**2)
+        if self.loads.gravity:
+            gradient += pin.computeGeneralizedGravity(model, data, configuration)
+            energy += pin.computePotentialEnergy(model, data, configuration)
+        return EnergyState(configuration, energy, elastic, residual, jacobian, wrench, gradient, jlog)
+
+    def gauss_newton_hessian(self, state: EnergyState) -> FloatArray:
+        """Return the positive part J^T K J of the Hessian, plus drive springs; shape (nv, nv)."""
+        scaled = state.jacobian.reshape(-1, self.model.nv) * self._root_stiffness
+        hessian = scaled.T @ scaled
+        hessian.flat[:: self.model.nv + 1] += self.springs
+        return np.asarray(hessian)
+
+    def hessian(self, state: EnergyState) -> FloatArray:
+        """Return the exact Hessian at the state's configuration, where :meth:`evaluate` was last called.
+
+        It is the derivative of the gradient by joint twists where the gradient vanishes; shape (nv, nv).
+        """
+        hessian = self.gradient_derivative(state, self.joint_columns())
+        hessian.flat[:: self.model.nv + 1] += self.springs
+        if self.loads.gravity:
+            configuration = state.configuration
+            hessian += pin.computeGeneralizedGravityDerivatives(self.model, self.data, configuration)
+        return np.asarray(0.5 * (hessian + hessian.T))
+
+    def gradient_derivative(self, state: EnergyState, columns: TwistColumns) -> FloatArray:
+        """Return how the loops' part of the gradient changes when twists displace the tree; shape (nv, n).
+
+        Valid at the state's configuration, where :meth:`evaluate` was last called. Springs and weight are not
+        in it.
+
+        Args:
+            state: energy and first derivatives.
+            columns: n twists, each of a joint or of a placement somewhere on the tree.
+        """
+        joints = self.joint_columns()
+        body = np.stack([a.oMc2.toActionMatrixInverse() for a in self._anchor_data])
+        relative_wrench = (state.wrench[:, None, :] @ state.jlog)[:, 0]
+        form = bracket_form((relative_wrench[:, None, :] @ body)[:, 0])
+        motion = joints.on_b - joints.on_a
+        local, displaced = body @ motion, body @ (columns.on_b - columns.on_a)
+        stiff = np.swapaxes(state.jlog, 1, 2) @ (self._stiffness[:, :, None] * state.jlog)
+        curvature = stiff + self._relative_curvature(state, relative_wrench)
+        change = np.swapaxes(local, 1, 2) @ (curvature @ displaced)
+        # What turns the column of a joint: twists before it on its path to frame a or frame b.
+        own = _dual(joints.on_b, form, columns.on_b) - _dual(joints.on_a, form, columns.on_a)
+        change += _dual(motion, form, columns.on_b) - columns.precedes(joints) * own
+        return np.asarray(change.sum(axis=0))
+
+    def joint_columns(self) -> TwistColumns:
+        """Return the joints' own twists at the configuration where :meth:`evaluate` was last called."""
+        mask_a, mask_b = self._support
+        return TwistColumns(self.data.J * mask_a[:, None, :], self.data.J * mask_b[:, None, :], self.joint_depths)
+
+    def _relative_curvature(self, state: EnergyState, relative_wrench: FloatArray) -> FloatArray:
+        """Return how each loop's wrench turns with its relative pose, beyond Jlog^T K Jlog; (loops, 6, 6)."""
+        curvature = log_wrench_derivative(state.residual, state.wrench, state.jlog)
+        for i, is_3d in enumerate(self._is_3d):
+            if is_3d:  # the wrench is R^T K p; turning frame b turns it back: d(R^T p) = (R^T p) × omega
+                curvature[i] = 0.0
+                curvature[i, :3, 3:] = _skew(relative_wrench[i, :3])
+        return curvature
+
+    @functools.cached_property
+    def _support(self) -> tuple[FloatArray, FloatArray]:
+        """Return which columns move frame a and frame b of each loop; (loops, nv) of ones and zeros."""
+        masks = np.zeros((2, len(self.mechanism.anchors), self.model.nv))
+        for i, anchor in enumerate(self.mechanism.anchors):
+            for side, joint in enumerate((anchor.joint_a, anchor.joint_b)):
+                for support in list(self.model.supports[joint])[1:]:
+                    first = self.model.idx_vs[support]
+                    masks[side, i, first : first + self.model.nvs[support]] = 1.0
+        return masks[0], masks[1]
+
+    @functools.cached_property
+    def joint_depths(self) -> FloatArray:
+        """Return how deep in the tree each joint column acts; (nv,)."""
+        paths = self.mechanism.path_depths
+        names = list(self.model.names)
+        return np.array([paths[names[j]] + 0.5 for j in range(1, self.model.njoints) for _ in range(self.model.nvs[j])])

@@ -1,0 +1,129 @@
+"""Drive and passive-joint Jacobians of the closed mechanism, and how far it is from a singular pose.
+
+They are the columns of the error-transfer matrix that belong to the drives, so they are exact whether or not the
+loops close.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from pouring_robot.mechanism.arrays import FloatArray, lock_fields
+from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
+from pouring_robot.mechanism.parameters import DriveParameter, placement_parameters
+from pouring_robot.mechanism.transfer import closed_chain_transfer
+
+# Rows of the platform twist that the four drives control: x, y, z and the tilt about y.
+TASK_ROWS = (0, 1, 2, 4)
+
+
+@dataclass(frozen=True, eq=False)
+class DriveJacobians:
+    """How the closed mechanism moves with its drives (columns, in the order of the loops file).
+
+    Attributes:
+        platform: twist of the end frame (linear velocity of its origin, angular velocity, both in the axes of the
+            base frame) per unit drive velocity, shape (6, drives).
+        joints: velocity of every joint column of the model per unit drive velocity, shape (nv, drives).
+        closure_margin: smallest singular value of the loops' Jacobian over the free joints (m, rad); zero where
+            the platform can move with the drives locked.
+    """
+
+    platform: FloatArray
+    joints: FloatArray
+    closure_margin: float
+
+    def __post_init__(self) -> None:
+        """Lock the arrays."""
+        lock_fields(self, "platform", "joints")
+
+
+@dataclass(frozen=True)
+class Dexterity:
+    """How well the drives command the four freedoms; lengths and angles compared through ``length_m``.
+
+    Attributes:
+        condition: condition number of the scaled 4 x 4 Jacobian (1 is best).
+        singularity: the nearer kind; ``serial``: the platform loses a freedom, ``parallel``: it gains one.
+        distance: smallest factor between task and drive motion, or its inverse, whichever is smaller; zero is
+            singular.
+        length_m: characteristic length by which angles were scaled, in m.
+    """
+
+    condition: float
+    singularity: Literal["serial", "parallel"]
+    distance: float
+    length_m: float
+
+
+@dataclass(frozen=True)
+class AxisWeakness:
+    """How far one tilted joint axis moves a frame sideways (along y of the base frame), at the worst joint.
+
+    Attributes:
+        parameter: the placement parameter that moves it most, such as ``leg1_s2.rz``.
+        m_per_rad: what it does, in m per rad (the same number in mm per mrad); never negative.
+    """
+
+    parameter: str
+    m_per_rad: float
+
+
+def axis_weakness(solver: ClosureSolver, result: ClosureResult, frame: str) -> AxisWeakness:
+    """Return the largest sideways entry of the error-transfer matrix over all axis tilts of the chains.
+
+    Args:
+        solver: the solver that found ``result`` (its loads count).
+        result: the closed configuration.
+        frame: the observed frame.
+
+    Raises:
+        SingularPoseError: the drives do not determine the platform here.
+    """
+    paths, loops = solver.mechanism.frame_paths, solver.mechanism.loops
+    shared = {*paths[loops.base_frame], *loops.cut_joints}
+    chains = dict.fromkeys(name for loop in loops.loops for name in (*paths[loop.frame_a], *paths[loop.frame_b]))
+    tilts = [p for p in placement_parameters(name for name in chains if name not in shared) if p.unit == "rad"]
+    sideways = np.abs(closed_chain_transfer(solver, result, tilts, frame).matrix[1])
+    worst = int(np.argmax(sideways))
+    return AxisWeakness(tilts[worst].name, float(sideways[worst]))
+
+
+def drive_jacobians(solver: ClosureSolver, result: ClosureResult) -> DriveJacobians:
+    """Return the exact Jacobians at a closed configuration.
+
+    Args:
+        solver: the solver that found ``result`` (its loads count).
+        result: the closed configuration.
+
+    Raises:
+        SingularPoseError: the free joints are not determined by the drives here.
+        BadInputError: the loops file names no end frame.
+    """
+    drives = [DriveParameter(name, "") for name in solver.mechanism.loops.drives]
+    transfer = closed_chain_transfer(solver, result, drives)
+    loops = result.jacobian.reshape(-1, solver.energy.model.nv)[:, solver.energy.free_columns]
+    margin = float(np.linalg.svd(loops, compute_uv=False)[-1])
+    return DriveJacobians(transfer.matrix, transfer.joints, margin)
+
+
+def dexterity(jacobians: DriveJacobians, prismatic: tuple[bool, ...], length_m: float) -> Dexterity:
+    """Return condition and distance to singularity of the four task freedoms.
+
+    Args:
+        jacobians: of a mechanism with four drives.
+        prismatic: which drives are lengths.
+        length_m: characteristic length that turns angles into lengths, for instance the mean distance of the
+            moving U-joint centres from the platform's origin.
+    """
+    task = jacobians.platform[list(TASK_ROWS)].copy()
+    task[3] *= length_m
+    task[:, [not is_length for is_length in prismatic]] /= length_m
+    factors = np.linalg.svd(task, compute_uv=False)
+    smallest, largest = float(factors[-1]), float(factors[0])
+    if smallest <= 1.0 / largest:
+        return Dexterity(largest / smallest if smallest else np.inf, "serial", smallest, length_m)
+    return Dexterity(largest / smallest, "parallel", 1.0 / largest, length_m)

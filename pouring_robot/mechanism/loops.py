@@ -1,0 +1,158 @@
+"""Which loops of a URDF tree are closed, and which of its joints are driven.
+
+A URDF is a tree; a loops file says which pairs of its frames coincide on the real machine. Two dialects are read:
+our own (``robot_description/config/loops.yaml``) and the ``robot.yaml`` of Gepetto's example-parallel-robots
+(keys ``closed_loop``, ``type``, ``name_mot``).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+import pydantic
+from ruamel.yaml.comments import CommentedMap
+
+from pouring_robot.exceptions import BadInputError, DescriptionError
+from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
+
+LoopKind = Literal["6d", "3d"]
+
+# Legs of steel between yokes: stiff along, softer against turning; sqrt(k_rot / k_trans) = 0.03 m (DESIGN §2).
+DEFAULT_TRANSLATION_STIFFNESS = 1.0e8
+DEFAULT_ROTATION_STIFFNESS = 1.0e5
+
+
+class Quantity(StrictModel):
+    """A number of a configuration file with its unit and where it comes from."""
+
+    value: float
+    unit: str
+    source: Literal["paper", "inferred", "assumed"]
+    note: str = ""
+
+
+class LoopSpec(StrictModel):
+    """One closure: ``frame_b`` must coincide with ``frame_a`` (6d: fully; 3d: their origins)."""
+
+    name: str
+    frame_a: str
+    frame_b: str
+    type: LoopKind = "6d"
+
+
+class LoopStiffness(StrictModel):
+    """Stiffness of a closed joint: how strongly the parts resist being forced together."""
+
+    translation: Quantity
+    rotation: Quantity
+
+    @pydantic.model_validator(mode="after")
+    def _units_and_sign(self) -> LoopStiffness:
+        for quantity, unit in ((self.translation, "N/m"), (self.rotation, "Nm/rad")):
+            if quantity.unit != unit:
+                raise ValueError(f"the stiffness must be given in {unit}")
+            if quantity.value <= 0.0:
+                raise ValueError("a stiffness must be positive")
+        return self
+
+
+class LoopsFile(StrictModel):
+    """A loops file as written, in our own dialect.
+
+    Attributes:
+        mechanism: what it is called.
+        base_frame: poses are seen from it.
+        end_frame: the body that all chains carry.
+        tool_frames: further frames on that body that are reported; the last is where the tool works.
+        cut_joints: joints that carry the end body in the tree only.
+        locked_joints: joints that take no part in the closure.
+        drives: driven joints.
+        loops: what is closed.
+        stiffness: of each closure.
+    """
+
+    mechanism: str = "closed chain"
+    base_frame: str = "universe"
+    end_frame: str | None = None
+    tool_frames: tuple[str, ...] = ()
+    cut_joints: tuple[str, ...] = ()
+    locked_joints: tuple[str, ...] = ()
+    drives: tuple[str, ...] = pydantic.Field(min_length=1)
+    loops: tuple[LoopSpec, ...] = pydantic.Field(min_length=1)
+    stiffness: LoopStiffness = LoopStiffness(
+        translation=Quantity(value=DEFAULT_TRANSLATION_STIFFNESS, unit="N/m", source="assumed"),
+        rotation=Quantity(value=DEFAULT_ROTATION_STIFFNESS, unit="Nm/rad", source="assumed"),
+    )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the loops, in order."""
+        return tuple(loop.name for loop in self.loops)
+
+    @property
+    def reported_frames(self) -> tuple[str, ...]:
+        """The frames whose poses are reported: the end frame, then the tool frames."""
+        return (*((self.end_frame,) if self.end_frame else ()), *self.tool_frames)
+
+    @property
+    def working_frame(self) -> str:
+        """The frame whose error counts: the last of the reported ones.
+
+        Raises:
+            BadInputError: the file names neither an end frame nor a tool frame.
+        """
+        if not self.reported_frames:
+            raise BadInputError("the loops file names no end_frame and no tool_frames; name the frame that counts")
+        return self.reported_frames[-1]
+
+    @property
+    def stiffness_si(self) -> tuple[float, float]:
+        """Translation stiffness in N/m and rotation stiffness in Nm/rad."""
+        return self.stiffness.translation.value, self.stiffness.rotation.value
+
+    @pydantic.model_validator(mode="after")
+    def _no_name_twice(self) -> LoopsFile:
+        for what, names in (("loop", self.names), ("drive", self.drives), ("cut joint", self.cut_joints)):
+            twice = {name for name in names if names.count(name) > 1}
+            if twice:
+                raise ValueError(f"{what} '{min(twice)}' stands twice")
+        both = set(self.drives) & {*self.locked_joints, *self.cut_joints}
+        if both:
+            raise ValueError(f"joint '{min(both)}' cannot be a drive and locked or cut as well")
+        return self
+
+
+def _from_gepetto(content: CommentedMap, path: Path) -> dict[str, Any]:
+    """Translate the keys of Gepetto's ``robot.yaml``."""
+    unknown = {str(key) for key in content} - {"closed_loop", "type", "name_mot", "joint_name", "joint_type"}
+    if unknown:
+        raise DescriptionError(path, f"unknown key '{min(unknown)}' beside 'closed_loop'")
+    if content.get("joint_name"):
+        raise DescriptionError(
+            path, "'joint_name' and 'joint_type' change joints after loading; write those joints into the URDF"
+        )
+    pairs, drives = content["closed_loop"], content.get("name_mot") or []
+    if not isinstance(pairs, list) or any(not isinstance(pair, list) or len(pair) != 2 for pair in pairs):
+        raise DescriptionError(path, "'closed_loop' must be a list of pairs of frame names")
+    kinds = content.get("type") or ["6d"] * len(pairs)
+    if not isinstance(kinds, list) or len(kinds) != len(pairs):
+        raise DescriptionError(path, f"'type' must be a list of {len(pairs)} kinds, one a closed loop")
+    loops = [
+        {"name": f"loop_{i}", "frame_a": pair[0], "frame_b": pair[1], "type": str(kind).lower()}
+        for i, (pair, kind) in enumerate(zip(pairs, kinds, strict=True), start=1)
+    ]
+    return {"loops": loops, "drives": [drives] if isinstance(drives, str) else drives}
+
+
+def load_loops(path: Path | str) -> LoopsFile:
+    """Read a loops file of either dialect.
+
+    Raises:
+        DescriptionError: the file is missing, is not YAML, or a key is unknown, missing or of the wrong kind.
+    """
+    path = Path(path)
+    content = read_yaml(path)
+    if "closed_loop" in content:
+        return validate(LoopsFile, CommentedMap(_from_gepetto(content, path)), path)
+    return validate(LoopsFile, content, path)

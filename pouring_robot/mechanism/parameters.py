@@ -1,0 +1,126 @@
+"""Local parameters: the one notion behind geometric errors, heat, calibration and diagnosis.
+
+A local parameter is a number that changes the mechanism at one place. Every effect is a combination of them, and
+the error-transfer matrix (:mod:`pouring_robot.mechanism.transfer`) carries them all to the ladle in the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from pouring_robot.mechanism.arrays import FloatArray
+
+COMPONENTS = ("tx", "ty", "tz", "rx", "ry", "rz")
+"""Components of a placement error: translation in m, rotation vector in rad, in the joint's own placement."""
+
+Twist = tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True)
+class PlacementParameter:
+    """Displaces the placement of one joint, fixed or moving, before the joint's own motion.
+
+    Attributes:
+        name: such as ``leg1_s1.tx``.
+        unit: ``m`` or ``rad``.
+        joint: the URDF joint that is displaced.
+        twist: displacement per unit, (linear, angular) in the joint's present placement, m and rad.
+    """
+
+    name: str
+    unit: str
+    joint: str
+    twist: Twist
+
+
+@dataclass(frozen=True)
+class DriveParameter:
+    """Error of a commanded drive value: the drive stands at command plus error.
+
+    Attributes:
+        joint: the driven joint.
+        unit: ``m`` or ``rad``.
+    """
+
+    joint: str
+    unit: str
+
+    @property
+    def name(self) -> str:
+        """Such as ``drive.leg1_s3``."""
+        return f"drive.{self.joint}"
+
+
+@dataclass(frozen=True)
+class StiffnessParameter:
+    """Stiffness of a yielding drive, in N/m or Nm/rad.
+
+    Attributes:
+        joint: the yielding drive.
+        unit: ``N/m`` or ``Nm/rad``.
+    """
+
+    joint: str
+    unit: str
+
+    @property
+    def name(self) -> str:
+        """Such as ``stiffness.leg1_s3``."""
+        return f"stiffness.{self.joint}"
+
+
+@dataclass(frozen=True)
+class PayloadParameter:
+    """Mass of the payload, in kg, at the place the loads give it."""
+
+    name: str = "payload"
+    unit: str = "kg"
+
+
+@dataclass(frozen=True)
+class FrameParameter:
+    """Displaces a whole frame: the mechanism's base, or the observed frame on the end body, in its own axes.
+
+    Attributes:
+        side: ``base`` or ``tool``.
+        component: one of :data:`COMPONENTS`.
+    """
+
+    side: Literal["base", "tool"]
+    component: str
+
+    @property
+    def name(self) -> str:
+        """Such as ``base.tx``."""
+        return f"{self.side}.{self.component}"
+
+    @property
+    def unit(self) -> str:
+        """Unit of the component."""
+        return component_unit(self.component)
+
+
+LocalParameter = PlacementParameter | DriveParameter | StiffnessParameter | PayloadParameter | FrameParameter
+
+
+def component_unit(component: str) -> str:
+    """Return the unit of one of :data:`COMPONENTS`."""
+    return "m" if component.startswith("t") else "rad"
+
+
+def unit_twist(component: str) -> FloatArray:
+    """Return the unit twist of one of :data:`COMPONENTS`; shape (6,)."""
+    return np.asarray(np.eye(6)[COMPONENTS.index(component)])
+
+
+def placement_parameters(joints: Iterable[str]) -> tuple[PlacementParameter, ...]:
+    """Return all six components of the placement error of each joint, in the order of :data:`COMPONENTS`."""
+    return tuple(
+        PlacementParameter(f"{joint}.{c}", component_unit(c), joint, tuple(unit_twist(c).tolist()))
+        for joint in joints
+        for c in COMPONENTS
+    )

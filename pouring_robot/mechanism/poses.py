@@ -1,0 +1,50 @@
+"""Differences of poses, and the units of the user's edge: mm and mrad."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from pouring_robot.mechanism.arrays import FloatArray, lock_fields
+
+MM = 1e-3
+MRAD = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class PoseDifference:
+    """Where the actual frame stands, seen from where it should be; both axes of the fixed platform.
+
+    Attributes:
+        translation_m: actual minus nominal origin, shape (3,), in m.
+        rotation_rad: rotation vector that turns the nominal axes into the actual ones, shape (3,), in rad.
+    """
+
+    translation_m: FloatArray
+    rotation_rad: FloatArray
+
+    def __post_init__(self) -> None:
+        """Lock the arrays."""
+        lock_fields(self, "translation_m", "rotation_rad")
+
+    @classmethod
+    def between(cls, nominal: pin.SE3, actual: pin.SE3) -> PoseDifference:
+        """Compare two poses of one frame in the same base."""
+        rotation = pin.log3(actual.rotation @ nominal.rotation.T)
+        return cls(actual.translation - nominal.translation, np.asarray(rotation))
+
+    @property
+    def distance_m(self) -> float:
+        """Length of the translation, in m."""
+        return float(np.linalg.norm(self.translation_m))
+
+    @property
+    def angle_rad(self) -> float:
+        """Angle of the rotation, in rad."""
+        return float(np.linalg.norm(self.rotation_rad))
+
+    def to_mm_mrad(self) -> tuple[FloatArray, FloatArray]:
+        """Return the translation in mm and the rotation vector in mrad; shape (3,) each."""
+        return self.translation_m / MM, self.rotation_rad / MRAD

@@ -1,0 +1,47 @@
+"""Rotation vectors of stacks of poses, and the matrices that turn their small changes into turns.
+
+With exp(w) the rotation of a rotation vector w (Rodrigues), the right Jacobian says
+``exp(w + dw) = exp(w) exp(right_jacobian(w) dw)``; see e.g. Chirikjian, *Stochastic Models, Information Theory, and
+Lie Groups* 2, §10.6.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from pouring_robot.mechanism.arrays import FloatArray
+
+# Below this angle (rad) the series is exact to round-off where the closed form would divide zero by zero.
+_SMALL = 1e-4
+
+
+def skew(vectors: FloatArray) -> FloatArray:
+    """Return the matrices (..., 3, 3) of cross products with vectors (..., 3)."""
+    matrices = np.zeros((*vectors.shape, 3))
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    matrices[..., 0, 1], matrices[..., 0, 2], matrices[..., 1, 2] = -z, y, -x
+    matrices[..., 1, 0], matrices[..., 2, 0], matrices[..., 2, 1] = z, -y, x
+    return matrices
+
+
+def right_jacobian(rotation_vector: FloatArray) -> FloatArray:
+    """Return the right Jacobian (3, 3) of exp at one rotation vector (3,), in rad."""
+    return np.asarray(pin.Jexp3(np.asarray(rotation_vector, dtype=float)))
+
+
+def inverse_right_jacobians(rotation_vectors: FloatArray) -> FloatArray:
+    """Return the inverse right Jacobians (n, 3, 3) at rotation vectors (n, 3), in rad; NaN stays NaN.
+
+    ``log(exp(r) exp(d)) = r + inverse_right_jacobian(r) d`` to first order in d:
+    1 + [r]/2 + (1/a² - (1 + cos a)/(2 a sin a)) [r]², a = |r|.
+    """
+    cross = skew(rotation_vectors)
+    angle = np.linalg.norm(rotation_vectors, axis=-1)
+    large = np.where(angle > _SMALL, angle, 1.0)
+    factor = np.where(
+        angle > _SMALL,
+        1.0 / large**2 - (1.0 + np.cos(large)) / (2.0 * large * np.sin(large)),
+        1.0 / 12.0 + angle**2 / 720.0,
+    )
+    return np.asarray(np.eye(3) + 0.5 * cross + factor[..., None, None] * (cross @ cross))

@@ -1,0 +1,289 @@
+r"""The error-transfer matrix G: how local parameters move the ladle, exactly to first order.
+
+Closed chain. At the energy minimum the gradient g over the free joints vanishes; with H its Hessian,
+
+.. math:: G = T_p - T_f H_{ff}^{-1}\, \partial g_f / \partial p
+
+where T turns joint (f) and parameter (p) twists into the twist of the observed frame. G is exact whether or not the
+loops close, with weight and yielding drives in the model. Open branch: one chain alone, its joints held, as in the
+paper's Section 4.
+
+A row triple is the displacement of the frame's origin, then the rotation vector, both in the axes of the base frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+import scipy.linalg
+
+from pouring_robot.exceptions import BadInputError, SingularPoseError, UnknownJointError
+from pouring_robot.mechanism.arrays import FloatArray, lock_fields
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
+from pouring_robot.mechanism.energy import EnergyState, TwistColumns
+from pouring_robot.mechanism.parameters import (
+    DriveParameter,
+    FrameParameter,
+    LocalParameter,
+    PayloadParameter,
+    PlacementParameter,
+    StiffnessParameter,
+    unit_twist,
+)
+from pouring_robot.mechanism.weight import Weight
+
+_SINGULAR_RATIO = 1e-13
+
+
+@dataclass(frozen=True, eq=False)
+class TransferMatrix:
+    """G with its labels.
+
+    Attributes:
+        frame: the observed frame.
+        parameters: one a column.
+        matrix: shape (6, n): displacement of the frame's origin in m, rotation vector in rad, in base axes, per unit
+            of each parameter.
+        joints: velocity of every joint column per unit of each parameter, shape (nv, n); zero for an open branch.
+    """
+
+    frame: str
+    parameters: tuple[LocalParameter, ...]
+    matrix: FloatArray
+    joints: FloatArray
+
+    def __post_init__(self) -> None:
+        """Lock the arrays."""
+        lock_fields(self, "matrix", "joints")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+
+def closed_chain_transfer(
+    solver: ClosureSolver,
+    result: ClosureResult,
+    parameters: Sequence[LocalParameter],
+    frame: str | None = None,
+) -> TransferMatrix:
+    """Return G of the closed mechanism at a closed configuration.
+
+    Args:
+        solver: the solver that found ``result``; its loads count.
+        result: the closed configuration.
+        parameters: what may be wrong with the mechanism.
+        frame: the observed frame; by default the end frame of the loops file.
+
+    Raises:
+        UnknownJointError: a parameter names an absent joint.
+        BadInputError: a parameter does not apply, such as the stiffness of a rigid drive.
+        SingularPoseError: the drives do not determine the platform here.
+    """
+    observer = _Observer(solver.mechanism, result, frame)
+    energy = solver.energy
+    state = energy.evaluate(result.configuration, result.commanded)
+    hessian = energy.hessian(state)
+    gradient_change = _gradient_change(solver, result, state, hessian, parameters)
+    free = energy.free_columns
+    motion = _rigid_motion(solver, parameters)
+    motion[free] -= _solve(hessian[energy.free_block], gradient_change[free])
+    matrix = observer.joint_twists() @ motion + observer.direct_twists(parameters)
+    return TransferMatrix(observer.frame, tuple(parameters), matrix, motion)
+
+
+def open_branch_transfer(
+    solver: ClosureSolver, result: ClosureResult, parameters: Sequence[PlacementParameter], frame: str | None = None
+) -> TransferMatrix:
+    """Return G of each chain alone: its joints held, the platform fixed to its tip, the other chains away.
+
+    Args:
+        solver: the solver that found ``result``.
+        result: the closed configuration whose joints are held.
+        parameters: displaced placements; each counts for the chain it lies in.
+        frame: the observed frame; by default the end frame of the loops file.
+
+    Raises:
+        UnknownJointError: a parameter names an absent joint.
+        BadInputError: a parameter lies in no chain.
+    """
+    observer = _Observer(solver.mechanism, result, frame)
+    columns = _placement_columns(solver, result, parameters)
+    own = [_own_loop(solver.mechanism, parameter.joint) for parameter in parameters]
+    # To stay on its chain, frame b follows frame a: the platform moves by what opened the chain's own loop.
+    opened = np.stack([(columns.on_a - columns.on_b)[loop, :, k] for k, loop in enumerate(own)], axis=1)
+    matrix = observer.direct_twists(parameters) + observer.from_world(opened)
+    return TransferMatrix(
+        observer.frame, tuple(parameters), matrix, np.zeros((solver.energy.model.nv, len(parameters)))
+    )
+
+
+def _own_loop(mechanism: ClosedChainMechanism, joint: str) -> int:
+    """Return the loop of the chain that a joint lies in: before frame a, or beyond the cut joint before frame b."""
+    paths, cuts = mechanism.frame_paths, set(mechanism.loops.cut_joints)
+    for i, loop in enumerate(mechanism.loops.loops):
+        on_end_body = paths[loop.frame_b]
+        for depth, name in enumerate(on_end_body):
+            if name in cuts:
+                on_end_body = on_end_body[depth:]
+                break
+        if joint in paths[loop.frame_a] or joint in on_end_body:
+            return i
+    raise BadInputError(f"joint '{joint}' lies in no chain, so it has no open branch")
+
+
+class _Observer:
+    """The observed frame at a configuration, seen in the axes of the base frame."""
+
+    def __init__(self, mechanism: ClosedChainMechanism, result: ClosureResult, frame: str | None) -> None:
+        loops = mechanism.loops
+        if frame is None and loops.end_frame is None:
+            raise BadInputError("the loops file names no end_frame; say which frame is observed")
+        self.mechanism, self.base, self.frame = mechanism, loops.base_frame, frame or str(loops.end_frame)
+        self._model = mechanism.shared_model
+        self._data = self._model.createData()
+        pin.computeJointJacobians(self._model, self._data, result.configuration)
+        pin.updateFramePlacements(self._model, self._data)
+        base, tip = (self._data.oMf[mechanism.frame_id(name)] for name in (self.base, self.frame))
+        self.pose_base_to_frame = base.actInv(tip)
+        axes = np.zeros((6, 6))
+        axes[:3, :3] = axes[3:, 3:] = base.rotation.T @ tip.rotation
+        self._to_base_axes = axes @ tip.toActionMatrixInverse()
+
+    def from_world(self, twists: FloatArray) -> FloatArray:
+        """Turn world twists into displacement of the frame's origin and rotation, in base axes; (6, n)."""
+        return np.asarray(self._to_base_axes @ twists)
+
+    def joint_twists(self) -> FloatArray:
+        """Return the frame's twist against the base per joint velocity; (6, nv)."""
+        columns = np.zeros((6, self._model.nv))
+        for frame, sign in ((self.frame, 1.0), (self.base, -1.0)):
+            joint = self._model.frames[self.mechanism.frame_id(frame)].parentJoint
+            for support in list(self._model.supports[joint])[1:]:
+                first = self._model.idx_vs[support]
+                block = slice(first, first + self._model.nvs[support])
+                columns[:, block] += sign * self._data.J[:, block]
+        return self.from_world(columns)
+
+    def direct_twists(self, parameters: Sequence[LocalParameter]) -> FloatArray:
+        """Return the frame's twist per parameter with all joints held; (6, n)."""
+        twists = np.zeros((6, len(parameters)))
+        for k, parameter in enumerate(parameters):
+            if isinstance(parameter, PlacementParameter):
+                _known_placement(self.mechanism, parameter.joint)
+                paths = self.mechanism.frame_paths
+                sign = (parameter.joint in paths[self.frame]) - (parameter.joint in paths[self.base])
+                if sign:
+                    pose = self.mechanism.pose_world_to_placement(self._data, parameter.joint)
+                    twists[:, k] = sign * self.from_world(pose.toActionMatrix() @ np.array(parameter.twist))
+            elif isinstance(parameter, FrameParameter):
+                twist = unit_twist(parameter.component)
+                pose = self.pose_base_to_frame
+                if parameter.side == "base":  # turning the base swings the frame about the base's origin
+                    twists[:, k] = twist
+                    twists[:3, k] += np.cross(twist[3:], pose.translation)
+                else:
+                    twists[:3, k], twists[3:, k] = pose.rotation @ twist[:3], pose.rotation @ twist[3:]
+        return twists
+
+
+def _known_placement(mechanism: ClosedChainMechanism, joint: str) -> None:
+    if joint not in mechanism.path_depths:
+        raise UnknownJointError(joint, mechanism.path_depths)
+    if joint in mechanism.loops.cut_joints:
+        raise BadInputError(f"joint '{joint}' is cut, so displacing it changes nothing; displace the platform's seats")
+
+
+def _placement_columns(
+    solver: ClosureSolver, result: ClosureResult, parameters: Sequence[LocalParameter]
+) -> TwistColumns:
+    """Return the world twists of placement parameters as the loops feel them; zero for other parameters."""
+    mechanism, model = solver.mechanism, solver.energy.model
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, result.configuration)
+    loops = mechanism.loops.loops
+    on_a, on_b = np.zeros((2, len(loops), 6, len(parameters)))
+    depth = np.zeros(len(parameters))
+    paths = mechanism.frame_paths
+    for k, parameter in enumerate(parameters):
+        if not isinstance(parameter, PlacementParameter):
+            continue
+        _known_placement(mechanism, parameter.joint)
+        pose = mechanism.pose_world_to_placement(data, parameter.joint)
+        twist = pose.toActionMatrix() @ np.array(parameter.twist)
+        depth[k] = mechanism.path_depths[parameter.joint]
+        for i, loop in enumerate(loops):
+            on_a[i, :, k] = twist * (parameter.joint in paths[loop.frame_a])
+            on_b[i, :, k] = twist * (parameter.joint in paths[loop.frame_b])
+    return TwistColumns(on_a, on_b, depth)
+
+
+def _rigid_motion(solver: ClosureSolver, parameters: Sequence[LocalParameter]) -> FloatArray:
+    """Return the motion of rigid drives that parameters impose; (nv, n)."""
+    energy = solver.energy
+    motion = np.zeros((energy.model.nv, len(parameters)))
+    for k, parameter in enumerate(parameters):
+        if isinstance(parameter, DriveParameter):
+            column = _drive_column(solver, parameter.joint)
+            if energy.springs[column] == 0.0:
+                motion[column, k] = 1.0
+        elif isinstance(parameter, StiffnessParameter):
+            if energy.springs[_drive_column(solver, parameter.joint)] == 0.0:
+                raise BadInputError(f"drive '{parameter.joint}' is rigid in this model; give it a stiffness first")
+        elif isinstance(parameter, PayloadParameter) and not energy.loads.gravity:
+            raise BadInputError("the payload's mass has no effect without gravity; switch gravity on in the loads")
+    return motion
+
+
+def _drive_column(solver: ClosureSolver, joint: str) -> int:
+    drives = solver.mechanism.loops.drives
+    if joint not in drives:
+        raise UnknownJointError(joint, drives)
+    return int(solver.energy.model.idx_vs[solver.mechanism.joint_id(joint)])
+
+
+def _gradient_change(
+    solver: ClosureSolver,
+    result: ClosureResult,
+    state: EnergyState,
+    hessian: FloatArray,
+    parameters: Sequence[LocalParameter],
+) -> FloatArray:
+    """Return the derivative of the energy's gradient by the parameters, joints held where they are; (nv, n)."""
+    energy = solver.energy
+    columns = _placement_columns(solver, result, parameters)
+    change = energy.gradient_derivative(state, columns)
+    if energy.loads.gravity:
+        change += Weight(energy, result.configuration).placement_derivative(parameters)
+    for k, parameter in enumerate(parameters):
+        if isinstance(parameter, DriveParameter):
+            column = _drive_column(solver, parameter.joint)
+            spring = energy.springs[column]
+            # A yielding drive is pulled towards its command; a rigid one moves, and everything with it.
+            change[:, k] = -spring * np.eye(energy.model.nv)[column] if spring else hessian[:, column]
+        elif isinstance(parameter, StiffnessParameter):
+            column = _drive_column(solver, parameter.joint)
+            change[column, k] = pin.difference(energy.model, result.commanded, result.configuration)[column]
+        elif isinstance(parameter, PayloadParameter):
+            change[:, k] = Weight(energy, result.configuration).payload_derivative()
+    return change
+
+
+def _solve(block: FloatArray, right_side: FloatArray) -> FloatArray:
+    """Solve with the Hessian of the free joints, scaled to a unit diagonal: metres and radians differ by decades."""
+    diagonal = np.diagonal(block)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, np.inf))
+    scaled = block * scale[:, None] * scale[None, :]
+    values = np.linalg.eigvalsh(scaled)
+    if values[0] <= _SINGULAR_RATIO * values[-1]:
+        raise SingularPoseError(float(values[0] / values[-1]))
+    factor = scipy.linalg.cho_factor(scaled)
+    wanted = scale[:, None] * right_side
+    solution = scipy.linalg.cho_solve(factor, wanted)
+    solution += scipy.linalg.cho_solve(factor, wanted - scaled @ solution)
+    return np.asarray(scale[:, None] * solution)

@@ -1,0 +1,110 @@
+r"""How the weight of the links enters the closure when placements or the payload change.
+
+With :math:`V = -\sum_b m_b\, g \cdot c_b`, the gradient by a joint k is :math:`-m\, g \cdot v_k(c)` summed over the
+bodies beyond it, with :math:`v_k(c)` the velocity its twist gives the centre of mass. Displacing a placement p
+changes it by :math:`-m\, g \cdot (\omega_u \times v_d(c))` for every body beyond both, where u is the one of k and p
+that comes first on the path and d the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.energy import ClosureEnergy
+from pouring_robot.mechanism.parameters import LocalParameter, PlacementParameter
+
+
+@dataclass(frozen=True)
+class _Body:
+    """A mass with its centre in the world and the joints, fixed and moving, that carry it."""
+
+    mass: float
+    centre: FloatArray
+    path: tuple[str, ...]
+
+
+class Weight:
+    """The links' weight at one configuration.
+
+    Args:
+        energy: closure energy with its loads.
+        configuration: shape (nq,).
+    """
+
+    def __init__(self, energy: ClosureEnergy, configuration: FloatArray) -> None:
+        """Place every body in the world."""
+        self._energy, self._mechanism = energy, energy.mechanism
+        self._model = energy.model
+        self._data = self._model.createData()
+        pin.computeJointJacobians(self._model, self._data, configuration)
+        pin.updateFramePlacements(self._model, self._data)
+        self._gravity = np.array(self._model.gravity.linear)
+        self._bodies = self._all_bodies()
+
+    def _all_bodies(self) -> list[_Body]:
+        """Return the bodies one by one: Pinocchio has merged those behind fixed joints into their moving parent."""
+        model, data, paths = self._mechanism.shared_model, self._data, self._mechanism.frame_paths
+        bodies = []
+        merged = [pin.Inertia.Zero() for _ in range(model.njoints)]
+        for i, frame in enumerate(model.frames):
+            if frame.type == pin.FrameType.FIXED_JOINT and frame.inertia.mass > 0.0:
+                merged[frame.parentJoint] += frame.placement.act(frame.inertia)
+                bodies.append(_Body(frame.inertia.mass, data.oMf[i].act(frame.inertia.lever), paths[frame.name]))
+        for joint in range(1, model.njoints):
+            own_mass = model.inertias[joint].mass - merged[joint].mass
+            if own_mass > 1e-12:
+                moment = model.inertias[joint].mass * model.inertias[joint].lever
+                lever = (moment - merged[joint].mass * merged[joint].lever) / own_mass
+                bodies.append(_Body(own_mass, data.oMi[joint].act(lever), paths[model.names[joint]]))
+        payload = self._payload(1.0)
+        if self._energy.loads.payload_kg > 0.0:
+            bodies.append(_Body(self._energy.loads.payload_kg, payload.centre, payload.path))
+        return bodies
+
+    def _payload(self, mass: float) -> _Body:
+        loads = self._energy.loads
+        frame = self._data.oMf[self._mechanism.frame_id(loads.payload_frame)]
+        path = self._mechanism.frame_paths[loads.payload_frame]
+        return _Body(mass, frame.act(np.array(loads.payload_centre_m)), path)
+
+    def _carries(self, body: _Body) -> FloatArray:
+        """Return 1 for every joint column that carries a body; (nv,)."""
+        names = list(self._model.names)
+        flags = [names[j] in body.path for j in range(1, self._model.njoints) for _ in range(self._model.nvs[j])]
+        return np.array(flags, dtype=float)
+
+    def payload_derivative(self) -> FloatArray:
+        """Return the derivative of the gravity gradient by the payload's mass; shape (nv,), in N or Nm per kg."""
+        body = self._payload(1.0)
+        velocities = _velocity(self._data.J, body.centre) * self._carries(body)
+        return np.asarray(-self._gravity @ velocities)
+
+    def placement_derivative(self, parameters: Sequence[LocalParameter]) -> FloatArray:
+        """Return the derivative of the gravity gradient by placement parameters; shape (nv, n)."""
+        change = np.zeros((self._model.nv, len(parameters)))
+        joints = self._energy.joint_depths
+        for k, parameter in enumerate(parameters):
+            if not isinstance(parameter, PlacementParameter):
+                continue
+            pose = self._mechanism.pose_world_to_placement(self._data, parameter.joint)
+            twist = (pose.toActionMatrix() @ np.array(parameter.twist))[:, None]
+            first = self._mechanism.path_depths[parameter.joint] < joints
+            for body in self._bodies:
+                if parameter.joint not in body.path:
+                    continue
+                own, displaced = _velocity(self._data.J, body.centre), _velocity(twist, body.centre)
+                outer = np.where(first, twist[3:], self._data.J[3:])
+                inner = np.where(first, own, displaced)
+                turned = np.cross(outer, inner, axis=0)
+                change[:, k] -= body.mass * (self._gravity @ turned) * self._carries(body)
+        return change
+
+
+def _velocity(twists: FloatArray, point: FloatArray) -> FloatArray:
+    """Return the velocity that world twists (6, n) give a point; (3, n)."""
+    return np.asarray(twists[:3] + np.cross(twists[3:], point[:, None], axis=0))

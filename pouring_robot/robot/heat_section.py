@@ -1,0 +1,125 @@
+"""How warm a robot is: the section ``heat`` of a model file, and what the command line puts over it.
+
+Temperatures are in °C and times in minutes, as people write them. Properties are in the units of ``thermal.yaml``.
+"""
+
+# ruff: noqa: N815 - units keep their capitals: K, W, degC
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import pydantic
+
+from pouring_robot.exceptions import BadInputError, closest
+from pouring_robot.io.typed_yaml import StrictModel
+from pouring_robot.robot.pouring.thermal_properties import (
+    HOTTEST_DEGC,
+    HOTTEST_SURROUNDINGS_DEGC,
+    PARTS,
+    ZERO_CELSIUS_K,
+    ThermalProperties,
+    load_thermal_properties,
+)
+
+LONGEST_MIN = 60.0 * 24.0 * 30.0
+"""A month: every part has settled long before."""
+
+
+def _temperature(value: float) -> float:
+    if value < -ZERO_CELSIUS_K:
+        raise ValueError(f"{value:g} degC lies below absolute zero; check value and unit")
+    if value > HOTTEST_DEGC:
+        raise ValueError(f"{value:g} degC is hotter than any melt (limit {HOTTEST_DEGC:g} degC); check value and unit")
+    return value
+
+
+def _surroundings(value: float) -> float:
+    if value > HOTTEST_SURROUNDINGS_DEGC:
+        raise ValueError(
+            f"{value:g} degC is hotter than any surroundings (limit {HOTTEST_SURROUNDINGS_DEGC:g} degC); check value "
+            "and unit"
+        )
+    return _temperature(value)
+
+
+def _minutes(value: float) -> float:
+    if not 0.0 < value <= LONGEST_MIN:
+        raise ValueError(f"{value:g} min is no time since the melt came; give 0 to {LONGEST_MIN:g} min")
+    return value
+
+
+Celsius = Annotated[float, pydantic.AfterValidator(_temperature)]
+Surroundings = Annotated[float, pydantic.AfterValidator(_surroundings)]
+Minutes = Annotated[float, pydantic.AfterValidator(_minutes)]
+
+
+class HeatSection(StrictModel):
+    """What makes a robot warm.
+
+    Attributes:
+        melt_degC: temperature of the melt; left out: that of the properties.
+        ambient_degC: temperature of the surroundings; left out: that of the properties.
+        after_min: how long the melt has been there, everything being as warm as the surroundings before and the pose
+            held; left out: until nothing changes any more (steady).
+        measured_degC: measured mean temperature of parts (``leg1`` … ``leg4``, ``platform``, ``fixed_platform``);
+            it takes the place of the computed one.
+        properties: values that replace those of the shipped ``thermal.yaml``, by section and name, in its units.
+    """
+
+    melt_degC: Celsius | None = None
+    ambient_degC: Surroundings | None = None
+    after_min: Minutes | None = None
+    measured_degC: dict[str, Celsius] = pydantic.Field(default_factory=dict)
+    properties: dict[str, dict[str, float]] = pydantic.Field(default_factory=dict)
+
+    @pydantic.model_validator(mode="after")
+    def _known_names(self) -> HeatSection:
+        for part in self.measured_degC:
+            if part not in PARTS:
+                raise ValueError(f"measured_degC: there is no part '{part}'{closest(part, PARTS)}")
+        if self.properties:
+            self.thermal_properties()
+        return self
+
+    def thermal_properties(self) -> ThermalProperties:
+        """Return the shipped properties with this section's values in place.
+
+        Raises:
+            ValueError: a section or name is unknown, or a value is impossible.
+        """
+        shipped = load_thermal_properties()
+        content = shipped.model_dump()
+        for section, values in self.properties.items():
+            if section not in content:
+                raise ValueError(f"properties: there is no section '{section}'{closest(section, content)}")
+            for name, value in values.items():
+                if name not in content[section]:
+                    raise ValueError(
+                        f"properties: '{section}' has no property '{name}'{closest(name, content[section])}"
+                    )
+                content[section][name] |= {"value": value, "source": "assumed", "note": "from the model file"}
+        try:
+            return ThermalProperties.model_validate(content)
+        except pydantic.ValidationError as problem:
+            section, name = (str(part) for part in problem.errors()[0]["loc"][:2])
+            entry = content[section][name]
+            unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
+            raise ValueError(
+                f"properties: {section}.{name} = {entry['value']:g}{unit}: {_first_words(problem)}"
+            ) from problem
+
+    def with_values(self, **values: Any) -> HeatSection:
+        """Return the section with some values replaced.
+
+        Raises:
+            BadInputError: a value is impossible; names it.
+        """
+        try:
+            return HeatSection.model_validate(self.model_dump() | values)
+        except pydantic.ValidationError as problem:
+            where = ".".join(str(part) for part in problem.errors()[0]["loc"])
+            raise BadInputError(f"{where}: {_first_words(problem)}") from problem
+
+
+def _first_words(problem: pydantic.ValidationError) -> str:
+    return str(problem.errors()[0]["msg"]).removeprefix("Value error, ")

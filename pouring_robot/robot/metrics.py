@@ -1,0 +1,118 @@
+"""Ladle locations as plain figures in mm, mrad and degrees: what the command line prints and writes as JSON."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure import ClosureResult
+from pouring_robot.mechanism.jacobians import AxisWeakness, Dexterity
+from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
+from pouring_robot.robot.robot import LadleLocation
+
+Figures = dict[str, Any]
+
+
+def joint_figures(mechanism: ClosedChainMechanism, values: dict[str, float]) -> Figures:
+    """Return joint values with their unit in the name: mm for prismatic, degrees for revolute joints."""
+    figures = {}
+    for joint, value in values.items():
+        if mechanism.unit_of(joint) == "m":
+            figures[f"{joint}_mm"] = value / MM
+        else:
+            figures[f"{joint}_deg"] = math.degrees(value)
+    return figures
+
+
+def difference_figures(difference: PoseDifference) -> Figures:
+    """Return a pose difference in mm and mrad."""
+    translation, rotation = difference.to_mm_mrad()
+    return {
+        "translation_mm": translation.tolist(),
+        "rotation_mrad": rotation.tolist(),
+        "distance_mm": difference.distance_m / MM,
+        "angle_mrad": difference.angle_rad / MRAD,
+    }
+
+
+def _frame_figures(location: LadleLocation, frame: str) -> Figures:
+    nominal, actual = location.poses(frame)
+    return {
+        "nominal_mm": (nominal.translation / MM).tolist(),
+        "actual_mm": (actual.translation / MM).tolist(),
+        "error": difference_figures(location.difference(frame)),
+    }
+
+
+def internal_load_figures(result: ClosureResult) -> Figures:
+    """Return what the joints are forced by because the chains over-constrain the platform, in N and Nm.
+
+    Each loop's force and torque are those with which its second frame pulls at the first one's chain, in the axes of
+    the second frame. They follow from the stiffness in the loops file, which is assumed.
+    """
+    names = result.mechanism.loops.names
+    return {
+        "force_N": result.internal_force_n,
+        "torque_Nm": result.internal_torque_nm,
+        "loops": {
+            name: {"force_N": wrench[:3].tolist(), "torque_Nm": wrench[3:].tolist()}
+            for name, wrench in zip(names, result.internal_wrench, strict=True)
+        },
+    }
+
+
+def location_figures(location: LadleLocation, dexterity: Dexterity, weakness: AxisWeakness | None = None) -> Figures:
+    """Return everything known of one location, ready for JSON; units are in the names."""
+    sideways = {} if weakness is None else {"sideways": sideways_figures(weakness)}
+    x, y, z, tilt = location.commanded.to_mm_deg()
+    limiting = location.reach[0]
+    scale, unit = (MM, "mm") if limiting.unit == "m" else (math.radians(1.0), "deg")
+    return {
+        "commanded": {"x_mm": x, "y_mm": y, "z_mm": z, "tilt_deg": tilt},
+        "in_workspace": location.in_workspace,
+        "outside_workspace_mm": (location.outside_workspace_m / MM).tolist(),
+        "outside_workspace_deg": math.degrees(location.outside_workspace_rad),
+        "drives": joint_figures(location.nominal.mechanism, location.drives),
+        "frames": {frame: _frame_figures(location, frame) for frame in location.loops.reported_frames},
+        "closure": {
+            "left_open_mm": location.actual.gap_m / MM,
+            "left_open_mrad": location.actual.gap_rad / MRAD,
+            "rank_nominal": location.nominal.rank,
+            "rank_actual": location.actual.rank,
+            "freedoms_nominal": location.nominal.freedoms,
+            "iterations": location.actual.iterations,
+            "internal_load": internal_load_figures(location.actual),
+        },
+        "limiting_joint": {
+            "joint": limiting.joint,
+            f"value_{unit}": limiting.value / scale,
+            f"margin_{unit}": limiting.margin / scale,
+        },
+        "dexterity": {
+            "condition": dexterity.condition,
+            "nearer_singularity": dexterity.singularity,
+            "distance": dexterity.distance,
+            "characteristic_length_mm": dexterity.length_m / MM,
+        },
+        **sideways,
+    }
+
+
+def sideways_figures(weakness: AxisWeakness) -> Figures:
+    """Return how far the most harmful axis tilt moves the pouring lip along y."""
+    return {"mm_per_mrad": weakness.m_per_rad, "axis_tilt": weakness.parameter}
+
+
+def decimals(value: float, digits: int, *, sign: bool = False) -> str:
+    """Return a figure with so many decimals; one that they do not show is 0, never -0."""
+    return f"{round(value, digits) + 0.0:{'+' if sign else ''}.{digits}f}"
+
+
+def without_nan(value: Any) -> Any:
+    """Return nested figures with None, JSON's null, in the place of everything that is not finite."""
+    if isinstance(value, dict):
+        return {key: without_nan(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [without_nan(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

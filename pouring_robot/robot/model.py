@@ -1,0 +1,310 @@
+"""The model file: one YAML that says how this robot differs from the drawing.
+
+It names a layout, the placement errors of joints and the offsets of drives. It is kept in the units people write
+(mm, mrad), so that reading and writing again changes no digit; SI values come out of
+:meth:`RobotModel.placement_errors` and :meth:`RobotModel.drive_offset_values`.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pinocchio as pin
+import pydantic
+from lxml import etree
+from ruamel.yaml import YAML
+
+from pouring_robot.exceptions import BadInputError, DescriptionError, ModelFileError, UnknownJointError, closest
+from pouring_robot.io.files import write_whole
+from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.loops import LoopsFile, load_loops
+from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.effect_stack import EffectEntry
+from pouring_robot.robot.heat_section import HeatSection
+from pouring_robot.robot.pouring.description import PlacementError, description_folder, perturb_urdf, render_urdf
+
+Triple = tuple[float, float, float]
+_ZERO: Triple = (0.0, 0.0, 0.0)
+# More than this is a mistake of units, not a machining error.
+_LARGEST_MM, _LARGEST_MRAD = 50.0, 100.0
+
+
+class JointPlacement(StrictModel):
+    """How one joint is displaced from its nominal placement, in its own nominal frame.
+
+    Attributes:
+        translation_mm: displacement of the joint's origin.
+        rotation_mrad: rotation vector that turns its nominal axes into the actual ones.
+    """
+
+    translation_mm: Triple = _ZERO
+    rotation_mrad: Triple = _ZERO
+
+    @pydantic.model_validator(mode="after")
+    def _small(self) -> JointPlacement:
+        for values, limit, unit in (
+            (self.translation_mm, _LARGEST_MM, "mm"),
+            (self.rotation_mrad, _LARGEST_MRAD, "mrad"),
+        ):
+            largest = max(values, key=abs)
+            if abs(largest) > limit:
+                raise ValueError(f"{largest} {unit} is no placement error (limit {limit} {unit}); check the unit")
+        return self
+
+    def to_si(self) -> PlacementError:
+        """Return the same error in m and rad."""
+        tx, ty, tz = (value * MM for value in self.translation_mm)
+        rx, ry, rz = (value * MRAD for value in self.rotation_mrad)
+        return PlacementError(translation_m=(tx, ty, tz), rotation_rad=(rx, ry, rz))
+
+    def to_se3(self) -> pin.SE3:
+        """Return the displacement as a pose: of the actual placement in the nominal one."""
+        error = self.to_si()
+        return pin.SE3(pin.exp3(np.array(error.rotation_rad)), np.array(error.translation_m))
+
+    @classmethod
+    def from_se3(cls, pose_nominal_to_actual: pin.SE3) -> JointPlacement:
+        """Take a displacement given as a pose.
+
+        Raises:
+            ValueError: it is too large for an error.
+        """
+        shift, turn = pose_nominal_to_actual.translation / MM, pin.log3(pose_nominal_to_actual.rotation) / MRAD
+        return cls(translation_mm=tuple(shift.tolist()), rotation_mrad=tuple(turn.tolist()))
+
+
+class DriveOffset(StrictModel):
+    """By how much a drive stands beyond its command: one of the two, as the drive is a length or an angle.
+
+    Attributes:
+        offset_mm: of a leg.
+        offset_mrad: of the tilt drive.
+    """
+
+    offset_mm: float | None = None
+    offset_mrad: float | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _one_small(self) -> DriveOffset:
+        if (self.offset_mm is None) == (self.offset_mrad is None):
+            raise ValueError("give either offset_mm or offset_mrad")
+        for value, limit, unit in ((self.offset_mm, _LARGEST_MM, "mm"), (self.offset_mrad, _LARGEST_MRAD, "mrad")):
+            if value is not None and abs(value) > limit:
+                raise ValueError(f"{value} {unit} is no drive offset (limit {limit} {unit}); check the unit")
+        return self
+
+    @property
+    def unit(self) -> Literal["m", "rad"]:
+        """Unit of the drive it fits."""
+        return "rad" if self.offset_mm is None else "m"
+
+    def to_si(self) -> float:
+        """Return the offset in m or rad."""
+        return (self.offset_mrad or 0.0) * MRAD if self.offset_mm is None else self.offset_mm * MM
+
+
+class RobotModel(StrictModel):
+    """A robot as built: a layout and its errors.
+
+    Attributes:
+        format: kind and version of the file.
+        description: a line for people.
+        layout: name of the layout in the dimensions file.
+        layouts_file: another dimensions file than the shipped one, relative to the model file's folder.
+        joint_placements: placement error of each joint that has one, by URDF joint name.
+        drive_offsets: what is added to the command of each drive that has an offset, by URDF joint name.
+        heat: how warm it is; left out: as cold as the drawing.
+        effects: effects that diagnosis found, in the order they were added.
+    """
+
+    format: Literal["pouring_robot/model/1"] = "pouring_robot/model/1"
+    description: str = ""
+    layout: str = "paper"
+    layouts_file: str | None = None
+    joint_placements: dict[str, JointPlacement] = pydantic.Field(default_factory=dict)
+    drive_offsets: dict[str, DriveOffset] = pydantic.Field(default_factory=dict)
+    heat: HeatSection | None = None
+    effects: list[EffectEntry] = pydantic.Field(default_factory=list)
+
+    _folder: Path = pydantic.PrivateAttr(default_factory=Path)
+
+    @classmethod
+    def load(cls, path: Path | str) -> RobotModel:
+        """Read a model file and check that the robot has the joints and drives it names.
+
+        Raises:
+            ModelFileError: the file cannot be read, or a key, value, layout or joint in it is wrong.
+        """
+        path = Path(path)
+        model = validate(cls, read_yaml(path, ModelFileError), path, ModelFileError)
+        model._folder = path.parent
+        try:
+            model.check_drive_offsets()
+            model.urdf()
+        except UnknownJointError as problem:
+            raise ModelFileError(path, f"joint_placements: {problem}") from problem
+        except BadInputError as problem:
+            if isinstance(problem, DescriptionError):
+                raise
+            raise ModelFileError(path, str(problem)) from problem
+        return model
+
+    def __eq__(self, other: object) -> bool:
+        """Compare what the files say and which dimensions file they mean, not where the model files lie."""
+        if not isinstance(other, RobotModel):
+            return NotImplemented
+        here, there = (model.layouts_path and model.layouts_path.resolve() for model in (self, other))
+        ours, theirs = (model.model_dump(exclude={"layouts_file"}) for model in (self, other))
+        return ours == theirs and here == there
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def save(self, path: Path | str) -> Path:
+        """Write the model file, whole or not at all; what equals the default is left out.
+
+        Raises:
+            OutputError: the place cannot be written to.
+        """
+        path = Path(path)
+        content: dict[str, Any] = {"format": self.format, "layout": self.layout}
+        content |= self.model_dump(mode="json", exclude_defaults=True)
+        if self.layouts_file:
+            content["layouts_file"] = os.path.relpath(self.layouts_path or "", path.parent)
+        stream = io.StringIO()
+        yaml = YAML()
+        yaml.default_flow_style = None
+        yaml.dump(content, stream)
+        return write_whole(path, stream.getvalue())
+
+    @property
+    def layouts_path(self) -> Path | None:
+        """The dimensions file in use, or None for the shipped one."""
+        return self._folder / self.layouts_file if self.layouts_file else None
+
+    @property
+    def is_drawing(self) -> bool:
+        """Whether the model says nothing that makes the robot as built differ from the drawing."""
+        told = {"format", "description", "layout", "layouts_file", "heat", "effects"}
+        return not _says_something(self.model_dump(exclude=told, exclude_defaults=True))
+
+    def placement_errors(self) -> dict[str, PlacementError]:
+        """Return the joint placement errors in m and rad."""
+        return {joint: error.to_si() for joint, error in self.joint_placements.items()}
+
+    def drive_offset_values(self) -> dict[str, float]:
+        """Return the offset of each drive that has one, in m or rad."""
+        return {drive: offset.to_si() for drive, offset in self.drive_offsets.items()}
+
+    def check_drive_offsets(self) -> None:
+        """Check that every offset is one of a drive, in its unit.
+
+        Raises:
+            BadInputError: there is no such drive, or it is a length where an angle is given or the other way round.
+        """
+        if not self.drive_offsets:
+            return
+        drives = self.loops().drives
+        joints = {j.get("name"): j.get("type") for j in etree.fromstring(self.nominal_urdf().encode()).iter("joint")}
+        for drive, offset in self.drive_offsets.items():
+            if drive not in drives:
+                raise BadInputError(f"drive_offsets: the robot has no drive '{drive}'{closest(drive, drives)}")
+            unit = "m" if joints[drive] == "prismatic" else "rad"
+            if offset.unit != unit:
+                wanted = "offset_mm" if unit == "m" else "offset_mrad"
+                raise BadInputError(f"drive_offsets: '{drive}' needs {wanted}")
+
+    def loops(self) -> LoopsFile:
+        """Return the shipped declaration of the four loops."""
+        return load_loops(loops_file())
+
+    def nominal_urdf(self, chain_order: tuple[int, ...] = (1, 2, 3, 4)) -> str:
+        """Return the robot of the drawing as URDF.
+
+        Raises:
+            DescriptionError: the description or the dimensions file is broken.
+            UnknownLayoutError: there is no such layout.
+        """
+        return render_urdf(self.layout, chain_order=chain_order, layouts_file=self.layouts_path)
+
+    def urdf(self, chain_order: tuple[int, ...] = (1, 2, 3, 4)) -> str:
+        """Return the robot as built as URDF: the drawing with every joint displaced by its error.
+
+        Raises:
+            UnknownJointError: the model displaces a joint that the robot does not have.
+            BadInputError: the model displaces the joint at which the tree is cut.
+        """
+        for joint in self.loops().cut_joints:
+            if joint in self.joint_placements:
+                raise BadInputError(
+                    f"joint '{joint}' only carries the platform in the URDF tree; displace the platform's seats "
+                    "(leg1_seat_mount ...) instead"
+                )
+        return perturb_urdf(self.nominal_urdf(chain_order), self.placement_errors())
+
+    def tree_urdf(self) -> str:
+        """Return the robot as built for programs that know no loops.
+
+        In :meth:`urdf` the joint that only carries the platform in the tree stands as drawn. Here it stands so
+        that the carrying chain meets the platform at its displaced seat, and the joint of a drive with an offset is
+        displaced by it, so that its value is the command.
+        """
+        return meet_at_cut_joints(self.with_offsets_placed().urdf(), self.loops())
+
+    def with_offsets_placed(self) -> RobotModel:
+        """Return the same robot with each drive's offset as a displacement of its joint along or about its axis.
+
+        A joint's placement M moved by an offset o and then by the command q is M moved by q + o.
+        """
+        if not self.drive_offsets:
+            return self
+        self.check_drive_offsets()
+        model = self.mechanism().shared_model
+        data = model.createData()
+        pin.computeJointJacobians(model, data, pin.neutral(model))
+        placements = dict(self.joint_placements)
+        for drive, offset in self.drive_offset_values().items():
+            joint = model.getJointId(drive)
+            axis = pin.getJointJacobian(model, data, joint, pin.LOCAL)[:, model.idx_vs[joint]]
+            present = placements.get(drive, JointPlacement()).to_se3()
+            placements[drive] = JointPlacement.from_se3(present * pin.exp6(pin.Motion(axis * offset)))
+        return self.model_copy(update={"joint_placements": placements, "drive_offsets": {}})
+
+    def nominal_mechanism(self, chain_order: tuple[int, ...] = (1, 2, 3, 4)) -> ClosedChainMechanism:
+        """Return the mechanism of the drawing."""
+        return ClosedChainMechanism(self.nominal_urdf(chain_order), self.loops(), loops_file())
+
+    def mechanism(self, chain_order: tuple[int, ...] = (1, 2, 3, 4)) -> ClosedChainMechanism:
+        """Return the mechanism as built."""
+        return ClosedChainMechanism(self.urdf(chain_order), self.loops(), loops_file())
+
+
+def _says_something(content: Any) -> bool:
+    """Return whether there is anything in nested mappings, such as ``{"leg1_s1": {}}``, but empty ones."""
+    return any(map(_says_something, content.values())) if isinstance(content, dict) else True
+
+
+def meet_at_cut_joints(urdf: str, loops: LoopsFile) -> str:
+    """Return the URDF with its cut joints placed so that the loops of the carrying chains are closed in the tree."""
+    mechanism = ClosedChainMechanism(urdf, loops)
+    model, paths = mechanism.shared_model, mechanism.frame_paths
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, mechanism.neutral_configuration())
+    errors = {}
+    for cut in loops.cut_joints:
+        for loop in loops.loops:
+            if paths[loop.frame_a] == paths[cut][:-1]:
+                mount, foot, seat = (data.oMf[mechanism.frame_id(name)] for name in (cut, loop.frame_a, loop.frame_b))
+                moved = mount.actInv(foot * seat.actInv(mount))
+                turn = pin.log3(moved.rotation)
+                errors[cut] = PlacementError(tuple(moved.translation.tolist()), tuple(turn.tolist()))
+    return perturb_urdf(urdf, errors)
+
+
+def loops_file() -> Path:
+    """Return the shipped loops file."""
+    return description_folder() / "config" / "loops.yaml"

@@ -1,0 +1,275 @@
+"""The DH table: 32 geometric parameters a chain, as the paper counts them, tied to the joints of the URDF (DESIGN §3).
+
+    table = DHTable.from_mechanism(RobotModel().nominal_mechanism())
+    placements = table.placement_errors({"alpha_e1_56": 4e-3, "a_e2_01": 2e-4})   # rad, m
+    urdf = perturb_urdf(nominal_urdf, placements)                                 # the same robot, exactly
+    table.errors_from_placements(placements)                                      # and back
+
+Conventions, and why a DH error is a displaced joint placement: see :mod:`~pouring_robot.robot.pouring.dh.derivation`
+and :mod:`~pouring_robot.robot.pouring.dh.chain`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from types import MappingProxyType
+
+import numpy as np
+import pinocchio as pin
+
+from pouring_robot.exceptions import BadInputError, UnknownJointError
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.robot.pouring.description import PlacementError
+from pouring_robot.robot.pouring.dh.chain import SYMBOLS, TRANSFORMS, DHChain
+from pouring_robot.robot.pouring.dh.derivation import NotUPUError, dh_chain
+from pouring_robot.robot.pouring.dh.fit import fit_errors
+from pouring_robot.robot.pouring.dh.parameters import (
+    DHParameter,
+    UnknownParameterError,
+    chain_parameters,
+    printable_row,
+)
+
+__all__ = ["DHParameter", "DHTable", "NotUPUError", "UnknownParameterError"]
+
+
+class DHTable:
+    """The DH parameters of all chains, in order: chain by chain, transform by transform, a, α, d, θ.
+
+    Args:
+        chains: the chains, as :func:`~pouring_robot.robot.pouring.dh.derivation.dh_chain` gives them.
+        drives: names of the driven joints.
+    """
+
+    def __init__(self, chains: Sequence[DHChain], drives: Collection[str]) -> None:
+        """Name every number of every chain."""
+        self._chains = {chain.number: chain for chain in chains}
+        self._parameters = {p.name: p for chain in chains for p in chain_parameters(chain, drives)}
+        self._sites = {joint: (chain, k) for chain in chains for k, joint in enumerate(chain.joints)}
+
+    @classmethod
+    def from_mechanism(cls, mechanism: ClosedChainMechanism) -> DHTable:
+        """Derive the table from a loaded nominal robot; nothing is typed in.
+
+        Raises:
+            NotUPUError: a chain is not of the UPU kind, or the robot is not nominal.
+        """
+        chains = [dh_chain(mechanism, index) for index in range(len(mechanism.anchors))]
+        return cls(chains, mechanism.loops.drives)
+
+    @property
+    def parameters(self) -> tuple[DHParameter, ...]:
+        """All parameters, in order: 128 for four chains."""
+        return tuple(self._parameters.values())
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """All joints whose placements the parameters displace, chain by chain: S1 to S5 and the seat."""
+        return tuple(self._sites)
+
+    @property
+    def chains(self) -> Mapping[int, DHChain]:
+        """The numeric description of each chain by its number."""
+        return MappingProxyType(self._chains)
+
+    def __getitem__(self, name: str) -> DHParameter:
+        """Return a parameter by name.
+
+        Raises:
+            UnknownParameterError: there is no such parameter.
+        """
+        if name not in self._parameters:
+            raise UnknownParameterError(name, self._parameters)
+        return self._parameters[name]
+
+    def selection(
+        self, names: Iterable[str] | None = None, *, chain: int | None = None, drop_outs: bool = False
+    ) -> tuple[DHParameter, ...]:
+        """Return the parameters of these names in the order given, or else all that matter, in table order.
+
+        Args:
+            names: the wanted ones; whatever is named is returned, drop-outs too.
+            chain: only this chain's.
+            drop_outs: without names: whether to include the parameters that drop out.
+
+        Raises:
+            UnknownParameterError: there is no parameter of a name.
+        """
+        if names is not None:
+            chosen = [self[name] for name in names]
+        else:
+            chosen = [p for p in self.parameters if drop_outs or not p.drops_out]
+        return tuple(p for p in chosen if chain in (None, p.chain))
+
+    def chain_pose(
+        self,
+        chain: int,
+        joint_values: Mapping[str, float] | Sequence[float] | FloatArray,
+        errors: Mapping[str, float] | None = None,
+    ) -> pin.SE3:
+        """Return the pose of the moving platform o in the fixed platform O that one chain gives, its joints held.
+
+        Args:
+            chain: its number.
+            joint_values: values of its five URDF joints, by name or in order, in m and rad.
+            errors: errors by parameter name, in m and rad; those of other chains do not count.
+
+        Raises:
+            UnknownParameterError: there is no parameter of a name.
+            BadInputError: there is no such chain, a joint value is missing, or a number is not finite.
+        """
+        if isinstance(joint_values, Mapping):
+            missing = [joint for joint in self._chain(chain).joints[:5] if joint not in joint_values]
+            if missing:
+                raise BadInputError(f"chain {chain}: no value is given for joint '{missing[0]}'")
+            joint_values = [joint_values[joint] for joint in self._chain(chain).joints[:5]]
+        return pin.SE3(self.chain_poses(chain, np.asarray(joint_values, dtype=float), errors))
+
+    def chain_poses(
+        self, chain: int, joint_values: FloatArray, errors: Mapping[str, float] | None = None
+    ) -> FloatArray:
+        """Return the same for arrays of joint values: shape (..., 5) gives homogeneous matrices (..., 4, 4).
+
+        Raises:
+            UnknownParameterError: there is no parameter of a name.
+            BadInputError: there is no such chain, the shape is wrong, or a number is not finite.
+        """
+        values = np.asarray(joint_values, dtype=float)
+        if values.shape[-1:] != (5,) or not np.isfinite(values).all():
+            raise BadInputError(
+                f"chain {chain} has five joints: give finite values of shape (..., 5), not {values.shape}"
+            )
+        return self._chain(chain).poses(values, self._error_arrays(errors)[chain])
+
+    def placement_errors(self, errors: Mapping[str, float]) -> dict[str, PlacementError]:
+        """Return the displaced joint placements that equal given DH errors, exactly and for all joint values.
+
+        An error of a joint variable or drive is included: it displaces the joint along or about its own axis.
+
+        Args:
+            errors: errors by parameter name, in m and rad.
+
+        Returns:
+            Displacements as ``description.perturb_urdf`` takes them, of the displaced joints only.
+
+        Raises:
+            UnknownParameterError: there is no parameter of a name.
+            BadInputError: an error is not finite.
+        """
+        arrays = self._error_arrays(errors)
+        touched = {self[name].joint for name, value in errors.items() if value != 0.0}
+        moved = {number: chain.displacements(arrays[number]) for number, chain in self._chains.items()}
+        return {
+            joint: _placement_error(moved[chain.number][k])
+            for joint, (chain, k) in self._sites.items()
+            if joint in touched
+        }
+
+    def errors_from_placements(
+        self, placements: Mapping[str, PlacementError], *, drop_outs: bool = True
+    ) -> dict[str, float]:
+        """Return the DH errors that describe chains with displaced joints.
+
+        A chain has more numbers than its pose shows. The answer is the smallest one, each error measured in the
+        paper's size of it (0.2 mm, 4 mrad); it gives the same pose for all joint values, to 1e-12.
+
+        Args:
+            placements: displacements by URDF joint.
+            drop_outs: with them, passive joint variables carry errors as well, so that the described chain has the
+                same pose at the same joint values. Without, they are left out: the same machine, its passive joints
+                counted from another zero.
+
+        Returns:
+            Errors in m and rad, in table order, of every chain with a displaced joint. The convention's parameters are
+            zero and not listed.
+
+        Raises:
+            UnknownJointError: a joint is not part of a chain.
+            NoSolutionError: the displacements are too large to be errors.
+        """
+        for joint in placements:
+            if joint not in self._sites:
+                raise UnknownJointError(joint, self._sites)
+        result: dict[str, float] = {}
+        for number in sorted({self._sites[joint][0].number for joint in placements}):
+            chain = self._chains[number]
+            moved = np.stack([_homogeneous(placements.get(joint)) for joint in chain.joints])
+            parameters = [p for p in self.parameters if p.chain == number]
+            roles = np.array([p.role for p in parameters]).reshape(8, 4)
+            free = (roles == "joint variable") & (not drop_outs)
+            found = fit_errors(chain, moved, (roles != "convention") & ~free, free).ravel()
+            for parameter, value in zip(parameters, found, strict=True):
+                if parameter.role != "convention" and (drop_outs or not parameter.drops_out):
+                    result[parameter.name] = float(value)
+        return result
+
+    def twist_matrix(
+        self,
+        joints: Sequence[str] | None = None,
+        parameters: Sequence[DHParameter] | None = None,
+        errors: Mapping[str, float] | None = None,
+    ) -> FloatArray:
+        """Return the linear map from DH errors to joint displacements.
+
+        Args:
+            joints: rows, six each (tx ty tz rx ry rz; m, rad); default :attr:`joints`.
+            parameters: columns; default :meth:`selection`.
+            errors: errors already present: the map is then the derivative there, of a further displacement on top of
+                the present placement. Default none.
+
+        Returns:
+            Shape (6 · joints, parameters), in m or rad per m or rad.
+
+        Raises:
+            BadInputError: a parameter displaces a joint that is not among the rows.
+            UnknownParameterError: there is no parameter of a name in ``errors``.
+        """
+        rows = {joint: k for k, joint in enumerate(self.joints if joints is None else joints)}
+        columns = self.selection() if parameters is None else parameters
+        arrays = self._error_arrays(errors) if errors else None
+        twists = {n: c.placement_twists(arrays[n]) for n, c in self._chains.items()} if arrays else None
+        matrix = np.zeros((len(rows), 6, len(columns)))
+        for k, parameter in enumerate(columns):
+            if parameter.joint not in rows:
+                raise BadInputError(
+                    f"'{parameter.name}' displaces joint '{parameter.joint}', which is not among the rows"
+                )
+            place = TRANSFORMS.index(parameter.transform), SYMBOLS.index(parameter.symbol)
+            matrix[rows[parameter.joint], :, k] = twists[parameter.chain][place] if twists else parameter.twist
+        return matrix.reshape(-1, len(columns))
+
+    def rows(self) -> list[dict[str, str]]:
+        """Return the table for printing: one dictionary of texts a parameter; lengths in mm, angles in degrees."""
+        return [printable_row(parameter) for parameter in self.parameters]
+
+    def _chain(self, number: int) -> DHChain:
+        if number not in self._chains:
+            raise BadInputError(f"there is no chain {number}; the robot has {', '.join(map(str, self._chains))}")
+        return self._chains[number]
+
+    def _error_arrays(self, errors: Mapping[str, float] | None) -> dict[int, FloatArray]:
+        """Return the errors of each chain as an array (8, 4)."""
+        arrays = {number: np.zeros((8, 4)) for number in self._chains}
+        for name, value in (errors or {}).items():
+            parameter = self[name]
+            if not math.isfinite(value):
+                raise BadInputError(f"the error of '{name}' must be a finite number, not {value}")
+            place = TRANSFORMS.index(parameter.transform), SYMBOLS.index(parameter.symbol)
+            arrays[parameter.chain][place] = value
+        return arrays
+
+
+def _placement_error(displacement: FloatArray) -> PlacementError:
+    x, y, z = (float(v) for v in displacement[:3, 3])
+    rx, ry, rz = (float(v) for v in pin.log3(displacement[:3, :3]))
+    return PlacementError((x, y, z), (rx, ry, rz))
+
+
+def _homogeneous(placement: PlacementError | None) -> FloatArray:
+    matrix = np.eye(4)
+    if placement is not None:
+        matrix[:3, :3] = pin.exp3(np.array(placement.rotation_rad))
+        matrix[:3, 3] = placement.translation_m
+    return matrix

@@ -1,0 +1,314 @@
+"""Kinematics of the 4-UPU mechanism: closed forms for the nominal robot, workspace and joint limits.
+
+The nominal robot closes exactly, with two pairs of equal planar chains, so both directions have closed forms
+(DESIGN §2). They give the drives a controller commands, and start the closure of the actual robot.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import pinocchio as pin
+
+from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError, closest
+from pouring_robot.mechanism.arrays import FloatArray, lock_fields
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.robot.pouring.layout import CHAINS
+from pouring_robot.robot.pouring.poses import PlatformPose
+
+if TYPE_CHECKING:
+    from pouring_robot.batch.samples import BatchCommand
+
+__all__ = ["CHAINS", "ChainAngles", "FourUPUKinematics", "JointReach"]
+
+
+@dataclass(frozen=True, eq=False)
+class ChainAngles:
+    """Joint values of the four nominal chains; last axis: chains 1 to 4.
+
+    Attributes:
+        psi_rad: S1, turn of the leg about y.
+        phi_rad: S2, turn of the leg about x.
+        length_m: S3, distance of the two U-joint centres.
+        foot_rad: S5, tilt of the platform minus psi; S4 is -phi.
+    """
+
+    psi_rad: FloatArray
+    phi_rad: FloatArray
+    length_m: FloatArray
+    foot_rad: FloatArray
+
+    def __post_init__(self) -> None:
+        """Lock the arrays."""
+        lock_fields(self, "psi_rad", "phi_rad", "length_m", "foot_rad")
+
+
+@dataclass(frozen=True)
+class JointReach:
+    """How one joint stands within its limits at a pose.
+
+    Attributes:
+        joint: its name.
+        unit: ``m`` or ``rad``, of the three values.
+        value: where it stands.
+        lower: lower limit.
+        upper: upper limit.
+    """
+
+    joint: str
+    unit: Literal["m", "rad"]
+    value: float
+    lower: float
+    upper: float
+
+    @property
+    def margin(self) -> float:
+        """Distance to the nearer limit, negative beyond it."""
+        return min(self.value - self.lower, self.upper - self.value)
+
+    @property
+    def relative_margin(self) -> float:
+        """The margin as a share of the joint's range, so that lengths and angles compare."""
+        return self.margin / (self.upper - self.lower)
+
+
+class FourUPUKinematics:
+    """Closed-form kinematics of the nominal mechanism.
+
+    Args:
+        nominal: the mechanism without errors; its joint placements are the only source of geometry.
+    """
+
+    def __init__(self, nominal: ClosedChainMechanism) -> None:
+        """Read the U-joint centres off the mechanism."""
+        self.mechanism = nominal
+        closed_at_zero = nominal.neutral_configuration()
+        fixed, moving = self._centres(closed_at_zero)
+        self.fixed_centres_m, self.moving_centres_m = fixed, moving
+        self._limits = nominal.joint_limits()
+        self._units = {name: nominal.unit_of(name) for name in self._limits}
+
+    def _centres(self, configuration: FloatArray) -> tuple[FloatArray, FloatArray]:
+        model = self.mechanism.shared_model
+        data = model.createData()
+        pin.framesForwardKinematics(model, data, configuration)
+
+        def place(base: str, frame: str) -> FloatArray:
+            base_id, frame_id = (self.mechanism.frame_id(name) for name in (base, frame))
+            return np.array(data.oMf[base_id].actInv(data.oMf[frame_id]).translation)
+
+        loops = self.mechanism.loops
+        fixed = np.array([place(loops.base_frame, f"leg{i}_s1") for i in CHAINS])
+        moving = np.array([place(str(loops.end_frame), f"leg{i}_seat") for i in CHAINS])
+        return fixed, moving
+
+    def chain_angles(self, positions_m: FloatArray, tilts_rad: FloatArray) -> ChainAngles:
+        """Return the joints of all chains for arrays of poses (nominal inverse kinematics, DESIGN §2).
+
+        Args:
+            positions_m: shape (..., 3), in m.
+            tilts_rad: shape (...), in rad.
+
+        Returns:
+            Arrays of shape (..., 4).
+        """
+        tilt = np.asarray(tilts_rad, dtype=float)[..., None]
+        bx, by, bz = self.moving_centres_m.T
+        turned = np.stack(
+            [bx * np.cos(tilt) + bz * np.sin(tilt), by + 0.0 * tilt, bz * np.cos(tilt) - bx * np.sin(tilt)],
+            axis=-1,
+        )
+        leg = np.asarray(positions_m, dtype=float)[..., None, :] + turned - self.fixed_centres_m
+        length = np.hypot(np.hypot(leg[..., 0], leg[..., 1]), leg[..., 2])
+        psi = np.arctan2(-leg[..., 0], -leg[..., 2])
+        phi = np.arcsin(leg[..., 1] / length)
+        return ChainAngles(psi, phi, length, tilt - psi)
+
+    def commands(self, poses: FloatArray) -> BatchCommand:
+        """Run the nominal inverse kinematics for many poses; joint limits are not looked at.
+
+        Args:
+            poses: x, y, z in m and the tilt in rad, shape (n, 4).
+
+        Raises:
+            BadInputError: the array has another shape.
+        """
+        from pouring_robot.batch.samples import BatchCommand, BatchStart
+
+        poses = np.ascontiguousarray(poses, dtype=float)
+        if poses.ndim != 2 or poses.shape[1] != 4:
+            raise BadInputError(f"poses must have the shape (n, 4): x, y, z, tilt; not {poses.shape}")
+        angles = self.chain_angles(poses[:, :3], poses[:, 3])
+        parts = (angles.psi_rad, angles.phi_rad, angles.length_m, -angles.phi_rad, angles.foot_rad)
+        joints = np.stack(parts, axis=-1)
+        rotation = np.zeros((len(poses), 3, 3))
+        rotation[:, 0, 0] = rotation[:, 2, 2] = np.cos(poses[:, 3])
+        rotation[:, 0, 2] = np.sin(poses[:, 3])
+        rotation[:, 2, 0] = -rotation[:, 0, 2]
+        rotation[:, 1, 1] = 1.0
+        # leg{i}_s{k}: chain i, joint k, both counted from one.
+        places = [(int(name[3]) - 1, int(name[6]) - 1) for name in self.mechanism.loops.drives]
+        drives = np.stack([joints[:, i, k] for i, k in places], axis=1)
+        return BatchCommand(poses, drives, BatchStart(poses[:, :3], rotation, joints))
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the 20 chain joints, chain by chain from base to tip."""
+        return tuple(f"leg{i}_s{j}" for i in CHAINS for j in range(1, 6))
+
+    def joint_values(self, pose: PlatformPose) -> dict[str, float]:
+        """Return the value of all 20 chain joints at a pose of the nominal robot, in m and rad."""
+        angles = self.chain_angles(np.array(pose.position_m), np.array(pose.tilt_rad))
+        values: dict[str, float] = {}
+        for k, i in enumerate(CHAINS):
+            phi = float(angles.phi_rad[k])
+            joints = (angles.psi_rad[k], phi, angles.length_m[k], -phi, angles.foot_rad[k])
+            values.update({f"leg{i}_s{j}": float(value) for j, value in enumerate(joints, start=1)})
+        return values
+
+    def inverse(self, pose: PlatformPose) -> dict[str, float]:
+        """Return the drive values that the controller commands for a pose, in m and rad.
+
+        Raises:
+            UnreachablePoseError: a joint would pass its limits; the error names the one that limits.
+        """
+        values = self.joint_values(pose)
+        self.refuse_beyond_limits(values)
+        return {drive: values[drive] for drive in self.mechanism.loops.drives}
+
+    def refuse_beyond_limits(self, values: Mapping[str, float]) -> None:
+        """Check joint values (m, rad) against the robot's limits.
+
+        Raises:
+            UnreachablePoseError: a joint is beyond its limits; the error names the one that is furthest.
+        """
+        worst = self.limiting_joint(values)
+        if worst.margin < 0.0:
+            raise UnreachablePoseError(worst.joint, worst.value, worst.lower, worst.upper, worst.unit)
+
+    def reach(self, values: Mapping[str, float]) -> tuple[JointReach, ...]:
+        """Return how every chain joint stands within its limits, the most limiting one first."""
+        reaches = [JointReach(name, self._units[name], value, *self._limits[name]) for name, value in values.items()]
+        return tuple(sorted(reaches, key=lambda reach: reach.relative_margin))
+
+    def limiting_joint(self, values: Mapping[str, float]) -> JointReach:
+        """Return the joint that is nearest to, or furthest beyond, its limits."""
+        return self.reach(values)[0]
+
+    def configuration(self, pose: PlatformPose) -> FloatArray:
+        """Return the closed nominal configuration at a pose, joint limits aside; shape (nq,)."""
+        return self.mechanism.with_joint_values(self.mechanism.neutral_configuration(), self.joint_values(pose))
+
+    @functools.cached_property
+    def _pairs(self) -> tuple[FloatArray, FloatArray]:
+        """Return fixed and moving centres of the two chain pairs in the x-z plane, shape (2, 2)."""
+        plane = np.array([0, 2])
+        rear, front = slice(0, 2), slice(2, 4)
+        centres = []
+        for all_centres in (self.fixed_centres_m, self.moving_centres_m):
+            if not np.allclose(all_centres[[0, 2]][:, plane], all_centres[[1, 3]][:, plane], atol=1e-12):
+                raise NoSolutionError(
+                    "the closed-form forward kinematics needs chains 1 and 2, and 3 and 4, in common planes; "
+                    "this layout has them apart: give the closure a start configuration instead"
+                )
+            centres.append(np.array([all_centres[rear].mean(axis=0)[plane], all_centres[front].mean(axis=0)[plane]]))
+        return centres[0], centres[1]
+
+    def forward(self, drives: Mapping[str, float], near: PlatformPose | None = None) -> PlatformPose:
+        """Return the nominal pose for drive values, in closed form.
+
+        Legs 1 and 2 give y; seen along y, leg pair 3-4 is then a rod fixed to the platform at the angle theta46,
+        and the rear fixed joints lie where two circles meet. Of the two meetings the one nearer to ``near``
+        (default: the assembly in which the platform hangs upright) is taken.
+
+        Args:
+            drives: l1, l2, l3 in m and theta46 in rad, by joint name.
+            near: a pose on the wanted branch.
+
+        Raises:
+            BadInputError: a drive value is missing or not finite, or a name is no drive.
+            NoSolutionError: no pose has these leg lengths, or y cannot be found from them (equal half-widths).
+        """
+        self.check_drives(drives)
+        l1, l2, l3, theta = (float(drives[name]) for name in ("leg1_s3", "leg2_s3", "leg3_s3", "leg4_s5"))
+        if not all(map(math.isfinite, (l1, l2, l3, theta))):
+            raise BadInputError(f"the drive values must be finite numbers, not {l1}, {l2}, {l3} m and {theta} rad")
+        fixed, moving = self._pairs
+        offsets = self.moving_centres_m[:, 1] - self.fixed_centres_m[:, 1]
+        if abs(offsets[0] - offsets[1]) < 1e-9:
+            raise NoSolutionError("legs 1 and 2 are parallel in y, so their lengths do not fix y; change the layout")
+        y = ((l1**2 - l2**2) - (offsets[0] ** 2 - offsets[1] ** 2)) / (2.0 * (offsets[0] - offsets[1]))
+        rear, front = (self._side(length, y + offset) for length, offset in ((l1, offsets[0]), (l3, offsets[2])))
+        # In platform axes: front fixed centre, from the rod's known angle; rear one, on two circles.
+        front_fixed = moving[1] + front * np.array([-math.sin(theta), math.cos(theta)])
+        candidates = _circle_meetings(moving[0], rear, front_fixed, float(np.linalg.norm(fixed[1] - fixed[0])))
+        poses = [self._pose_from(front_fixed, rear_fixed, y) for rear_fixed in candidates]
+        return min(poses, key=lambda pose: _branch_distance(pose, near))
+
+    def check_drives(self, drives: Mapping[str, float]) -> None:
+        """Check that there is one value for each drive and for nothing else.
+
+        Raises:
+            BadInputError: a drive value is missing, or a name is no drive.
+        """
+        wanted = self.mechanism.loops.drives
+        for name in drives:
+            if name not in wanted:
+                raise BadInputError(f"'{name}' is no drive{closest(name, wanted)}")
+        missing = [name for name in wanted if name not in drives]
+        if missing:
+            raise BadInputError(f"the value of drive '{missing[0]}' is missing; give all of {', '.join(wanted)}")
+
+    @staticmethod
+    def _side(length: float, across: float) -> float:
+        """Return a leg's length seen along y."""
+        squared = length**2 - across**2
+        if squared <= 0.0:
+            raise NoSolutionError(
+                f"no pose has these leg lengths: a leg of {length * 1e3:.3f} mm cannot span {abs(across) * 1e3:.3f} mm"
+                " sideways; check the drive values"
+            )
+        return math.sqrt(squared)
+
+    def _pose_from(self, front_fixed: FloatArray, rear_fixed: FloatArray, y: float) -> PlatformPose:
+        """Return the pose whose platform axes see the fixed centres at the given places (x, z)."""
+        fixed, _ = self._pairs
+        seen, real = front_fixed - rear_fixed, fixed[1] - fixed[0]
+        # x-z plane with R_y(r): a vector (x, z) seen in the platform is (x cos r + z sin r, z cos r - x sin r) outside.
+        tilt = math.atan2(seen[1], seen[0]) - math.atan2(real[1], real[0])
+        tilt = math.remainder(tilt, 2.0 * math.pi)
+        cos, sin = math.cos(tilt), math.sin(tilt)
+        outside = np.array([rear_fixed[0] * cos + rear_fixed[1] * sin, rear_fixed[1] * cos - rear_fixed[0] * sin])
+        x, z = fixed[0] - outside
+        return PlatformPose((float(x), y, float(z)), tilt)
+
+
+def _circle_meetings(
+    centre_a: FloatArray, radius_a: float, centre_b: FloatArray, radius_b: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the two points at the given distances from two centres in a plane, shape (2,) each."""
+    across = centre_b - centre_a
+    distance = float(np.linalg.norm(across))
+    along = (radius_a**2 - radius_b**2 + distance**2) / (2.0 * distance)
+    squared = radius_a**2 - along**2
+    if squared < 0.0:
+        raise NoSolutionError(
+            f"no pose has these leg lengths: the rear legs ({radius_a * 1e3:.2f} mm seen along y) cannot meet the "
+            f"front ones, {distance * 1e3:.2f} mm away; check the drive values"
+        )
+    foot = centre_a + along * across / distance
+    aside = math.sqrt(squared) * np.array([-across[1], across[0]]) / distance
+    return foot + aside, foot - aside
+
+
+def _branch_distance(pose: PlatformPose, near: PlatformPose | None) -> float:
+    """Return how far a pose is from the wanted branch; without one, from hanging upright."""
+    if near is None:
+        return abs(pose.tilt_rad)
+    gap = np.linalg.norm(np.subtract(pose.position_m, near.position_m))
+    return float(gap) + abs(math.remainder(pose.tilt_rad - near.tilt_rad, 2.0 * math.pi))

@@ -1,0 +1,340 @@
+"""Schema of the dimensions file: which keys there are, and what each value may be.
+
+Every entry is ``{value, unit, source, note}``. Unknown keys, wrong units, sizes that are not positive and
+numbers that are not finite are refused. The properties ``metres`` and ``radians`` give SI values.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, Field
+from pydantic import Strict as OnlyOfType
+
+from pouring_robot.io.typed_yaml import StrictModel
+from pouring_robot.mechanism.arrays import read_only
+
+# Only numbers count as numbers: the text "350" and the switch `true` would otherwise be turned into one.
+_Number = Annotated[float, OnlyOfType()]
+_PER_SI = {"mm": 1000.0, "m": 1.0, "rad": 1.0, "deg": 180.0 / math.pi}
+
+
+def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
+    if bounds[0] >= bounds[1]:
+        raise ValueError(f"lower bound {bounds[0]:g} must be below upper bound {bounds[1]:g}")
+    return bounds
+
+
+Size = Annotated[_Number, Field(gt=0.0)]
+Bounds = Annotated[tuple[_Number, _Number], AfterValidator(_ordered)]
+Point = tuple[_Number, _Number, _Number]
+Share = Annotated[_Number, Field(ge=0.0, le=1.0)]
+MeshName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+\.(stl|obj)$")]
+
+
+class Entry(StrictModel):
+    """One fact with its unit and where it comes from."""
+
+    unit: str
+    source: Literal["paper", "inferred", "assumed"]
+    note: str = ""
+
+    def _per_si(self) -> float:
+        return _PER_SI.get(self.unit, 1.0)
+
+
+class Length(Entry):
+    """A size."""
+
+    value: Size
+    unit: Literal["mm", "m"]
+
+    @property
+    def metres(self) -> float:
+        """Value in m."""
+        return self.value / self._per_si()
+
+
+class Angle(Entry):
+    """A positive angle."""
+
+    value: Size
+    unit: Literal["rad", "deg"]
+
+    @property
+    def radians(self) -> float:
+        """Value in rad."""
+        return self.value / self._per_si()
+
+
+class Mass(Entry):
+    """A mass."""
+
+    value: Size
+    unit: Literal["kg"]
+
+
+class Density(Entry):
+    """A density."""
+
+    value: Size
+    unit: Literal["kg/m3"]
+
+
+class Speed(Entry):
+    """A linear speed."""
+
+    value: Size
+    unit: Literal["m/s", "mm/s"]
+
+
+class Spin(Entry):
+    """An angular speed."""
+
+    value: Size
+    unit: Literal["rad/s"]
+
+
+class Force(Entry):
+    """A force."""
+
+    value: Size
+    unit: Literal["N"]
+
+
+class Torque(Entry):
+    """A torque."""
+
+    value: Size
+    unit: Literal["Nm"]
+
+
+class Position(Entry):
+    """A point."""
+
+    value: Point
+    unit: Literal["mm", "m"]
+
+    @property
+    def metres(self) -> Point:
+        """Value in m."""
+        x, y, z = (v / self._per_si() for v in self.value)
+        return x, y, z
+
+
+class Centres(Entry):
+    """Four points, one a chain."""
+
+    value: tuple[Point, Point, Point, Point]
+    unit: Literal["mm", "m"]
+
+    @property
+    def metres(self) -> NDArray[np.float64]:
+        """Value in m, (4, 3), read-only."""
+        return read_only(np.array(self.value, dtype=np.float64) / self._per_si())
+
+
+class LengthRange(Entry):
+    """Lower and upper bound of a coordinate."""
+
+    value: Bounds
+    unit: Literal["mm", "m"]
+
+    @property
+    def metres(self) -> tuple[float, float]:
+        """Value in m."""
+        return self.value[0] / self._per_si(), self.value[1] / self._per_si()
+
+
+class AngleRange(Entry):
+    """Lower and upper bound of an angle."""
+
+    value: Bounds
+    unit: Literal["rad", "deg"]
+
+    @property
+    def radians(self) -> tuple[float, float]:
+        """Value in rad."""
+        return self.value[0] / self._per_si(), self.value[1] / self._per_si()
+
+
+class Colour(Entry):
+    """Red, green, blue and opacity, 0 to 1."""
+
+    value: tuple[Share, Share, Share, Share]
+    unit: Literal["rgba"]
+
+
+class Mesh(Entry):
+    """File name of a mesh in the folder ``meshes``."""
+
+    value: MeshName
+    unit: Literal["file"]
+
+
+class Workspace(StrictModel):
+    """Box the moving platform's origin is used in, its tilt, and the accuracy asked for."""
+
+    x: LengthRange
+    y: LengthRange
+    z: LengthRange
+    tilt: AngleRange
+    accuracy: Length
+
+
+class Ladle(StrictModel):
+    """The ladle: masses, truncated cone, lip."""
+
+    payload: Mass
+    tare: Mass
+    centre_of_mass: Position
+    rim_centre: Position
+    outer_radius_top: Length
+    outer_radius_bottom: Length
+    height: Length
+    wall: Length
+    rim_flange: Length
+    rim_flange_height: Length
+    lip_reach: Length
+    lip_half_angle: Angle
+    melt_below_rim: Length
+    melt_thickness: Length
+    trunnion_radius: Length
+    mesh: Mesh
+
+
+class Truss(StrictModel):
+    """Rails, bridge and trolley."""
+
+    span: Length
+    gauge: Length
+    trolley_stroke: Length
+    platform_height: Length
+    platform_drop: Length
+    girder_width: Length
+    girder_height: Length
+    girder_wall: Length
+    girder_offset: Length
+    carriage_length: Length
+    wheel_radius: Length
+    wheel_width: Length
+    rail_width: Length
+    rail_height: Length
+    rail_overhang: Length
+    post_width: Length
+    post_foot: Length
+    trolley_length: Length
+    trolley_bar: Length
+
+
+class FixedPlatform(StrictModel):
+    """Frame that carries the upper U joints."""
+
+    bar_width: Length
+    bar_height: Length
+    bearing_offset: Length
+    overhang: Length
+
+
+class MovingPlatform(StrictModel):
+    """Frame that carries the lower U joints and the ladle."""
+
+    bar_width: Length
+    bar_height: Length
+    hanger_gap: Length
+    hanger_width: Length
+    hanger_thickness: Length
+    trunnion_drop: Length
+
+
+class Leg(StrictModel):
+    """One UPU chain; all four are the same part."""
+
+    gimbal_half_width: Length
+    gimbal_bar: Length
+    trunnion_radius: Length
+    housing_outer_radius: Length
+    housing_inner_radius: Length
+    housing_below: Length
+    housing_above: Length
+    motor_radius: Length
+    motor_length: Length
+    belt_case_height: Length
+    spindle_radius: Length
+    spindle_length: Length
+    fork_half_gap: Length
+    fork_height: Length
+    cheek_thickness: Length
+    cheek_width: Length
+    cross_radius: Length
+    cross_block: Length
+    foot_half_gap: Length
+    foot_drop: Length
+    sole_thickness: Length
+    sole_length: Length
+
+
+class Ratings(StrictModel):
+    """Velocity and effort limits of the joints."""
+
+    travel_speed: Speed
+    travel_force: Force
+    leg_speed: Speed
+    leg_force: Force
+    joint_speed: Spin
+    joint_torque: Torque
+
+
+class Materials(StrictModel):
+    """Density of the steel, colours of the drawing."""
+
+    steel_density: Density
+    rail_colour: Colour
+    truss_colour: Colour
+    platform_colour: Colour
+    joint_colour: Colour
+    housing_colour: Colour
+    rod_colour: Colour
+    ladle_colour: Colour
+    melt_colour: Colour
+
+
+class JointLimits(StrictModel):
+    """Limits of a chain's joints S1 to S5."""
+
+    s1: AngleRange
+    s2: AngleRange
+    s3: LengthRange
+    s4: AngleRange
+    s5: AngleRange
+
+
+class Common(StrictModel):
+    """Sections that layouts share."""
+
+    workspace: Workspace
+    ladle: Ladle
+    truss: Truss
+    fixed_platform: FixedPlatform
+    moving_platform: MovingPlatform
+    leg: Leg
+    ratings: Ratings
+    materials: Materials
+
+
+class LayoutEntry(Common):
+    """One layout, complete."""
+
+    fixed_centres: Centres
+    moving_centres: Centres
+    joint_limits: JointLimits
+
+
+class LayoutsFile(StrictModel):
+    """The dimensions file."""
+
+    common: Common | None = None
+    layouts: Annotated[dict[str, LayoutEntry], Field(min_length=1)]

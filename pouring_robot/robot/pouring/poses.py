@@ -1,0 +1,57 @@
+"""What the controller of the pouring robot commands: the platform's four freedoms."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.poses import MM
+
+
+@dataclass(frozen=True)
+class PlatformPose:
+    """What the controller commands: position of the moving platform and its tilt about y.
+
+    Attributes:
+        position_m: origin o of the moving platform in the fixed platform O, in m.
+        tilt_rad: r, rotation about y, in rad.
+
+    Raises:
+        BadInputError: a number is not finite.
+    """
+
+    position_m: tuple[float, float, float]
+    tilt_rad: float
+
+    def __post_init__(self) -> None:
+        """Refuse NaN and infinity where they enter."""
+        if len(self.position_m) != 3:
+            raise BadInputError(f"a position has three coordinates, not {len(self.position_m)}")
+        for name, value in zip(("x", "y", "z", "tilt"), (*self.position_m, self.tilt_rad), strict=True):
+            if not math.isfinite(value):
+                raise BadInputError(f"the pose's {name} must be a finite number, not {value}")
+
+    @classmethod
+    def from_mm_deg(cls, x_mm: float, y_mm: float, z_mm: float, tilt_deg: float) -> PlatformPose:
+        """Take a pose in mm and degrees."""
+        return cls((x_mm * MM, y_mm * MM, z_mm * MM), math.radians(tilt_deg))
+
+    @classmethod
+    def from_se3(cls, pose_fixed_platform_to_moving_platform: pin.SE3) -> PlatformPose:
+        """Take the four freedoms out of a full pose: its position, and its tilt about y."""
+        rotation = pose_fixed_platform_to_moving_platform.rotation
+        x, y, z = (float(value) for value in pose_fixed_platform_to_moving_platform.translation)
+        return cls((x, y, z), math.atan2(rotation[0, 2], rotation[2, 2]))
+
+    def to_se3(self) -> pin.SE3:
+        """Return the pose of the moving platform in the fixed platform."""
+        return pin.SE3(pin.utils.rotate("y", self.tilt_rad), np.array(self.position_m))
+
+    def to_mm_deg(self) -> tuple[float, float, float, float]:
+        """Return x, y, z in mm and the tilt in degrees."""
+        x, y, z = self.position_m
+        return x / MM, y / MM, z / MM, math.degrees(self.tilt_rad)

@@ -1,0 +1,224 @@
+"""Materials, surfaces and contacts of the thermal model: the file ``thermal.yaml`` and its schema.
+
+Every entry is ``{value, unit, source, note}`` as in the dimensions file. Values are SI except sizes (mm or m) and
+temperatures (°C at the user's edge, K inside).
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+from pydantic import Strict as OnlyOfType
+
+from pouring_robot.exceptions import TemperatureError, ThermalFileError
+from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
+from pouring_robot.robot.pouring.layout import CHAINS, description_folder
+from pouring_robot.robot.pouring.layout_schema import Entry, Size
+
+ZERO_CELSIUS_K = 273.15
+"""0 °C in K."""
+HOTTEST_DEGC = 2500.0
+"""Hotter than any melt that is poured; beyond it a temperature is a mistake of units."""
+HOTTEST_SURROUNDINGS_DEGC = 150.0
+"""Hotter than any hall; 293, room temperature in K, lies beyond it."""
+PARTS = (*(f"leg{i}" for i in CHAINS), "platform", "fixed_platform")
+"""Parts with a temperature of their own, named as in campaign columns (``leg1_degC`` …, ``platform_degC``)."""
+
+_Celsius = Annotated[float, OnlyOfType(), Field(ge=-ZERO_CELSIUS_K)]
+_Fraction = Annotated[float, OnlyOfType(), Field(gt=0.0, le=1.0)]
+_Thickness = Annotated[float, OnlyOfType(), Field(ge=0.0)]
+_Expansion = Annotated[float, OnlyOfType(), Field(ge=0.0, le=1e-3)]
+
+
+def kelvin(value_degC: float, what: str = "temperature") -> float:
+    """Return a temperature in K.
+
+    Args:
+        value_degC: in °C.
+        what: its name, for the error.
+
+    Raises:
+        TemperatureError: it lies below absolute zero or is not finite.
+    """
+    if not math.isfinite(value_degC) or value_degC < -ZERO_CELSIUS_K:
+        raise TemperatureError(what, value_degC)
+    return value_degC + ZERO_CELSIUS_K
+
+
+class Temperature(Entry):
+    """A temperature."""
+
+    value: _Celsius
+    unit: Literal["degC"]
+
+    @property
+    def kelvin(self) -> float:
+        """Value in K."""
+        return self.value + ZERO_CELSIUS_K
+
+
+class Emissivity(Entry):
+    """Emissivity of a grey, diffuse surface: above 0, at most 1."""
+
+    value: _Fraction
+    unit: Literal["1"]
+
+
+class Conductivity(Entry):
+    """A thermal conductivity."""
+
+    value: Size
+    unit: Literal["W/mK"]
+
+
+class FilmCoefficient(Entry):
+    """Heat flow per area and kelvin: of a film of air, or of a contact."""
+
+    value: Size
+    unit: Literal["W/m2K"]
+
+
+class Conductance(Entry):
+    """Heat flow per kelvin."""
+
+    value: Size
+    unit: Literal["W/K"]
+
+
+class HeatCapacity(Entry):
+    """A heat capacity per mass."""
+
+    value: Size
+    unit: Literal["J/kgK"]
+
+
+class BulkDensity(Entry):
+    """A density."""
+
+    value: Size
+    unit: Literal["kg/m3"]
+
+
+class Expansion(Entry):
+    """A coefficient of linear expansion."""
+
+    value: _Expansion
+    unit: Literal["1/K"]
+
+
+class Thickness(Entry):
+    """A thickness; zero means that there is none."""
+
+    value: _Thickness
+    unit: Literal["mm", "m"]
+
+    @property
+    def metres(self) -> float:
+        """Value in m."""
+        return self.value / self._per_si()
+
+
+class MeltProperties(StrictModel):
+    """The melt: its temperature unless one is given, and its surface."""
+
+    temperature: Temperature
+    emissivity: Emissivity
+
+
+class AmbientProperties(StrictModel):
+    """The surroundings: large, at one temperature."""
+
+    temperature: Temperature
+    film_coefficient: FilmCoefficient
+
+
+class SteelProperties(StrictModel):
+    """Steel; its density stands in the dimensions file."""
+
+    conductivity: Conductivity
+    expansion: Expansion
+    heat_capacity: HeatCapacity
+    emissivity: Emissivity
+
+
+class InsulationProperties(StrictModel):
+    """The composite insulation of ladle and platform."""
+
+    conductivity: Conductivity
+    expansion: Expansion
+    density: BulkDensity
+    heat_capacity: HeatCapacity
+    emissivity: Emissivity
+
+
+class LadleProperties(StrictModel):
+    """The ladle's wall: a steel shell, the rest of the layout's wall is lining."""
+
+    shell_thickness: Thickness
+
+
+class MovingPlatformProperties(StrictModel):
+    """Cladding of the moving platform on the faces that see the melt."""
+
+    cladding_thickness: Thickness
+
+
+class ContactProperties(StrictModel):
+    """Where heat passes from part to part."""
+
+    nut: FilmCoefficient
+    upper_joint: Conductance
+    lower_joint: Conductance
+
+
+class ExpansionProperties(StrictModel):
+    """When the parts have the lengths of the drawing."""
+
+    reference_temperature: Temperature
+
+
+class ThermalProperties(StrictModel):
+    """All properties of the thermal model, each with unit, source and note.
+
+    Attributes:
+        melt: the source.
+        ambient: where the heat goes.
+        steel: of legs, platforms and shell.
+        insulation: of lining and cladding.
+        ladle: its wall.
+        moving_platform: its cladding.
+        contact: of nut and U joints.
+        expansion: reference temperature.
+    """
+
+    melt: MeltProperties
+    ambient: AmbientProperties
+    steel: SteelProperties
+    insulation: InsulationProperties
+    ladle: LadleProperties
+    moving_platform: MovingPlatformProperties
+    contact: ContactProperties
+    expansion: ExpansionProperties
+
+
+def shipped_thermal_file() -> Path:
+    """Return the properties file that comes with the package.
+
+    Raises:
+        DescriptionError: the robot description is missing from the installation.
+    """
+    return description_folder() / "config" / "thermal.yaml"
+
+
+def load_thermal_properties(path: Path | str | None = None) -> ThermalProperties:
+    """Read a file of thermal properties (default: the shipped one).
+
+    Raises:
+        ThermalFileError: the file is missing or wrong (a misspelt key, an emissivity above 1, a temperature below
+            absolute zero …); names file, line and key.
+    """
+    path = Path(path) if path is not None else shipped_thermal_file()
+    return validate(ThermalProperties, read_yaml(path, ThermalFileError), path, ThermalFileError)

@@ -1,0 +1,207 @@
+"""Where the ladle is: the robot of the drawing and the robot as built, side by side.
+
+The controller knows the drawing. It turns a wanted pose into drive values by the nominal kinematics; the robot as
+built takes these drive values and closes its own loops. The difference of the two is the error at the ladle.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from pouring_robot.mechanism.arrays import FloatArray, lock_fields
+from pouring_robot.mechanism.closure import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
+from pouring_robot.mechanism.energy import NO_LOADS, Loads
+from pouring_robot.mechanism.jacobians import (
+    AxisWeakness,
+    Dexterity,
+    DriveJacobians,
+    axis_weakness,
+    dexterity,
+    drive_jacobians,
+)
+from pouring_robot.mechanism.loops import LoopsFile
+from pouring_robot.mechanism.poses import PoseDifference
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.pouring.kinematics import FourUPUKinematics, JointReach
+from pouring_robot.robot.pouring.layout import Layout, load_layout
+from pouring_robot.robot.pouring.poses import PlatformPose
+
+
+@dataclass(frozen=True, eq=False)
+class LadleLocation:
+    """Nominal and actual pose for one command. Arrays are read-only; locations compare by identity.
+
+    Attributes:
+        commanded: the pose the controller was asked for.
+        drives: drive values it commands, in m and rad.
+        nominal: the closed robot of the drawing.
+        actual: the closed robot as built at the same commands; its drives stand at command plus their offsets.
+        reach: every chain joint within its limits, the most limiting first.
+        outside_workspace_m: by how far the position leaves the workspace box, per axis, in m; zero inside.
+        outside_workspace_rad: by how far the tilt leaves it, in rad.
+    """
+
+    commanded: PlatformPose
+    drives: dict[str, float]
+    nominal: ClosureResult
+    actual: ClosureResult
+    reach: tuple[JointReach, ...]
+    outside_workspace_m: FloatArray
+    outside_workspace_rad: float
+
+    def __post_init__(self) -> None:
+        """Lock the array."""
+        lock_fields(self, "outside_workspace_m")
+
+    @property
+    def loops(self) -> LoopsFile:
+        """The declaration of the mechanism: it names base, end and tool frames."""
+        return self.nominal.mechanism.loops
+
+    @property
+    def in_workspace(self) -> bool:
+        """Whether the commanded pose lies in the workspace box."""
+        return not self.outside_workspace_m.any() and self.outside_workspace_rad == 0.0
+
+    def poses(self, frame: str) -> tuple[pin.SE3, pin.SE3]:
+        """Return nominal and actual pose of a frame in the fixed platform.
+
+        Raises:
+            UnknownFrameError: there is no such frame.
+        """
+        base = self.loops.base_frame
+        return self.nominal.pose(base, frame), self.actual.pose(base, frame)
+
+    def difference(self, frame: str | None = None) -> PoseDifference:
+        """Return actual minus nominal pose of a frame (default: the pouring lip), in the axes of the fixed platform.
+
+        Raises:
+            UnknownFrameError: there is no such frame.
+        """
+        return PoseDifference.between(*self.poses(frame or self.loops.working_frame))
+
+
+class PouringRobot:
+    """The robot of the drawing and as built. Holds solver workspace: one object a thread.
+
+    Args:
+        model: the robot as built; without one, the drawing of the default layout.
+        loads: weight and yielding drives of the actual robot.
+        options: when a closure counts as found.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel | None = None,
+        loads: Loads = NO_LOADS,
+        options: ClosureOptions = DEFAULT_OPTIONS,
+    ) -> None:
+        """Build both mechanisms.
+
+        Raises:
+            BadInputError: the model names a joint or drive that the robot does not have.
+        """
+        self.model = model or RobotModel()
+        self.model.check_drive_offsets()
+        self._drive_offsets = self.model.drive_offset_values()
+        self.nominal_solver = ClosureSolver(self.model.nominal_mechanism(), options=options)
+        self.actual_solver = ClosureSolver(self.model.mechanism(), loads, options)
+        self.kinematics = FourUPUKinematics(self.nominal_solver.mechanism)
+
+    @functools.cached_property
+    def layout(self) -> Layout:
+        """Workspace and ladle of the layout, in SI units."""
+        return load_layout(self.model.layout, self.model.layouts_path)
+
+    @functools.cached_property
+    def unseen_displacements(self) -> tuple[str, ...]:
+        """Displaced joints that no pose seen from the fixed platform shows: they carry it, such as ``truss_travel``."""
+        paths, loops = self.actual_solver.mechanism.frame_paths, self.actual_solver.mechanism.loops
+        frames = (*loops.reported_frames, *(name for loop in loops.loops for name in (loop.frame_a, loop.frame_b)))
+        seen = {joint for frame in frames for joint in paths[frame]} - {*paths[loops.base_frame]}
+        return tuple(joint for joint in self.model.joint_placements if joint not in seen)
+
+    def actual_drives(self, drives: dict[str, float]) -> dict[str, float]:
+        """Return where the drives of the robot as built stand for commanded values, in m and rad."""
+        return {name: value + self._drive_offsets.get(name, 0.0) for name, value in drives.items()}
+
+    def forward(self, drives: dict[str, float], near: PlatformPose | None = None) -> ClosureResult:
+        """Close the robot as built for commanded drive values (m, rad).
+
+        Args:
+            drives: l1, l2, l3 and theta46 by joint name.
+            near: a pose to start from; by default the nominal pose for these drives.
+
+        Raises:
+            BadInputError: a drive value is missing or not finite, or a name is no drive.
+            NoSolutionError: no pose has these drive values.
+            UnreachablePoseError: the pose that has them is beyond a joint's limits.
+        """
+        self.kinematics.check_drives(drives)
+        start = near or self.kinematics.forward(drives)
+        return self._closed_as_built(drives, self.kinematics.configuration(start))
+
+    def _closed_as_built(self, drives: dict[str, float], start: FloatArray) -> ClosureResult:
+        """Close the robot as built for commanded drive values, and check its own joints against their limits."""
+        result = self.actual_solver.solve(self.actual_drives(drives), start)
+        # Far from the start the loops may also close in another assembly, whose joints are then beyond their limits.
+        self.kinematics.refuse_beyond_limits({name: result.joint_values[name] for name in self.kinematics.joint_names})
+        return result
+
+    def locate(self, pose: PlatformPose) -> LadleLocation:
+        """Return where the ladle should be and where it is for a commanded pose.
+
+        Raises:
+            UnreachablePoseError: a joint of the drawing or of the robot as built would pass its limits.
+            ClosureError: the robot as built cannot take these drive values.
+        """
+        drives = self.kinematics.inverse(pose)
+        start = self.kinematics.configuration(pose)
+        lower, upper = self.layout.position_lower_m, self.layout.position_upper_m
+        position = np.array(pose.position_m)
+        outside = np.maximum(lower - position, 0.0) + np.maximum(position - upper, 0.0)
+        tilt_lower, tilt_upper = self.layout.tilt_lower_rad, self.layout.tilt_upper_rad
+        # A box limit typed in mm or degrees must not count as outside by round-off.
+        outside[outside < 1e-9] = 0.0
+        tilt_outside = max(tilt_lower - pose.tilt_rad, pose.tilt_rad - tilt_upper, 0.0)
+        return LadleLocation(
+            commanded=pose,
+            drives=drives,
+            nominal=self.nominal_solver.solve(drives, start),
+            actual=self._closed_as_built(drives, start),
+            reach=self.kinematics.reach(self.kinematics.joint_values(pose)),
+            outside_workspace_m=outside,
+            outside_workspace_rad=tilt_outside if tilt_outside > 1e-9 else 0.0,
+        )
+
+    def drive_jacobians(self, location: LadleLocation) -> DriveJacobians:
+        """Return the Jacobians of the actual robot at a location."""
+        return drive_jacobians(self.actual_solver, location.actual)
+
+    def dexterity(self, location: LadleLocation) -> Dexterity:
+        """Return condition and distance to singularity of the actual robot at a location."""
+        mechanism = self.actual_solver.mechanism
+        prismatic = tuple(mechanism.unit_of(name) == "m" for name in mechanism.loops.drives)
+        length = float(np.linalg.norm(self.kinematics.moving_centres_m, axis=1).mean())
+        return dexterity(self.drive_jacobians(location), prismatic, length)
+
+    def axis_weakness(self, location: LadleLocation) -> AxisWeakness:
+        """Return how far one tilted joint axis moves the pouring lip sideways, at the worst joint."""
+        return axis_weakness(self.actual_solver, location.actual, location.loops.working_frame)
+
+
+def load_robot(model: RobotModel | Path | str | None = None) -> PouringRobot:
+    """Load a robot from a model, a model file, or (default) the drawing of the default layout.
+
+    Raises:
+        ModelFileError: the model file is wrong.
+        UnknownLayoutError: it names a layout that does not exist.
+    """
+    if isinstance(model, Path | str):
+        model = RobotModel.load(model)
+    return PouringRobot(model)

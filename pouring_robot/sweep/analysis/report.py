@@ -1,0 +1,97 @@
+"""The files beside the store: ``summary.json``, ``ranking.csv`` and ``sweep.png``."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pouring_robot.io.files import write_whole
+from pouring_robot.io.progress import Progress, say_nothing
+from pouring_robot.sweep.analysis.indices import SobolIndices, sobol_indices
+from pouring_robot.sweep.analysis.plots import picture
+from pouring_robot.sweep.analysis.summary import Summary, summarise
+from pouring_robot.sweep.analysis.tolerances import AllocatedTolerances, RankedParameter, allocate_tolerances, rank
+from pouring_robot.sweep.store import PICTURE, RANKING, SUMMARY, SweepStore
+
+
+@dataclass(frozen=True, eq=False)
+class SweepReport:
+    """What a finished sweep says.
+
+    Attributes:
+        store: where the numbers are.
+        summary: of all samples.
+        ranking: the parameters, the one that matters most first.
+        indices: Sobol indices, of a ``sobol`` study.
+        allocation: the loosest tolerances, if the sweep file asks for them.
+    """
+
+    store: SweepStore
+    summary: Summary
+    ranking: Sequence[RankedParameter]
+    indices: SobolIndices | None
+    allocation: AllocatedTolerances | None
+
+    def figures(self) -> dict[str, Any]:
+        """Return all figures for JSON; mm and mrad."""
+        config = self.store.plan.config
+        return {
+            "study": config.study,
+            "kind": config.kind,
+            "layout": self.store.plan.model.layout,
+            "content_hash": self.store.plan.content_hash,
+            "version": self.store.plan.content["version"],
+            "seed": config.seed,
+            "summary": self.summary.figures(),
+            "sobol_base_samples_dropped": self.indices.dropped if self.indices else None,
+            "ranking": [_row(parameter) for parameter in self.ranking],
+            "allocation": self.allocation.figures() if self.allocation else None,
+        }
+
+    def write(self) -> tuple[Path, ...]:
+        """Write the three files into the sweep's folder and return their paths.
+
+        Raises:
+            OutputError: the folder cannot be written to.
+        """
+        folder = self.store.folder
+        text = json.dumps(self.figures(), indent=2, allow_nan=False) + "\n"
+        return (
+            write_whole(folder / SUMMARY, text),
+            write_whole(folder / RANKING, self._ranking_text()),
+            write_whole(folder / PICTURE, picture(self.store, self.summary, self.ranking)),
+        )
+
+    def _ranking_text(self) -> str:
+        rows = [_row(parameter) for parameter in self.ranking]
+        stream = io.StringIO()
+        writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+        return stream.getvalue()
+
+
+def report(store: SweepStore, progress: Progress = say_nothing) -> SweepReport:
+    """Reduce, rank and allocate, as the sweep file asks.
+
+    Raises:
+        SweepStoreError: the sweep is not finished, or its store is damaged.
+        NoSolutionError: no tolerances keep the requirement.
+    """
+    plan = store.plan
+    summary = summarise(store, progress)
+    indices = sobol_indices(store, progress) if plan.config.study == "sobol" else None
+    allocation = allocate_tolerances(plan, progress=progress) if plan.config.allocation else None
+    return SweepReport(store, summary, rank(plan, summary, indices), indices, allocation)
+
+
+def _row(parameter: RankedParameter) -> dict[str, Any]:
+    row = dataclasses.asdict(parameter)
+    chosen: dict[str, Any] = {key: row[key] for key in ("name", "part", "tolerance", "unit")}
+    return chosen | parameter.figures

@@ -1,0 +1,72 @@
+"""A leg that is hotter on one side bends: how far, and when that matters.
+
+The temperature difference ΔT over the diameter D gives the curvature κ = α ΔT / D, the hot side outside. Between its
+two U joints the leg bows; the joints follow freely, so the ladle notices three things only: the leg's chord is shorter
+by ∫∫ κ² (second order, below a micrometre), the lower end is turned against the chord, and of these turns the one
+about y at leg 4 counts in full, because the tilt drive θ46 sits between that end and the platform.
+"""
+
+# ruff: noqa: N815 - units keep their capitals: K, W, degC
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.thermal.network.field import TemperatureField
+
+
+@dataclass(frozen=True, eq=False)
+class LegBending:
+    """Estimated bending of the four legs; shape (4,) unless said otherwise.
+
+    Attributes:
+        difference_K: largest temperature difference across the leg.
+        curvature_per_m: mean curvature α ΔT / D.
+        tip_deflection_m: of the lower end, were the upper end clamped: κ l²/2 where κ is even.
+        tip_rotation_rad: likewise, κ l.
+        bow_m: largest distance from the chord, ends free to turn: κ l²/8 where κ is even.
+        end_rotation_rad: turn of the lower end against the chord, rotation vector in the fixed platform, shape (4, 3).
+        shortening_m: chord against arc, second order: κ² l³/24.
+    """
+
+    difference_K: FloatArray
+    curvature_per_m: FloatArray
+    tip_deflection_m: FloatArray
+    tip_rotation_rad: FloatArray
+    bow_m: FloatArray
+    end_rotation_rad: FloatArray
+    shortening_m: FloatArray
+
+    @classmethod
+    def of(cls, field: TemperatureField) -> LegBending:
+        """Estimate it from the gradient across the leg elements."""
+        weights = field.between_joints
+        lengths = field.exposure.lengths_m
+        depth = field.leg_positions_m
+        # The tangent turns towards the cold side.
+        turning = -field.properties.steel.expansion.value * field.gradient_K_per_m
+        total = np.einsum("le,lek->lk", weights, turning)
+        lever = np.einsum("le,lek->lk", weights * depth, turning)
+        size = np.linalg.norm(total, axis=1)
+        down = field.leg_directions
+        curvature = size / lengths
+        return cls(
+            difference_K=field.leg_difference_K,
+            curvature_per_m=curvature,
+            tip_deflection_m=np.linalg.norm(total * lengths[:, None] - lever, axis=1),
+            tip_rotation_rad=size,
+            bow_m=curvature * lengths**2 / 8.0,
+            end_rotation_rad=np.cross(down, lever / lengths[:, None]),
+            shortening_m=curvature**2 * lengths**3 / 24.0,
+        )
+
+    @property
+    def tilt_error_rad(self) -> float:
+        """Turn of leg 4's lower end about y: acts as an offset of the tilt drive θ46."""
+        return float(self.end_rotation_rad[3, 1])
+
+    def matters(self, lever_m: float, accuracy_m: float) -> bool:
+        """Return whether the tilt error moves a point ``lever_m`` from the tilt axis by a tenth of the accuracy."""
+        return abs(self.tilt_error_rad) * lever_m > 0.1 * accuracy_m

@@ -1,0 +1,139 @@
+"""From temperatures to the model's local parameters: legs longer, platforms grown.
+
+A leg that is warmer than the drawing's temperature by ΔT(s) is longer by ∫ α ΔT ds. With the drive's own offset the
+convention is: leg length = (commanded + offset) · (1 + α · mean rise). Platforms grow about their origins, so that
+each U-joint centre moves outwards by α ΔT times its place.
+
+The growth of a driven leg is a drive offset; that of a passive one displaces its prismatic joint along the leg and is
+taken up by it. Measured temperatures can take the place of computed ones, part by part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from pouring_robot.exceptions import BadInputError, closest
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.robot.pouring.description import PlacementError
+from pouring_robot.robot.pouring.kinematics import CHAINS, FourUPUKinematics
+from pouring_robot.robot.pouring.thermal_properties import PARTS, ThermalProperties, kelvin
+from pouring_robot.thermal.network.field import TemperatureField
+
+__all__ = ["PARTS", "ThermalExpansion"]
+
+
+@dataclass(frozen=True)
+class ThermalExpansion:
+    """How much every part has grown, as strain (growth per length).
+
+    Attributes:
+        leg_strain: legs 1 to 4, mean from joint to joint, shape (4,).
+        platform_strain: moving platform.
+        fixed_platform_strain: fixed platform.
+    """
+
+    leg_strain: tuple[float, float, float, float]
+    platform_strain: float = 0.0
+    fixed_platform_strain: float = 0.0
+
+    @classmethod
+    def from_field(cls, field: TemperatureField, measured_degC: Mapping[str, float] | None = None) -> ThermalExpansion:
+        """Take computed temperatures, and measured means where there are any.
+
+        Args:
+            field: computed temperatures.
+            measured_degC: mean temperature of parts, by name (:data:`PARTS`).
+
+        Raises:
+            BadInputError: a part is unknown.
+            TemperatureError: a temperature lies below absolute zero or is not finite.
+        """
+        legs = {f"leg{i}": float(value) for i, value in zip(CHAINS, field.leg_degC, strict=True)}
+        computed = legs | {"platform": field.platform_degC, "fixed_platform": field.fixed_platform_degC}
+        return cls.from_temperatures(field.properties, computed | dict(measured_degC or {}))
+
+    @classmethod
+    def from_temperatures(cls, properties: ThermalProperties, degC: Mapping[str, float]) -> ThermalExpansion:
+        """Take mean temperatures of parts; parts left out are as warm as in the drawing.
+
+        Args:
+            properties: expansion of steel and reference temperature.
+            degC: mean temperature by part (:data:`PARTS`).
+
+        Raises:
+            BadInputError: a part is unknown.
+            TemperatureError: a temperature lies below absolute zero or is not finite.
+        """
+        reference = properties.expansion.reference_temperature.kelvin
+        strain = dict.fromkeys(PARTS, 0.0)
+        for part, value in degC.items():
+            if part not in strain:
+                raise BadInputError(f"there is no part '{part}' that expands{closest(part, PARTS)}")
+            strain[part] = properties.steel.expansion.value * (kelvin(float(value), part) - reference)
+        one, two, three, four = (strain[f"leg{i}"] for i in CHAINS)
+        return cls((one, two, three, four), strain["platform"], strain["fixed_platform"])
+
+    def drive_offsets(
+        self, drives: Mapping[str, float], offsets: Mapping[str, float] | None = None
+    ) -> dict[str, float]:
+        """Return by how much heat alone changes the driven leg lengths, in m, by joint name.
+
+        Args:
+            drives: commanded drive values, in m and rad; those that are no leg length (θ46) are left out.
+            offsets: offsets the drives have without heat, in m; they grow with the leg.
+        """
+        growth = {f"leg{i}_s3": strain for i, strain in zip(CHAINS, self.leg_strain, strict=True)}
+        have = offsets or {}
+        return {name: growth[name] * (value + have.get(name, 0.0)) for name, value in drives.items() if name in growth}
+
+    def placements(
+        self, kinematics: FourUPUKinematics, passive_lengths_m: Mapping[str, float] | None = None
+    ) -> dict[str, PlacementError]:
+        """Return the joints that heat displaces: U-joint centres on both platforms, passive prismatic joints.
+
+        Args:
+            kinematics: of the nominal robot.
+            passive_lengths_m: length of each leg that is not driven, by its prismatic joint.
+
+        Returns:
+            Errors by joint name, each in the joint's nominal frame, in m.
+        """
+        mechanism = kinematics.mechanism
+        model = mechanism.shared_model
+        data = model.createData()
+        pin.framesForwardKinematics(model, data, mechanism.neutral_configuration())
+        errors = {}
+        for k, i in enumerate(CHAINS):
+            for joint, base, growth in (
+                (f"leg{i}_s1", "fixed_platform", self.fixed_platform_strain * kinematics.fixed_centres_m[k]),
+                (f"leg{i}_seat_mount", "moving_platform", self.platform_strain * kinematics.moving_centres_m[k]),
+            ):
+                placement = mechanism.pose_world_to_placement(data, joint)
+                errors[joint] = _shift(placement.rotation.T @ data.oMf[mechanism.frame_id(base)].rotation @ growth)
+        strain = {f"leg{i}_s3": value for i, value in zip(CHAINS, self.leg_strain, strict=True)}
+        for joint, length in (passive_lengths_m or {}).items():
+            errors[joint] = _shift(strain[joint] * length * _axis(mechanism, joint))
+        return errors
+
+
+def _shift(translation_m: FloatArray) -> PlacementError:
+    x, y, z = (float(value) for value in translation_m)
+    return PlacementError((x, y, z))
+
+
+def _axis(mechanism: ClosedChainMechanism, joint: str) -> FloatArray:
+    """Return the direction of a prismatic joint in its own frame, shape (3,)."""
+    model = mechanism.shared_model
+    data = model.createData()
+    moved = mechanism.with_joint_values(mechanism.neutral_configuration(), {joint: 1.0})
+    pin.forwardKinematics(model, data, moved)
+    return np.array(data.liMi[mechanism.joint_id(joint)].translation) - _placement(mechanism, joint)
+
+
+def _placement(mechanism: ClosedChainMechanism, joint: str) -> FloatArray:
+    return np.array(mechanism.shared_model.jointPlacements[mechanism.joint_id(joint)].translation)

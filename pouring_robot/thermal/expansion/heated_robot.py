@@ -1,0 +1,183 @@
+"""The robot as built under the heat of its melt: temperatures where the ladle really is, and the pose that follows.
+
+Temperatures depend on the pose and the pose on temperatures. Both are settled by turns: temperatures at a closure, the
+closure at these temperatures, until a turn no longer moves the ladle. Inside one closure the temperatures are held.
+What the melt reaches between the platform's bars is sampled by points, so shadows jump (about a kelvin for a few
+millimetres); should a turn land on such a jump for ever, its size is reported, not hidden.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closure import ClosureResult
+from pouring_robot.robot.heat_section import HeatSection
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.thermal_properties import ZERO_CELSIUS_K, ThermalProperties
+from pouring_robot.robot.robot import LadleLocation, PouringRobot
+from pouring_robot.thermal.expansion.growth import ThermalExpansion
+from pouring_robot.thermal.expansion.warm_robot import PoseShares, WarmRobot, passive_lengths, pose_shares
+from pouring_robot.thermal.network.field import TemperatureField
+from pouring_robot.thermal.network.history import HeatHistory, Placed
+from pouring_robot.thermal.network.robot_network import ThermalNetwork
+from pouring_robot.thermal.network.transient import simulate
+
+SETTLED_M = 1e-10
+"""A turn of temperatures and closure that moves the platform's origin by less ends the turns."""
+MOST_TURNS = 12
+
+Close = Callable[[WarmRobot], tuple[ClosureResult, ClosureResult]]
+
+
+@dataclass(frozen=True, eq=False)
+class WarmState:
+    """Temperatures and robot that belong together.
+
+    Attributes:
+        field: the temperatures; None for a cold robot.
+        robot: as built and as warm as that.
+        result: its closure.
+        turns: how often temperatures were taken anew.
+        unsettled_m: by how much the last taking of temperatures moved the origin of the moving platform, drives held,
+            in m.
+    """
+
+    field: TemperatureField | None
+    robot: WarmRobot
+    result: ClosureResult
+    turns: int
+    unsettled_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class HeatedLocation:
+    """Where the ladle is, warm, for one command.
+
+    Attributes:
+        location: nominal and actual pose, as :meth:`PouringRobot.locate` returns them; the actual one is warm.
+        state: the temperatures and the warm robot.
+    """
+
+    location: LadleLocation
+    state: WarmState
+
+
+class HeatedRobot:
+    """A robot as built, warmed by its melt. Holds solver workspace: one object a thread.
+
+    Args:
+        robot: the robot as built, cold.
+        heat: how warm it is; None: not at all.
+        network: its thermal network; by default made from the robot and the properties of ``heat``.
+    """
+
+    def __init__(
+        self, robot: PouringRobot, heat: HeatSection | None = None, network: ThermalNetwork | None = None
+    ) -> None:
+        """Keep what was given; the network is made when it is needed."""
+        self.robot, self.heat = robot, heat
+        self._given_network = network
+
+    @functools.cached_property
+    def network(self) -> ThermalNetwork:
+        """The robot's thermal network.
+
+        Raises:
+            BadInputError: the properties do not fit the layout.
+        """
+        return self._given_network or ThermalNetwork(self.robot, self.properties)
+
+    @functools.cached_property
+    def properties(self) -> ThermalProperties:
+        """Materials and surfaces, those of the model file in place."""
+        return (self.heat or HeatSection()).thermal_properties()
+
+    @property
+    def temperatures_degC(self) -> tuple[float, float]:  # noqa: N802 - the unit keeps its capital
+        """Melt and surroundings."""
+        heat = self.heat or HeatSection()
+        melt, ambient = self.network.temperatures_K(heat.melt_degC, heat.ambient_degC)
+        return melt - ZERO_CELSIUS_K, ambient - ZERO_CELSIUS_K
+
+    def field(self, pose: Placed) -> TemperatureField | None:
+        """Return the temperatures at a pose that is held, or None for a cold robot.
+
+        Raises:
+            ThermalSolutionError: no temperatures are found.
+        """
+        if self.heat is None:
+            return None
+        melt, ambient = self.temperatures_degC
+        if self.heat.after_min is None:
+            return self.network.steady(pose, melt, ambient)
+        duration = 60.0 * self.heat.after_min
+        history = HeatHistory.constant(melt, ambient, duration)
+        return simulate(self.network, history, pose, times_s=np.array([duration])).last
+
+    def expansion(self, field: TemperatureField | None) -> ThermalExpansion:
+        """Return how much the parts have grown; measured temperatures take the place of computed ones."""
+        if field is None or self.heat is None:
+            return ThermalExpansion((0.0, 0.0, 0.0, 0.0))
+        return ThermalExpansion.from_field(field, self.heat.measured_degC)
+
+    def settle(self, pose: PlatformPose, close: Close) -> WarmState:
+        """Take temperatures and closure by turns until a turn no longer moves the ladle.
+
+        Args:
+            pose: near which the ladle will be; the temperatures of the first turn are taken there.
+            close: closes a warm robot: first with the drive values of the last turn, then with those it then chooses.
+                It may choose the same.
+
+        Raises:
+            NoSolutionError: what ``close`` raises, or no temperatures are found.
+        """
+        place: Placed = pose
+        passive = None
+        before: FloatArray | None = None
+        moved = np.inf
+        turns = 0
+        while turns < MOST_TURNS:
+            turns += 1
+            field = self.field(place)
+            warm = WarmRobot(self.robot, self.expansion(field), pose, passive_lengths_m=passive)
+            held, result = close(warm)
+            if before is not None:
+                moved = float(np.linalg.norm(held.pose_base_to_end.translation - before))
+            if self.heat is None or moved < SETTLED_M:
+                break
+            passive = passive_lengths(self.robot, result.joint_values)
+            place, before = result, np.array(result.pose_base_to_end.translation)
+        return WarmState(field, warm, result, turns, 0.0 if self.heat is None else moved)
+
+    def locate(self, pose: PlatformPose) -> HeatedLocation:
+        """Return where the ladle should be and where it is, warm, for a commanded pose.
+
+        Raises:
+            UnreachablePoseError: a joint would pass its limits.
+            ClosureError: the robot cannot take these drive values.
+            ThermalSolutionError: no temperatures are found.
+        """
+        drives = self.robot.kinematics.inverse(pose)
+
+        def close(warm: WarmRobot) -> tuple[ClosureResult, ClosureResult]:
+            result = warm.forward(drives, near=pose)
+            return result, result
+
+        state = self.settle(pose, close)
+        return HeatedLocation(state.robot.locate(pose), state)
+
+    def shares(self, found: HeatedLocation, frame: str | None = None) -> PoseShares:
+        """Return what geometry and heat do, alone and together, to a frame (default: the pouring lip).
+
+        Heat alone acts on the drawing, with the temperatures of the whole.
+
+        Raises:
+            NoSolutionError: the cold robot, or the warm drawing, cannot take this command.
+        """
+        shares = pose_shares(self.robot, found.state.robot.expansion, found.location.commanded, frame)
+        return replace(shares, together=found.location.difference(frame))

@@ -1,0 +1,234 @@
+"""What happens over time: melt and ambient temperature, and the poses that are held."""
+
+# ruff: noqa: N815 - units keep their capitals: K, W, degC
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pouring_robot.exceptions import BadInputError, HistoryError, TableError, closest
+from pouring_robot.io.cells import finite_cell
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closure import ClosureResult
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.thermal_properties import (
+    HOTTEST_DEGC,
+    HOTTEST_SURROUNDINGS_DEGC,
+    ZERO_CELSIUS_K,
+    kelvin,
+)
+
+Placed = PlatformPose | ClosureResult
+"""Where the robot stands: a pose of the drawing, or a closure of any robot of its layout."""
+
+_TIMES = {"time_s": 1.0, "time_min": 60.0, "time_h": 3600.0}
+_POSE_COLUMNS = ("x_mm", "y_mm", "z_mm", "tilt_deg")
+_STRAIGHT_K_PER_S = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class HeatHistory:
+    """Melt and ambient temperature over time, straight lines between the entries. At least two entries.
+
+    Attributes:
+        times_s: strictly increasing, shape (n,).
+        melt_degC: shape (n,).
+        ambient_degC: shape (n,).
+
+    Raises:
+        HistoryError: too few entries, unequal lengths, or times that do not increase.
+        TemperatureError: a temperature lies below absolute zero or is not finite.
+    """
+
+    times_s: FloatArray
+    melt_degC: FloatArray
+    ambient_degC: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check order, lengths and temperatures."""
+        times = np.array(self.times_s, dtype=float)
+        if times.ndim != 1 or times.size < 2:
+            raise HistoryError("give at least two entries, its start and its end")
+        _check_order(times)
+        object.__setattr__(self, "times_s", times)
+        for what in ("melt", "ambient"):
+            values = np.array(getattr(self, f"{what}_degC"), dtype=float)
+            if values.shape != times.shape:
+                raise HistoryError(f"{what}_degC has {values.size} entries, times_s has {times.size}")
+            for row, value in enumerate(values, start=1):
+                kelvin(float(value), f"history, entry {row}: {what}")
+            object.__setattr__(self, f"{what}_degC", values)
+
+    @classmethod
+    def constant(cls, melt_degC: float, ambient_degC: float, duration_s: float) -> HeatHistory:
+        """Return temperatures that are held for a time.
+
+        Raises:
+            HistoryError: the duration is not positive.
+            TemperatureError: a temperature lies below absolute zero or is not finite.
+        """
+        return cls(np.array([0.0, duration_s]), np.full(2, melt_degC), np.full(2, ambient_degC))
+
+    @property
+    def start_s(self) -> float:
+        """Time of the first entry."""
+        return float(self.times_s[0])
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last entry."""
+        return float(self.times_s[-1])
+
+    def at(self, time_s: float) -> tuple[float, float]:
+        """Return melt and ambient temperature at a time, in K."""
+        melt, ambient = (
+            float(np.interp(time_s, self.times_s, values)) for values in (self.melt_degC, self.ambient_degC)
+        )
+        return melt + ZERO_CELSIUS_K, ambient + ZERO_CELSIUS_K
+
+    @property
+    def corners_s(self) -> FloatArray:
+        """Times at which a temperature changes its slope: an integrator must not step across them."""
+        steps = np.diff(self.times_s)
+        bends = sum(np.abs(np.diff(np.diff(values) / steps)) for values in (self.melt_degC, self.ambient_degC))
+        return np.asarray(self.times_s[1:-1][np.asarray(bends) > _STRAIGHT_K_PER_S])
+
+
+@dataclass(frozen=True)
+class PoseSchedule:
+    """Poses held one after the other, each from its time on; changes between them take no time.
+
+    Attributes:
+        entries: time in s and pose, in time order.
+
+    Raises:
+        HistoryError: no entry, or times that do not increase.
+    """
+
+    entries: tuple[tuple[float, Placed], ...]
+
+    def __post_init__(self) -> None:
+        """Check the order."""
+        if not self.entries:
+            raise HistoryError("the schedule holds no pose")
+        _check_order(np.array([time for time, _ in self.entries], dtype=float))
+
+    @classmethod
+    def of(cls, poses: Placed | PoseSchedule | Sequence[tuple[float, Placed]], start_s: float) -> PoseSchedule:
+        """Return a schedule from one pose that is held throughout, from entries, or as it is."""
+        if isinstance(poses, PoseSchedule):
+            return poses
+        if isinstance(poses, PlatformPose | ClosureResult):
+            return cls(((start_s, poses),))
+        return cls(tuple((float(time), pose) for time, pose in poses))
+
+    def at(self, time_s: float) -> Placed:
+        """Return the pose held from a time on; before the first entry, the first pose."""
+        held = self.entries[0][1]
+        for time, pose in self.entries:
+            if time <= time_s:
+                held = pose
+        return held
+
+
+def _check_order(times: FloatArray) -> None:
+    for row, time in enumerate(times, start=1):
+        if not math.isfinite(time):
+            raise HistoryError(f"its time must be a finite number, not {time}", row)
+        if row > 1 and time <= times[row - 2]:
+            raise HistoryError(f"its time of {time:g} s does not come after {times[row - 2]:g} s; sort by time", row)
+
+
+def read_history(path: Path | str, default_ambient_degC: float = 20.0) -> HeatHistory:
+    """Read a history from CSV: columns ``time_s`` (or ``_min``, ``_h``), ``melt_degC``, and ``ambient_degC`` if wanted.
+
+    Args:
+        path: the file.
+        default_ambient_degC: where there is no column ``ambient_degC``.
+
+    Raises:
+        TableError: the file cannot be read, a column is missing, unknown or doubled, a cell is no number, times do not
+            increase, or a temperature is impossible; names line and column.
+    """
+    return _read(Path(path), default_ambient_degC, ())[0]
+
+
+def read_shift(path: Path | str, default_ambient_degC: float = 20.0) -> tuple[HeatHistory, PoseSchedule | None]:
+    """Read a history that may also hold poses: columns ``x_mm``, ``y_mm``, ``z_mm``, ``tilt_deg``, all or none.
+
+    A pose is held from the time of its line on. Arguments and errors as in :func:`read_history`.
+
+    Returns:
+        The history, and the poses where the file has them.
+    """
+    history, columns = _read(Path(path), default_ambient_degC, _POSE_COLUMNS)
+    present = [name for name in _POSE_COLUMNS if name in columns]
+    if not present:
+        return history, None
+    if len(present) < len(_POSE_COLUMNS):
+        missing = next(name for name in _POSE_COLUMNS if name not in columns)
+        raise TableError(path, f"line 1: column '{missing}' is missing; a pose needs {', '.join(_POSE_COLUMNS)}")
+    poses = [PlatformPose.from_mm_deg(*map(float, row)) for row in np.transpose([columns[n] for n in _POSE_COLUMNS])]
+    changes = [k for k in range(len(poses)) if k == 0 or poses[k] != poses[k - 1]]
+    return history, PoseSchedule(tuple((float(history.times_s[k]), poses[k]) for k in changes))
+
+
+def _read(path: Path, default_ambient_degC: float, extra: Sequence[str]) -> tuple[HeatHistory, dict[str, FloatArray]]:
+    """Read a history; return it and all columns."""
+    try:
+        lines = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
+    except OSError as error:
+        raise TableError(path, f"cannot be read: {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise TableError(path, "is not a CSV file in UTF-8") from error
+    header = [cell.strip() for cell in lines[0]] if lines else []
+    time_column = _check_header(path, header, extra)
+    rows = [(n, line) for n, line in enumerate(lines[1:], start=2) if any(cell.strip() for cell in line)]
+    for number, line in rows:
+        if len(line) > len(header):
+            raise TableError(path, f"line {number}: {len(line)} cells, but the header names {len(header)} columns")
+    columns = {name: np.array([_cell(path, n, line, header, name) for n, line in rows]) for name in header}
+    times = columns[time_column] * _TIMES[time_column]
+    for k in range(1, len(times)):
+        if times[k] <= times[k - 1]:
+            problem = f"line {rows[k][0]}, column {time_column}: does not come after the line before; sort by time"
+            raise TableError(path, problem)
+    ambient = columns.get("ambient_degC", np.full(len(times), default_ambient_degC))
+    try:
+        return HeatHistory(times, columns["melt_degC"], ambient), columns
+    except BadInputError as error:
+        raise TableError(path, str(error)) from error
+
+
+def _check_header(path: Path, header: list[str], extra: Sequence[str]) -> str:
+    """Return the name of the time column."""
+    known = [*_TIMES, "melt_degC", "ambient_degC", *extra]
+    for name in header:
+        if name not in known:
+            raise TableError(path, f"line 1: unknown column '{name}'{closest(name, known)}")
+        if header.count(name) > 1:
+            raise TableError(path, f"line 1: column '{name}' stands twice")
+    times = [name for name in header if name in _TIMES]
+    if len(times) != 1 or "melt_degC" not in header:
+        raise TableError(path, "line 1: give one time column (time_s, time_min or time_h) and melt_degC")
+    return times[0]
+
+
+def _cell(path: Path, number: int, line: list[str], header: list[str], name: str) -> float:
+    value = finite_cell(path, number, line, header.index(name), name)
+    if name.endswith("degC") and value < -ZERO_CELSIUS_K:
+        raise TableError(path, f"line {number}, column {name}: {value:g} degC lies below absolute zero")
+    if name.endswith("degC") and value > HOTTEST_DEGC:
+        raise TableError(path, f"line {number}, column {name}: {value:g} degC is hotter than any melt; check the unit")
+    if name == "ambient_degC" and value > HOTTEST_SURROUNDINGS_DEGC:
+        raise TableError(
+            path,
+            f"line {number}, column {name}: {value:g} degC is hotter than any surroundings (limit "
+            f"{HOTTEST_SURROUNDINGS_DEGC:g} degC); check the unit",
+        )
+    return value

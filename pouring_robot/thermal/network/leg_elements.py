@@ -1,0 +1,204 @@
+"""The legs cut into elements, and what each element sees of the melt at a pose.
+
+A leg is two rods. The moving rod is cut once and for all from the lower U-joint centre upwards, so that its elements
+are pieces of steel that keep their heat when the leg changes its length; the fixed rod's housing is cut around the
+upper U-joint centre. Where the rod is inside the housing the two touch; only what is outside meets air and radiation.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.thermal.network.elements import LegSections
+from pouring_robot.thermal.network.view_factors import Boxes, DiscSample, element_to_disc, visible_share
+
+LEGS = 4
+FACETS = 16
+"""Facets around a rod."""
+
+
+@dataclass(frozen=True, eq=False)
+class LegGrid:
+    """Elements of one leg; the same for all four.
+
+    Attributes:
+        sections: sizes of the rods.
+        moving: number of elements N of the moving rod.
+        fixed: number of elements F of the fixed rod.
+    """
+
+    sections: LegSections
+    moving: int
+    fixed: int
+
+    @property
+    def count(self) -> int:
+        """Elements of a leg, the moving rod's first."""
+        return self.moving + self.fixed
+
+    @property
+    def moving_step_m(self) -> float:
+        """Length of an element of the moving rod."""
+        return self.sections.rod_length_m / self.moving
+
+    @property
+    def fixed_step_m(self) -> float:
+        """Length of an element of the fixed rod."""
+        return (self.sections.housing_below_m + self.sections.housing_above_m) / self.fixed
+
+    @property
+    def moving_edges_m(self) -> FloatArray:
+        """Ends of the moving rod's elements, from the lower U-joint centre upwards, shape (N + 1,)."""
+        return np.linspace(0.0, self.sections.rod_length_m, self.moving + 1)
+
+    @property
+    def fixed_edges_m(self) -> FloatArray:
+        """Ends of the fixed rod's elements, from the upper U-joint centre upwards, shape (F + 1,)."""
+        return np.linspace(-self.sections.housing_below_m, self.sections.housing_above_m, self.fixed + 1)
+
+    @property
+    def moving_section_m2(self) -> float:
+        """Cross-section of the moving rod."""
+        return math.pi * self.sections.rod_radius_m**2
+
+    @property
+    def fixed_section_m2(self) -> float:
+        """Cross-section of the fixed rod."""
+        return math.pi * (self.sections.housing_outer_m**2 - self.sections.housing_inner_m**2)
+
+    @property
+    def upper_joint_shares(self) -> FloatArray:
+        """How the upper U joint's heat is shared by the fixed rod's elements, shape (F,): between the two nearest."""
+        middles = 0.5 * (self.fixed_edges_m[1:] + self.fixed_edges_m[:-1])
+        return np.array([np.interp(0.0, middles, unit) for unit in np.eye(self.fixed)])
+
+    def path_weights_m(self, lengths_m: FloatArray) -> FloatArray:
+        """Return how many metres of the way from upper to lower U-joint centre run through each element.
+
+        The way goes down the fixed rod to its lower end, where the nut is taken to sit, and on along the moving rod.
+
+        Args:
+            lengths_m: leg lengths, shape (4,), in m.
+
+        Returns:
+            Shape (4, N + F), in m; each row sums to the leg's length.
+        """
+        below = np.minimum(self.sections.housing_below_m, lengths_m)
+        rod = _overlap(self.moving_edges_m, np.zeros(LEGS), lengths_m - below)
+        # A leg drawn out beyond the rod's end does not exist; layouts with too short a rod are the user's to mend.
+        return np.concatenate([rod, _overlap(self.fixed_edges_m, -below, np.zeros(LEGS))], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class LegExposure:
+    """All elements of the four legs at a pose; shapes (4, N + F) unless said otherwise.
+
+    Attributes:
+        lengths_m: leg lengths, shape (4,).
+        down: unit vectors from upper to lower U-joint centre, in the disc's frame, shape (4, 3).
+        centres_m: middle of the exposed part of each element, in the disc's frame, shape (4, N + F, 3).
+        from_upper_joint_m: distance of the element's middle from the upper U-joint centre, positive downwards.
+        area_m2: outside surface that meets air.
+        view_factor: mean around the element, from it to the melt's surface.
+        first_harmonic: how the view factor varies around the rod: the vector h of F(n) = mean + h · n + …, in the
+            disc's frame, shape (4, N + F, 3).
+        touching_m2: surface of each moving element inside each fixed element, shape (4, N, F).
+    """
+
+    lengths_m: FloatArray
+    down: FloatArray
+    centres_m: FloatArray
+    from_upper_joint_m: FloatArray
+    area_m2: FloatArray
+    view_factor: FloatArray
+    first_harmonic: FloatArray
+    touching_m2: FloatArray
+
+    @classmethod
+    def at(
+        cls,
+        grid: LegGrid,
+        upper_m: FloatArray,
+        lower_m: FloatArray,
+        melt_radius_m: float,
+        sample: DiscSample,
+        boxes: Boxes,
+    ) -> LegExposure:
+        """Place the elements and look at the melt from each.
+
+        Args:
+            grid: the elements.
+            upper_m: upper U-joint centres in the disc's frame, shape (4, 3), in m.
+            lower_m: lower ones.
+            melt_radius_m: of the disc.
+            sample: points of the disc.
+            boxes: what hides it.
+        """
+        along = upper_m - lower_m
+        lengths = np.linalg.norm(along, axis=1)
+        along = along / lengths[:, None]
+        pieces, heights = _exposed_rod(grid, lengths)
+        fixed_middle = 0.5 * (grid.fixed_edges_m[1:] + grid.fixed_edges_m[:-1]) + lengths[:, None]
+        moving_middle = np.tile(0.5 * (grid.moving_edges_m[1:] + grid.moving_edges_m[:-1]), (LEGS, 1))
+        view_heights = np.concatenate([heights, fixed_middle], axis=1)
+        centres = lower_m[:, None] + view_heights[..., None] * along[:, None]
+        sections = grid.sections
+        housing = np.full((LEGS, grid.fixed), 2.0 * math.pi * sections.housing_outer_m * grid.fixed_step_m)
+        area = np.concatenate([2.0 * math.pi * sections.rod_radius_m * pieces, housing], axis=1)
+        radii = np.repeat([sections.rod_radius_m, sections.housing_outer_m], [grid.moving, grid.fixed])
+        mean, harmonic = _seen_around(centres, along, radii, area > 0.0, melt_radius_m, sample, boxes)
+        edges = grid.fixed_edges_m
+        inside = [_overlap(grid.moving_edges_m, lengths + a, lengths + b) for a, b in itertools.pairwise(edges)]
+        touching = 2.0 * math.pi * sections.rod_radius_m * np.stack(inside, axis=-1)
+        below = lengths[:, None] - np.concatenate([moving_middle, fixed_middle], axis=1)
+        return cls(lengths, -along, centres, below, area, mean, harmonic, touching)
+
+
+def _overlap(edges: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
+    """Return how much of each element lies between start and end of each leg, shape (4, elements), in m."""
+    upper = np.minimum(edges[None, 1:], end[:, None])
+    return np.asarray(np.maximum(upper - np.maximum(edges[None, :-1], start[:, None]), 0.0))
+
+
+def _exposed_rod(grid: LegGrid, lengths: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return length outside the housing and the height of its middle above the lower joint, (4, N) each, in m."""
+    edges = grid.moving_edges_m
+    start, end = lengths - grid.sections.housing_below_m, lengths + grid.sections.housing_above_m
+    under = _overlap(edges, np.full(LEGS, -1.0), start)
+    over = _overlap(edges, end, np.full(LEGS, edges[-1] + 1.0))
+    # An element that sticks out at both ends looks out of the longer piece.
+    height = np.where(under >= over, edges[None, :-1] + 0.5 * under, edges[None, 1:] - 0.5 * over)
+    return under + over, height
+
+
+def _seen_around(
+    centres: FloatArray,
+    along: FloatArray,
+    radii: FloatArray,
+    exposed: NDArray[np.bool_],
+    melt_radius: float,
+    sample: DiscSample,
+    boxes: Boxes,
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean view factor, (4, E), and its first harmonic around the rods, (4, E, 3)."""
+    angles = 2.0 * math.pi * np.arange(FACETS) / FACETS
+    helper = np.eye(3)[np.argmin(np.abs(along), axis=1)]
+    first = np.cross(along, helper)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = np.cross(along, first)
+    around = np.cos(angles)[:, None] * first[:, None] + np.sin(angles)[:, None] * second[:, None]  # (4, M, 3)
+    normals = np.broadcast_to(around[:, None], (*centres.shape[:2], FACETS, 3))
+    surface = centres[:, :, None] + radii[None, :, None, None] * normals
+    factors = element_to_disc(surface, normals, melt_radius) * exposed[..., None]
+    lit = factors.any(axis=-1)
+    if lit.any():
+        # Rods are thin: one line of sight from the axis serves all facets of an element.
+        factors[lit] *= visible_share(centres[lit], centres[lit], normals[lit], sample, boxes)
+    harmonic = 2.0 / FACETS * np.einsum("lem,lemk->lek", factors, normals)
+    return factors.mean(axis=-1), harmonic

@@ -1,0 +1,239 @@
+"""The thermal network of the robot: one melt, four legs, two platforms, one ladle.
+
+The melt's surface, a disc that tilts with the ladle, radiates into the half-space above it. What reaches legs and
+platforms depends on pose and tilt; the moving platform's bars stand in the way, nothing else does. Heat conducts along
+rods and bars, through U joints, and from the melt through lining and shell into the platform; every surface gives heat
+to the surroundings by convection and re-radiation.
+"""
+
+# ruff: noqa: N802 - units keep their capitals: K, W, degC
+from __future__ import annotations
+
+from collections import OrderedDict
+
+import numpy as np
+
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closure import ClosureResult
+from pouring_robot.robot.pouring.layout import check_layout, read_text, shipped_layouts_file
+from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, kelvin, load_thermal_properties
+from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.thermal.network import parts
+from pouring_robot.thermal.network.circuit import Circuit
+from pouring_robot.thermal.network.elements import (
+    FACE_NORMALS,
+    BarCells,
+    LadleSections,
+    LegSections,
+    link_boxes,
+    merged,
+)
+from pouring_robot.thermal.network.field import TemperatureField
+from pouring_robot.thermal.network.history import Placed
+from pouring_robot.thermal.network.leg_elements import LEGS, LegExposure, LegGrid
+from pouring_robot.thermal.network.steady import steady_temperatures
+from pouring_robot.thermal.network.view_factors import Boxes, DiscSample, element_to_disc, visible_share
+
+_KEPT_POSES = 32
+
+
+class ThermalNetwork:
+    """Temperatures of a robot for a pose and a melt.
+
+    Geometry comes from the robot: U-joint centres from its nominal mechanism, bars from its URDF, sizes from its
+    layout. Holds a cache of poses: one object a thread.
+
+    Args:
+        robot: by default the drawing of the default layout.
+        properties: by default the shipped ``thermal.yaml``.
+        elements_per_leg: of the moving rod, over its full length; the fixed rod is cut to match.
+        elements_per_bar: of each bar of the platforms; by default a fifth of that.
+        radiation: with radiation, or conduction and convection only.
+
+    Raises:
+        BadInputError: fewer than four elements, or the ladle's shell leaves no lining.
+        DescriptionError: the robot's description is broken, or its platforms are not frames of boxes.
+    """
+
+    def __init__(
+        self,
+        robot: PouringRobot | None = None,
+        properties: ThermalProperties | None = None,
+        elements_per_leg: int = 20,
+        *,
+        elements_per_bar: int | None = None,
+        radiation: bool = True,
+    ) -> None:
+        """Cut the bodies and work out all that no pose changes."""
+        if elements_per_leg < 4 or (elements_per_bar is not None and elements_per_bar < 1):
+            raise BadInputError(
+                f"a leg needs at least 4 elements and a bar 1, not {elements_per_leg} and {elements_per_bar}"
+            )
+        self.robot = robot or PouringRobot()
+        self.properties = properties or load_thermal_properties()
+        self.radiation = radiation
+        model = self.robot.model
+        path = model.layouts_path or shipped_layouts_file()
+        self._entry = check_layout(model.layout, path, read_text(path))
+        urdf = model.nominal_urdf()
+        self._ladle = LadleSections.of(self._entry)
+        self.grid = LegGrid(LegSections.of(self._entry), elements_per_leg, max(2, round(elements_per_leg / 4)))
+        bars = elements_per_bar or max(2, elements_per_leg // 5)
+        boxes = link_boxes(urdf, "moving_platform")
+        self._bars_in_the_way = _shifted(merged(boxes), -self._ladle.melt_centre_m)
+        cladding = self.properties.moving_platform.cladding_thickness.metres
+        self._moving = parts.MovingPlatform.of(boxes, self._bars_in_the_way, self._ladle, bars, cladding)
+        self._fixed = BarCells.cut(link_boxes(urdf, "fixed_platform"), bars)
+        self._sample = DiscSample.of(self._ladle.melt_radius_m)
+        clad_cells = np.flatnonzero(self._moving.clad_area_m2 > 0.0)
+        self.nodes = parts.NodeMap.of(self.grid, self._moving.cells.count, clad_cells, self._fixed.count)
+        facts = (self.nodes, self.grid, self._moving, self._fixed, self._ladle, self._entry, self.properties)
+        self._laplacian, self._melt_contact = parts.constant_laplacian(*facts)
+        self._capacity = parts.capacities(*facts)
+        self._placed: OrderedDict[tuple[float, ...], tuple[Circuit, LegExposure, FloatArray]] = OrderedDict()
+
+    def steady(
+        self, pose: Placed, melt_degC: float | None = None, ambient_degC: float | None = None
+    ) -> TemperatureField:
+        """Return the temperatures that a pose settles to when it is held.
+
+        Args:
+            pose: of the nominal robot, or a closure of any robot of this layout.
+            melt_degC: by default that of the properties.
+            ambient_degC: likewise.
+
+        Raises:
+            TemperatureError: a temperature lies below absolute zero or is not finite.
+            ThermalSolutionError: a part is connected to nothing.
+        """
+        melt_K, ambient_K = self.temperatures_K(melt_degC, ambient_degC)
+        circuit = self.circuit(pose)
+        return self.field(pose, steady_temperatures(circuit, melt_K, ambient_K), melt_K, ambient_K)
+
+    @property
+    def lining_m(self) -> float:
+        """Thickness of the ladle's lining, in m."""
+        return parts.lining_thickness_m(self._ladle, self.properties)
+
+    def temperatures_K(self, melt_degC: float | None, ambient_degC: float | None) -> tuple[float, float]:
+        """Return melt and ambient temperature in K; None stands for that of the properties.
+
+        Raises:
+            TemperatureError: one lies below absolute zero or is not finite.
+        """
+        melt, ambient = self.properties.melt.temperature.value, self.properties.ambient.temperature.value
+        return (
+            kelvin(melt if melt_degC is None else melt_degC, "melt"),
+            kelvin(ambient if ambient_degC is None else ambient_degC, "ambient"),
+        )
+
+    def circuit(self, pose: Placed) -> Circuit:
+        """Return the network at a pose as numbers."""
+        return self._at(pose)[0]
+
+    def field(self, pose: Placed, temperatures_K: FloatArray, melt_K: float, ambient_K: float) -> TemperatureField:
+        """Return temperatures of all nodes, shape (n,), in K, as a field at a pose."""
+        circuit, exposure, rotation = self._at(pose)
+        volumes = (self._moving.cells.volume_m3, self._fixed.volume_m3)
+        return TemperatureField(
+            temperatures_K,
+            melt_K,
+            ambient_K,
+            self.nodes,
+            circuit,
+            self.grid,
+            exposure,
+            rotation,
+            volumes,
+            self.properties,
+        )
+
+    def exposure(self, pose: Placed) -> LegExposure:
+        """Return where the leg elements are at a pose, and what they see of the melt."""
+        return self._at(pose)[1]
+
+    def _at(self, pose: Placed) -> tuple[Circuit, LegExposure, FloatArray]:
+        upper, lower, rotation, position = self._placements(pose)
+        key = tuple(np.concatenate([part.ravel() for part in (upper, lower, rotation, position)]).tolist())
+        if key not in self._placed:
+            origin = position + rotation @ self._ladle.melt_centre_m
+            exposure = LegExposure.at(
+                self.grid,
+                (upper - origin) @ rotation,
+                (lower - origin) @ rotation,
+                self._ladle.melt_radius_m,
+                self._sample,
+                self._bars_in_the_way,
+            )
+            self._placed[key] = self._build(exposure, rotation, origin), exposure, rotation
+            if len(self._placed) > _KEPT_POSES:
+                self._placed.popitem(last=False)
+        self._placed.move_to_end(key)
+        return self._placed[key]
+
+    def _placements(self, pose: Placed) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return U-joint centres above and below, (4, 3) each, and the moving platform, all in the fixed platform."""
+        kinematics = self.robot.kinematics
+        if isinstance(pose, ClosureResult):
+            platform = pose.pose("fixed_platform", "moving_platform")
+            ends = [
+                np.array([pose.pose("fixed_platform", f"leg{i}_{part}").translation for i in range(1, LEGS + 1)])
+                for part in ("fixed_rod", "moving_rod")
+            ]
+            return ends[0], ends[1], np.array(platform.rotation), np.array(platform.translation)
+        placement = pose.to_se3()
+        rotation, position = np.array(placement.rotation), np.array(placement.translation)
+        return kinematics.fixed_centres_m, position + kinematics.moving_centres_m @ rotation.T, rotation, position
+
+    def _build(self, exposure: LegExposure, rotation: FloatArray, origin: FloatArray) -> Circuit:
+        """Assemble the network at a pose."""
+        nodes, properties, moving = self.nodes, self.properties, self._moving
+        matrix = self._laplacian.copy()
+        contact = properties.contact.nut.value * exposure.touching_m2
+        for i in range(LEGS):
+            rod, housing = np.split(nodes.legs[i], [self.grid.moving])
+            matrix[np.ix_(rod, housing)] -= contact[i]
+            matrix[np.ix_(housing, rod)] -= contact[i].T
+            matrix[rod, rod] += contact[i].sum(axis=1)
+            matrix[housing, housing] += contact[i].sum(axis=0)
+        area, view = np.zeros(nodes.count), np.zeros(nodes.count)
+        area[nodes.legs], view[nodes.legs] = exposure.area_m2, exposure.area_m2 * exposure.view_factor
+        area[nodes.moving_platform], view[nodes.moving_platform] = moving.bare_area_m2, moving.bare_view_area_m2
+        area[nodes.cladding] = moving.clad_area_m2[nodes.clad_cells]
+        view[nodes.cladding] = moving.clad_view_area_m2[nodes.clad_cells]
+        area[nodes.fixed_platform] = self._fixed.face_area_m2.sum(axis=1)
+        view[nodes.fixed_platform] = self._fixed_platform_view(rotation, origin)
+        area[nodes.shell] = self._ladle.outer_area_m2
+        melt_contact = np.zeros(nodes.count)
+        melt_contact[nodes.lining[0]] = self._melt_contact
+        emissivity = np.full(nodes.count, properties.steel.emissivity.value)
+        emissivity[nodes.cladding] = properties.insulation.emissivity.value
+        to_melt, to_ambient = parts.radiation_conductances(area, view, emissivity, properties.melt.emissivity.value)
+        scale = 1.0 if self.radiation else 0.0
+        return Circuit(
+            matrix,
+            melt_contact,
+            properties.ambient.film_coefficient.value * area,
+            scale * to_melt,
+            scale * to_ambient,
+            self._capacity,
+        )
+
+    def _fixed_platform_view(self, rotation: FloatArray, origin: FloatArray) -> FloatArray:
+        """Return area times view factor of the fixed platform's cells, shape (Q,), in m²."""
+        cells = self._fixed
+        normals = np.broadcast_to(FACE_NORMALS @ rotation, (cells.count, 6, 3))
+        faces = (cells.face_centres_m - origin) @ rotation
+        factors = element_to_disc(faces, normals, self._ladle.melt_radius_m)
+        lit = factors.any(axis=1)
+        if lit.any():
+            # Far from the melt one line of sight from the cell's middle serves all its faces.
+            middle = (cells.centres_m[lit] - origin) @ rotation
+            factors[lit] *= visible_share(middle, middle, normals[lit], self._sample, self._bars_in_the_way)
+        return np.asarray(np.sum(cells.face_area_m2 * factors, axis=1))
+
+
+def _shifted(boxes: Boxes, by_m: FloatArray) -> Boxes:
+    """Return the boxes moved by a vector, shape (3,), in m."""
+    return Boxes(boxes.lower_m + by_m, boxes.upper_m + by_m)

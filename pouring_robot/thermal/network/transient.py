@@ -1,0 +1,170 @@
+"""Temperatures over time: SciPy's stiff solvers with the analytic Jacobian.
+
+C_i dT_i/dt = Q_i(T, t), with Q of :mod:`pouring_robot.thermal.network.circuit`. Capacities span four decades (cladding
+surface to fixed platform) and re-radiation is steep, so the system is stiff. Integration restarts where the pose or
+the slope of a temperature changes; between these points everything is smooth.
+"""
+
+# ruff: noqa: N802, N815 - units keep their capitals: K, W, degC
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import scipy.sparse
+from scipy.integrate import solve_ivp
+
+from pouring_robot.exceptions import HistoryError, ThermalSolutionError
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.thermal.network.circuit import Circuit
+from pouring_robot.thermal.network.field import TemperatureField
+from pouring_robot.thermal.network.history import HeatHistory, Placed, PoseSchedule
+from pouring_robot.thermal.network.robot_network import ThermalNetwork
+
+Method = Literal["BDF", "Radau"]
+Poses = Placed | PoseSchedule | Sequence[tuple[float, Placed]]
+
+
+@dataclass(frozen=True)
+class TransientOptions:
+    """How exactly time is followed.
+
+    Attributes:
+        method: of ``scipy.integrate.solve_ivp``.
+        relative_tolerance: of each temperature in K, per step.
+        absolute_tolerance_K: likewise.
+    """
+
+    method: Method = "BDF"
+    relative_tolerance: float = 1e-6
+    absolute_tolerance_K: float = 1e-4
+
+
+DEFAULT_OPTIONS = TransientOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class TransientResult:
+    """Temperatures over time.
+
+    Attributes:
+        times_s: shape (k,).
+        fields: the temperatures at these times, each at the pose then held.
+    """
+
+    times_s: FloatArray
+    fields: tuple[TemperatureField, ...]
+
+    @property
+    def leg_degC(self) -> FloatArray:
+        """Mean of each leg over time, shape (k, 4)."""
+        return np.array([field.leg_degC for field in self.fields])
+
+    @property
+    def platform_degC(self) -> FloatArray:
+        """Mean of the moving platform over time, shape (k,)."""
+        return np.array([field.platform_degC for field in self.fields])
+
+    @property
+    def last(self) -> TemperatureField:
+        """The temperatures at the end."""
+        return self.fields[-1]
+
+
+def simulate(
+    network: ThermalNetwork,
+    history: HeatHistory,
+    poses: Poses,
+    *,
+    start: TemperatureField | None = None,
+    times_s: FloatArray | None = None,
+    options: TransientOptions = DEFAULT_OPTIONS,
+) -> TransientResult:
+    """Follow the temperatures through a history.
+
+    Args:
+        network: the robot's thermal network.
+        history: melt and ambient temperature.
+        poses: one pose held throughout, or entries of time and pose.
+        start: temperatures at the start of the history; by default all is as warm as the surroundings.
+        times_s: when to report, increasing, within the history; by default at its entries.
+        options: tolerances.
+
+    Raises:
+        HistoryError: a time to report lies outside the history or out of order, or a pose comes after its end.
+        ThermalSolutionError: the integrator gives up.
+    """
+    schedule = PoseSchedule.of(poses, history.start_s)
+    for row, (time, _) in enumerate(schedule.entries, start=1):
+        if time > history.end_s:
+            raise HistoryError(f"a pose starts at {time:g} s, after the history's end at {history.end_s:g} s", row)
+    wanted = np.array(history.times_s if times_s is None else times_s, dtype=float)
+    _check_times(wanted, history)
+    if start is None:
+        state = np.full(network.nodes.count, history.at(history.start_s)[1])
+    else:
+        state = np.array(start.temperatures_K)
+    changes = [time for time, _ in schedule.entries if history.start_s < time < history.end_s]
+    edges = np.unique(np.concatenate([[history.start_s, history.end_s], history.corners_s, changes]))
+    states: list[FloatArray] = []
+    for begin, end in itertools.pairwise(edges):
+        if not np.any(wanted >= begin):
+            break
+        # A time at which the pose changes is reported at the new pose: it belongs to the segment that begins there.
+        inside = wanted[(wanted >= begin) & (wanted < end)]
+        if end == edges[-1]:
+            inside = wanted[wanted >= begin]
+        circuit = network.circuit(schedule.at(float(begin)))
+        reported, state = _integrate(circuit, history, (float(begin), float(end)), state, inside, options)
+        states += reported
+    fields = tuple(
+        network.field(schedule.at(float(time)), values, *history.at(float(time)))
+        for time, values in zip(wanted, states, strict=True)
+    )
+    return TransientResult(wanted, fields)
+
+
+def _check_times(times: FloatArray, history: HeatHistory) -> None:
+    if times.size == 0 or np.any(np.diff(times) <= 0.0):
+        raise HistoryError("the times to report must increase")
+    if times[0] < history.start_s or times[-1] > history.end_s:
+        span = f"{history.start_s:g} to {history.end_s:g} s"
+        raise HistoryError(f"the times to report, {times[0]:g} to {times[-1]:g} s, leave the history, {span}")
+
+
+def _integrate(
+    circuit: Circuit,
+    history: HeatHistory,
+    span_s: tuple[float, float],
+    state: FloatArray,
+    times_s: FloatArray,
+    options: TransientOptions,
+) -> tuple[list[FloatArray], FloatArray]:
+    """Integrate over a smooth stretch; return the states at the given times and at the end."""
+    inverse = 1.0 / circuit.capacity
+    scale = scipy.sparse.diags_array(inverse).tocsc()
+
+    def slope(time: float, temperatures: FloatArray) -> FloatArray:
+        return np.asarray(inverse * circuit.heat(temperatures, *history.at(time)))
+
+    def jacobian(_time: float, temperatures: FloatArray) -> scipy.sparse.csc_matrix:
+        return scipy.sparse.csc_matrix(scale @ circuit.jacobian(temperatures))
+
+    report = np.append(times_s[times_s < span_s[1]], span_s[1])
+    solution = solve_ivp(
+        slope,
+        span_s,
+        state,
+        method=options.method,
+        t_eval=report,
+        jac=jacobian,
+        rtol=options.relative_tolerance,
+        atol=options.absolute_tolerance_K,
+    )
+    if not solution.success:
+        raise ThermalSolutionError(f"{options.method} gives up at {solution.t[-1]:g} s: {solution.message}")
+    states = [np.array(column) for column in solution.y.T]
+    return states if times_s.size == report.size else states[:-1], states[-1]

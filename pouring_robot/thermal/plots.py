@@ -1,0 +1,89 @@
+"""Pictures of temperatures and deformation; PNG, in memory."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from pouring_robot.mechanism.poses import MM
+from pouring_robot.report.plots import new_figure, png_of, tidy
+from pouring_robot.robot.pouring.kinematics import CHAINS
+from pouring_robot.thermal.network.field import TemperatureField
+from pouring_robot.thermal.report import PoseHeat, ShiftHeat
+
+LEG_COLOURS = ("#2f6690", "#81b1d5", "#c8553d", "#e8a598")
+GREY = "#8a8a8a"
+_AXES = ("#2f6690", "#5b8e55", "#c8553d")
+
+
+def draw_legs(panel: Axes, field: TemperatureField) -> None:
+    """Draw the temperature along each leg, upper U joint on the left."""
+    for k, i in enumerate(CHAINS):
+        inside = field.between_joints[k] > 0.0
+        order = np.argsort(field.leg_positions_m[k][inside])
+        place, value = (a[k][inside][order] for a in (field.leg_positions_m / MM, field.leg_elements_degC))
+        style = "--" if i % 2 == 0 else "-"
+        panel.plot(place, value, style, color=LEG_COLOURS[k], linewidth=1.8, label=f"leg {i}")
+    panel.set_xlabel("from the upper U joint down, mm")
+    panel.set_ylabel("°C")
+    panel.legend(fontsize=9, frameon=False)
+    tidy(panel)
+
+
+def draw_moves(panel: Axes, heat: PoseHeat) -> None:
+    """Draw by how much heat moves each frame, axis by axis."""
+    for a, axis in enumerate("xyz"):
+        values = [difference.translation_m[a] / MM for difference in heat.moved.values()]
+        places = np.arange(len(values)) + 0.25 * (a - 1)
+        bars = panel.bar(places, values, 0.22, color=_AXES[a], label=axis)
+        panel.bar_label(bars, fmt="%+.2f", fontsize=8, padding=2)
+    panel.axhline(0.0, color=GREY, linewidth=0.8)
+    panel.set_xticks(range(len(heat.moved)), [name.replace("_", " ") for name in heat.moved])
+    panel.set_ylabel("moved by heat alone, mm")
+    panel.margins(y=0.12)
+    panel.legend(fontsize=9, frameon=False, ncols=3)
+    tidy(panel)
+
+
+def pose_picture(heat: PoseHeat, title: str) -> bytes:
+    """Draw temperatures along the legs beside the deformation."""
+    figure = new_figure(10.0, 4.2)
+    left, right = figure.subplots(1, 2)
+    draw_legs(left, heat.field)
+    draw_moves(right, heat)
+    figure.suptitle(title, fontsize=11)
+    return png_of(figure)
+
+
+def shift_picture(shift: ShiftHeat, title: str) -> bytes:
+    """Draw melt, parts and deformation over time."""
+    figure = new_figure(10.0, 7.0)
+    melt, parts, moved = figure.subplots(3, 1, sharex=True, height_ratios=(1.0, 2.0, 2.0))
+    minutes = shift.times_s / 60.0
+    melt.plot(minutes, shift.melt_degC, color="#8f2d16", linewidth=1.8)
+    melt.set_ylabel("melt, °C")
+    for k, i in enumerate(CHAINS):
+        style = "--" if i % 2 == 0 else "-"
+        parts.plot(minutes, shift.leg_degC[:, k], style, color=LEG_COLOURS[k], linewidth=1.8, label=f"leg {i}")
+    parts.plot(minutes, shift.platform_degC, color="#4a4a4a", linewidth=1.8, label="platform")
+    parts.plot(minutes, shift.fixed_platform_degC, color=GREY, linewidth=1.2, label="fixed platform")
+    parts.set_ylabel("mean, °C")
+    parts.legend(fontsize=8, frameon=False, ncols=6)
+    end, lip = shift.moved
+    for a, axis in enumerate("xyz"):
+        values = [difference.translation_m[a] / MM for difference in shift.moved[end]]
+        moved.plot(minutes, values, color=_AXES[a], linewidth=1.6, label=f"{axis} of {end.replace('_', ' ')}")
+    sizes = [difference.distance_m / MM for difference in shift.moved[lip]]
+    moved.plot(minutes, sizes, color="#4a4a4a", linewidth=1.6, linestyle=":", label=f"distance of {lip}")
+    moved.axhline(0.0, color=GREY, linewidth=0.8)
+    moved.set_ylabel("moved by heat alone, mm")
+    moved.set_xlabel("min")
+    moved.legend(fontsize=8, frameon=False, ncols=4)
+    changes = [minutes[k] for k in range(1, len(minutes)) if shift.poses[k] != shift.poses[k - 1]]
+    for panel in (melt, parts, moved):
+        for time in changes:
+            panel.axvline(time, color=GREY, linewidth=0.8, linestyle="--")
+        panel.margins(y=0.15)
+        tidy(panel)
+    figure.suptitle(title + ("; dashed: the pose changes" if changes else ""), fontsize=11)
+    return png_of(figure)

@@ -1,0 +1,202 @@
+r"""The joint regression: one line of error against melt temperature from the sensitive sets of a table.
+
+**The paper's recipe** (5.2.2 (3), equations 21 and 22, both lost; derived here from the text). With T the temperature
+and P_g the sensitive set of group g, principal-component regression gives equation 21, and each set has a simple line:
+
+.. math:: T = c_0 + \sum_g c_g P_g, \qquad \hat P_g(T) = a_g + m_g T
+
+"Bring it into the principal component regression equation. P8PCR is obtained by TEMP and P1, and vice versa": equation
+21 is solved for one set while the lines of the others stand in for their values,
+
+.. math:: P_g^{PCR}(T) = \frac{T - c_0 - \sum_{h \ne g} c_h \hat P_h(T)}{c_g}
+
+"The factor contribution rate of equation (21) determines the weights":
+
+.. math:: w_g = \frac{|c_g|}{\sum_h |c_h|}, \qquad P_{end}(T) = \sum_g w_g P_g^{PCR}(T)
+
+Two things can be seen before any trial. For two sets and one component c_g ∝ 1/s_g, so the flatter set weighs more;
+and where r_g is a set's correlation with T, its slope becomes (1/β − r_h) s_g/s_T with β = (r_1 + r_2)/(2 + 2r), not
+r_g s_g/s_T: equation 21 is a regression of temperature, and read backwards it is steeper than the data by its
+unexplained share. Weighting by the standardised coefficients β (``"standardised"``) makes the weights of two sets
+equal.
+
+**What beating a single set takes.** A line is judged on poses it has not seen. Its residuals' spread is
+
+.. math:: \text{spread}^2 = \text{what no line removes} + s_T^2 \, (m - \bar m_{left})^2
+
+so only the distance of its slope from the mean slope of the left-out poses counts. P1 and P8 tell where two poses lie,
+not where the others do, and no weights made of equation 21 alone can know it. The table knows: its other sets. Hence
+
+**The table's contribution** (``"table"``, the default). The prediction of each sensitive set is scaled to the mean of
+the group it stands for, and weighs as much as that group has sets in the table:
+
+.. math::
+   P_{end}(T) = \sum_g \frac{n_g}{n} \left[ \bar x_g + \ell_g \left( P_g^{PCR}(T) - P_g^{PCR}(\bar T) \right) \right],
+   \qquad \ell_g = \frac{\text{slope of the group's mean set}}{\text{slope of } P_g^{PCR}}
+
+with both slopes taken against temperature, an instrument that is free of the sets' noise. P_g^PCR is a line itself, so
+its slope cancels and what is left is the mean line of all sets in the table, the groups being its terms. That is no
+accident but the answer: for a pose drawn like those of the table, the mean line has the least expected spread among
+all weighted means of the sets' lines. The sensitive sets remain what a reader inspects; they add no accuracy to it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.linear_model import LinearRegression
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from pouring_robot.thermal.regression.components import EXPLAINED_SHARE, PrincipalComponentRegression
+from pouring_robot.thermal.regression.sensitive_sets import VIF_LIMIT, SensitiveSetSelector
+from pouring_robot.thermal.regression.table import ErrorSetError, FloatArray
+
+WEIGHTINGS = ("table", "coefficients", "standardised")
+
+
+class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
+    """Error of any pose, predicted from temperature by all groups of a table together.
+
+    X is temperature, shape (n, 1); y is the table, sets as columns, shape (n, k). It predicts one error, shape (n,):
+    the one to compensate with at any pose. Units are free; with an :class:`ErrorTable` they are K and m (or rad).
+
+    Args:
+        weighting: "table", or the paper's recipe with "coefficients" (raw c_g, literally) or "standardised" (β_g).
+        n_clusters, lambda_cut, similarity, resolution, scaling, vif_limit: as in :class:`SensitiveSetSelector`.
+        explained: as in :class:`PrincipalComponentRegression`.
+
+    Attributes:
+        selector_: the fitted :class:`SensitiveSetSelector`; its ``sensitive_`` are the sensitive sets, shape (g,).
+        component_regression_: equation 21, temperature on the sensitive sets.
+        single_coef_, single_intercept_: simple lines of the sensitive sets, shape (g,) each.
+        set_coef_, set_intercept_: lines P_g^PCR, shape (g,) each.
+        weights_: weight of each group, shape (g,); they add up to 1.
+        contributions_: share of each group in the slope of P_end, by absolute size, shape (g,).
+        coef_, intercept_: P_end = intercept_ + coef_ T; floats.
+    """
+
+    def __init__(
+        self,
+        weighting: str = "table",
+        *,
+        n_clusters: int = 2,
+        lambda_cut: float | None = None,
+        similarity: str = "absolute",
+        resolution: float = 0.5,
+        scaling: str = "range",
+        vif_limit: float = VIF_LIMIT,
+        explained: float = EXPLAINED_SHARE,
+    ) -> None:
+        """Keep the settings; they are checked by fit."""
+        self.weighting = weighting
+        self.n_clusters = n_clusters
+        self.lambda_cut = lambda_cut
+        self.similarity = similarity
+        self.resolution = resolution
+        self.scaling = scaling
+        self.vif_limit = vif_limit
+        self.explained = explained
+
+    def fit(self, X: ArrayLike, y: ArrayLike) -> JointRegression:
+        """Fit the line to a table, n ≥ 3 temperatures.
+
+        Raises:
+            ErrorSetError: X has more than one column, a set or the temperature is constant, a setting is out of its
+                range, or equation 21 does not hold a set and so cannot be solved for it.
+            ValueError: X or y are no finite numbers (scikit-learn's words).
+        """
+        if self.weighting not in WEIGHTINGS:
+            raise ErrorSetError(f"weighting '{self.weighting}' is not known; give one of {', '.join(WEIGHTINGS)}")
+        column, table = validate_data(
+            self, X, y, dtype=np.float64, multi_output=True, y_numeric=True, ensure_min_samples=3
+        )
+        if column.shape[1] != 1:
+            raise ErrorSetError(f"X has {column.shape[1]} columns; give temperature alone, shape (n, 1)")
+        table = table.astype(float).reshape(len(column), -1)
+        names = ("n_clusters", "lambda_cut", "similarity", "resolution", "scaling", "vif_limit")
+        settings = {name: getattr(self, name) for name in names}
+        self.selector_ = SensitiveSetSelector(**settings).fit(table, column[:, 0])
+        self._predict_sets(column, table[:, self.selector_.sensitive_])
+        if self.weighting == "table":
+            self._weigh_by_table(column, table)
+        else:
+            self._weigh_by_coefficients()
+        return self
+
+    def _predict_sets(self, column: FloatArray, sensitive: FloatArray) -> None:
+        """Fit equation 21 and the simple lines, and solve the first for each set."""
+        regression = PrincipalComponentRegression(self.explained).fit(sensitive, column[:, 0])
+        lines = LinearRegression().fit(column, sensitive)
+        self.component_regression_ = regression
+        self.single_coef_, self.single_intercept_ = lines.coef_[:, 0], lines.intercept_
+        lost = np.flatnonzero(np.abs(regression.standardised_coef_) < 1e-9)
+        if lost.size:
+            raise ErrorSetError(
+                f"the kept components do not hold error set {self.selector_.sensitive_[lost[0]]}, "
+                "so it cannot be predicted from the others; ask for fewer groups or a larger explained share"
+            )
+        slopes, offsets = regression.coef_ * self.single_coef_, regression.coef_ * self.single_intercept_
+        self.set_coef_ = (1.0 - slopes.sum() + slopes) / regression.coef_
+        self.set_intercept_ = (-regression.intercept_ - offsets.sum() + offsets) / regression.coef_
+
+    def _weigh_by_coefficients(self) -> None:
+        """Weigh as the paper does, by the coefficients of equation 21."""
+        regression = self.component_regression_
+        rates = np.abs(regression.coef_ if self.weighting == "coefficients" else regression.standardised_coef_)
+        self.weights_ = rates / rates.sum()
+        self._add_up(self.set_coef_, self.set_intercept_)
+
+    def _weigh_by_table(self, column: FloatArray, table: FloatArray) -> None:
+        """Scale each sensitive set to its group's mean and weigh it by the group's size."""
+        groups = self.selector_.groups_
+        self.weights_ = np.array([len(group) for group in groups]) / table.shape[1]
+        means = np.column_stack([table[:, group].mean(axis=1) for group in groups])
+        # ℓ_g times the slope of P_g^PCR is the slope of the group's mean set; taken from there, nothing is divided by
+        # a slope that may be 0.
+        lines = LinearRegression().fit(column, means)
+        self._add_up(lines.coef_[:, 0], lines.intercept_)
+
+    def _add_up(self, slopes: FloatArray, intercepts: FloatArray) -> None:
+        """Join the groups' lines to P_end."""
+        parts = np.abs(self.weights_ * slopes)
+        self.contributions_ = parts / parts.sum() if parts.sum() > 0.0 else self.weights_
+        self.coef_ = float(self.weights_ @ slopes)
+        self.intercept_ = float(self.weights_ @ intercepts)
+
+    def predict(self, X: ArrayLike) -> FloatArray:
+        """Return P_end at the temperatures X, shape (n, 1) to (n,)."""
+        result: FloatArray = self._temperatures(X) * self.coef_ + self.intercept_
+        return result
+
+    def predict_sensitive(self, X: ArrayLike) -> FloatArray:
+        """Return P_g^PCR, the sensitive sets from temperature and the other sets' lines, shape (n, 1) to (n, g)."""
+        result: FloatArray = self._temperatures(X)[:, None] * self.set_coef_ + self.set_intercept_
+        return result
+
+    def predict_single(self, X: ArrayLike) -> FloatArray:
+        """Return the simple lines of the sensitive sets (P1 alone, P8 alone), shape (n, 1) to (n, g)."""
+        result: FloatArray = self._temperatures(X)[:, None] * self.single_coef_ + self.single_intercept_
+        return result
+
+    def score(self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None) -> float:
+        """Return R² of P_end over all sets of y, shape (n, k) or (n,), each number counted alike."""
+        table = np.asarray(y, dtype=float).reshape(len(np.asarray(y)), -1)
+        weights = np.ones(len(table)) if sample_weight is None else np.asarray(sample_weight, dtype=float)
+        centre = np.average(table.mean(axis=1), weights=weights)
+        left = weights @ ((table - self.predict(X)[:, None]) ** 2).sum(axis=1)
+        return float(1.0 - left / (weights @ ((table - centre) ** 2).sum(axis=1)))
+
+    def _temperatures(self, X: ArrayLike) -> FloatArray:
+        check_is_fitted(self)
+        column: FloatArray = validate_data(self, X, dtype=np.float64, reset=False)
+        return column[:, 0]
+
+    def __sklearn_tags__(self) -> Any:
+        """Tell scikit-learn that y is a table."""
+        tags = super().__sklearn_tags__()
+        tags.target_tags.multi_output = True
+        tags.target_tags.single_output = True
+        return tags

@@ -1,0 +1,106 @@
+"""Choice of the sensitive error sets: one a group, by grey relation, with the VIF as guard against collinearity.
+
+The paper's 5.2.2 (1) and (2): groups {P1} and {P2 … P10}; in the second P8 and P5 come into question, P5's VIF is a
+little lower, the grey degree of P8 is the largest, P8 is taken. The rule made of it here:
+
+1. Groups are taken in order of size, the smallest first (it offers the least choice); equal ones by their first set.
+2. In each group the sets come into question whose VIF against all sets already chosen is below the limit, 10.
+3. Of these the one with the largest grey relational degree to temperature is chosen; the first of equals.
+4. Where no set of a group passes the guard, the largest degree decides alone and ``guard_held_`` says so. Nothing is
+   refused: the principal components behind it stand collinear sets, which is what they are there for.
+
+The paper's figures agree with step 2: a first component of 96.99 % in two sets means λ1 = 1.9398 = 1 + r, so r =
+0.9398 between P1 and P8, and VIF = 1 / (1 − r²) = 8.56 < 10.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator
+from sklearn.feature_selection import SelectorMixin
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from pouring_robot.thermal.regression.clustering import FuzzyClustering
+from pouring_robot.thermal.regression.components import variance_inflation_factors
+from pouring_robot.thermal.regression.grey import grey_relational_degree
+from pouring_robot.thermal.regression.table import ErrorSetError
+
+VIF_LIMIT = 10.0
+"""From here on collinearity is called serious (the paper's 5.1.3)."""
+
+
+class SensitiveSetSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]
+    """Keeps one error set (column) of each group.
+
+    Args:
+        n_clusters, lambda_cut, similarity: as in :class:`FuzzyClustering`.
+        resolution, scaling: as in :func:`grey_relational_degree`.
+        vif_limit: sets at or above it are passed over where the group has others; above 1.
+
+    Attributes:
+        clustering_: the fitted :class:`FuzzyClustering`.
+        groups_: positions of the sets of each group, in the order they were taken.
+        sensitive_: position of the chosen set of each group, same order, shape (g,).
+        grey_degrees_: grey relational degree of every set, shape (k,).
+        vif_: VIF of every set against the sets chosen before its group's turn, shape (k,); 1 in the first group.
+        guard_held_: whether the chosen set's VIF is below the limit, one a group.
+    """
+
+    def __init__(
+        self,
+        n_clusters: int = 2,
+        *,
+        lambda_cut: float | None = None,
+        similarity: str = "absolute",
+        resolution: float = 0.5,
+        scaling: str = "range",
+        vif_limit: float = VIF_LIMIT,
+    ) -> None:
+        """Keep the settings; they are checked by fit."""
+        self.n_clusters = n_clusters
+        self.lambda_cut = lambda_cut
+        self.similarity = similarity
+        self.resolution = resolution
+        self.scaling = scaling
+        self.vif_limit = vif_limit
+
+    def fit(self, X: ArrayLike, y: ArrayLike) -> SensitiveSetSelector:
+        """Choose among the columns of X, shape (n, k) with n ≥ 3, by temperature y, shape (n,).
+
+        Raises:
+            ErrorSetError: a set or the temperature is constant, or a setting is out of its range.
+            ValueError: X or y are no finite numbers (scikit-learn's words).
+        """
+        sets, temperature = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=3)
+        if not self.vif_limit > 1.0:
+            raise ErrorSetError(f"vif_limit = {self.vif_limit}: give a number above 1 (usual: 10)")
+        clustering = FuzzyClustering(self.n_clusters, lambda_cut=self.lambda_cut, similarity=self.similarity)
+        self.grey_degrees_ = grey_relational_degree(sets, temperature, resolution=self.resolution, scaling=self.scaling)
+        self.clustering_ = clustering.fit(sets.T)
+        self.groups_ = sorted(clustering.groups(), key=lambda group: (len(group), group[0]))
+        self.vif_ = np.ones(sets.shape[1])
+        chosen: list[int] = []
+        for group in self.groups_:
+            for i in group:
+                self.vif_[i] = variance_inflation_factors(sets[:, [*chosen, i]])[-1]
+            passed = [i for i in group if self.vif_[i] < self.vif_limit] or group
+            chosen.append(max(passed, key=lambda i: float(self.grey_degrees_[i])))
+        self.sensitive_ = np.array(chosen)
+        self.guard_held_ = self.vif_[self.sensitive_] < self.vif_limit
+        return self
+
+    def _get_support_mask(self) -> NDArray[np.bool_]:
+        """Return which columns are kept, shape (k,); scikit-learn's transform and names build on it."""
+        check_is_fitted(self)
+        mask = np.zeros(self.n_features_in_, dtype=bool)
+        mask[self.sensitive_] = True
+        return mask
+
+    def __sklearn_tags__(self) -> Any:
+        """Tell scikit-learn that temperature is needed to choose."""
+        tags = super().__sklearn_tags__()
+        tags.target_tags.required = True
+        return tags

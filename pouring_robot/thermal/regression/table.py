@@ -1,0 +1,257 @@
+"""A table of error sets: one row a melt temperature, one column a pose, read from a CSV whose headings carry units."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pouring_robot.exceptions import BadInputError, TableError
+from pouring_robot.io.cells import finite_cell
+from pouring_robot.io.files import write_whole
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FloatArray = NDArray[np.float64]
+
+_TEMPERATURES = {"degC": 273.15, "K": 0.0}  # offset to kelvin
+_LENGTHS = {"um": 1e-6, "mm": 1e-3, "m": 1.0}
+_ANGLES = {"mrad": 1e-3, "deg": math.radians(1.0), "rad": 1.0}
+_KINDS = {unit: kind for kind, units in (("length", _LENGTHS), ("angle", _ANGLES)) for unit in units}
+_FACTORS = _LENGTHS | _ANGLES
+
+LEAST_ROWS = 3
+"""Two temperatures always lie on a line; the third is the first that can contradict it."""
+
+# Below this share of its own size a column's range is rounding, not an answer to temperature.
+_FLAT = 1e-12
+
+
+class ErrorSetError(BadInputError, ValueError):
+    """Numbers that a regression cannot work on. A ValueError too, which is what scikit-learn's tools expect."""
+
+
+@dataclass(frozen=True)
+class ErrorTable:
+    """Errors of several poses at several melt temperatures.
+
+    Attributes:
+        temperatures_K: melt temperatures in K, shape (n,), all different, in the order they were given.
+        errors: error of pose i at temperature j at [j, i], shape (n, k), in m or rad.
+        names: names of the k error sets, without units.
+        kind: "length" (m) or "angle" (rad).
+        source: file the table came from, or a word for where it was made; errors name it.
+    """
+
+    temperatures_K: FloatArray  # noqa: N815 - the unit is kelvin
+    errors: FloatArray
+    names: tuple[str, ...]
+    kind: str = "length"
+    source: str = "table of error sets"
+
+    def __post_init__(self) -> None:
+        """Check everything a regression takes for granted.
+
+        Raises:
+            TableError: shapes or names do not fit, numbers are not finite, fewer than three rows, temperatures below
+                0 K or not distinct, or a constant column.
+        """
+        temperatures, errors = (np.array(numbers, dtype=float) for numbers in (self.temperatures_K, self.errors))
+        if errors.ndim != 2 or temperatures.shape != errors.shape[:1] or errors.shape[1:] != (len(self.names),):
+            shapes = f"temperatures {temperatures.shape}, errors {errors.shape}, {len(self.names)} names"
+            raise TableError(self.source, f"shapes do not fit ({shapes}); give (n,), (n, k) and k names")
+        if len(set(self.names)) < len(self.names) or not self.names:
+            raise TableError(self.source, "give one or more error sets, each with a name of its own")
+        if self.kind not in {"length", "angle"}:
+            raise TableError(self.source, f"kind '{self.kind}' is not known; give 'length' or 'angle'")
+        if len(temperatures) < LEAST_ROWS:
+            raise TableError(self.source, f"{len(temperatures)} temperatures are too few; give {LEAST_ROWS} or more")
+        if not (np.isfinite(temperatures).all() and np.isfinite(errors).all()):
+            raise TableError(self.source, "every temperature and every error must be a finite number")
+        if temperatures.min() < 0.0:
+            raise TableError(
+                self.source, f"temperature {temperatures.min() - 273.15:g} degC is below 0 K; check its unit"
+            )
+        _check_distinct(self.source, temperatures)
+        for name, column in zip(self.names, errors.T, strict=True):
+            if np.ptp(column) <= _FLAT * np.abs(column).max():
+                raise TableError(
+                    self.source, f"column {name} is constant; leave it out, it says nothing about temperature"
+                )
+        for array, field in ((temperatures, "temperatures_K"), (errors, "errors")):
+            array.flags.writeable = False
+            object.__setattr__(self, field, array)
+
+    @property
+    def temperature_column(self) -> FloatArray:
+        """Melt temperatures in K as scikit-learn wants them, shape (n, 1)."""
+        return self.temperatures_K[:, None]
+
+    def select(self, names: Sequence[str]) -> ErrorTable:
+        """Return the table of these sets only, in this order.
+
+        Raises:
+            TableError: a name is not in the table.
+        """
+        for name in names:
+            if name not in self.names:
+                raise TableError(self.source, f"holds no error set '{name}'; it has {', '.join(self.names)}")
+        columns = [self.names.index(name) for name in names]
+        return ErrorTable(self.temperatures_K, self.errors[:, columns], tuple(names), self.kind, self.source)
+
+    def without(self, names: Sequence[str]) -> ErrorTable:
+        """Return the table of all sets but these."""
+        return self.select([name for name in self.names if name not in names])
+
+    def frame(self) -> pd.DataFrame:
+        """Return the errors (m or rad) as a pandas table: columns are the sets, the index is temperature in K."""
+        import pandas as pd
+
+        index = pd.Index(self.temperatures_K, name="temperature_K")
+        return pd.DataFrame(self.errors, columns=list(self.names), index=index)
+
+    @classmethod
+    def from_frame(
+        cls, frame: pd.DataFrame, *, kind: str = "length", source: str = "table of error sets"
+    ) -> ErrorTable:
+        """Return the table of a pandas frame laid out as :meth:`frame` writes it: K in the index, m or rad inside.
+
+        Raises:
+            TableError: as the constructor, or a cell is no number.
+        """
+        try:
+            temperatures, errors = frame.index.to_numpy(dtype=float), frame.to_numpy(dtype=float)
+        except (TypeError, ValueError) as error:
+            raise TableError(source, f"holds a cell that is no number ({error})") from error
+        return cls(temperatures, errors, tuple(str(name) for name in frame.columns), kind, source)
+
+    @classmethod
+    def read_csv(cls, path: Path | str, *, temperature_column: str | None = None) -> ErrorTable:
+        """Read a table whose first line names the columns, each with its unit.
+
+        One column is the temperature (``_degC`` or ``_K``); all others are error sets (``_um _mm _m`` or
+        ``_mrad _deg _rad``, not both kinds). Lines with nothing in them are passed over.
+
+        Args:
+            path: the CSV file, UTF-8.
+            temperature_column: heading of the temperature, needed only where several columns are temperatures; the
+                others are then left out.
+
+        Raises:
+            TableError: the file cannot be read, a heading is doubled, without unit or of an unknown one, a cell is
+                missing or no finite number, a line is too long, or as the constructor.
+        """
+        path = Path(path)
+        lines = _read_lines(path)
+        if not lines:
+            raise TableError(path, "is empty; the first line must name the columns, such as melt_degC,P1_mm,P2_mm")
+        headings = [cell.strip() for cell in lines[0][1]]
+        temperature, sets, kind = _sort_headings(path, headings, temperature_column)
+        temperatures, rows, numbers = [], [], []
+        for number, cells in lines[1:]:
+            if len(cells) > len(headings):
+                raise TableError(path, f"line {number}: {len(cells)} cells for {len(headings)} columns")
+            offset = _TEMPERATURES[headings[temperature].rpartition("_")[2]]
+            temperatures.append(_cell(path, number, cells, temperature, headings) + offset)
+            rows.append([_cell(path, number, cells, i, headings) * factor for i, _, factor in sets])
+            numbers.append(number)
+        if len(rows) < LEAST_ROWS:
+            raise TableError(path, f"holds {len(rows)} temperatures; {LEAST_ROWS} or more are needed to see a trend")
+        _check_distinct(path, np.array(temperatures), numbers)
+        return cls(np.array(temperatures), np.array(rows), tuple(name for _, name, _ in sets), kind, str(path))
+
+    def write_csv(self, path: Path | str) -> Path:
+        """Write the table with columns ``melt_degC`` and each set in mm or mrad, 17 digits.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        unit = "mm" if self.kind == "length" else "mrad"
+        lines = [",".join(["melt_degC", *(f"{name}_{unit}" for name in self.names)])]
+        for temperature, row in zip(self.temperatures_K, self.errors, strict=True):
+            lines.append(",".join(f"{value:.17g}" for value in (temperature - 273.15, *(row * 1e3))))
+        return write_whole(path, "\n".join(lines) + "\n")
+
+
+def standardised(name: str, numbers: ArrayLike) -> FloatArray:
+    """Return the columns of an array (n, k) with mean 0 and sample standard deviation 1.
+
+    Raises:
+        ErrorSetError: a column is constant.
+    """
+    columns = np.asarray(numbers, dtype=float)
+    centred = columns - columns.mean(axis=0)
+    flat = np.ptp(columns, axis=0) <= _FLAT * np.abs(columns).max(axis=0)
+    if flat.any():
+        raise ErrorSetError(f"{name} {np.flatnonzero(flat)[0]} is constant; leave it out, it follows nothing")
+    result: FloatArray = centred / columns.std(axis=0, ddof=1)
+    return result
+
+
+def _read_lines(path: Path) -> list[tuple[int, list[str]]]:
+    """Return line number and cells of every line that holds something."""
+    try:
+        reader = csv.reader(path.read_text(encoding="utf-8-sig").splitlines())
+        return [(reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells)]
+    except OSError as error:
+        raise TableError(path, f"cannot be read: {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise TableError(path, "is not a CSV file in UTF-8") from error
+
+
+def _sort_headings(
+    path: Path, headings: list[str], wanted: str | None
+) -> tuple[int, list[tuple[int, str, float]], str]:
+    """Return the position of the temperature; position, name and factor to SI of every set; and their kind."""
+    temperatures, sets, kinds = [], [], {}
+    for i, heading in enumerate(headings):
+        name, _, unit = heading.rpartition("_")
+        if headings.count(heading) > 1:
+            raise TableError(path, f"line 1: column '{heading}' stands twice")
+        if name and unit in _TEMPERATURES:
+            temperatures.append(i)
+        elif name and unit in _FACTORS:
+            sets.append((i, name, _FACTORS[unit]))
+            kinds[_KINDS[unit]] = heading
+        else:
+            known = " ".join(f"_{unit}" for unit in [*_TEMPERATURES, *_FACTORS])
+            raise TableError(path, f"line 1: column '{heading}' has no unit; end its name with one of {known}")
+    chosen = [i for i in temperatures if wanted in {None, headings[i]}]
+    if len(chosen) != 1:
+        found = ", ".join(headings[i] for i in temperatures) or "none"
+        raise TableError(path, f"line 1: one column must be the temperature (_degC or _K), found: {found}; name it")
+    if not sets:
+        raise TableError(path, "line 1: names no error set, such as P1_mm")
+    if len(kinds) > 1:
+        raise TableError(path, f"line 1: {kinds['length']} is a length, {kinds['angle']} an angle; make two tables")
+    names = [name for _, name, _ in sets]
+    for name in names:
+        if names.count(name) > 1:
+            raise TableError(path, f"line 1: error set {name} stands twice, in two units")
+    return chosen[0], sets, next(iter(kinds))
+
+
+def _cell(path: Path, number: int, cells: list[str], index: int, headings: list[str]) -> float:
+    if index >= len(cells) or not cells[index].strip():
+        raise TableError(
+            path, f"line {number}, column {headings[index]}: the cell is missing; fill it or leave the line out"
+        )
+    return finite_cell(path, number, cells, index, headings[index])
+
+
+def _check_distinct(source: Any, temperatures: FloatArray, lines: list[int] | None = None) -> None:
+    """Raise a TableError when two temperatures are the same to 1e-9 K."""
+    order = np.argsort(temperatures, kind="stable")
+    same = np.flatnonzero(np.diff(temperatures[order]) < 1e-9)
+    if same.size:
+        first, second = (int(i) for i in order[same[0] : same[0] + 2])
+        where = f"rows {first + 1} and {second + 1}" if lines is None else f"lines {lines[first]} and {lines[second]}"
+        degrees = temperatures[first] - 273.15
+        raise TableError(source, f"{where} have the same temperature, {degrees:g} degC; keep one, or their mean")

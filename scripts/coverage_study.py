@@ -1,0 +1,243 @@
+"""Does calibration say the truth? Many virtual robots with known errors, measured and identified.
+
+Each run draws a robot from the tolerances, measures it with :func:`~pouring_robot.campaign.simulate_campaign` (the
+one-at-a-time closure, not the batch engine), identifies it from the training blocks, and compares: how often do the
+95 % intervals hold the true values, and how far are held-out rows from their prediction against the noise.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pouring_robot.calibration.amend import amended_model
+from pouring_robot.calibration.lines import Z95
+from pouring_robot.campaign.data import Campaign
+from pouring_robot.campaign.plan import random_plan
+from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
+from pouring_robot.estimation.first_frames import first_frames
+from pouring_robot.estimation.identifiability import BaseParameters, base_parameters, robot_combinations
+from pouring_robot.estimation.measurement import (
+    FRAME_PARAMETERS,
+    FRAMES,
+    BoolArray,
+    MeasurementModel,
+    ModelledRows,
+    Unknowns,
+)
+from pouring_robot.estimation.parameter_sets import ParameterCatalogue, all_parameters
+from pouring_robot.estimation.priors import Tolerances
+from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
+from pouring_robot.estimation.solver import Fit, FitOptions, identify
+from pouring_robot.estimation.splits import split
+from pouring_robot.exceptions import CalibrationError, PouringRobotError
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.robot import PouringRobot
+
+Progress = Callable[[Iterable[int]], Iterable[int]]
+_FRAMES = tuple(p.name for p in FRAME_PARAMETERS)
+
+
+@dataclass(frozen=True)
+class StudyOptions:
+    """What to study.
+
+    Attributes:
+        runs: number of virtual robots.
+        rows: poses of each campaign; a fifth of them is held out as a block of the workspace.
+        parameters: sets, groups or patterns; true errors are drawn for these and no others.
+        sigma_position_m: noise of a coordinate, in m.
+        sigma_rotation_rad: noise of a rotation component, in rad; None: positions only.
+        seed: of everything random.
+    """
+
+    runs: int = 400
+    rows: int = 150
+    parameters: tuple[str, ...] = ("geometry",)
+    sigma_position_m: float = 5e-5
+    sigma_rotation_rad: float | None = 5e-5
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class StudyResult:
+    """What came out.
+
+    Attributes:
+        names: of the parameters.
+        covered: whether the 95 % interval held the truth, shape (runs, P).
+        covered_combinations: the same for each identifiable combination without frames, shape (runs, C).
+        held_out_ratio: RMS of each run's held-out rows over the noise, shape (runs,).
+        expected_ratio: what it is expected to be: noise, and what these rows leave open of the prediction (from the
+            fit's covariance); no method that has only these rows does better. Shape (runs,).
+        before_ratio: the same for the drawing with its frames fitted, shape (runs,).
+        evaluations: predictions of all rows that each fit took, shape (runs,).
+        seconds: time of each fit, shape (runs,).
+        failed: runs without an answer, by reason; they are in none of the arrays.
+    """
+
+    names: tuple[str, ...]
+    covered: BoolArray
+    covered_combinations: BoolArray
+    held_out_ratio: FloatArray
+    expected_ratio: FloatArray
+    before_ratio: FloatArray
+    evaluations: FloatArray
+    seconds: FloatArray
+    failed: tuple[str, ...]
+
+    @property
+    def coverage(self) -> float:
+        """Share of all intervals that hold the truth."""
+        return float(self.covered.mean())
+
+    @property
+    def combination_coverage(self) -> float:
+        """Share of the identifiable combinations' intervals that hold the truth."""
+        return float(self.covered_combinations.mean()) if self.covered_combinations.size else float("nan")
+
+    @property
+    def held_out(self) -> float:
+        """RMS of all held-out rows over the noise."""
+        return float(np.sqrt((self.held_out_ratio**2).mean()))
+
+    def figures(self) -> dict[str, float]:
+        """Return the outcome ready for JSON."""
+        per_parameter = self.covered.mean(axis=0)
+        return {
+            "runs": float(len(self.seconds)),
+            "failed": float(len(self.failed)),
+            "parameters": float(len(self.names)),
+            "coverage": self.coverage,
+            "coverage_least_parameter": float(per_parameter.min()),
+            "coverage_largest_parameter": float(per_parameter.max()),
+            "combinations": float(self.covered_combinations.shape[1]),
+            "combination_coverage": self.combination_coverage,
+            "held_out_over_noise": self.held_out,
+            "held_out_expected": float(np.sqrt((self.expected_ratio**2).mean())),
+            "before_over_noise": float(np.sqrt((self.before_ratio**2).mean())),
+            "evaluations_median": float(np.median(self.evaluations)),
+            "evaluations_largest": float(self.evaluations.max()),
+            "seconds_median": float(np.median(self.seconds)),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    covered: BoolArray
+    covered_combinations: BoolArray
+    held_out: float
+    expected: float
+    before: float
+    evaluations: int
+    seconds: float
+
+
+def coverage_study(
+    options: StudyOptions | None = None,
+    tolerances: Tolerances | None = None,
+    progress: Progress | None = None,
+) -> StudyResult:
+    """Run the study.
+
+    Raises:
+        BadInputError: the parameters are wrong.
+        CalibrationError: no run has an answer.
+    """
+    options, tolerances = options or StudyOptions(), tolerances or Tolerances.load()
+    drawing = PouringRobot()
+    groups = ParameterCatalogue(drawing.nominal_solver.mechanism).groups(options.parameters)
+    model = MeasurementModel(RobotModel(), all_parameters(groups))
+    runs, failed = [], []
+    numbers: Iterable[int] = range(options.runs)
+    for run in progress(numbers) if progress else numbers:
+        try:
+            runs.append(_run(drawing, model, tolerances, options, run))
+        except PouringRobotError as error:
+            failed.append(f"run {run}: {error}")
+    if not runs:
+        raise CalibrationError("no run of the study has an answer", failed[0] if failed else "ask for one or more")
+    return StudyResult(
+        names=tuple(p.name for p in model.parameters),
+        covered=np.array([run.covered for run in runs]),
+        covered_combinations=np.array([run.covered_combinations for run in runs]),
+        held_out_ratio=np.array([run.held_out for run in runs]),
+        expected_ratio=np.array([run.expected for run in runs]),
+        before_ratio=np.array([run.before for run in runs]),
+        evaluations=np.array([float(run.evaluations) for run in runs]),
+        seconds=np.array([run.seconds for run in runs]),
+        failed=tuple(failed),
+    )
+
+
+def virtual_campaign(
+    drawing: PouringRobot, model: MeasurementModel, truth: FloatArray, options: StudyOptions, seed: int
+) -> Campaign:
+    """Measure the robot that has the given parameter values, shape (P,), in m and rad.
+
+    Raises:
+        CampaignError: the robot cannot take a pose.
+    """
+    actual = PouringRobot(amended_model(RobotModel(), model, truth))
+    plan = random_plan(drawing, options.rows, seed)
+    noise = MeasurementOptions(options.sigma_position_m, options.sigma_rotation_rad, seed=seed)
+    return simulate_campaign(actual, plan, noise).campaign
+
+
+def _run(
+    drawing: PouringRobot, model: MeasurementModel, tolerances: Tolerances, options: StudyOptions, run: int
+) -> _Run:
+    seed = options.seed * 1_000_003 + run
+    random = np.random.default_rng([seed, 3])
+    truth = random.normal(size=len(model.parameters)) * tolerances.std(model.parameters)
+    campaign = virtual_campaign(drawing, model, truth, options, seed)
+    parts = split(campaign, np.zeros(0, dtype=np.intp), "region")
+    measured = MeasuredPoses.from_campaign(campaign, options.sigma_position_m, options.sigma_rotation_rad or 1.0)
+    rows = model.at(campaign.drives)
+    train, seen = rows[parts.train], measured[parts.train]
+    clock = time.perf_counter()
+    start, _ = first_frames(train, seen)
+    fit = identify(train, seen, start, tolerances.prior(model.parameters), FitOptions(curvature=True))
+    seconds = time.perf_counter() - clock
+    wrong = fit.unknowns.values[FRAMES:] - truth
+    shares = _shares(
+        base_parameters(regressor(train.linearise(start), seen.sigma, seen.known), model.names, lead=_FRAMES)
+    )
+    covariance = fit.covariance[FRAMES:, FRAMES:]
+    spread = np.sqrt(np.einsum("ij,jk,ik->i", shares, covariance, shares))
+    held_out, judged = rows[parts.test], measured[parts.test]
+    return _Run(
+        np.abs(wrong) <= Z95 * fit.std[FRAMES:],
+        np.abs(shares @ wrong) <= Z95 * spread,
+        _ratio(judged, held_out, fit.unknowns),
+        _expected(judged, held_out, fit),
+        _ratio(judged, held_out, start),
+        fit.evaluations,
+        seconds,
+    )
+
+
+def _shares(base: BaseParameters) -> FloatArray:
+    """Return the identifiable combinations as rows, shape (C, P)."""
+    place = {name: k for k, name in enumerate(base.names[FRAMES:])}
+    combinations = robot_combinations(base, _FRAMES)
+    shares = np.zeros((len(combinations), len(place)))
+    for k, combination in enumerate(combinations):
+        for name, share in combination.items():
+            shares[k, place[name]] = share
+    return shares
+
+
+def _expected(measured: MeasuredPoses, rows: ModelledRows, fit: Fit) -> float:
+    """Return the RMS residual over the noise that rows unseen by a fit should have: its own uncertainty and noise."""
+    equations = regressor(rows.linearise(fit.unknowns), measured.sigma, measured.known)
+    return float(np.sqrt(1.0 + ((equations @ fit.covariance) * equations).sum(axis=1).mean()))
+
+
+def _ratio(measured: MeasuredPoses, rows: ModelledRows, unknowns: Unknowns) -> float:
+    """Return the RMS residual of rows over their noise."""
+    return float(np.sqrt((whiten(measured, rows.predict(unknowns)).residual ** 2).mean()))

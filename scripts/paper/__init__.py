@@ -1,0 +1,1 @@
+"""The paper, claim by claim: what it says, what we compute, whether they agree and why."""

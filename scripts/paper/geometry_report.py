@@ -1,0 +1,202 @@
+"""The study of the paper's section 4 as tables for the terminal and as files: CSV, JSON, Markdown, PNG."""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from pouring_robot.mechanism.poses import MM, MRAD
+from scripts.paper.closed import AxisRow, Lesson, axis_rows, lesson, parameter_rows
+from scripts.paper.geometry_claims import Claim
+from scripts.paper.geometry_plots import box_plots, distributions, open_against_closed
+from scripts.paper.geometry_study import ANGLE_ERROR_RAD, LENGTH_ERROR_M, GeometryStudy
+from scripts.paper.page import PaperReport, claims_table, make_folder, rows_csv, tally, write_all
+from scripts.paper.shapes import judge_errors, judge_table
+
+
+@dataclass(frozen=True, eq=False)
+class GeometryReport(PaperReport):
+    """The judged study.
+
+    Attributes:
+        study: what was computed.
+        table: claims on the parameters themselves.
+        opened: claims on their effect, in the paper's open branch.
+        closed: the same claims, on the closed chain.
+        axes: both models, coordinate by coordinate.
+        lesson: figures of their comparison.
+    """
+
+    title: ClassVar[str] = "The paper's geometric errors, claim by claim"
+    command: ClassVar[str] = "python scripts/reproduce_paper.py geometry"
+    page: ClassVar[str] = "paper_geometry.md"
+
+    study: GeometryStudy
+    table: list[Claim]
+    opened: list[Claim]
+    closed: list[Claim]
+    axes: list[AxisRow]
+    lesson: Lesson
+
+    @classmethod
+    def of(cls, study: GeometryStudy) -> GeometryReport:
+        """Judge a study."""
+        return cls(
+            study,
+            judge_table(study),
+            judge_errors(study, study.open_branch),
+            judge_errors(study, study.closed_chain),
+            axis_rows(study),
+            lesson(study),
+        )
+
+    @property
+    def heading(self) -> str:
+        """What was computed, on one line."""
+        return (
+            f"layout {self.study.layout.name}, {len(self.study.command)} poses drawn from its workspace, "
+            f"seed {self.study.seed}; errors of {LENGTH_ERROR_M / MM:g} mm and {ANGLE_ERROR_RAD / MRAD:g} mrad, "
+            "one at a time, seen at o"
+        )
+
+    def renderables(self) -> list[RenderableType]:
+        """Return everything there is to print."""
+        first = [*self.table, *self.opened]
+        return [
+            Text(self.heading),
+            "",
+            claims_table("The paper's section 4, claim by claim (open branch, as in the paper)", first),
+            Text(tally(first, starred=True)),
+            Text(
+                "* the layout or the place of S_1 was inferred from this very statement, because the paper's drawing "
+                "and Table 1 are missing; agreement tests little"
+            ),
+            "",
+            claims_table(
+                "The same statements on the closed chain: four chains hold the platform", self.closed, short=True
+            ),
+            Text(tally(self.closed)),
+            "",
+            _axes_table(self.axes),
+            "",
+            _parameters_table(self.study),
+            "",
+            *(Text(f"- {sentence}") for sentence in self.lesson.sentences(len(self.study.closed_chain.parameters))),
+        ]
+
+    @functools.cached_property
+    def figures(self) -> dict[str, bytes]:
+        """Return the pictures by file name; PNG."""
+        opened, closed = (errors.of_chain(1) for errors in (self.study.open_branch, self.study.closed_chain))
+        labels = opened.reaching(MM).labels
+        which = f"chain 1, {opened.translation_m.shape[1]} poses"
+        return {
+            "paper_fig4_open.png": box_plots(opened, f"Fig. 4, open branch: errors that pass 1 mm ({which})"),
+            "paper_fig5_open.png": distributions(opened, labels, f"Fig. 5, open branch: how they spread ({which})"),
+            "paper_fig4_closed.png": box_plots(closed, f"Fig. 4 for the closed chain: errors that pass 1 mm ({which})"),
+            "paper_fig5_closed.png": distributions(
+                closed, labels, f"Fig. 5 for the closed chain: how the same errors spread ({which})"
+            ),
+            "paper_open_closed.png": open_against_closed(
+                self.study, f"What an error does in its open branch and in the closed chain ({which})"
+            ),
+        }
+
+    def record(self) -> dict[str, Any]:
+        """Return all figures, ready for JSON."""
+        layout = self.study.layout
+        return {
+            "layout": layout.name,
+            "poses": len(self.study.command),
+            "seed": self.study.seed,
+            "workspace": {
+                "lower_mm": (layout.position_lower_m / MM).tolist(),
+                "upper_mm": (layout.position_upper_m / MM).tolist(),
+                "tilt_rad": [layout.tilt_lower_rad, layout.tilt_upper_rad],
+            },
+            "errors": {"length_mm": LENGTH_ERROR_M / MM, "angle_mrad": ANGLE_ERROR_RAD / MRAD},
+            "claims": [{"model": model, **asdict(claim)} for model, claim in self._all()],
+            "axes": [{**asdict(row), "ratio": row.ratio} for row in self.axes],
+            "lesson": asdict(self.lesson),
+        }
+
+    def claims_csv(self) -> str:
+        """Return one row a claim."""
+        columns = ("key", "source", "says", "computed", "verdict", "used", "why")
+        rows = [{"model": model, **{name: getattr(claim, name) for name in columns}} for model, claim in self._all()]
+        return rows_csv(rows)
+
+    def parameters_csv(self) -> str:
+        """Return one row an error."""
+        rows = parameter_rows(self.study)
+        return rows_csv([{k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows])
+
+    def write(self, folder: Path, arguments: str = "") -> list[Path]:
+        """Write everything into a folder, which is made if need be; each file whole or not at all.
+
+        Raises:
+            OutputError: the folder or a file cannot be written.
+        """
+        make_folder(folder)
+        texts: dict[str, str | bytes] = {
+            "claims.csv": self.claims_csv(),
+            "claims.json": json.dumps(self.record(), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
+            "parameters.csv": self.parameters_csv(),
+            self.page: self.markdown(arguments),
+        }
+        return write_all(folder, {**texts, **self.figures})
+
+    def _all(self) -> list[tuple[str, Claim]]:
+        parts = (("table", self.table), ("open branch", self.opened), ("closed chain", self.closed))
+        return [(model, claim) for model, claims in parts for claim in claims]
+
+
+def _axes_table(rows: Sequence[AxisRow]) -> Table:
+    table = Table(
+        title="Open branch against closed chain: root mean square over poses; all errors: independent of each other",
+        title_justify="left",
+        title_style="bold",
+    )
+    table.add_column("of o")
+    for name in (
+        "one error, open",
+        "one error, closed",
+        "closed / open",
+        "all 25 of a branch, open",
+        "all 100, closed",
+    ):
+        table.add_column(name, justify="right")
+    for row in rows:
+        figures = (row.open_single, row.closed_single, row.ratio, row.open_all, row.closed_all)
+        table.add_row(row.coordinate, *(f"{value:.2f}" for value in figures))
+    return table
+
+
+def _parameters_table(study: GeometryStudy) -> Table:
+    opened, closed = study.open_branch.of_chain(1), study.closed_chain.of_chain(1)
+    table = Table(
+        title="Chain 1, error by error: mean |ΔX| |ΔY| |ΔZ| and largest distance of o, mm",
+        title_justify="left",
+        title_style="bold",
+    )
+    table.add_column("error")
+    for model in ("open", "closed"):
+        for name in ("X", "Y", "Z", "largest"):
+            table.add_column(f"{model} {name}", justify="right")
+    table.add_column("closed / open largest", justify="right")
+    for k, label in enumerate(opened.labels):
+        cells, tops = [], []
+        for errors in (opened, closed):
+            tops.append(float(errors.distance_m[k].max()))
+            cells += [f"{value / MM:.3f}" for value in (*errors.mean_m[k], tops[-1])]
+        ratio = f"{tops[1] / tops[0]:.2f}" if tops[0] > 1e-9 else "from 0"
+        table.add_row(label, *cells, ratio)
+    return table

@@ -1,0 +1,236 @@
+"""The study of the paper's section 4: every geometric error alone, at many poses, at the platform's centre o.
+
+    study = run_study("paper", count=10_000, seed=2022)
+    study.open_branch.of_chain(1).reaching(1e-3)       # which errors move o by more than 1 mm in a coordinate
+    study.closed_chain.of_chain(1).reaching(1e-3)      # and which do once all four chains hold the platform
+
+``open branch`` is the paper's model: one chain, its joints held. ``closed chain`` is the robot. Both are exact, not
+first order. What the paper says of it is judged in :mod:`~scripts.paper.geometry_claims`.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+
+from pouring_robot.batch import BatchCommand
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.pouring.dh.parameters import DHParameter
+from pouring_robot.robot.pouring.dh.table import DHTable
+from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
+from pouring_robot.robot.pouring.layout import Layout, load_layout
+from scripts.paper.closure import ClosedChainStudy, rotation_vectors
+
+LENGTH_ERROR_M = 0.2 * MM
+"""Size of every length error in the paper's section 4.3."""
+ANGLE_ERROR_RAD = 4.0 * MRAD
+"""Size of every angle error there."""
+AXES = "XYZ"
+NOTHING_M = 1e-9
+"""Less than this is round-off: the error moves nothing."""
+
+
+def error_size(parameter: DHParameter) -> float:
+    """Return the paper's size of an error, in m or rad."""
+    return LENGTH_ERROR_M if parameter.unit == "m" else ANGLE_ERROR_RAD
+
+
+def draw_poses(layout: Layout, kinematics: FourUPUKinematics, count: int, seed: int) -> BatchCommand:
+    """Draw poses uniformly from the workspace box of a layout.
+
+    Raises:
+        BadInputError: fewer than two poses are asked for, or the seed is negative.
+    """
+    if count < 2 or seed < 0:
+        raise BadInputError(f"give at least two poses and a seed from 0 on, not {count} poses and seed {seed}")
+    lower, upper = [*layout.position_lower_m, layout.tilt_lower_rad], [*layout.position_upper_m, layout.tilt_upper_rad]
+    return kinematics.commands(np.random.default_rng(seed).uniform(lower, upper, (count, 4)))
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorSamples:
+    """How each error alone moves o, in the axes of the fixed platform.
+
+    Attributes:
+        kind: of which model.
+        parameters: the errors, P of them; each of its :func:`error_size`.
+        translation_m: shape (P, n, 3), in m.
+        rotation_rad: rotation vectors, shape (P, n, 3), in rad.
+    """
+
+    kind: Literal["open branch", "closed chain"]
+    parameters: tuple[DHParameter, ...]
+    translation_m: FloatArray
+    rotation_rad: FloatArray
+
+    def subset(self, wanted: Collection[DHParameter]) -> ErrorSamples:
+        """Return the samples of some of the parameters, in the order they have here."""
+        places = [k for k, parameter in enumerate(self.parameters) if parameter in wanted]
+        chosen = tuple(self.parameters[k] for k in places)
+        return ErrorSamples(self.kind, chosen, self.translation_m[places], self.rotation_rad[places])
+
+    def of_chain(self, chain: int) -> ErrorSamples:
+        """Return the samples of one chain's errors."""
+        return self.subset([parameter for parameter in self.parameters if parameter.chain == chain])
+
+    def of_unit(self, unit: str) -> ErrorSamples:
+        """Return the samples of the lengths (``m``) or the angles (``rad``)."""
+        return self.subset([parameter for parameter in self.parameters if parameter.unit == unit])
+
+    def reaching(self, limit_m: float) -> ErrorSamples:
+        """Return the samples of the errors that pass a limit in one coordinate at one pose at least."""
+        return self.subset(
+            [p for p, top in zip(self.parameters, self.peak_m.max(axis=1), strict=True) if top > limit_m]
+        )
+
+    def moves(self, label: str) -> FloatArray:
+        """Return the translations of the one error with this :func:`label`, shape (n, 3), in m."""
+        (place,) = (k for k, parameter in enumerate(self.parameters) if short_label(parameter) == label)
+        return np.asarray(self.translation_m[place])
+
+    def along(self, label: str) -> FloatArray:
+        """Return the translations of one error along its main direction, shape (n,), in m."""
+        return np.asarray(self.moves(label)[:, max(AXES.find(self.main_axis(label)), 0)])
+
+    def main_axis(self, label: str) -> str:
+        """Return the coordinate that one error changes most on average: X, Y or Z; ``none`` if it moves nothing."""
+        means = np.abs(self.moves(label)).mean(axis=0)
+        return AXES[int(means.argmax())] if means.max() > NOTHING_M else "none"
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Short names of the parameters, without the chain."""
+        return tuple(short_label(parameter) for parameter in self.parameters)
+
+    @functools.cached_property
+    def peak_m(self) -> FloatArray:
+        """Largest absolute coordinate over the poses, shape (P, 3), in m."""
+        return np.asarray(np.abs(self.translation_m).max(axis=1, initial=0.0))
+
+    @functools.cached_property
+    def mean_m(self) -> FloatArray:
+        """Mean absolute coordinate over the poses, shape (P, 3), in m."""
+        return np.asarray(np.abs(self.translation_m).mean(axis=1))
+
+    @functools.cached_property
+    def rms_m(self) -> FloatArray:
+        """Root mean square coordinate over the poses, shape (P, 3), in m."""
+        return np.asarray(np.sqrt(np.square(self.translation_m).mean(axis=1)))
+
+    @functools.cached_property
+    def distance_m(self) -> FloatArray:
+        """Length of the translation, shape (P, n), in m."""
+        return np.asarray(np.linalg.norm(self.translation_m, axis=-1))
+
+    @functools.cached_property
+    def angle_rad(self) -> FloatArray:
+        """Angle of the rotation, shape (P, n), in rad."""
+        return np.asarray(np.linalg.norm(self.rotation_rad, axis=-1))
+
+
+def short_label(parameter: DHParameter) -> str:
+    """Return a parameter's name without its chain: ``α56``, ``a6o``, ``θ1``."""
+    symbol = {"alpha": "α", "theta": "θ"}.get(parameter.symbol, parameter.symbol)
+    return symbol + parameter.name.rsplit("_", 1)[1]
+
+
+@dataclass(frozen=True, eq=False)
+class GeometryStudy:
+    """Everything the claims are judged by.
+
+    Attributes:
+        layout: of the robot.
+        table: its DH table.
+        seed: that the poses were drawn with.
+        command: the poses where the errors were put in.
+        open_branch: each of the parameters that do not drop out, in its chain alone.
+        closed_chain: the same in the closed mechanism.
+        closure: what else the closed mechanism was asked.
+        together_m: translation of o in chain 1 alone with all its errors at once, shape (n, 3), in m.
+        reproduction_m: largest distance between the DH table's poses and the nominal ones, in m.
+        lip_lever_m: distance from o to the pouring lip, in m.
+    """
+
+    layout: Layout
+    table: DHTable
+    seed: int
+    command: BatchCommand
+    open_branch: ErrorSamples
+    closed_chain: ErrorSamples
+    closure: ClosedChainStudy
+    together_m: FloatArray
+    reproduction_m: float
+    lip_lever_m: float
+
+
+def run_study(
+    layout_name: str, count: int, seed: int, progress: Callable[[int, int], None] | None = None
+) -> GeometryStudy:
+    """Put every error of the paper's size into the robot, one at a time, at poses drawn from its workspace.
+
+    Args:
+        layout_name: of the shipped dimensions file.
+        count: poses.
+        seed: of the drawing.
+        progress: called with the number of closed errors and their total.
+
+    Raises:
+        UnknownLayoutError: there is no such layout.
+        BadInputError: fewer than two poses are asked for, or the seed is negative.
+        BatchClosureError: the closed mechanism finds no equilibrium at a pose.
+    """
+    layout = load_layout(layout_name)
+    mechanism = RobotModel(layout=layout_name).nominal_mechanism()
+    table = DHTable.from_mechanism(mechanism)
+    command = draw_poses(layout, FourUPUKinematics(mechanism), count, seed)
+    parameters = table.selection()
+    sizes = np.array([error_size(parameter) for parameter in parameters])
+    closure = ClosedChainStudy(mechanism, table, command)
+    closed = ErrorSamples("closed chain", parameters, *closure.exact(parameters, sizes, progress))
+    missed = [_branch(table, i, command)[:, :3, 3] - command.start.position for i in table.chains]
+    own = {parameter.name: error_size(parameter) for parameter in table.selection(chain=1)}
+    return GeometryStudy(
+        layout=layout,
+        table=table,
+        seed=seed,
+        command=command,
+        open_branch=open_branch_errors(table, parameters, command),
+        closed_chain=closed,
+        closure=closure,
+        together_m=_branch(table, 1, command, own)[:, :3, 3] - command.start.position,
+        reproduction_m=float(np.linalg.norm(missed, axis=-1).max()),
+        lip_lever_m=_lip_lever(mechanism),
+    )
+
+
+def open_branch_errors(table: DHTable, parameters: Sequence[DHParameter], command: BatchCommand) -> ErrorSamples:
+    """Return how each error moves o when its chain hangs alone with its joints held, as in the paper."""
+    nominal = command.start
+    translation, rotation = np.zeros((2, len(parameters), len(command), 3))
+    for k, parameter in enumerate(parameters):
+        moved = _branch(table, parameter.chain, command, {parameter.name: error_size(parameter)})
+        translation[k] = moved[:, :3, 3] - nominal.position
+        rotation[k] = rotation_vectors(moved[:, :3, :3] @ np.swapaxes(nominal.rotation, 1, 2))
+    return ErrorSamples("open branch", tuple(parameters), translation, rotation)
+
+
+def _branch(table: DHTable, chain: int, command: BatchCommand, errors: Mapping[str, float] | None = None) -> FloatArray:
+    """Return the poses of o that one chain alone gives with its nominal joint values, homogeneous, (n, 4, 4)."""
+    return table.chain_poses(chain, command.start.joints[:, chain - 1], errors)
+
+
+def _lip_lever(mechanism: ClosedChainMechanism) -> float:
+    """Return the distance from o to the pouring lip, in m; both are on one body."""
+    data = mechanism.shared_model.createData()
+    pin.framesForwardKinematics(mechanism.shared_model, data, mechanism.neutral_configuration())
+    platform, lip = (data.oMf[mechanism.frame_id(name)] for name in ("moving_platform", "ladle_lip"))
+    return float(np.linalg.norm(lip.translation - platform.translation))

@@ -1,0 +1,103 @@
+"""The study of the paper's section 5 as a table for the terminal and as files: CSV, JSON, Markdown, PNG."""
+
+from __future__ import annotations
+
+import functools
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from rich.console import RenderableType
+from rich.text import Text
+
+from pouring_robot.mechanism.poses import MM
+from scripts.paper import thermal_plots as plots
+from scripts.paper.geometry_claims import Claim
+from scripts.paper.page import PaperReport, claims_table, make_folder, rows_csv, tally, write_all
+from scripts.paper.thermal_claims import judge_all
+from scripts.paper.thermal_study import AXES, ThermalStudy
+
+
+@dataclass(frozen=True, eq=False)
+class ThermalReport(PaperReport):
+    """The judged study.
+
+    Attributes:
+        study: what was computed.
+        claims: row by row.
+    """
+
+    title: ClassVar[str] = "The paper's thermal errors, claim by claim"
+    command: ClassVar[str] = "python scripts/reproduce_paper.py thermal"
+    page: ClassVar[str] = "paper_thermal.md"
+
+    study: ThermalStudy
+    claims: list[Claim]
+
+    @classmethod
+    def of(cls, study: ThermalStudy) -> ThermalReport:
+        """Judge a study."""
+        return cls(study, judge_all(study))
+
+    @property
+    def heading(self) -> str:
+        """What was computed, on one line."""
+        study = self.study
+        return (
+            f"layout {study.layout.name}, {len(study.poses)} poses at 10° of tilt, seed {study.seed}, "
+            f"{len(study.melts_degC)} melt temperatures; properties of thermal.yaml, nothing tuned"
+        )
+
+    def renderables(self) -> list[RenderableType]:
+        """Return everything there is to print."""
+        return [
+            Text(self.heading),
+            "",
+            claims_table("The paper's section 5, claim by claim", self.claims),
+            Text(tally(self.claims)),
+        ]
+
+    @functools.cached_property
+    def figures(self) -> dict[str, bytes]:
+        """Return the pictures by file name; PNG."""
+        study = self.study
+        return {
+            "paper_fig6.png": plots.lining_and_chains(study),
+            "paper_fig7.png": plots.chains_with_radiation(study),
+            "paper_fig8.png": plots.deformation(study),
+            "paper_fig9.png": plots.errors_over_temperature(study),
+            "paper_fig10.png": plots.choice_of_sets(study),
+            "paper_fig11.png": plots.contest_picture(study, 11),
+            "paper_fig12.png": plots.contest_picture(study, 12),
+        }
+
+    def record(self) -> dict[str, Any]:
+        """Return all figures, ready for JSON."""
+        study = self.study
+        return {
+            "layout": study.layout.name,
+            "seed": study.seed,
+            "poses": [dict(zip(("x_mm", "y_mm", "z_mm", "tilt_deg"), p.to_mm_deg(), strict=True)) for p in study.poses],
+            "melts_degC": list(study.melts_degC),
+            "moved_mm": {axis: (study.moved[:, :, a] / MM).tolist() for a, axis in enumerate(AXES)},
+            "drawings": [{"seed": draw.seed, "groups": draw.groups, **asdict(draw.contest)} for draw in study.draws],
+            "claims": [asdict(claim) for claim in self.claims],
+        }
+
+    def write(self, folder: Path, arguments: str = "") -> list[Path]:
+        """Write everything into a folder, which is made if need be; each file whole or not at all.
+
+        Raises:
+            OutputError: the folder or a file cannot be written.
+        """
+        make_folder(folder)
+        columns = ("key", "source", "says", "computed", "verdict", "why")
+        texts: dict[str, str | bytes] = {
+            "claims.csv": rows_csv([{name: getattr(claim, name) for name in columns} for claim in self.claims]),
+            "claims.json": json.dumps(self.record(), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
+            self.page: self.markdown(arguments),
+        }
+        written = write_all(folder, {**texts, **self.figures})
+        tables = self.study.tables
+        return written + [tables[axis].write_csv(folder / f"error_sets_{axis.lower()}.csv") for axis in AXES]

@@ -1,0 +1,347 @@
+"""The commands that know of heat: pose and path with a melt, compensate, thermal."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from pouring_robot.cli.app import main
+from pouring_robot.robot.heat_section import HeatSection
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+from tests.support import ACTUAL, ROOT
+
+POSES = ROOT / "examples" / "poses.csv"
+AT = ["--at-mm", "-100", "20", "-600", "--tilt-deg", "17"]
+POSE = PlatformPose.from_mm_deg(-100.0, 20.0, -600.0, 17.0)
+HEAT = "format: pouring_robot/model/1\nheat: {melt_degC: 1650, after_min: 45, measured_degC: {leg1: 210.5}}\n"
+SHIFT = (
+    "time_min,melt_degC,ambient_degC,x_mm,y_mm,z_mm,tilt_deg\n0,1650,20,-100,0,-800,-20\n20,1680,20,-100,0,-800,-20\n"
+    "30,1700,22,-60,20,-500,50\n60,400,22,-60,20,-500,50\n"
+)
+
+
+@pytest.fixture
+def run(capfd, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        code = main([str(argument) for argument in arguments])
+        printed = capfd.readouterr()
+        return code, printed.out, printed.err
+
+    return call
+
+
+@pytest.fixture
+def shift(tmp_path):
+    path = tmp_path / "shift.csv"
+    path.write_text(SHIFT, encoding="utf-8")
+    return path
+
+
+# --- pose and path ------------------------------------------------------------------------------------
+
+
+def test_a_warm_pose_as_json_says_what_the_library_says(run, as_built):
+    code, out, err = run("pose", *AT, "--model", ACTUAL, "--melt-degC", "1700", "--json")
+    assert (code, err) == (0, "")
+    figures = json.loads(out)
+    heated = HeatedRobot(as_built, HeatSection(melt_degC=1700.0))
+    found = heated.locate(POSE)
+    for frame in ("moving_platform", "ladle_lip"):
+        shares = heated.shares(found, frame)
+        assert figures["frames"][frame]["error"]["translation_mm"] == pytest.approx(shares.together.translation_m * 1e3)
+        for name in ("geometry", "heat", "together"):
+            said = figures["shares"][frame][name]["translation_mm"]
+            assert said == pytest.approx(getattr(shares, name).translation_m * 1e3, abs=1e-6)
+        left = figures["shares"][frame]["not_the_sum_by"]
+        assert left["distance_mm"] == pytest.approx(np.linalg.norm(shares.remainder_m) * 1e3, abs=1e-6)
+        assert left["distance_mm"] > 1e-3
+    assert figures["heat"]["computed_degC"]["leg3"] == pytest.approx(found.state.field.leg_degC[2], abs=1e-6)
+    assert figures["heat"]["after_min"] is None
+
+
+def test_a_warm_pose_as_a_table(run):
+    code, out, err = run("pose", *AT, "--model", ACTUAL, "--steady", "--ambient-degC", "30")
+    assert (code, err) == (0, "")
+    for words in ("geometry", "heat", "together", "not the sum by", "need not add up", "surroundings 30 degC, steady"):
+        assert words in out
+    assert max(map(len, out.splitlines())) <= 120
+
+
+def test_without_flags_and_section_nothing_changes(run):
+    _, cold, _ = run("pose", *AT, "--model", ACTUAL, "--json")
+    assert "heat" not in json.loads(cold) and "shares" not in json.loads(cold)
+
+
+def test_flags_go_over_the_model_file(run, tmp_path):
+    (tmp_path / "hot.yaml").write_text(HEAT, encoding="utf-8")
+    hot = ["pose", *AT, "--model", "hot.yaml", "--json"]
+    as_told, changed = (json.loads(run(*hot, *more)[1])["heat"] for more in ([], ["--melt-degC", "1700", "--steady"]))
+    assert (as_told["melt_degC"], as_told["after_min"]) == (pytest.approx(1650.0), 45.0)
+    assert as_told["measured_degC"] == changed["measured_degC"] == {"leg1": 210.5}
+    assert as_told["leg_strain"][0] == pytest.approx(1.2e-5 * 190.5)
+    assert (changed["melt_degC"], changed["after_min"]) == (pytest.approx(1700.0), None)
+    assert "heat" not in json.loads(run(*hot, "--cold")[1])
+
+
+def test_a_warm_path(run, as_built):
+    code, out, err = run("path", POSES, "--model", ACTUAL, "--after-min", "30", "--json")
+    assert (code, err) == (0, "")
+    rows = json.loads(out)["poses"]
+    heated = HeatedRobot(as_built, HeatSection(after_min=30.0))
+    expected = heated.locate(PlatformPose.from_mm_deg(-100.0, 0.0, -600.0, 17.0)).location.difference("ladle_lip")
+    said = rows[0]["frames"]["ladle_lip"]["error"]["translation_mm"]
+    assert said == pytest.approx(expected.translation_m * 1e3, abs=1e-6)
+    code, out, _ = run("path", POSES, "--after-min", "30")
+    assert code == 0 and "30 min after the melt came" in out
+
+
+@pytest.mark.parametrize("command", ["pose", "compensate", "thermal"])
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (["--melt-degC", "-300"], "melt_degC: -300 degC lies below absolute zero"),
+        (["--melt-degC", "1e9"], "hotter than any melt"),
+        (["--melt-degC", "nan"], "finite number"),
+        (["--after-min", "0"], "0 min is no time"),
+        (["--steady", "--after-min", "5"], "not both"),
+        (["--melt-degC", "warm"], "--melt-degC"),
+    ],
+)
+def test_nonsense_is_refused_in_one_line(run, command, flags, says):
+    code, out, err = run(command, *AT, *flags)
+    assert (code, out) == (2, "")
+    assert says in err and err.count("\n") == 1
+
+
+def test_cold_contradicts_the_other_flags(run):
+    code, _, err = run("pose", *AT, "--cold", "--melt-degC", "1700")
+    assert code == 2 and "--cold" in err and err.count("\n") == 1
+
+
+# --- compensate ---------------------------------------------------------------------------------------
+
+
+def test_compensate_one_pose(run):
+    code, out, err = run("compensate", *AT, "--model", ACTUAL, "--melt-degC", "1700", "--json")
+    assert (code, err) == (0, "")
+    row = json.loads(out)["poses"][0]
+    assert row["left"]["distance_mm"] < 1e-6 and abs(row["left"]["tilt_mrad"]) < 1e-6
+    assert row["before"]["distance_mm"] > 1.0
+    assert abs(row["uncontrolled_mrad"]["yaw"]) > 1e-3
+    command = row["command"]
+    at = ["--at-mm", *(repr(command[name]) for name in ("x_mm", "y_mm", "z_mm"))]
+    at += ["--tilt-deg", repr(command["tilt_deg"])]
+    _, out, _ = run("pose", *at, "--model", ACTUAL, "--melt-degC", "1700", "--json")
+    frame = json.loads(out)["frames"]["moving_platform"]
+    assert frame["actual_mm"] == pytest.approx([-100.0, 20.0, -600.0], abs=1e-6)
+
+
+def test_compensate_a_path_into_a_file(run, tmp_path):
+    out_file = tmp_path / "commands.csv"
+    code, out, err = run("compensate", POSES, "--model", ACTUAL, "--after-min", "40", "--out", out_file)
+    assert (code, err) == (0, "")
+    rows = list(csv.DictReader(out_file.open(encoding="utf-8")))
+    assert len(rows) == 5
+    for row in rows:
+        assert float(row["left_mm"]) < 1e-6
+        assert float(row["before_mm"]) > 1.0
+    for words in ("without compensation", "not in the drives' power", "taken anew", "wrote"):
+        assert words in out
+    assert max(map(len, out.splitlines())) <= 120
+
+
+def test_compensate_puts_the_lip_right(run):
+    _, out, _ = run("compensate", *AT, "--model", ACTUAL, "--steady", "--frame", "ladle_lip", "--json")
+    row = json.loads(out)["poses"][0]
+    assert row["left_at_lip"]["distance_mm"] < 1e-6
+
+
+def test_compensate_says_that_the_cold_drawing_needs_none(run):
+    code, out, _ = run("compensate", *AT)
+    assert code == 0 and "needs no compensation" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "says"),
+    [
+        ([], 2, "give a file of poses or one pose"),
+        ([POSES, *AT], 2, "one of the two"),
+        ([POSES, "--tilt-deg", "3"], 2, "--tilt-deg belongs to --at-mm"),
+        (["nowhere.csv"], 2, "cannot be read"),
+        ([*AT, "--frame", "lip"], 2, "no frame 'lip'"),
+        ([*AT, "--out", "missing/c.csv"], 2, "does not exist"),
+        (["--at-mm", "nan", "0", "0"], 2, "finite"),
+        (["--at-mm", "0", "0", "5000"], 3, "out of reach"),
+        (["--at-mm", "1e9", "0", "0", "--steady"], 3, "out of reach"),
+        (["--at-mm", "-100", "0", "-600", "--tilt-deg", "170", "--steady"], 3, "out of reach"),
+    ],
+)
+def test_compensate_refuses_in_one_line(run, arguments, code, says):
+    got, out, err = run("compensate", *arguments)
+    assert (got, out) == (code, "")
+    assert says in err and err.count("\n") == 1
+
+
+def test_an_unreachable_pose_of_a_path_is_named_and_nothing_is_written(run, tmp_path):
+    (tmp_path / "far.csv").write_text("x_mm,y_mm,z_mm,tilt_deg\n-100,0,-600,0\n-100,0,-6000,0\n", encoding="utf-8")
+    code, out, err = run("compensate", "far.csv", "--steady", "--out", "c.csv")
+    assert (code, out) == (3, "")
+    assert "far.csv: line 3: " in err and err.count("\n") == 1
+    assert not (tmp_path / "c.csv").exists()
+
+
+# --- thermal ------------------------------------------------------------------------------------------
+
+
+def test_thermal_at_a_pose(run, tmp_path, drawing):
+    code, out, err = run("thermal", *AT, "--csv", "t.csv", "--png", "t.png")
+    assert (code, err) == (0, "")
+    for words in ("steady", "leg4", "ladle_lip", "from the melt", "bending"):
+        assert words in out
+    rows = list(csv.DictReader((tmp_path / "t.csv").open(encoding="utf-8")))
+    field = HeatedRobot(drawing, HeatSection()).locate(POSE).state.field
+    legs = [float(row["temperature_degC"]) for row in rows if row["part"].startswith("leg")]
+    assert legs == pytest.approx(field.leg_elements_degC.ravel().tolist(), abs=1e-4)
+    assert Image.open(tmp_path / "t.png").width > 800
+
+
+def test_thermal_leaves_geometry_out_and_json_balances(run):
+    _, with_model, _ = run("thermal", *AT, "--model", ACTUAL, "--json")
+    _, without, _ = run("thermal", *AT, "--json")
+    assert json.loads(with_model)["moved"] == json.loads(without)["moved"]
+    heat = json.loads(without)["heat_W"]
+    gained = heat["from_melt_by_contact"] + heat["from_melt_by_radiation"]
+    assert abs(heat["stored"]) < 1e-9 * gained
+
+
+def test_conduction_alone_is_cold(run):
+    _, out, _ = run("thermal", *AT, "--conduction-only", "--json")
+    assert json.loads(out)["parts"]["leg3"]["mean_degC"] < 30.0
+
+
+def test_a_shift_with_changing_poses(run, tmp_path, shift):
+    code, out, err = run("thermal", "--history", shift, "--every-min", "10", "--csv", "s.csv", "--png", "s.png")
+    assert (code, err) == (0, "")
+    rows = list(csv.DictReader((tmp_path / "s.csv").open(encoding="utf-8")))
+    assert [float(row["time_min"]) for row in rows] == [0, 10, 20, 30, 40, 50, 60]
+    assert [float(row["z_mm"]) for row in rows] == [-800, -800, -800, -500, -500, -500, -500]
+    first, last = rows[0], rows[-1]
+    assert float(first["leg1_degC"]) == pytest.approx(20.0) and float(first["moving_platform_moved_mm"]) < 1e-9
+    assert float(last["leg1_degC"]) > 50.0
+    assert Image.open(tmp_path / "s.png").height > 600
+    assert max(map(len, out.splitlines())) <= 120
+
+
+def test_a_shift_at_one_pose_is_that_of_after_min(run, tmp_path):
+    (tmp_path / "h.csv").write_text("time_min,melt_degC\n0,1700\n30,1700\n", encoding="utf-8")
+    _, out, _ = run("thermal", "--history", "h.csv", *AT, "--json")
+    shift = json.loads(out)["rows"][-1]
+    _, out, _ = run("thermal", *AT, "--after-min", "30", "--json")
+    pose = json.loads(out)
+    # A shift takes temperatures at the commanded pose, a pose where the ladle is: some tenths of a kelvin.
+    assert shift["leg3_degC"] == pytest.approx(pose["parts"]["leg3"]["mean_degC"], abs=3.0)
+    assert shift["moving_platform_moved_mm"] == pytest.approx(pose["moved"]["moving_platform"]["distance_mm"], rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("time_min,melt_degC\n0,1700\n30,1700\n20,1700\n", "line 4, column time_min: does not come after"),
+        ("time_min,melt_degC\n0,1700\n30,-1700\n", "line 3, column melt_degC: -1700 degC lies below"),
+        ("time_min,melt_degC\n0,1700\n30,1e9\n", "line 3, column melt_degC: 1e+09 degC is hotter"),
+        ("time_min,melt_degC\n0,1700\n30,\n", "line 3, column melt_degC: '' is not a finite number"),
+        ("time_min,melt_degC\n0,1700\n30,1700,5\n", "line 3: 3 cells"),
+        ("time_min,melt\n0,1700\n", "did you mean 'melt_degC'"),
+        ("time_min,melt_degC,x_mm\n0,1700,1\n2,1700,1\n", "column 'y_mm' is missing"),
+        (SHIFT, "leave --at-mm out"),
+        ("", "line 1"),
+    ],
+)
+def test_a_wrong_history_is_refused_in_one_line(run, tmp_path, text, says):
+    (tmp_path / "h.csv").write_text(text, encoding="utf-8")
+    code, out, err = run("thermal", "--history", "h.csv", *AT, "--png", "h.png")
+    assert (code, out) == (2, "")
+    assert says in err and err.count("\n") == 1
+    assert not (tmp_path / "h.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "says"),
+    [
+        ([], 2, "say where the robot stands"),
+        (["--tilt-deg", "3"], 2, "give its position by --at-mm"),
+        ([*AT, "--every-min", "3"], 2, "give the shift by --history"),
+        (["--history", "shift.csv", "--every-min", "0"], 2, "--every-min 0"),
+        (["--history", "shift.csv", "--steady"], 2, "leave out --melt-degC"),
+        (["--history", "nowhere.csv"], 2, "cannot be read"),
+        (["--at-mm", "0", "0", "0"], 3, "out of reach"),
+    ],
+)
+def test_thermal_refuses_in_one_line(run, shift, arguments, code, says):
+    got, out, err = run("thermal", *arguments)
+    assert (got, out) == (code, "")
+    assert says in err and err.count("\n") == 1
+
+
+def test_commands_that_take_the_robot_cold_say_so(run, tmp_path):
+    (tmp_path / "hot.yaml").write_text(HEAT, encoding="utf-8")
+    code, out, err = run("robots", "--model", "hot.yaml", "--json")
+    assert code == 0 and json.loads(out)
+    assert "heat section of hot.yaml is left out" in err and err.count("\n") == 1
+
+
+def test_a_sweep_over_a_warm_model_says_that_it_takes_it_cold(run, tmp_path):
+    (tmp_path / "hot.yaml").write_text(HEAT, encoding="utf-8")
+    (tmp_path / "sweep.yaml").write_text(
+        "format: pouring_robot/sweep/1\nmodel: hot.yaml\nstudy: one_at_a_time\nposes: {random: {count: 1, seed: 1}}\n"
+        "errors: [{parameters: drive.leg4_s5, distribution: normal, std_mrad: 0.1}]\n",
+        encoding="utf-8",
+    )
+    code, _, err = run("sweep", "sweep.yaml", "--out", "swept")
+    assert code == 0 and "heat section of hot.yaml is left out" in err
+
+
+def test_the_picture_of_a_warm_robot_says_so(run, monkeypatch):
+    drawn = []
+    monkeypatch.setattr("pouring_robot.viewer.write_png", lambda scene, file: drawn.append(scene) or file)
+    for flags in (["--steady"], []):
+        assert run("pose", *AT, *flags, "--png", "x.png")[0] == 0
+    assert [scene.robots[0].label for scene in drawn] == ["as built, warm", "as built"]
+
+
+def test_poses_of_a_list_are_said_to_be_taken_by_themselves(run, tmp_path):
+    (tmp_path / "two.csv").write_text("x_mm,y_mm,z_mm,tilt_deg\n-100,0,-600,0\n-100,10,-600,0\n", encoding="utf-8")
+    for command in ("path", "compensate"):
+        code, out, _ = run(command, "two.csv", "--after-min", "20")
+        assert code == 0 and "every pose is taken by itself, cold at first and held 20 min" in " ".join(out.split())
+
+
+def test_figures_too_small_to_show_have_no_sign(run):
+    for command in ("thermal", "pose"):
+        code, out, _ = run(command, *AT, "--steady")
+        assert code == 0 and "-0.000" not in out
+    assert "0.00 kW stored" in " ".join(run("thermal", *AT)[1].split())
+
+
+def test_the_picture_of_a_shift_shows_curves_between_the_rows(run, tmp_path, monkeypatch):
+    (tmp_path / "h.csv").write_text("time_min,melt_degC\n0,1700\n60,1700\n", encoding="utf-8")
+    drawn = []
+    monkeypatch.setattr("pouring_robot.thermal.plots.shift_picture", lambda shift, _: drawn.append(shift) or b"")
+    code, out, _ = run("thermal", "--history", "h.csv", *AT, "--png", "x.png", "--json")
+    rows, picture = json.loads(out)["rows"], drawn[0]
+    assert code == 0 and [row["time_min"] for row in rows] == [0.0, 60.0]
+    halfway = float(np.interp(1800.0, picture.times_s, picture.leg_degC[:, 0]))
+    assert halfway > 20.0 + 0.7 * (rows[-1]["leg1_degC"] - 20.0)  # a straight line would be at half
+
+
+def test_room_temperature_in_kelvin_is_refused(run, tmp_path):
+    code, _, err = run("pose", *AT, "--ambient-degC", "293")
+    assert code == 2 and "hotter than any surroundings" in err and err.count("\n") == 1
+    (tmp_path / "h.csv").write_text("time_min,melt_degC,ambient_degC\n0,1700,20\n60,1700,293\n", encoding="utf-8")
+    code, _, err = run("thermal", "--history", "h.csv", *AT)
+    assert code == 2 and "line 3, column ambient_degC: 293 degC" in err

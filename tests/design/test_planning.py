@@ -1,0 +1,449 @@
+"""Plans: the exchange against brute force, indices by hand, expected spread against simulated fits, and bad input."""
+
+from __future__ import annotations
+
+import itertools
+import json
+
+import numpy as np
+import pytest
+
+from pouring_robot.campaign.plan import read_plan
+from pouring_robot.cli.app import main
+from pouring_robot.design.columns import box, candidate_poses
+from pouring_robot.design.compare import compare_with_random, random_visits
+from pouring_robot.design.exchange import CandidateSet, choose
+from pouring_robot.design.information import (
+    CRITERIA,
+    covariance,
+    index_slopes,
+    observability_index,
+    projected_singular_values,
+    telling,
+)
+from pouring_robot.design.output import plan_figures, plan_text, write_picture
+from pouring_robot.design.planning import Conditions, Noise, Planner, PlanRequest, UndeterminedError
+from pouring_robot.design.updates import log_determinants
+from pouring_robot.estimation.identifiability import observability
+from pouring_robot.estimation.priors import Tolerances
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure import ClosureSolver
+from pouring_robot.mechanism.energy import Loads
+from pouring_robot.robot.robot import PouringRobot
+
+SMALL = {"candidates": 300, "starts": 2}
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return PouringRobot()
+
+
+@pytest.fixture(scope="module")
+def planner(robot):
+    return Planner(robot, PlanRequest(**SMALL))
+
+
+@pytest.fixture(scope="module")
+def plan(planner):
+    return planner.plan()
+
+
+@pytest.fixture(scope="module")
+def visited(robot):
+    request = PlanRequest(
+        poses=20, parameters=("drives",), both_sides=4, loads_kg=(0.0, 500.0), leg_degC=(20.0, 120.0), **SMALL
+    )
+    return Planner(robot, request).plan()
+
+
+# --- indices -----------------------------------------------------------------------------------------
+
+
+def test_indices_by_hand():
+    values = np.array([4.0, 2.0, 1.0])
+    hand = {"O1": 8.0 ** (1 / 3) / 3.0, "O2": 0.25, "O3": 1.0, "O4": 0.25, "O5": 1.0 / 1.75}
+    for name, value in hand.items():
+        assert observability_index(values, name, 9) == pytest.approx(value, rel=1e-14)
+    assert observability_index(values, "D", 9) == observability_index(values, "O1", 9)
+    assert observability(values, 9) == pytest.approx(hand)
+
+
+@pytest.mark.parametrize("criterion", CRITERIA)
+def test_undetermined_combinations_count_nothing(criterion):
+    assert observability_index(np.array([2.0, 0.0]), criterion, 3) == 0.0
+
+
+@pytest.mark.parametrize("criterion", CRITERIA)
+def test_slopes_are_derivatives(criterion):
+    values, step = np.array([5.0, 3.0, 1.5, 0.7]), 1e-6
+    for k, slope in enumerate(index_slopes(values, criterion, 6)):
+        ahead, behind = (np.sqrt(values**2 + sign * step * (np.arange(4) == k)) for sign in (1.0, -1.0))
+        up, down = (observability_index(v, criterion, 6) for v in (ahead, behind))
+        assert slope == pytest.approx((up - down) / (2.0 * step), rel=1e-6, abs=1e-9)
+
+
+def test_projected_singular_values_are_those_of_the_residual_columns():
+    rows = np.random.default_rng(1).normal(size=(30, 7))
+    frames, own = rows[:, :3], rows[:, 3:]
+    left = own - frames @ np.linalg.lstsq(frames, own, rcond=None)[0]
+    assert projected_singular_values(rows, 3) == pytest.approx(np.linalg.svd(left, compute_uv=False), rel=1e-12)
+
+
+def test_prior_counts_as_a_measurement():
+    random = np.random.default_rng(2)
+    rows, prior = random.normal(size=(4, 5)), np.array([0.0, 0.0, 2.0, 3.0, 4.0])
+    information = rows.T @ rows + np.diag(prior**2)
+    assert covariance(rows, prior) == pytest.approx(np.linalg.inv(information), rel=1e-9)
+    schur = np.linalg.inv(np.linalg.inv(information)[2:, 2:])
+    values = projected_singular_values(rows, 2, prior)
+    assert values == pytest.approx(np.sqrt(np.linalg.eigvalsh(schur))[::-1], rel=1e-9)
+
+
+def test_covariance_keeps_digits_that_normal_equations_lose():
+    rows = np.array([[1.0, 1.0], [0.0, 1e-9], [1.0, 1.0]])
+    assert covariance(rows)[1, 1] == pytest.approx(1e18, rel=1e-6)
+
+
+def test_telling_keeps_the_first_of_equals_and_drops_what_is_below_its_tolerance():
+    rows = np.random.default_rng(3).normal(size=(50, 5))
+    rows[:, 2] = 2.0 * rows[:, 1] + 3.0 * rows[:, 0]  # a frame column and an earlier parameter
+    rows[:, 4] *= 1e-3
+    assert telling(rows, 1, np.ones(4)) == [0, 2]
+    assert telling(rows, 1, np.array([1.0, 1.0, 1.0, 1e4])) == [0, 2, 3]
+
+
+# --- exchange ----------------------------------------------------------------------------------------
+
+
+def test_log_determinants():
+    half = np.random.default_rng(4).normal(size=(9, 6, 3))
+    blocks = half @ np.swapaxes(half, 1, 2)
+    expected = np.linalg.slogdet(np.eye(6) + blocks)[1]
+    assert log_determinants(np.moveaxis(blocks, 0, -1)) == pytest.approx(expected, rel=1e-12)
+
+
+def brute_force(rows, nuisance, poses, criterion):
+    found = {}
+    for chosen in itertools.combinations(range(len(rows)), poses):
+        stack = rows[list(chosen)].reshape(-1, rows.shape[2])
+        found[chosen] = observability_index(projected_singular_values(stack, nuisance), criterion, poses)
+    return max(found.values())
+
+
+@pytest.mark.parametrize("criterion", CRITERIA)
+@pytest.mark.parametrize("nuisance", [0, 2])
+def test_exchange_reaches_the_best_of_all_plans(criterion, nuisance):
+    for seed in range(3):
+        rows = np.random.default_rng([5, seed]).normal(size=(12, 2, 5)) * np.array([1.0, 10.0, 0.1, 1.0, 3.0])
+        choice = choose(CandidateSet.plain(rows, nuisance), [0] * 5, criterion, seed=seed, starts=30)
+        assert len(set(choice.chosen.tolist())) == 5
+        stack = rows[choice.chosen].reshape(-1, 5)
+        value = observability_index(projected_singular_values(stack, nuisance), criterion, 5)
+        assert choice.value == pytest.approx(value, rel=1e-4)
+        assert value == pytest.approx(brute_force(rows, nuisance, 5, criterion), rel=1e-12)
+
+
+def test_d_optimal_line_is_measured_at_its_ends():
+    # Classical: a straight line is known best from its two ends, half of the measurements at each.
+    at = np.repeat(np.linspace(-1.0, 1.0, 11), 5)
+    rows = np.stack([np.ones_like(at), at], axis=1)[:, None, :]
+    choice = choose(CandidateSet.plain(rows), [0] * 10)
+    assert sorted(at[choice.chosen]) == [-1.0] * 5 + [1.0] * 5
+
+
+def test_exchange_does_not_depend_on_units():
+    rows = np.random.default_rng(6).normal(size=(60, 3, 6))
+    scaled = rows * np.array([1e-6, 1e5, 1.0, 1e3, 1e-2, 1e8])
+    plans = [choose(CandidateSet.plain(r, 2), [0] * 8, seed=1).chosen for r in (rows, scaled)]
+    assert set(plans[0].tolist()) == set(plans[1].tolist())
+
+
+def test_kinds_take_their_slots_and_trade_places():
+    random = np.random.default_rng(7)
+    once = random.normal(size=(8, 4, 3))
+    twice = once.copy()
+    once[:, 2:] = 0.0
+    place, kind = np.tile(np.arange(8), 2), np.repeat([0, 1], 8)
+    candidates = CandidateSet(np.concatenate([once, twice]), 0, place, kind, np.zeros(3))
+    choice = choose(candidates, [1, 1, 0, 0], starts=8)
+    assert kind[choice.chosen].tolist() == [1, 1, 0, 0]
+    assert len(set(place[choice.chosen].tolist())) == 4
+    best = max(
+        observability_index(
+            projected_singular_values(np.concatenate([*twice[list(both)], *once[list(one)]]), 0), "D", 4
+        )
+        for both in itertools.combinations(range(8), 2)
+        for one in itertools.combinations(sorted(set(range(8)) - set(both)), 2)
+    )
+    assert choice.value == pytest.approx(best, rel=1e-5)
+
+
+def test_exchange_refuses_what_it_cannot_choose_from():
+    rows = np.random.default_rng(8).normal(size=(4, 3, 2))
+    with pytest.raises(BadInputError, match="more candidates"):
+        choose(CandidateSet.plain(rows), [0] * 5)
+    rows[:, :, 1] = rows[:, :, 0]
+    with pytest.raises(BadInputError, match="do not determine"):
+        choose(CandidateSet.plain(rows), [0] * 3)
+
+
+# --- the robot ---------------------------------------------------------------------------------------
+
+
+def test_candidates_are_round_figures_inside_the_box(robot):
+    poses = candidate_poses(robot.layout, 400)
+    lower, upper = box(robot.layout)
+    assert np.all(poses >= lower - 1e-12) and np.all(poses <= upper + 1e-12)
+    assert 390 <= len(np.unique(poses, axis=0)) == len(poses) <= 400
+    shown = np.column_stack([poses[:, :3] * 1e4, np.degrees(poses[:, 3]) * 100.0])
+    assert shown == pytest.approx(np.round(shown), abs=1e-6)
+
+
+def test_plan_is_much_better_than_random_ones(planner, plan):
+    comparison = compare_with_random(planner, plan, 50)
+    assert comparison.ratio <= 0.70
+    assert comparison.ratio_rad <= 0.70
+    assert comparison.ratio_worst <= 0.70
+
+
+@pytest.mark.parametrize("criterion", ["O2", "O3", "O4", "O5"])
+def test_each_criterion_is_best_in_its_own_index(robot, planner, plan, criterion):
+    request = PlanRequest(criterion=criterion, candidates=300, starts=1)
+    own = Planner(robot, request).plan()
+    assert own.value == pytest.approx(own.quality.indices[criterion], rel=1e-12)
+    assert own.value >= plan.quality.indices[criterion]
+    assert own.quality.indices["O1"] <= plan.quality.indices["O1"]
+
+
+def test_same_seed_same_plan(robot, plan):
+    again = Planner(robot, PlanRequest(**SMALL)).plan()
+    assert plan_text(again) == plan_text(plan)
+    assert again.quality.parameter_std == pytest.approx(plan.quality.parameter_std, rel=1e-12)
+
+
+def test_expected_spread_is_that_of_simulated_fits(planner, plan):
+    random = np.random.default_rng(9)
+    rows, _ = planner.measured(planner.columns, plan.poses, [Conditions()])
+    frames = [k for k in range(12) if k != 7]  # the frames' shifts along y are one: see the module
+    picked = rows[:, 0][..., [*frames, *range(12, rows.shape[-1])]].reshape(-1, rows.shape[-1] - 1)
+    noise = random.normal(size=(len(picked), 4000))
+    fitted = np.linalg.lstsq(picked, noise, rcond=None)[0]
+    factors = np.array([p.shown_factor for p in plan.parameters])
+    spread = fitted.std(axis=1)[11:] / factors
+    assert spread == pytest.approx(plan.quality.parameter_std, rel=0.05)
+    work = Conditions(0)
+    ladle, _ = planner.columns.ladle(plan.quality.ladle_poses[::97], work)
+    moved = ladle[..., [*frames, *range(12, ladle.shape[-1])]] / np.r_[[1e3] * 11, factors] @ fitted
+    assert moved.std(axis=-1) == pytest.approx(plan.quality.ladle_std[::97], rel=0.06)
+
+
+def test_more_noise_means_more_spread_in_proportion(robot, plan):
+    noisy = Planner(robot, PlanRequest(noise=Noise(1e-4, 1e-4), parameters=tuple(p.name for p in plan.parameters)))
+    quality = noisy.quality(plan.poses)
+    assert quality.parameter_std == pytest.approx(2.0 * plan.quality.parameter_std, rel=1e-6)
+
+
+def test_unit_of_names_and_columns(robot):
+    """Local columns are differences of exact closures, frames aside."""
+    planner = Planner(robot, PlanRequest(parameters=("drives",), **SMALL))
+    poses = planner.poses[:3]
+    rows, _ = planner.columns.measured(poses, [Conditions()], Noise(1.0, 1.0), np.zeros(3))
+    command = robot.kinematics.commands(poses)
+    engine = planner.columns._model.engine
+    for k, parameter in enumerate(planner.parameters):
+        moved = []
+        for sign in (1.0, -1.0):
+            drives = command.drives.copy()
+            drives[:, [d.name for d in planner.columns.drives].index(parameter.name)] += sign * 1e-6
+            moved.append(engine.close(drives, command.start).position)
+        assert rows[:, 0, :3, 12 + k] == pytest.approx((moved[0] - moved[1]) / 2e-6, abs=1e-5)
+
+
+def test_compliance_columns_are_the_yielding_drives_of_the_closure(robot):
+    """With loops so stiff that they hardly open; what opens all the same, a rigid drive shows, and is taken off."""
+    planner = Planner(robot, PlanRequest(parameters=("drives",), loads_kg=(0.0, 100.0), **SMALL))
+    pose, ladle, stiffness = planner.poses[[90]], robot.layout.ladle, 1e8
+    conditions = Conditions(1, 100.0 - ladle.tare_kg)
+    rows, _ = planner.columns.measured(pose, [conditions], Noise(1.0, 1.0), np.zeros(3))
+    command = robot.kinematics.commands(pose)
+    drives = dict(zip([d.joint for d in planner.columns.drives], command.drives[0], strict=True))
+    start = robot.kinematics.configuration(robot.kinematics.forward(drives))
+    loops = robot.model.loops()
+    translation, rotation = (
+        q.model_copy(update={"value": q.value * 1e4}) for q in (loops.stiffness.translation, loops.stiffness.rotation)
+    )
+    stiff = loops.stiffness.model_copy(update={"translation": translation, "rotation": rotation})
+    mechanism = ClosedChainMechanism(robot.model.urdf(), loops.model_copy(update={"stiffness": stiff}))
+
+    def loaded_shift(drive_stiffness):
+        places = []
+        for mass in (0.0, 100.0):
+            loads = Loads(True, mass, "moving_platform", ladle.centre_of_mass_m, drive_stiffness)
+            closed = ClosureSolver(mechanism, loads).solve(drives, start)
+            places.append(closed.pose("fixed_platform", "moving_platform").translation)
+        return places[1] - places[0]
+
+    rigid = loaded_shift({})
+    seen = 0
+    for k, parameter in enumerate(planner.parameters):
+        if parameter.kind == "compliance":
+            bent = stiffness * (loaded_shift({parameter.local.joint: stiffness}) - rigid)
+            assert rows[0, 0, :3, 12 + k] == pytest.approx(bent, abs=0.01 * np.abs(bent).max())
+            seen += 1
+    assert seen == 4
+
+
+def test_backlash_and_expansion_columns_follow_the_drives(robot):
+    request = PlanRequest(parameters=("drives",), both_sides=2, leg_degC=(20.0, 70.0), **SMALL)
+    planner = Planner(robot, request)
+    poses = planner.poses[:4]
+    visits = [Conditions(1, 0.0, 20.0), Conditions(-1, 0.0, 70.0)]
+    rows, _ = planner.columns.measured(poses, visits, Noise(1.0, 1.0), np.zeros(3))
+    column = {p.name: rows[..., 12 + k] for k, p in enumerate(planner.parameters)}
+    lengths = robot.kinematics.commands(poses).drives
+    for k in (1, 2, 3):
+        drive = column[f"drive.leg{k}_s3"]
+        backlash, expansion = column[f"backlash.leg{k}_s3"], column[f"expansion.leg{k}_s3"]
+        assert backlash[:, 0] == pytest.approx(-0.5 * drive[:, 0])
+        assert backlash[:, 1] == pytest.approx(0.5 * drive[:, 1])
+        assert not expansion[:, 0].any()
+        assert expansion[:, 1] == pytest.approx(50.0 * lengths[:, [k - 1]] * drive[:, 1])
+
+
+def test_conditions_make_their_parameters_known(visited):
+    names = [p.name for p in visited.parameters]
+    assert {"backlash.leg1_s3", "compliance.leg4_s5", "expansion.leg3_s3"} <= set(names)
+    assert len(visited.poses) == 24
+    assert sum(c.side < 0 for c in visited.conditions) == 4
+    states = [(c.payload_kg, c.leg_degC) for c in visited.conditions]
+    assert len({(*p, *s) for p, s in zip(visited.poses.tolist(), states, strict=True)}) == 20
+    heat = [c.leg_degC for c in visited.conditions]
+    assert heat == sorted(heat) and len(set(heat)) == 2
+    assert len({c.payload_kg for c in visited.conditions}) == 2
+    std = dict(zip(names, visited.quality.parameter_std, strict=True))
+    assert std["expansion.leg1_s3"] < 2e-6 and std["backlash.leg1_s3"] < 1e-4
+
+
+def test_priors_determine_everything_and_are_never_worse_than_themselves(robot):
+    tolerances = Tolerances.load()
+    request = PlanRequest(poses=6, parameters=("geometry",), priors=tolerances, candidates=200, starts=1)
+    plan = Planner(robot, request).plan()
+    assert not plan.left_out
+    prior = tolerances.std([p.local for p in plan.parameters])
+    assert np.all(plan.quality.parameter_std <= prior * (1.0 + 1e-9))
+    assert np.any(plan.quality.parameter_std < 0.5 * prior)
+
+
+def test_positions_alone_are_worth_less(robot, plan):
+    names = tuple(p.name for p in plan.parameters if p.name != "leg1_seat_mount.tz")
+    qualities = [
+        Planner(robot, PlanRequest(parameters=names, noise=noise, reduce=True, **SMALL)).plan().quality
+        for noise in (Noise(5e-5, 5e-5), Noise(5e-5, None))
+    ]
+    assert qualities[1].ladle_rms_m > qualities[0].ladle_rms_m
+
+
+# --- bad input ---------------------------------------------------------------------------------------
+
+
+def test_names_the_combinations_that_nothing_determines(robot):
+    with pytest.raises(UndeterminedError) as caught:
+        Planner(robot, PlanRequest(parameters=("leg1_s1.ty", "leg1_seat_mount.ty", "leg4_s1.ty"), **SMALL))
+    error = caught.value
+    assert error.unseen == ("leg4_s1.ty",)
+    assert "leg1_s1.ty + leg1_seat_mount.ty" in str(error) and "leg4_s1.ty (without effect)" in str(error)
+    rest = {"leg1_s1.ty", "leg1_seat_mount.ty", "leg4_s1.ty"} - set(error.too_many)
+    Planner(robot, PlanRequest(parameters=tuple(rest), **SMALL))
+
+
+def test_too_few_poses_are_refused(robot):
+    with pytest.raises(UndeterminedError, match="a plan of 2") as caught:
+        Planner(robot, PlanRequest(poses=2, parameters=("drives",), **SMALL)).plan()
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("figures", "said"),
+    [
+        ({"poses": 0}, "number of poses"),
+        ({"both_sides": 31}, "both sides"),
+        ({"noise": Noise(-1e-5, 1e-5)}, "noise of a position"),
+        ({"noise": Noise(1e-5, float("nan"))}, "noise of a rotation"),
+        ({"criterion": "E"}, "known: D, O1"),
+        ({"loads_kg": (5.0, 5.0)}, "two different"),
+        ({"leg_degC": (20.0, 1e5)}, "leg temperature"),
+        ({"target_m": (0.0, 0.0, 1e3)}, "target"),
+        ({"seed": -1}, "seed"),
+    ],
+)
+def test_figures_without_meaning_are_refused(figures, said):
+    with pytest.raises(BadInputError, match=said):
+        PlanRequest(**figures)
+
+
+def test_overload_is_refused(robot):
+    with pytest.raises(BadInputError, match="at most 500 kg"):
+        Planner(robot, PlanRequest(loads_kg=(0.0, 501.0), **SMALL))
+
+
+def test_random_visits_have_the_same_effort(robot):
+    planner = Planner(robot, PlanRequest(poses=9, parameters=("drives",), both_sides=3, loads_kg=(0, 100), **SMALL))
+    poses, conditions = random_visits(planner, 1)
+    assert len(poses) == len(conditions) == 12
+    assert {c.payload_kg for c in conditions} <= {0, 100}
+
+
+# --- files and command line --------------------------------------------------------------------------
+
+
+def test_plan_file_is_what_simulate_reads(robot, visited, tmp_path):
+    path = tmp_path / "plan.csv"
+    path.write_text(plan_text(visited), encoding="utf-8")
+    read = read_plan(path, robot)
+    got = np.array([[*p.position_m, p.tilt_rad] for p in read.poses])
+    assert got == pytest.approx(visited.poses, abs=1e-12)
+    assert read.conditions["approach_q1"].tolist() == [c.side for c in visited.conditions]
+    assert read.conditions["payload"].tolist() == [c.payload_kg for c in visited.conditions]
+    assert read.conditions["leg2"].tolist() == [c.leg_degC for c in visited.conditions]
+
+
+def test_picture_and_figures(robot, visited, tmp_path):
+    assert write_picture(visited, robot.layout, tmp_path / "plan.png").stat().st_size > 20_000
+    figures = json.loads(json.dumps(plan_figures(visited), allow_nan=False))
+    assert figures["rows"] == len(figures["plan"]) == 24
+    assert {p["unit"] for p in figures["parameters"]} >= {"mm", "mrad", "µm/kN", "mrad/kNm", "1e-6/K"}
+
+
+def test_command_line(tmp_path, capsys):
+    out = tmp_path / "plan.csv"
+    small = ["--candidates", "150", "--starts", "1", "--poses", "8", "--parameters", "drives"]
+    assert main(["campaign", "plan", "--out", str(out), *small]) == 0
+    printed = capsys.readouterr().out
+    assert "pouring lip" in printed and "drive.leg1_s3" in printed
+    assert len(out.read_text().splitlines()) == 9
+    assert main(["campaign", "plan", "--out", str(out), "--json", *small]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["random_plans"]["ratio_mm"] < 0.8
+    measured = tmp_path / "measured.csv"
+    assert main(["campaign", "simulate", "--plan", str(out), "--out", str(measured)]) == 0
+    assert len(measured.read_text().splitlines()) == 9
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--sigma-mm", "-1"],
+        ["--parameters", "drive.leg9"],
+        ["--parameters", "geometry"],
+        ["--criterion", "X"],
+        ["--tolerances", "none.yaml"],
+        ["--loads", "0", "9999"],
+    ],
+)
+def test_bad_input_is_one_line(arguments, tmp_path, capsys):
+    out = tmp_path / "plan.csv"
+    assert main(["campaign", "plan", "--out", str(out), *arguments]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    assert not out.exists()

@@ -1,0 +1,29 @@
+"""The first frames: those of the truth, outliers or not."""
+
+import numpy as np
+import pytest
+
+from pouring_robot.estimation.first_frames import first_frames
+from pouring_robot.estimation.residuals import MeasuredPoses
+from pouring_robot.exceptions import FrameFitError
+from tests.calibration.rig import SIGMA, Virtual, model_of
+
+
+@pytest.mark.parametrize("spoilt", [0, 6])
+def test_both_frames_come_back(drawing, spoilt):
+    virtual = Virtual(drawing, model_of(drawing, "drives"), 40, scale=1e-6)
+    position = virtual.measured.position_m.copy()
+    position[:spoilt] += 0.5
+    measured = MeasuredPoses(position, virtual.measured.rotation, SIGMA, SIGMA)
+    start, fit = first_frames(virtual.rows, measured)
+    seen = virtual.rows.predict(start)
+    np.testing.assert_allclose(seen.position_m[spoilt:], virtual.measured.position_m[spoilt:], atol=8.0 * SIGMA)
+    np.testing.assert_array_equal(start.values, 0.0)
+    assert start.values.size == 16
+    assert fit.pose_tracker_to_fixed_platform.isApprox(start.outer)
+
+
+def test_too_few_rows(drawing):
+    virtual = Virtual(drawing, model_of(drawing, "drives"), 2)
+    with pytest.raises(FrameFitError):
+        first_frames(virtual.rows, virtual.measured)

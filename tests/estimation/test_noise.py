@@ -1,0 +1,62 @@
+"""Noise: stated, from repeats, or from what a fit leaves."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from pouring_robot.estimation.first_frames import first_frames
+from pouring_robot.estimation.noise import fit_with_noise, repeat_noise, repeats, stated_noise
+from pouring_robot.estimation.residuals import MeasuredPoses
+from tests.calibration.rig import SIGMA, Virtual, model_of
+from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, damaged
+
+
+def test_repeats_are_rows_commanded_alike_from_the_same_side(repeated):
+    groups = repeats(repeated, np.arange(len(repeated)))
+    assert [len(group) for group in groups] == [6, 6, 6, 6]
+    assert groups[1].tolist() == list(range(20, 26))
+    turned = damaged(repeated, approach=lambda a: a.__setitem__((20, 1), -1.0))
+    assert [len(group) for group in repeats(turned, np.arange(len(turned)))] == [6, 5, 6, 6]
+    other = damaged(repeated, sessions=("2", *repeated.sessions[1:]))
+    assert [len(group) for group in repeats(other, np.arange(len(other)))] == [5, 6, 6, 6]
+
+
+def test_noise_from_repeats(repeated):
+    noise = stated_noise(repeated, np.arange(len(repeated)))
+    assert noise.position_source == noise.rotation_source == "repeats"
+    # Twenty differences of three coordinates: 1 / sqrt(2 * 60) is nine per cent.
+    assert noise.position_m == pytest.approx(SIGMA_M, rel=0.3)
+    assert noise.rotation_rad == pytest.approx(SIGMA_RAD, rel=0.3)
+    assert not noise.from_residuals
+
+
+def test_repeat_noise_by_hand():
+    position = np.zeros((13, 3))
+    position[:, 0] = np.tile([1.0, -1.0], 7)[:13]
+    measured = MeasuredPoses(position, np.full((13, 3, 3), np.nan), 1.0, 1.0)
+    found, turned = repeat_noise(measured, [np.arange(13)])
+    expected = np.sqrt(((position[:, 0] - position[:, 0].mean()) ** 2).sum() / 36)
+    assert found == pytest.approx(expected)
+    assert turned is None
+    assert repeat_noise(measured, [np.arange(4)]) == (None, None)  # nine differences are too few
+
+
+def test_what_is_stated_counts_first_and_without_anything_residuals(clean, positions):
+    stated = stated_noise(clean.campaign, np.arange(60))
+    assert (stated.position_m, stated.position_source) == (SIGMA_M, "stated")
+    metadata = clean.campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
+    blank = dataclasses.replace(clean.campaign, metadata=metadata)
+    assert stated_noise(blank, np.arange(60)).from_residuals
+    assert stated_noise(positions.campaign, np.arange(60)).rotation_source == "none"
+
+
+def test_noise_from_residuals_is_the_true_one(drawing, clean):
+    virtual = Virtual(drawing, model_of(drawing, "drives"), 60)
+    metadata = clean.campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
+    unknown = stated_noise(dataclasses.replace(clean.campaign, metadata=metadata), np.arange(60))
+    start, _ = first_frames(virtual.rows, virtual.measured)
+    fit, noise = fit_with_noise(virtual.rows, virtual.measured, start, virtual.prior, unknown)
+    assert noise.position_m == pytest.approx(SIGMA, rel=0.15)
+    assert noise.rotation_rad == pytest.approx(SIGMA, rel=0.15)
+    assert fit.chi_square() / fit.freedom() == pytest.approx(1.0, abs=0.05)

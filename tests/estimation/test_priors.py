@@ -1,0 +1,38 @@
+"""Tolerances: each parameter has its kind, files are checked, and priors are in SI."""
+
+import numpy as np
+import pytest
+
+from pouring_robot.estimation.measurement import FRAMES
+from pouring_robot.estimation.priors import FRAME_STD, Tolerances
+from pouring_robot.exceptions import DescriptionError
+from tests.calibration.rig import model_of
+
+
+def test_priors_are_in_metres_and_radians(drawing):
+    tolerances, model = Tolerances.load(), model_of(drawing, "all")
+    prior = tolerances.prior(model.parameters)
+    np.testing.assert_array_equal(prior[:FRAMES], FRAME_STD)
+    by_name = dict(zip(model.names, prior, strict=True))
+    assert by_name["leg1_s1.tx"] == pytest.approx(1e-3 * tolerances.kinds.joint_centre.std)
+    assert by_name["leg2_s4.rx"] == pytest.approx(1e-3 * tolerances.kinds.joint_axis.std)
+    kinds = {tolerances.kind_of(p) for p in model.parameters}
+    assert kinds == {"leg_drive_offset", "tilt_drive_offset", "joint_centre", "joint_axis", "inner_offset"}
+
+
+def test_a_file_of_ones_own(tmp_path):
+    text = Tolerances.load().model_dump()
+    text["kinds"]["joint_centre"]["std"] = 0.25
+    path = tmp_path / "t.yaml"
+    import yaml
+
+    path.write_text(yaml.safe_dump(text))
+    assert Tolerances.load(path).kinds.joint_centre.to_si() == pytest.approx(0.25e-3)
+    for key, value, words in (("std", -1.0, "std"), ("unit", "mrad", "must be mm"), ("colour", "red", "colour")):
+        wrong = Tolerances.load().model_dump()
+        wrong["kinds"]["joint_centre"][key] = value
+        path.write_text(yaml.safe_dump(wrong))
+        with pytest.raises(DescriptionError, match=words):
+            Tolerances.load(path)
+    with pytest.raises(DescriptionError):
+        Tolerances.load(tmp_path / "none.yaml")

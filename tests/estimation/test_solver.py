@@ -1,0 +1,153 @@
+"""Identification: the truth comes back, outliers do not matter, failures are said, and it is fast."""
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from pouring_robot.estimation.first_frames import first_frames
+from pouring_robot.estimation.measurement import FRAMES, Unknowns
+from pouring_robot.estimation.residuals import MeasuredPoses, whiten
+from pouring_robot.estimation.robust import robust_terms, scatter
+from pouring_robot.estimation.search import Search
+from pouring_robot.estimation.solver import FitOptions, identify
+from pouring_robot.exceptions import BadInputError, CalibrationError
+from tests.calibration.rig import INNER, OUTER, SIGMA, Virtual, model_of
+
+
+def fitted(virtual, options=None, measured=None):
+    measured = measured or virtual.measured
+    start, _ = first_frames(virtual.rows, measured)
+    return identify(virtual.rows, measured, start, virtual.prior, options)
+
+
+def test_drive_offsets_come_back_within_their_intervals(drawing):
+    virtual = Virtual(drawing, model_of(drawing, "drives"), 60)
+    fit = fitted(virtual)
+    assert fit.converged
+    error = (fit.unknowns.parameters - virtual.truth) / fit.std[FRAMES:]
+    assert np.abs(error).max() < 4.0
+    assert fit.learnt[FRAMES:].min() > 0.999
+    assert fit.chi_square() / fit.freedom() == pytest.approx(1.0, abs=0.25)
+
+
+@pytest.mark.parametrize("wanted", ["geometry", "dh"])
+def test_residuals_come_down_to_the_noise(drawing, wanted):
+    virtual = Virtual(drawing, model_of(drawing, wanted), 120, seed=3)
+    fit = fitted(virtual)
+    assert fit.chi_square() / fit.freedom() == pytest.approx(1.0, abs=0.2)
+    assert fit.prediction.closed.all()
+
+
+def test_exact_data_give_exact_predictions(drawing):
+    virtual = Virtual(drawing, model_of(drawing, "centres"), 60, sigma=1e-9)
+    fit = fitted(virtual)
+    difference = virtual.measured.difference(fit.prediction)
+    assert np.abs(difference).max() < 2e-8
+
+
+def test_positions_alone_suffice(drawing):
+    virtual = Virtual(drawing, model_of(drawing, "centres"), 80)
+    blind = MeasuredPoses(virtual.measured.position_m, np.full((80, 3, 3), np.nan), SIGMA, 1.0)
+    fit = fitted(virtual, measured=blind)
+    assert fit.chi_square() / fit.freedom() == pytest.approx(1.0, abs=0.3)
+
+
+@pytest.mark.parametrize("loss", ["huber", "soft_l1"])
+def test_outliers_move_a_robust_fit_no_further_than_their_influence(drawing, loss):
+    virtual = Virtual(drawing, model_of(drawing, "drives"), 80)
+    position = virtual.measured.position_m.copy()
+    position[::16] += 0.02
+    spoilt = MeasuredPoses(position, virtual.measured.rotation, SIGMA, SIGMA)
+    sound = fitted(virtual)
+    robust, plain = (fitted(virtual, FitOptions(loss=name), spoilt) for name in (loss, "linear"))
+    shift, plain_shift = (np.abs(fit.unknowns.parameters - sound.unknowns.parameters) for fit in (robust, plain))
+    # A block's pull is bounded by what 99 % of sound blocks keep; in the sound fit it pulled by its own residual.
+    equations = sound.equations
+    furthest = np.zeros_like(shift)
+    for row in range(0, 80, 16):
+        block = (equations.rows == row) & (equations.components < 3)
+        pull = np.sqrt(scipy.stats.chi2.ppf(0.99, 3)) * scatter(robust.equations)
+        pull += np.linalg.norm(equations.residual[block])
+        furthest += pull * np.linalg.norm((sound.covariance @ equations.jacobian[block].T)[FRAMES:], axis=1)
+    assert (shift < 1.1 * furthest).all()  # to first order; a tenth for the rest
+    assert (shift < 2.0 * sound.std[FRAMES:]).all()
+    assert (plain_shift > 10.0 * furthest).all()
+
+
+def test_losses_agree_on_small_residuals(drawing):
+    virtual = Virtual(drawing, model_of(drawing, "drives"), 20)
+    equations = whiten(virtual.measured, virtual.rows.predict(virtual.unknowns))
+    linear, weights = robust_terms(equations, "linear")
+    assert linear == pytest.approx(float((equations.residual**2).sum()))
+    assert (weights == 1.0).all()
+    for loss in ("huber", "soft_l1"):
+        cost, weights = robust_terms(equations, loss)
+        assert 0.7 * linear < cost <= linear
+        assert weights.max() <= 1.0
+    assert scatter(equations) < 1.5
+    with pytest.raises(BadInputError, match="there is no loss"):
+        robust_terms(equations, "cauchy")
+
+
+def test_covariance_is_the_scatter_of_repeated_fits(drawing):
+    model = model_of(drawing, "drives")
+    virtual = Virtual(drawing, model, 40)
+    seen = virtual.rows.predict(virtual.unknowns)
+    found = []
+    for seed in range(60):
+        noise = np.random.default_rng(seed).normal(size=(40, 3)) * SIGMA
+        measured = MeasuredPoses(seen.position_m + noise, np.full((40, 3, 3), np.nan), SIGMA, 1.0)
+        start = Unknowns.zero(OUTER, INNER, 4)
+        fit = identify(virtual.rows, measured, start, virtual.prior)
+        found.append(fit.unknowns.parameters)
+    ratio = np.std(found, axis=0) / fit.std[FRAMES:]
+    assert ((ratio > 0.7) & (ratio < 1.35)).all()
+
+
+def test_too_few_rows_and_wrong_priors_are_refused(drawing):
+    virtual = Virtual(drawing, model_of(drawing, "drives"), 8)
+    start = Unknowns.zero(OUTER, INNER, 4)
+    with pytest.raises(CalibrationError, match="only 4 of 4 rows"):
+        identify(virtual.rows[np.arange(4)], virtual.measured[np.arange(4)], start, virtual.prior)
+    for prior in (virtual.prior[1:], np.zeros(16), np.full(16, np.nan)):
+        with pytest.raises(BadInputError, match="positive standard deviations"):
+            identify(virtual.rows, virtual.measured, start, prior)
+
+
+def test_rows_that_do_not_close_are_left_out_and_named(drawing):
+    virtual = Virtual(drawing, model_of(drawing, "drives"), 30)
+    drives = virtual.rows.drives.copy()
+    drives[[3, 9], 0] = 4.0
+    rows = virtual.model.at(drives)
+    start, _ = first_frames(rows, virtual.measured)
+    fit = identify(rows, virtual.measured, start, virtual.prior)
+    assert fit.failed.tolist() == [3, 9]
+    assert fit.chi_square() / fit.freedom() == pytest.approx(1.0, abs=0.4)
+
+
+def test_a_search_cut_short_is_no_answer(drawing):
+    virtual = Virtual(drawing, model_of(drawing, "geometry"), 60)
+    with pytest.raises(CalibrationError, match="does not converge in 2 evaluations"):
+        fitted(virtual, FitOptions(max_evaluations=2))
+
+
+@pytest.mark.parametrize(("count", "wanted", "most"), [(40, "geometry", 57), (300, "all", 100)])
+def test_few_evaluations_suffice(drawing, count, wanted, most):
+    for seed in range(3):
+        virtual = Virtual(drawing, model_of(drawing, wanted, most=most), count, seed=seed)
+        assert len(virtual.truth) == most
+        assert fitted(virtual).evaluations <= 30
+
+
+def test_a_curved_valley_has_an_end(drawing):
+    """Errors of three tolerances, few poses: products of errors, which Gauss-Newton leaves out, count."""
+    virtual = Virtual(drawing, model_of(drawing, "geometry"), 30, seed=2, scale=3.0)
+    fit = fitted(virtual, FitOptions(max_evaluations=100))
+    assert fit.converged
+    # No neighbour along any unknown is more probable.
+    search = Search(virtual.rows, virtual.measured, fit.unknowns, virtual.prior, "huber")
+    for k in range(FRAMES, len(fit.unknowns.values), 9):
+        for sign in (-0.5, 0.5):
+            step = np.zeros_like(fit.std)
+            step[k] = sign * fit.std[k] / virtual.prior[k]
+            assert not search.try_step(step) or fit.cost - search.cost < 0.01

@@ -1,0 +1,48 @@
+"""Held-out blocks: whole ones, the test block apart, and what was measured plays no part."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from pouring_robot.estimation.splits import split
+from pouring_robot.exceptions import CalibrationError
+from tests.campaign.simulated import damaged
+
+NONE = np.zeros(0, dtype=np.intp)
+
+
+def test_blocks_cover_every_row_once(clean):
+    for kind in ("region", "time"):
+        parts = split(clean.campaign, np.array([3, 7]), kind)
+        assert sorted([*parts.train, *parts.test]) == sorted(set(range(60)) - {3, 7})
+        for train, judged in parts.validations:
+            assert not set(train) & set(judged)
+            assert not set(parts.test) & ({*train} | {*judged})
+
+
+def test_time_is_judged_forwards(clean):
+    parts = split(clean.campaign, NONE, "time")
+    assert parts.test.min() > parts.train.max()
+    for train, judged in parts.validations:
+        assert train.max() < judged.min()
+
+
+def test_sessions_serve_where_there_are_four(clean):
+    sessions = tuple(str(k // 15) for k in range(60))
+    campaign = dataclasses.replace(clean.campaign, sessions=sessions)
+    parts = split(campaign, NONE)
+    assert parts.kind == "session"
+    assert parts.test.tolist() == list(range(45, 60))
+    assert split(clean.campaign, NONE).kind == "region"
+
+
+def test_measurements_play_no_part(clean):
+    moved = damaged(clean.campaign, position_m=lambda p: p[::-1] + 5.0)
+    first, second = split(clean.campaign, NONE), split(moved, NONE)
+    np.testing.assert_array_equal(first.test, second.test)
+
+
+def test_too_few_rows_are_refused(clean):
+    with pytest.raises(CalibrationError, match="held-out blocks by region need"):
+        split(clean.campaign.subset(range(12)), NONE)

@@ -1,0 +1,132 @@
+"""The search finds what was planted and nothing on noise; seeded ensembles, rates with their room for chance."""
+
+import numpy as np
+import pytest
+
+from pouring_robot.inference.explanations import Background, Explanation
+from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.search import SearchOptions, backward, reconsidered, search
+from tests.diagnosis.problems import ROWS, explanation, library, planted, problem
+
+
+def test_nothing_is_found_on_noise():
+    """Sixteen forms at a threshold of 5 nats: at most 16 exp(-5), a tenth, by Markov's inequality; less in truth."""
+    alarms = 0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        alarms += bool(search(problem(rng.normal(size=ROWS), library(rng))).items)
+    assert alarms <= 2
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_what_was_planted_is_found_and_nothing_besides(count):
+    right = 0
+    for seed in range(20):
+        rng = np.random.default_rng(1000 * count + seed)
+        items = library(rng)
+        chosen = [items[k] for k in rng.choice(len(items) // 2, size=count, replace=False) * 2]
+        found = search(problem(planted(rng, chosen, [3.0] * count), items))
+        right += set(found.effects) == {item.effect for item in chosen}
+    assert right >= 18
+
+
+def test_the_form_that_was_planted_is_found():
+    right = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        items = library(rng)
+        found = search(problem(planted(rng, [items[5]], [4.0]), items))
+        right += [item.key for item in found.items] == [items[5].key]
+    assert right >= 18
+
+
+def test_a_small_cause_beats_a_large_one_that_fits_as_well():
+    """The large one has the small one's column among its twenty-four: it fits at least as well, and is not chosen."""
+    chosen = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        column = rng.normal(size=(ROWS, 1))
+        items = [explanation("large", np.hstack([rng.normal(size=(ROWS, 23)), column])), explanation("small", column)]
+        chosen.append(search(problem(planted(rng, [items[1]], [2.0]), items)).effects)
+    assert chosen.count(("small",)) >= 19
+
+
+def test_the_first_choice_is_reconsidered():
+    """A column between two true ones looks best at first; with both of them in it is not needed."""
+    right = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        left, other = rng.normal(size=(ROWS, 1)), rng.normal(size=(ROWS, 1))
+        between = left + other + 0.5 * rng.normal(size=(ROWS, 1))
+        items = [explanation("left", left), explanation("other", other), explanation("between", between)]
+        residual = (4.0 * left + 3.5 * other)[:, 0] + rng.normal(size=ROWS)
+        nothing = Hypothesis.nothing(problem(residual, items))
+        assert max(items, key=lambda item: nothing.candidate_gain(item).evidence).effect == "between"
+        right += set(search(problem(residual, items)).effects) == {"left", "other"}
+    assert right >= 19
+
+
+def test_usual_errors_are_not_named(rng):
+    items = library(rng)
+    usual = Background("small", rng.normal(size=(ROWS, 12)))
+    found = search(problem(rng.normal(size=ROWS) + usual.columns @ rng.normal(size=12), items, (usual,)))
+    assert found.items == ()
+    assert found.levels[0] > 0
+
+
+def test_what_only_shapes_does_not_stand_alone(rng):
+    columns = rng.normal(size=(ROWS, 2))
+    item = Explanation("shaped", "form", columns, np.array([True, False]))
+    residual = 5.0 * columns[:, 1] + rng.normal(size=ROWS)
+    assert search(problem(residual, [item])).items == ()
+    assert search(problem(residual, [item]), SearchOptions(least_main_share=0.0, most_shape=np.inf)).effects == (
+        "shaped",
+    )
+
+
+def test_two_forms_at_work_are_one_effect(rng):
+    items = [explanation("same", rng.normal(size=(ROWS, 1)), form) for form in ("one", "other")]
+    found = search(problem(planted(rng, items, [4.0, 3.0]), items))
+    assert found.effects == ("same",)
+    assert len(found.keys) == len(found.items)
+    assert found.of_effect("same") == tuple(range(len(found.items)))
+
+
+def test_no_more_than_wanted_are_found(rng):
+    items = library(rng)[::2]
+    found = search(problem(planted(rng, items[:4], [5.0] * 4), items), SearchOptions(most_effects=2))
+    assert len(found.items) == 2
+
+
+def test_threshold_is_kept(rng):
+    """What is found is worth the threshold; a threshold above its worth leaves it out."""
+    items = library(rng)
+    built = problem(planted(rng, items[:1], [0.6]), items[:1])
+    worth = Hypothesis.nothing(built).candidate_gain(items[0]).evidence
+    assert worth > 1.0
+    assert search(built, SearchOptions(least_evidence=worth - 0.5)).effects == ("effect 0",)
+    assert search(built, SearchOptions(least_evidence=worth + 0.5)).items == ()
+
+
+def test_a_start_that_is_not_needed_is_dropped(rng):
+    items = library(rng)[::2]
+    built = problem(planted(rng, [items[0]], [3.0]), items)
+    start = Hypothesis(built, (items[5], items[0]), (1.0, 1.0), ())
+    assert search(built, start=start).effects == ("effect 0",)
+    assert backward(start.settled(), SearchOptions()).effects == ("effect 0",)
+
+
+def test_a_wrong_item_is_exchanged(rng):
+    items = library(rng)[::2]
+    built = problem(planted(rng, [items[3]], [4.0]), items)
+    wrong = Hypothesis(built, (items[2],), (1.0,), ()).settled()
+    assert reconsidered(wrong, SearchOptions()).effects == ("effect 3",)
+
+
+def test_order_of_the_library_does_not_matter():
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        items = library(rng)
+        residual = planted(rng, [items[2], items[6]], [3.0, 1.5])
+        one, other = search(problem(residual, items)), search(problem(residual, items[::-1]))
+        assert {i.key for i in one.items} == {i.key for i in other.items}

@@ -1,0 +1,108 @@
+"""Files are written whole or not at all."""
+
+import os
+import stat
+from pathlib import Path
+
+import pytest
+
+from pouring_robot.exceptions import BadInputError, OutputError
+from pouring_robot.io.files import write_together, write_whole
+
+
+def test_writes_text_and_bytes_and_leaves_nothing_else(tmp_path):
+    assert write_whole(tmp_path / "a.txt", "µm") == tmp_path / "a.txt"
+    write_whole(tmp_path / "a.txt", b"new")
+    assert (tmp_path / "a.txt").read_bytes() == b"new"
+    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_keeps_the_old_file_when_writing_fails(tmp_path, monkeypatch):
+    target = tmp_path / "a.txt"
+    target.write_text("old")
+
+    def interrupted(descriptor):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "fsync", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_whole(target, "new")
+    assert target.read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_a_full_disk_is_one_line(tmp_path, monkeypatch):
+    def full(descriptor):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OutputError, match="No space left") as caught:
+        write_whole(tmp_path / "a.txt", "new")
+    assert "\n" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_follows_links_and_keeps_modes(tmp_path):
+    target = tmp_path / "real.txt"
+    target.write_text("old")
+    target.chmod(0o640)
+    (tmp_path / "link.txt").symlink_to(target)
+    write_whole(tmp_path / "link.txt", "new")
+    assert (tmp_path / "link.txt").is_symlink()
+    assert target.read_text() == "new"
+    assert stat.S_IMODE(target.stat().st_mode) == 0o640
+
+
+def test_new_files_follow_the_umask(tmp_path):
+    before = os.umask(0o027)
+    try:
+        write_whole(tmp_path / "a.txt", "x")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "a.txt").stat().st_mode) == 0o640
+
+
+def test_writes_straight_to_a_device():
+    write_whole("/dev/null", "x")
+    assert stat.S_ISCHR(Path("/dev/null").stat().st_mode)
+
+
+@pytest.mark.parametrize(("name", "problem"), [("", "is a folder"), ("no/such/a.txt", "does not exist")])
+def test_says_why_it_cannot_write(tmp_path, name, problem):
+    with pytest.raises(OutputError, match=problem) as caught:
+        write_whole(tmp_path / name, "x")
+    assert isinstance(caught.value, BadInputError)
+    assert caught.value.exit_code == 2
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_several_files_are_written_all_or_none(tmp_path, monkeypatch, error):
+    (tmp_path / "old.txt").write_text("old")
+    files = {tmp_path / "old.txt": "new", tmp_path / "a" / "b" / "c.txt": b"c", tmp_path / "d.txt": "d"}
+    before = sorted(tmp_path.rglob("*"))
+    calls = []
+
+    def fails_once_at_the_third(descriptor):
+        calls.append(descriptor)
+        if len(calls) == 3:
+            raise error
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "fsync", fails_once_at_the_third)
+        with pytest.raises(OutputError if isinstance(error, OSError) else KeyboardInterrupt):
+            write_together(files)
+    assert len(calls) == 4  # the older file was written again
+    assert (tmp_path / "old.txt").read_text() == "old"
+    assert sorted(tmp_path.rglob("*")) == before
+    assert write_together(files) == list(files)
+    assert (tmp_path / "old.txt").read_text() == "new"
+    assert (tmp_path / "a" / "b" / "c.txt").read_text() == "c"
+
+
+def test_a_folder_that_cannot_be_made_is_one_line(tmp_path):
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(OutputError) as caught:
+        write_together({tmp_path / "first" / "a.txt": "a", tmp_path / "file" / "folder" / "b.txt": "b"})
+    assert "\n" not in str(caught.value)
+    assert [path.name for path in tmp_path.rglob("*")] == ["file"]

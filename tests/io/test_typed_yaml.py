@@ -1,0 +1,101 @@
+"""Errors in YAML files name the file, the line and the key."""
+
+import pydantic
+import pytest
+
+from pouring_robot.exceptions import DescriptionError, ModelFileError
+from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
+
+
+class Part(StrictModel):
+    """A part."""
+
+    mass_kg: float = pydantic.Field(gt=0)
+    name: str = ""
+
+
+class Machine(StrictModel):
+    """A machine."""
+
+    parts: tuple[Part, ...] = ()
+    named: dict[str, Part] = pydantic.Field(default_factory=dict)
+    base: Part | None = None
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(content):
+        path = tmp_path / "machine.yaml"
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return write
+
+
+def read(path):
+    return validate(Machine, read_yaml(path), path)
+
+
+def test_reads_what_is_right(written):
+    machine = read(written("parts:\n- {mass_kg: 2}\nnamed: {a: {mass_kg: 3.5, name: lever}}\n"))
+    assert machine.parts[0].mass_kg == 2.0
+    assert machine.named["a"].name == "lever"
+
+
+@pytest.mark.parametrize(
+    ("content", "line", "words"),
+    [
+        ("parts:\n- mass_kg: 2\n- mas_kg: 3\n", 3, "mas"),
+        ("parts:\n- mass_kg: 2\n  nam: x\n", 3, "unknown key 'parts.0.nam'; did you mean 'name'"),
+        ("base:\n  nmae: x\n  mass_kg: 1\n", 2, "did you mean 'name'"),
+        ("named:\n  a:\n    mass_kg: 1\n    nime: x\n", 4, "did you mean 'name'"),
+        ("named:\n  a: {mass_kg: -1}\n", 2, "named.a.mass_kg"),
+        ("named:\n  a: {mass_kg: .nan}\n", 2, "finite"),
+        ("named:\n  a: {mass_kg: heavy}\n", 2, "it is 'heavy'"),
+        ("party:\n- 1\n", 1, "unknown key 'party'; did you mean 'parts'"),
+        ("parts: 5\n", 1, "it is 5"),
+        ("parts:\n- {name: x}\n", 2, "key 'parts.0.mass_kg' is missing"),
+    ],
+)
+def test_names_line_and_key(written, content, line, words):
+    path = written(content)
+    with pytest.raises(DescriptionError, match=words) as caught:
+        read(path)
+    assert str(caught.value).startswith(f"{path}: line {line}: ")
+    assert "\n" not in str(caught.value)
+    assert caught.value.path == path
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("parts: [1, 2\n", "not valid YAML"),
+        ("parts: []\nparts: []\n", "line 2: not valid YAML.*duplicate"),
+        ("a: b: c\n", "line 1: not valid YAML"),
+        ("- 1\n- 2\n", "mapping"),
+        ("", "mapping"),
+        ("just words", "mapping"),
+        (b"\xff\xfe\x00parts", "UTF-8"),
+        (b"parts: \x00\n", "not valid YAML"),
+        ("parts: &a [*a]\n", "parts"),
+        ("parts: *missing\n", "not valid YAML"),
+        ("? [1, 2]\n: 3\n", "."),
+        ("parts: 2001-99-99\n", "."),
+    ],
+)
+def test_broken_files(written, content, words):
+    with pytest.raises(DescriptionError, match=words) as caught:
+        read(written(content))
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_file_and_the_kind_of_error(tmp_path):
+    with pytest.raises(ModelFileError, match=r"absent\.yaml: cannot be read: No such file"):
+        read_yaml(tmp_path / "absent.yaml", ModelFileError)
+    with pytest.raises(DescriptionError, match="cannot be read"):
+        read_yaml(tmp_path)
+
+
+def test_counts_the_other_mistakes(written):
+    with pytest.raises(DescriptionError, match=r"\(and 2 more\)$"):
+        read(written("parts:\n- {mass_kg: -1}\n- {mass_kg: -2}\n- {mass_kg: -3}\n"))

@@ -1,0 +1,153 @@
+"""The study of the paper's section 5: its figures against the library, its rules, its page."""
+
+import dataclasses
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from pouring_robot.robot.pouring.poses import PlatformPose
+from scripts.paper import thermal_study as paper_study
+from scripts.paper.thermal_claims import judge_all
+from scripts.paper.thermal_report import ThermalReport
+from scripts.paper.thermal_study import MELTS_DEGC, POSES, TILT_RAD, contest, draw_poses, run_thermal_study
+from tests.support import BOX_LOWER, BOX_UPPER, ROOT
+
+
+@pytest.fixture(scope="module")
+def study():
+    """A small one: fewer poses left out and fewer all over the workspace."""
+    patch = pytest.MonkeyPatch()
+    patch.setattr(paper_study, "LEFT_OUT", 10)
+    patch.setattr(paper_study, "BOX_POSES", 20)
+    steps = []
+    try:
+        found = run_thermal_study("paper", 2022, 0, lambda done, total: steps.append((done, total)))
+    finally:
+        patch.undo()
+    assert steps == [(k, 3) for k in range(4)]
+    return found
+
+
+@pytest.fixture(scope="module")
+def report(study):
+    return ThermalReport.of(study)
+
+
+def verdicts(study):
+    return {claim.key: claim.verdict for claim in judge_all(study)}
+
+
+def test_poses_are_the_papers(drawing):
+    poses = draw_poses(drawing.layout, 50, np.random.default_rng(0))
+    places = np.array([pose.position_m for pose in poses])
+    assert np.all(places >= BOX_LOWER[:3]) and np.all(places <= BOX_UPPER[:3])
+    assert {pose.tilt_rad for pose in poses} == {TILT_RAD} == {np.radians(10.0)}
+    assert poses == draw_poses(drawing.layout, 50, np.random.default_rng(0))
+
+
+def test_error_sets_are_where_the_warm_drawing_is(study, drawing):
+    from pouring_robot.thermal.expansion.growth import ThermalExpansion
+    from pouring_robot.thermal.expansion.warm_robot import solve_heated
+    from pouring_robot.thermal.network.robot_network import ThermalNetwork
+
+    network = ThermalNetwork(drawing)
+    assert study.moved.shape == (12, POSES, 3)
+    for j, k in ((0, 3), (11, 7)):
+        pose = study.poses[k]
+        warm = solve_heated(drawing, ThermalExpansion.from_field(network.steady(pose, MELTS_DEGC[j])), pose)
+        away = PlatformPose.from_se3(warm.pose_base_to_end).position_m
+        assert study.moved[j, k] == pytest.approx(np.subtract(away, pose.position_m), abs=1e-12)
+    assert study.tables["Y"].errors == pytest.approx(study.moved[:, :, 1])
+
+
+def test_magnitudes_of_the_paper(study):
+    said = verdicts(study)
+    for key in ("cold_chains", "mostly_300", "near_500", "mean_3_mm", "one_direction", "linear"):
+        assert said[key] == "reproduced", key
+    # What falls short is said so: these are known, and nothing is tuned to hide them.
+    for key in ("largest_9_mm", "cool_edge", "guard", "first_component"):
+        assert said[key] == "differs", key
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "verdict"),
+    [
+        (lambda s: {"box_lip_m": s.box_lip_m * 3.0}, "largest_9_mm", "reproduced"),
+        (lambda s: {"conduction": s.radiation}, "cold_chains", "differs"),
+        (lambda s: {"radiation": s.conduction}, "mostly_300", "differs"),
+        (lambda s: {"radiation": s.conduction}, "near_500", "differs"),
+        (lambda s: {"moved": s.moved * 2.0}, "mean_3_mm", "differs"),
+        (lambda s: {"moved": s.moved * np.where(np.arange(POSES) % 2, -1.0, 1.0)[:, None]}, "one_direction", "differs"),
+        (lambda s: {"moved": np.abs(s.moved) ** 3}, "linear", "differs"),
+    ],
+)
+def test_other_figures_get_other_verdicts(study, changes, key, verdict):
+    assert verdicts(dataclasses.replace(study, **changes(study)))[key] == verdict
+
+
+def test_scatter_brings_the_papers_component_and_guard(study):
+    """What the rows say would be needed: noise of a quarter of a set's spread gives about 97 % and a VIF below 10."""
+    claims = {claim.key: claim for claim in judge_all(study)}
+    scatter = claims["first_component"].figures["scatter_mm"] * 1e-3
+    random = np.random.default_rng(5)
+    shares = []
+    for _ in range(20):
+        noisy = study.moved + scatter * random.normal(size=study.moved.shape)
+        found = {c.key: c for c in judge_all(dataclasses.replace(study, moved=noisy))}
+        shares.append(found["first_component"].figures["share"])
+    assert 0.93 < np.median(shares) < 0.99
+
+
+def test_the_contest_against_plain_lines(study):
+    table, judged = study.tables["X"], study.judged["X"]
+    found = contest(table, judged)
+    temperature = table.temperatures_K
+    for name, (mean, spread) in zip(found.sensitive, found.single, strict=True):
+        line = np.polynomial.Polynomial.fit(temperature, table.errors[:, table.names.index(name)], 1)
+        left = judged.errors - line(temperature)[:, None]
+        assert (mean, spread) == pytest.approx((left.mean(), left.std(ddof=1)), rel=1e-9)
+    whole = np.polynomial.Polynomial.fit(temperature, table.errors.mean(axis=1), 1)
+    left = judged.errors - whole(temperature)[:, None]
+    assert found.joint["table"] == pytest.approx((left.mean(), left.std(ddof=1)), rel=1e-9)
+
+
+def test_everything_is_written_and_says_the_same(report, tmp_path):
+    written = report.write(tmp_path / "out")
+    names = {path.name for path in written}
+    assert {f"paper_fig{n}.png" for n in range(6, 13)} <= names
+    assert {"claims.csv", "claims.json", "paper_thermal.md", "error_sets_x.csv"} <= names
+    page = (tmp_path / "out" / "paper_thermal.md").read_text(encoding="utf-8")
+    assert report.text() in page and "reproduce_paper.py thermal`" in page
+    assert all(path.stat().st_size > 200 for path in written)
+    assert max(map(len, report.text().splitlines())) <= 120
+
+
+def test_the_same_study_gives_the_same_pictures(report, study):
+    again = ThermalReport.of(study).figures
+    assert again["paper_fig9.png"] == report.figures["paper_fig9.png"]
+
+
+def test_the_page_in_docs_is_complete():
+    page = (ROOT / "docs" / "paper_thermal.md").read_text(encoding="utf-8")
+    pictures = re.findall(r"\]\((paper_fig\d+\.png)\)", page)
+    assert len(pictures) == 7
+    assert all((ROOT / "docs" / name).stat().st_size > 1000 for name in pictures)
+    assert "16 claims" in page
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--layout", "round"], "unknown layout 'round'"),
+        (["--seed", "-1"], "--seed"),
+        (["--out", "/proc/x"], "/proc/x"),
+    ],
+)
+def test_the_script_refuses_in_one_line(arguments, says):
+    command = [sys.executable, str(ROOT / "scripts" / "reproduce_paper.py"), "thermal", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert says in done.stderr and "Traceback" not in done.stderr

@@ -1,0 +1,122 @@
+"""What several tests measure with: random poses and models, central differences, small foreign mechanisms."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from pouring_robot.robot.model import JointPlacement, RobotModel
+from pouring_robot.robot.pouring.poses import PlatformPose
+
+ROOT = Path(__file__).resolve().parents[1]
+DATA = ROOT / "tests" / "data"
+ACTUAL = ROOT / "examples" / "actual.yaml"
+CHAINS = (1, 2, 3, 4)
+
+# The workspace box of DESIGN §2, written down a second time on purpose.
+BOX_LOWER = np.array([-0.150, -0.050, -0.825, -0.4884])
+BOX_UPPER = np.array([-0.050, 0.050, -0.425, 1.08155])
+
+
+def random_poses(count, seed):
+    """Return poses spread evenly over the workspace box."""
+    numbers = np.random.default_rng(seed).uniform(BOX_LOWER, BOX_UPPER, size=(count, 4))
+    return [PlatformPose(tuple(row[:3].tolist()), float(row[3])) for row in numbers]
+
+
+def displaced(pose, random, distance_m=0.020, angle_rad=0.050):
+    """Return a pose that far away in a random direction, tilted more or less by the angle."""
+    direction = random.normal(size=3)
+    direction *= distance_m / np.linalg.norm(direction)
+    sign = random.choice((-1.0, 1.0))
+    return PlatformPose(tuple((np.array(pose.position_m) + direction).tolist()), pose.tilt_rad + sign * angle_rad)
+
+
+def crooked_model(seed, axis_mrad, centre_mm=0.5, layout="paper"):
+    """Return a robot whose joint axes and centres are all off by normal deviates of the given spread."""
+    random = np.random.default_rng(seed)
+
+    def draw(translation, rotation):
+        t, r = (np.round(random.normal(size=3) * spread, 4) + 0.0 for spread in (translation, rotation))
+        return JointPlacement(translation_mm=tuple(t.tolist()), rotation_mrad=tuple(r.tolist()))
+
+    placements = {}
+    for leg in CHAINS:
+        placements[f"leg{leg}_s1"] = draw(centre_mm, axis_mrad)
+        placements[f"leg{leg}_s2"] = draw(0.0, axis_mrad)
+        placements[f"leg{leg}_s4"] = draw(0.0, axis_mrad)
+        placements[f"leg{leg}_seat_mount"] = draw(centre_mm, axis_mrad)
+    return RobotModel(layout=layout, joint_placements=placements)
+
+
+def oracle_cases():
+    """Return the 60 closed poses of the independent energy formulation."""
+    return json.loads((DATA / "closure_oracle.json").read_text(encoding="utf-8"))
+
+
+def central_differences(function, model, configuration, step=1e-6):
+    """Return the derivative of ``function(configuration)`` by joint twists, one column each, fourth order."""
+    columns = []
+    for k in range(model.nv):
+        direction = np.zeros(model.nv)
+        direction[k] = step
+        near, far = (
+            function(pin.integrate(model, configuration, n * direction))
+            - function(pin.integrate(model, configuration, -n * direction))
+            for n in (1, 2)
+        )
+        columns.append((8.0 * near - far) / (12.0 * step))
+    return np.stack(columns, axis=-1)
+
+
+def relative_error(found, expected):
+    """Return the largest deviation as a share of the largest expected number."""
+    return float(np.abs(np.asarray(found) - expected).max() / np.abs(expected).max())
+
+
+def pose_gap(first, second):
+    """Return distance (m) and angle (rad) between two poses."""
+    angle = np.linalg.norm(pin.log3(first.rotation.T @ second.rotation))
+    return float(np.linalg.norm(first.translation - second.translation)), float(angle)
+
+
+def planar_urdf(name, chains):
+    """Return a URDF of planar open chains: revolute joints about y, links along x.
+
+    Args:
+        name: of the robot.
+        chains: for each chain its name, the x of its ground joint and the lengths of its links, in m. Link ``n``
+            turns in joint ``<chain>_j<n>``; the fixed link ``<chain>_tip`` ends the chain.
+    """
+    parts = [f'<robot name="{name}"><link name="ground"/>']
+    inertial = (
+        '<inertial><origin xyz="{x} 0 0"/><mass value="1.5"/>'
+        '<inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    for chain, ground_x, lengths in chains:
+        parent, offset = "ground", ground_x
+        for number, length in enumerate(lengths, start=1):
+            child = f"{chain}_l{number}"
+            parts.append(f'<link name="{child}">{inertial.format(x=length / 2)}</link>')
+            parts.append(
+                f'<joint name="{chain}_j{number}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+                f'<origin xyz="{offset} 0 0"/><axis xyz="0 1 0"/>'
+                '<limit lower="-3.2" upper="3.2" effort="1" velocity="1"/></joint>'
+            )
+            parent, offset = child, length
+        parts.append(
+            f'<link name="{chain}_tip"/><joint name="{chain}_tip_mount" type="fixed"><parent link="{parent}"/>'
+            f'<child link="{chain}_tip"/><origin xyz="{offset} 0 0"/></joint>'
+        )
+    return "".join(parts) + "</robot>"
+
+
+def circle_meeting(centre_a, radius_a, centre_b, radius_b, side):
+    """Return the point of the x-z plane at the given distances from two centres, on the given side (+1, -1)."""
+    across = np.subtract(centre_b, centre_a)
+    distance = np.hypot(*across)
+    along = (distance**2 + radius_a**2 - radius_b**2) / (2 * distance)
+    height = np.sqrt(radius_a**2 - along**2)
+    normal = np.array([-across[1], across[0]]) / distance
+    return np.asarray(centre_a) + along * across / distance + side * height * normal
