@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pouring_robot.sweep import ErrorEntry, Grid, Poses, SweepConfig, SweepPlan, open_results, run_sweep
-from pouring_robot.sweep.analysis.report import report
+from pouring_robot.sweeps import ErrorEntry, Grid, Poses, SweepConfig, SweepPlan, open_results, run_sweep
+from pouring_robot.sweeps.analysis.report import report
 
 ERRORS = (
     ErrorEntry(parameters=("alpha_e*_*", "theta_e*_*"), half_width_mrad=0.3),  # directions of joint axes

@@ -26,7 +26,7 @@ from pouring_robot.exceptions import BadInputError
 
 if TYPE_CHECKING:
     from pouring_robot.io.progress import Progress as ProgressCallback
-    from pouring_robot.sweep import AllocatedTolerances, SweepReport
+    from pouring_robot.sweeps import AllocatedTolerances, SweepReport
 
 _SHOWN = 15
 
@@ -45,8 +45,8 @@ def sweep(
 ) -> None:
     """Find out which tolerances matter, how far the ladle is off, and the loosest tolerances that will do."""
     # xarray, Zarr and SciPy take a second to import; only this command pays for it.
-    from pouring_robot.sweep import SweepPlan, run_sweep
-    from pouring_robot.sweep.analysis.report import report
+    from pouring_robot.sweeps import SweepPlan, run_sweep
+    from pouring_robot.sweeps.analysis.report import report
 
     if workers and scheduler:
         raise BadInputError("give --workers or --scheduler, not both: the cluster has workers of its own")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pouring_robot.sweep import SweepConfig, SweepPlan
+from pouring_robot.sweeps import SweepConfig, SweepPlan
 from tests.sweep.sweep_files import content
 
 

@@ -6,7 +6,7 @@ from pouring_robot.exceptions import ClosureError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureSolver
 from pouring_robot.robot.pouring.description import PlacementError, perturb_urdf
-from pouring_robot.sweep.evaluation import Platforms
+from pouring_robot.sweeps.evaluation import Platforms
 
 
 class OneAtATime:

@@ -8,9 +8,9 @@ import scipy.optimize
 import scipy.stats
 
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.sweep import Allocation, ErrorEntry, allocate, allocate_tolerances, group_covariances
-from pouring_robot.sweep.analysis.allocation import distance_quantiles
-from pouring_robot.sweep.analysis.linear import transfer_matrices
+from pouring_robot.sweeps import Allocation, ErrorEntry, allocate, allocate_tolerances, group_covariances
+from pouring_robot.sweeps.analysis.allocation import distance_quantiles
+from pouring_robot.sweeps.analysis.linear import transfer_matrices
 
 SHARE = 0.9973
 

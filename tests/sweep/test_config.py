@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from pouring_robot.cli.app import main
-from pouring_robot.sweep import SweepPlan
+from pouring_robot.sweeps import SweepPlan
 from tests.support import ACTUAL
 from tests.sweep.sweep_files import content, snapshot, write
 
@@ -104,7 +104,7 @@ def test_bad_options(tmp_path, capsys):
 
 
 def test_no_scheduler_there(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("pouring_robot.sweep.runner._CONNECT_SECONDS", 1)
+    monkeypatch.setattr("pouring_robot.sweeps.runner._CONNECT_SECONDS", 1)
     for address, pattern in (("tcp://127.0.0.1:9", "no Dask scheduler answers"), ("nonsense://x", "nonsense")):
         out = tmp_path / "out"
         assert_refused(*run(write(tmp_path), "--out", out, "--scheduler", address, capsys=capsys), pattern)

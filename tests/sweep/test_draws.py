@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from pouring_robot.sweep import ErrorEntry
+from pouring_robot.sweeps import ErrorEntry
 
 COUNT = 20_000
 ENTRIES = [
@@ -19,7 +19,7 @@ ENTRIES = [
 
 @pytest.fixture(scope="module")
 def values():
-    from pouring_robot.sweep import SweepConfig, SweepPlan
+    from pouring_robot.sweeps import SweepConfig, SweepPlan
     from tests.sweep.sweep_files import content
 
     plan = SweepPlan(SweepConfig.model_validate(content(errors=ENTRIES, samples=COUNT)))

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from pouring_robot.exceptions import NoSolutionError
-from pouring_robot.sweep import ErrorEntry, run_sweep
-from pouring_robot.sweep.analysis.linear import transfer_matrices
-from pouring_robot.sweep.analysis.report import report
+from pouring_robot.sweeps import ErrorEntry, run_sweep
+from pouring_robot.sweeps.analysis.linear import transfer_matrices
+from pouring_robot.sweeps.analysis.report import report
 
 FAILING_NOW_AND_THEN_MRAD = 150.0
 

@@ -6,8 +6,8 @@ import pytest
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.sweep import ErrorEntry
-from pouring_robot.sweep.parameters import ErrorMap, ParameterCatalogue
+from pouring_robot.sweeps import ErrorEntry
+from pouring_robot.sweeps.parameters import ErrorMap, ParameterCatalogue
 
 
 @pytest.fixture(scope="module")

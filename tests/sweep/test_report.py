@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from pouring_robot.cli.app import main
-from pouring_robot.sweep import ErrorEntry, SweepPlan, open_results, run_sweep
-from pouring_robot.sweep.analysis.linear import transfer_matrices
-from pouring_robot.sweep.analysis.report import report
-from pouring_robot.sweep.analysis.summary import Distances
+from pouring_robot.sweeps import ErrorEntry, SweepPlan, open_results, run_sweep
+from pouring_robot.sweeps.analysis.linear import transfer_matrices
+from pouring_robot.sweeps.analysis.report import report
+from pouring_robot.sweeps.analysis.summary import Distances
 from tests.support import ROOT
 from tests.sweep.sweep_files import write
 

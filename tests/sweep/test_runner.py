@@ -11,7 +11,7 @@ import pytest
 
 from pouring_robot.cli.app import main
 from pouring_robot.exceptions import SweepStoreError, SweepWorkerError
-from pouring_robot.sweep import SweepPlan, SweepStore, run_sweep
+from pouring_robot.sweeps import SweepPlan, SweepStore, run_sweep
 from tests.support import ROOT
 from tests.sweep.sweep_files import numbers, snapshot, write
 
@@ -135,14 +135,14 @@ def fail(plan, chunk):
 
 
 def test_a_fault_on_a_worker_is_one_line(plan, tmp_path, cluster, monkeypatch):
-    monkeypatch.setattr("pouring_robot.sweep.runner._compute", fail)
+    monkeypatch.setattr("pouring_robot.sweeps.runner._compute", fail)
     with pytest.raises(SweepWorkerError, match=r"a worker of the cluster failed \(ValueError: a fault on the worker\)"):
         run_sweep(plan, tmp_path / "out", scheduler=cluster.scheduler_address)
     assert not (tmp_path / "out").exists()
 
 
 def test_workers_of_another_version_are_refused(plan, tmp_path, cluster, monkeypatch):
-    monkeypatch.setattr("pouring_robot.sweep.runner.pouring_robot.__version__", "99.0")
+    monkeypatch.setattr("pouring_robot.sweeps.runner.pouring_robot.__version__", "99.0")
     with pytest.raises(SweepWorkerError, match=r"a worker runs pouring_robot 0\..*, this is 99.0"):
         run_sweep(plan, tmp_path / "out", scheduler=cluster.scheduler_address)
 

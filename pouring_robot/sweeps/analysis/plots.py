@@ -10,9 +10,9 @@ import numpy as np
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.plots import png_of
-from pouring_robot.sweep.analysis.summary import Summary
-from pouring_robot.sweep.analysis.tolerances import RankedParameter
-from pouring_robot.sweep.store import SweepStore
+from pouring_robot.sweeps.analysis.summary import Summary
+from pouring_robot.sweeps.analysis.tolerances import RankedParameter
+from pouring_robot.sweeps.store import SweepStore
 
 _SHOWN = 20
 _POINTS = 2000  # of each box at most: the picture shows no more

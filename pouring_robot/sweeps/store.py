@@ -35,8 +35,8 @@ import zarr
 from numpy.typing import NDArray
 
 from pouring_robot.exceptions import SweepStoreError
-from pouring_robot.sweep.evaluation import NOT_DONE, STATUS_NAMES
-from pouring_robot.sweep.plan import Chunk, ChunkResult, SweepPlan
+from pouring_robot.sweeps.evaluation import NOT_DONE, STATUS_NAMES
+from pouring_robot.sweeps.plan import Chunk, ChunkResult, SweepPlan
 
 STORE = "results.zarr"
 SUMMARY, RANKING, PICTURE = REPORTS = ("summary.json", "ranking.csv", "sweep.png")

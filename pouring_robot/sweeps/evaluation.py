@@ -13,7 +13,7 @@ from pouring_robot.batch import STATUS_NAMES as BATCH_STATUS_NAMES
 from pouring_robot.batch import BatchCommand, BatchEngine, StarStructure
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.sweep.branch import open_branch_poses
+from pouring_robot.sweeps.branch import open_branch_poses
 
 ByteArray = NDArray[np.uint8]
 

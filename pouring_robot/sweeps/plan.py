@@ -23,11 +23,11 @@ from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.layout import Layout, load_layout
-from pouring_robot.sweep.config import Grouping, SweepConfig
-from pouring_robot.sweep.draws import Draws
-from pouring_robot.sweep.evaluation import ByteArray, ClosedChains, Evaluator, OpenBranch, Platforms
-from pouring_robot.sweep.parameters import ErrorMap, ParameterCatalogue
-from pouring_robot.sweep.poses import sweep_commands
+from pouring_robot.sweeps.config import Grouping, SweepConfig
+from pouring_robot.sweeps.draws import Draws
+from pouring_robot.sweeps.evaluation import ByteArray, ClosedChains, Evaluator, OpenBranch, Platforms
+from pouring_robot.sweeps.parameters import ErrorMap, ParameterCatalogue
+from pouring_robot.sweeps.poses import sweep_commands
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.parameters import COMPONENTS, DriveParameter, LocalParameter, placement_parameters
 from pouring_robot.robot.pouring.dh.chain import SEAT, SITES, SYMBOLS, TRANSFORMS, DHChain, dh_transform, inverse
 from pouring_robot.robot.pouring.dh.table import DHTable
-from pouring_robot.sweep.config import ErrorEntry, SweepConfig
+from pouring_robot.sweeps.config import ErrorEntry, SweepConfig
 
 DRIVE_PREFIX = "drive."
 

@@ -17,7 +17,7 @@ import numpy as np
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.sweep.store import SweepStore
+from pouring_robot.sweeps.store import SweepStore
 
 _RESAMPLES = 100
 _READ_AT_ONCE = 4_000_000  # numbers, 32 MB

@@ -13,11 +13,11 @@ from typing import Any
 
 from pouring_robot.io.files import write_whole
 from pouring_robot.io.progress import Progress, say_nothing
-from pouring_robot.sweep.analysis.indices import SobolIndices, sobol_indices
-from pouring_robot.sweep.analysis.plots import picture
-from pouring_robot.sweep.analysis.summary import Summary, summarise
-from pouring_robot.sweep.analysis.tolerances import AllocatedTolerances, RankedParameter, allocate_tolerances, rank
-from pouring_robot.sweep.store import PICTURE, RANKING, SUMMARY, SweepStore
+from pouring_robot.sweeps.analysis.indices import SobolIndices, sobol_indices
+from pouring_robot.sweeps.analysis.plots import picture
+from pouring_robot.sweeps.analysis.summary import Summary, summarise
+from pouring_robot.sweeps.analysis.tolerances import AllocatedTolerances, RankedParameter, allocate_tolerances, rank
+from pouring_robot.sweeps.store import PICTURE, RANKING, SUMMARY, SweepStore
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,13 +7,13 @@ by chunk and goes on after a kill with ``resume=True``; ``report(store)`` reduce
 
 from __future__ import annotations
 
-from pouring_robot.sweep.analysis.allocation import allocate, group_covariances
-from pouring_robot.sweep.analysis.report import SweepReport, report
-from pouring_robot.sweep.analysis.tolerances import AllocatedTolerances, RankedParameter, allocate_tolerances, rank
-from pouring_robot.sweep.config import Allocation, ErrorEntry, Grid, Poses, RandomBox, SweepConfig
-from pouring_robot.sweep.plan import SweepPlan
-from pouring_robot.sweep.runner import run_sweep
-from pouring_robot.sweep.store import SweepStore, open_results
+from pouring_robot.sweeps.analysis.allocation import allocate, group_covariances
+from pouring_robot.sweeps.analysis.report import SweepReport, report
+from pouring_robot.sweeps.analysis.tolerances import AllocatedTolerances, RankedParameter, allocate_tolerances, rank
+from pouring_robot.sweeps.config import Allocation, ErrorEntry, Grid, Poses, RandomBox, SweepConfig
+from pouring_robot.sweeps.plan import SweepPlan
+from pouring_robot.sweeps.runner import run_sweep
+from pouring_robot.sweeps.store import SweepStore, open_results
 
 __all__ = [
     "AllocatedTolerances",

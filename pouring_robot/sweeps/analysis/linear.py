@@ -6,7 +6,7 @@ import numpy as np
 
 from pouring_robot.batch import BatchCommand, BatchEngine
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.sweep.plan import SweepPlan
+from pouring_robot.sweeps.plan import SweepPlan
 
 
 def transfer_matrices(plan: SweepPlan, poses: BatchCommand) -> FloatArray:

@@ -12,13 +12,13 @@ from pouring_robot.batch.structure import BoolArray
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.sweep.analysis.allocation import AllocatedFactors, allocate, group_covariances
-from pouring_robot.sweep.analysis.indices import SobolIndices
-from pouring_robot.sweep.analysis.linear import transfer_matrices
-from pouring_robot.sweep.analysis.summary import Summary
-from pouring_robot.sweep.config import Allocation
-from pouring_robot.sweep.plan import SweepPlan
-from pouring_robot.sweep.store import AXES
+from pouring_robot.sweeps.analysis.allocation import AllocatedFactors, allocate, group_covariances
+from pouring_robot.sweeps.analysis.indices import SobolIndices
+from pouring_robot.sweeps.analysis.linear import transfer_matrices
+from pouring_robot.sweeps.analysis.summary import Summary
+from pouring_robot.sweeps.config import Allocation
+from pouring_robot.sweeps.plan import SweepPlan
+from pouring_robot.sweeps.store import AXES
 
 VERIFIED_POSES = 64
 _CLOSURES_AT_ONCE, _POSES_AT_ONCE = 20_000, 1000

@@ -10,7 +10,7 @@ from pouring_robot.robot.pose_table import read_poses
 from pouring_robot.robot.pouring.kinematics import CHAINS, FourUPUKinematics
 from pouring_robot.robot.pouring.layout import Layout
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.sweep.config import Box, Grid, Poses, RandomBox, SweepConfig
+from pouring_robot.sweeps.config import Box, Grid, Poses, RandomBox, SweepConfig
 
 
 def sweep_commands(config: SweepConfig, layout: Layout, kinematics: FourUPUKinematics) -> BatchCommand:

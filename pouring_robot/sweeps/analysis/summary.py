@@ -10,9 +10,9 @@ import numpy as np
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.sweep.evaluation import NOT_DONE, STATUS_NAMES
-from pouring_robot.sweep.plan import SweepPlan
-from pouring_robot.sweep.store import AXES, SweepStore
+from pouring_robot.sweeps.evaluation import NOT_DONE, STATUS_NAMES
+from pouring_robot.sweeps.plan import SweepPlan
+from pouring_robot.sweeps.store import AXES, SweepStore
 
 SHARES = (0.5, 0.95, 0.9973)
 # Distances are counted in bins a thousandth wide, from a picometre to ten metres; quantiles are as sharp as that.

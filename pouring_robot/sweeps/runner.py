@@ -11,8 +11,8 @@ from typing import Any
 import pouring_robot
 from pouring_robot.exceptions import SweepWorkerError
 from pouring_robot.io.progress import Progress, say_nothing
-from pouring_robot.sweep.plan import Chunk, ChunkResult, SweepPlan
-from pouring_robot.sweep.store import SweepStore
+from pouring_robot.sweeps.plan import Chunk, ChunkResult, SweepPlan
+from pouring_robot.sweeps.store import SweepStore
 
 _Results = Generator[tuple[Chunk, ChunkResult], None, None]
 _CONNECT_SECONDS = 15

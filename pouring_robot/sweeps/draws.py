@@ -19,8 +19,8 @@ import numpy as np
 import scipy.special
 
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.sweep.config import SweepConfig
-from pouring_robot.sweep.parameters import SweepParameter
+from pouring_robot.sweeps.config import SweepConfig
+from pouring_robot.sweeps.parameters import SweepParameter
 
 BLOCK = 256
 NORMAL_TOLERANCE_SIGMAS = 3.0

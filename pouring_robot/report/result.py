@@ -1,0 +1,36 @@
+"""What every result offers to a person at a prompt or in a notebook: one line, and a small table."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from html import escape
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_SHOWN_ROWS = 12
+
+
+class Result(ABC):
+    """Base of results. A dataclass that derives from it is declared with ``repr=False``."""
+
+    @property
+    @abstractmethod
+    def headline(self) -> str:
+        """What was found, in one line with its figures and their units."""
+
+    @abstractmethod
+    def to_frame(self) -> pd.DataFrame:
+        """Return the figures as a table whose column names carry the units."""
+
+    def __repr__(self) -> str:
+        """Return the headline behind the name of the class."""
+        return f"<{type(self).__name__}: {self.headline}>"
+
+    def _repr_html_(self) -> str:
+        """Return the headline and the first rows of the table, for notebooks."""
+        frame = self.to_frame()
+        more = f"<p>{len(frame) - _SHOWN_ROWS} more rows</p>" if len(frame) > _SHOWN_ROWS else ""
+        table = frame.head(_SHOWN_ROWS).to_html(index=False, border=0, float_format=lambda value: f"{value:.6g}")
+        return f"<p><strong>{escape(self.headline)}</strong></p>{table}{more}"
