@@ -31,12 +31,25 @@ class NoiseLevel:
         rotation_rad: of a rotation component, in rad.
         position_source: where the figure comes from; ``none``: nothing of it was measured.
         rotation_source: the same for rotations.
+        position_freedoms: degrees of freedom of a figure from repeats, infinite for any other: see :attr:`freedoms`.
+        rotation_freedoms: the same for rotations.
     """
 
     position_m: float
     rotation_rad: float
     position_source: Source
     rotation_source: Source
+    position_freedoms: float = float("inf")
+    rotation_freedoms: float = float("inf")
+
+    @property
+    def freedoms(self) -> float:
+        """Degrees of freedom behind the less well known figure, to judge a sum of squares by; infinite where stated.
+
+        A noise that k repeats gave is itself uncertain, by 1 / sqrt(2 k): a sum of n squared residuals over its square
+        follows n F(n, k), not chi-square(n). With fewer than about 100 freedoms chi-square takes chance for a gap.
+        """
+        return min(self.position_freedoms, self.rotation_freedoms)
 
     @property
     def from_residuals(self) -> bool:
@@ -55,12 +68,17 @@ def repeats(campaign: Campaign, rows: NDArray[np.intp]) -> list[NDArray[np.intp]
     return [np.array(members, dtype=np.intp) for members in groups.values() if len(members) > 1]
 
 
-def repeat_noise(measured: MeasuredPoses, groups: list[NDArray[np.intp]]) -> tuple[float | None, float | None]:
-    """Return the scatter of repeats about their means, in m and rad; None with fewer than 12 differences.
+def repeat_noise(
+    measured: MeasuredPoses, groups: list[NDArray[np.intp]]
+) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
+    """Return the scatter of repeats about their means and its degrees of freedom, of positions and of rotations.
 
     Args:
         measured: all rows of the campaign.
         groups: rows commanded alike.
+
+    Returns:
+        Standard deviation in m and rad with its freedoms, each; None with fewer than 12 freedoms.
     """
     sums, freedoms = np.zeros(2), np.zeros(2)
     for rows in groups:
@@ -76,7 +94,7 @@ def repeat_noise(measured: MeasuredPoses, groups: list[NDArray[np.intp]]) -> tup
             sums[1] += float(((stack * stack.mean().inv()).as_rotvec() ** 2).sum())
             freedoms[1] += 3 * (len(turned) - 1)
     found = [
-        float(np.sqrt(total / freedom)) if freedom >= _FEWEST_FREEDOMS and total > 0.0 else None
+        (float(np.sqrt(total / freedom)), float(freedom)) if freedom >= _FEWEST_FREEDOMS and total > 0.0 else None
         for total, freedom in zip(sums, freedoms, strict=True)
     ]
     return found[0], found[1]
@@ -92,21 +110,21 @@ def stated_noise(campaign: Campaign, rows: NDArray[np.intp]) -> NoiseLevel:
     blank = MeasuredPoses.from_campaign(campaign, 1.0, 1.0)
     from_repeats = repeat_noise(blank, repeats(campaign, rows))
     metadata = campaign.metadata
-    chosen: list[tuple[float, Source]] = []
+    chosen: list[tuple[float, Source, float]] = []
     for given, seen, guess in (
         (metadata.sigma_position_m, from_repeats[0], _FIRST_GUESS_M),
         (metadata.sigma_rotation_rad, from_repeats[1], _FIRST_GUESS_RAD),
     ):
         if given is not None:
-            chosen.append((given, "stated"))
+            chosen.append((given, "stated", float("inf")))
         elif seen is not None:
-            chosen.append((seen, "repeats"))
+            chosen.append((seen[0], "repeats", seen[1]))
         else:
-            chosen.append((guess, "residuals"))
+            chosen.append((guess, "residuals", float("inf")))
     if not campaign.rotation_measured.any():
-        chosen[1] = (chosen[1][0], "none")
-    (position, position_source), (rotation, rotation_source) = chosen
-    return NoiseLevel(position, rotation, position_source, rotation_source)
+        chosen[1] = (chosen[1][0], "none", float("inf"))
+    (position, position_source, known), (rotation, rotation_source, turned) = chosen
+    return NoiseLevel(position, rotation, position_source, rotation_source, known, turned)
 
 
 def fit_with_noise(

@@ -29,6 +29,7 @@ def test_noise_from_repeats(repeated):
     assert noise.position_m == pytest.approx(SIGMA_M, rel=0.3)
     assert noise.rotation_rad == pytest.approx(SIGMA_RAD, rel=0.3)
     assert not noise.from_residuals
+    assert noise.position_freedoms == noise.rotation_freedoms == noise.freedoms == 60
 
 
 def test_repeat_noise_by_hand():
@@ -37,7 +38,7 @@ def test_repeat_noise_by_hand():
     measured = MeasuredPoses(position, np.full((13, 3, 3), np.nan), 1.0, 1.0)
     found, turned = repeat_noise(measured, [np.arange(13)])
     expected = np.sqrt(((position[:, 0] - position[:, 0].mean()) ** 2).sum() / 36)
-    assert found == pytest.approx(expected)
+    assert found == (pytest.approx(expected), 36)
     assert turned is None
     assert repeat_noise(measured, [np.arange(4)]) == (None, None)  # nine differences are too few
 
@@ -45,6 +46,7 @@ def test_repeat_noise_by_hand():
 def test_what_is_stated_counts_first_and_without_anything_residuals(clean, positions):
     stated = stated_noise(clean.campaign, np.arange(60))
     assert (stated.position_m, stated.position_source) == (SIGMA_M, "stated")
+    assert stated.freedoms == np.inf
     metadata = clean.campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
     blank = dataclasses.replace(clean.campaign, metadata=metadata)
     assert stated_noise(blank, np.arange(60)).from_residuals
