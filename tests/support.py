@@ -11,6 +11,8 @@ from pouring_robot.robot.pouring.poses import PlatformPose
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT / "tests" / "data"
+# Measured data and blind campaigns that are not part of the repository; CI has them beside the clone.
+SHARED = ROOT.parent / "shared"
 ACTUAL = ROOT / "examples" / "actual.yaml"
 CHAINS = (1, 2, 3, 4)
 

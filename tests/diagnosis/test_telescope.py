@@ -1,11 +1,9 @@
-"""The telescope example: synthetic tables with a known truth; the real ones where a folder of shared data is named."""
+"""The telescope example: synthetic tables with a known truth; the real ones where they stand beside the clone."""
 
 import json
 import math
-import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,10 +15,9 @@ from examples.telescope_focus.model import constants
 from examples.telescope_focus.plan import propose, with_conditions
 from examples.telescope_focus.report import report
 from pouring_robot.exceptions import CampaignError, DiagnosisError
+from tests.support import ROOT, SHARED
 
-ROOT = Path(__file__).resolve().parents[2]
-SHARED = os.environ.get("POURING_ROBOT_SHARED_DATA", "")
-REAL = Path(SHARED) / "desi_focus_thermal"
+REAL = SHARED / "data" / "desi_focus_thermal"
 NIGHTS = (20210301, 20210302, 20210304, 20210305, 20210307, 20210309, 20210310, 20210312)
 ODD = 20210309
 SLOPE, OFFSET, NOISE = -105.0, -320.0, 40.0
@@ -267,7 +264,7 @@ def test_too_few_or_equal_rows_get_a_clear_answer(folder, tmp_path, capsys):
         Findings(rows)
 
 
-@pytest.mark.skipif(not REAL.is_dir(), reason="POURING_ROBOT_SHARED_DATA names no folder with desi_focus_thermal")
+@pytest.mark.skipif(not REAL.is_dir(), reason=f"the observers' tables are not ours to ship: no {REAL}")
 def test_the_real_telescope(capsys):
     """Figures of an independent least-squares reading of the same rows."""
     assert main([str(REAL), "--json"]) == 0

@@ -7,6 +7,7 @@ import itertools
 import math
 import shutil
 import subprocess
+import sys
 import threading
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,8 @@ from pouring_robot.robot.pouring.description import (
 
 LAYOUTS = ("paper", "wide")
 ORDERS = tuple(itertools.permutations((1, 2, 3, 4)))
+# Comes with Pinocchio, in the environment's folder of programs.
+CHECK_URDF = str(Path(sys.executable).with_name("check_urdf"))
 CARRIERS = ((1, 2, 3, 4), (2, 4, 1, 3), (3, 1, 4, 2), (4, 3, 2, 1))
 CHAINS = (1, 2, 3, 4)
 MARGIN_RAD, MARGIN_M = 0.05, 0.015
@@ -328,13 +331,12 @@ def test_yourdfpy_loads_it_with_its_mesh(layout: str, tmp_path: Path) -> None:
     assert any(len(shape.faces) > 2000 for shape in robot.scene.geometry.values()), "the ladle's mesh is not there"
 
 
-@pytest.mark.skipif(shutil.which("check_urdf") is None, reason="check_urdf (liburdfdom-tools) is not installed")
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("order", CARRIERS, ids=lambda order: "".join(map(str, order)))
 def test_check_urdf_finds_no_fault(layout: str, order: tuple[int, ...], tmp_path: Path) -> None:
     path = tmp_path / "pouring_robot.urdf"
     path.write_text(render_urdf(layout, chain_order=order), encoding="utf-8")
-    report = subprocess.run(["check_urdf", str(path)], capture_output=True, text=True, check=False)
+    report = subprocess.run([CHECK_URDF, str(path)], capture_output=True, text=True, check=False)
     assert report.returncode == 0, report.stdout + report.stderr
     assert "Successfully Parsed XML" in report.stdout
 

@@ -322,7 +322,7 @@ def test_live_view_ends_with_ctrl_c_and_with_its_program(tmp_path):
             socket.create_connection(("127.0.0.1", port), timeout=2)
 
 
-@pytest.mark.skipif(shutil.which("chromium") is None, reason="chromium is not installed")
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium, which no Python package brings")
 def test_a_browser_draws_the_page(page, tmp_path):
     (tmp_path / "view.html").write_text(page)
     options = "--headless --no-sandbox --disable-gpu --use-angle=swiftshader --enable-unsafe-swiftshader"

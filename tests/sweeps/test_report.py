@@ -13,7 +13,7 @@ from pouring_robot.sweeps.analysis.linear import transfer_matrices
 from pouring_robot.sweeps.analysis.report import report
 from pouring_robot.sweeps.analysis.summary import Distances
 from tests.support import ROOT
-from tests.sweep.sweep_files import write
+from tests.sweeps.sweep_files import write
 
 ALLOCATION = {"by": "part", "share": 0.95, "machines": 50}
 

@@ -3,7 +3,7 @@
 import pytest
 
 from pouring_robot.sweeps import SweepConfig, SweepPlan
-from tests.sweep.sweep_files import content
+from tests.sweeps.sweep_files import content
 
 
 @pytest.fixture(scope="session")

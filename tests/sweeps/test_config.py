@@ -1,6 +1,8 @@
 """Bad sweep files and folders, through the command line: exit code 2, one line, nothing changed on disk."""
 
 import os
+import tempfile
+from pathlib import Path
 
 import pytest
 import yaml
@@ -8,8 +10,9 @@ import yaml
 from pouring_robot.cli.app import main
 from pouring_robot.sweeps import SweepPlan
 from tests.support import ACTUAL
-from tests.sweep.sweep_files import content, snapshot, write
+from tests.sweeps.sweep_files import content, snapshot, write
 
+NOBODY = 65534
 LENGTHS = {"parameters": "a_e1_*", "half_width_mm": 0.1}
 
 
@@ -118,11 +121,22 @@ def test_the_folder_is_a_file_or_cannot_be_made(tmp_path, capsys):
     assert yaml.safe_load(config.read_text()) == content()
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_a_folder_without_permission(tmp_path, capsys):
-    config, locked = write(tmp_path), tmp_path / "locked"
-    locked.mkdir(mode=0o500)
-    assert_refused(*run(config, "--out", locked / "out", capsys=capsys), "Permission denied")
+def test_a_folder_without_permission(capsys):
+    """Root may write everywhere: where the tests run as root, the command runs as nobody."""
+    user = os.geteuid()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        config, locked = write(folder), folder / "locked"
+        locked.mkdir()
+        for path, mode in ((folder, 0o755), (config, 0o644), (locked, 0o555)):
+            path.chmod(mode)
+        run(config, "--out", config, capsys=capsys)  # nobody may not be allowed to import what is not yet imported
+        os.seteuid(user or NOBODY)
+        try:
+            answer = run(config, "--out", locked / "out", capsys=capsys)
+        finally:
+            os.seteuid(user)
+        assert_refused(*answer, "Permission denied")
 
 
 def test_poses_from_a_file_beside_the_sweep_file(tmp_path):

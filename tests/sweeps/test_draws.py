@@ -20,7 +20,7 @@ ENTRIES = [
 @pytest.fixture(scope="module")
 def values():
     from pouring_robot.sweeps import SweepConfig, SweepPlan
-    from tests.sweep.sweep_files import content
+    from tests.sweeps.sweep_files import content
 
     plan = SweepPlan(SweepConfig.model_validate(content(errors=ENTRIES, samples=COUNT)))
     return plan.draws.values(0, COUNT)

@@ -13,7 +13,7 @@ from pouring_robot.cli.app import main
 from pouring_robot.exceptions import SweepStoreError, SweepWorkerError
 from pouring_robot.sweeps import SweepPlan, SweepStore, run_sweep
 from tests.support import ROOT
-from tests.sweep.sweep_files import numbers, snapshot, write
+from tests.sweeps.sweep_files import numbers, snapshot, write
 
 CHUNKS = 150
 MANY_CHUNKS = {"samples": CHUNKS, "chunk": 8}

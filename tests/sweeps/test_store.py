@@ -11,7 +11,7 @@ import pytest
 from pouring_robot.cli.app import main
 from pouring_robot.exceptions import SweepStoreError
 from pouring_robot.sweeps import SweepConfig, SweepPlan, SweepStore, open_results, run_sweep
-from tests.sweep.sweep_files import numbers, snapshot, write
+from tests.sweeps.sweep_files import numbers, snapshot, write
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.sweeps import ErrorEntry
-from tests.sweep.reference import OneAtATime
+from tests.sweeps.reference import OneAtATime
 
 SIZES = {"half_width_mm": 0.3, "half_width_mrad": 2.0}
 
