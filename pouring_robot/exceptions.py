@@ -171,17 +171,25 @@ class ModelFileError(DescriptionError):
 
 
 class TableError(BadInputError):
-    """A table of numbers (CSV) is wrong.
+    """A table of numbers is wrong.
 
     Attributes:
         path: the file at fault.
-        problem: what is wrong, with line and column where they are known.
+        problem: what is wrong and how to mend it, on one line.
+        row: line of the file (the header is line 1) or row from 1 (Parquet), where it is known.
+        column: heading of the column, where it is known.
     """
 
-    def __init__(self, path: Path | str, problem: str) -> None:
-        """Name the file and the problem."""
-        self.path, self.problem = Path(path), " ".join(problem.split())
-        super().__init__(f"{path}: {self.problem}")
+    _shown_column = "column {}"
+
+    def __init__(self, path: Path | str, problem: str, row: int | None = None, column: str | None = None) -> None:
+        """Name the file, the place in it and the problem."""
+        self.path, self.problem, self.row, self.column = Path(path), " ".join(problem.split()), row, column
+        places = [f"line {row}"] if row is not None else []
+        if column is not None:
+            places.append(self._shown_column.format(" ".join(column.split())[:80]))
+        where = f"{', '.join(places)}: " if places else ""
+        super().__init__(f"{path}: {where}{self.problem}")
 
 
 class UnsupportedMechanismError(BadInputError):
@@ -245,24 +253,10 @@ class CampaignFileError(DescriptionError):
     """The YAML file of a measurement campaign is wrong."""
 
 
-class CampaignError(BadInputError):
-    """A measurement campaign or a pose plan is wrong.
+class CampaignError(TableError):
+    """A measurement campaign or a pose plan is wrong."""
 
-    Attributes:
-        path: the file at fault.
-        problem: what is wrong and how to mend it, on one line.
-        row: line of the file (CSV; the header is line 1) or row from 1 (Parquet), where it is known.
-        column: heading of the column, where it is known.
-    """
-
-    def __init__(self, path: Path | str, problem: str, row: int | None = None, column: str | None = None) -> None:
-        """Name the file, the place in it and the problem."""
-        self.path, self.problem, self.row, self.column = Path(path), " ".join(problem.split()), row, column
-        places = [f"line {row}"] if row is not None else []
-        if column is not None:
-            places.append(f"column '{' '.join(column.split())}'")
-        where = f"{', '.join(places)}: " if places else ""
-        super().__init__(f"{path}: {where}{self.problem}")
+    _shown_column = "column '{}'"
 
 
 class FrameFitError(BadInputError):

@@ -15,7 +15,7 @@ from pouring_robot.campaign import columns
 from pouring_robot.campaign.blocks import Block, BlockKind, region_blocks, session_blocks, time_blocks
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, read_only
 
 if TYPE_CHECKING:
     import pandas
@@ -93,7 +93,7 @@ class Campaign:
             shape = (rows, width) if width else (rows,)
             if np.shape(values) != shape:
                 raise BadInputError(f"'{name}' of the campaign must have shape {shape}, not {np.shape(values)}")
-            object.__setattr__(self, name, columns.read_only(values))
+            object.__setattr__(self, name, read_only(np.array(values, dtype=np.float64)))
 
     def __len__(self) -> int:
         """Return the number of rows."""

@@ -9,8 +9,8 @@ import numpy as np
 
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.reader import sessions_of
-from pouring_robot.campaign.table import read_table
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
+from pouring_robot.io.quantities import read_quantities
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
@@ -51,29 +51,26 @@ def read_plan(path: Path | str, robot: PouringRobot) -> PosePlan:
     Raises:
         CampaignError: the file is wrong, or the robot cannot take a pose; names file, line and column.
     """
-    table = read_table(path, columns.PLAN)
+    table = read_quantities(path, columns.PLAN, "x_mm, y_mm, z_mm, tilt_deg", CampaignError)
     place = np.column_stack([table.numbers[name] for name in (*columns.POSITION, "tilt")])
     poses, drives = [], []
     for row, (x, y, z, tilt) in enumerate(place.tolist()):
-        line = int(table.lines[row])
         if not np.isfinite(place[row]).all():
-            name = (*columns.POSITION, "tilt")[int(np.flatnonzero(~np.isfinite(place[row]))[0])]
-            problem = "the value is missing; a plan needs x, y, z and tilt of every pose"
-            raise CampaignError(table.path, problem, line, table.columns[name].heading)
+            name = (*columns.POSITION, "tilt")[int(np.argmin(np.isfinite(place[row])))]
+            raise table.fault("the value is missing; a plan needs x, y, z and tilt of every pose", row, name)
         pose = PlatformPose((x, y, z), tilt)
         try:
             commanded = robot.kinematics.inverse(pose)
         except NoSolutionError as error:
-            raise CampaignError(table.path, str(error), line) from error
+            raise table.fault(str(error), row) from error
         poses.append(pose)
         drives.append(list(commanded.values()))
     conditions = {name: values for name, values in table.numbers.items() if name not in (*columns.POSITION, "tilt")}
     for name in columns.APPROACHES:
-        values = conditions.get(name)
-        if values is not None and np.any(np.isfinite(values) & (np.abs(values) != 1.0)):
-            row = int(np.flatnonzero(np.isfinite(values) & (np.abs(values) != 1.0))[0])
-            problem = f"an approach is +1 or -1, not {values[row]:g}"
-            raise CampaignError(table.path, problem, int(table.lines[row]), table.columns[name].heading)
+        values = conditions.get(name, np.empty(0))
+        wrong = np.flatnonzero(np.isfinite(values) & (np.abs(values) != 1.0))
+        if wrong.size:
+            raise table.fault(f"an approach is +1 or -1, not {values[wrong[0]]:g}", int(wrong[0]), name)
     commanded_drives = np.array(drives)
     samples = table.labels.get("sample", tuple(str(i) for i in range(len(poses))))
     return PosePlan(

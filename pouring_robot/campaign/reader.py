@@ -7,12 +7,12 @@ from pathlib import Path
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign, arrays_from
 from pouring_robot.campaign.metadata import metadata_path, read_metadata
-from pouring_robot.campaign.table import Table, read_table
 from pouring_robot.exceptions import CampaignError
+from pouring_robot.io.quantities import QuantityTable, read_quantities
 
 
 def read_campaign(path: Path | str) -> Campaign:
-    """Read a campaign (DESIGN §6): a CSV or Parquet table with units on its headings, and the YAML of the same stem.
+    """Read a campaign a CSV, Parquet or Excel table with units on its headings, and the YAML of the same stem.
 
     Empty cells become NaN. What is wrong with the *values* is the business of
     :func:`pouring_robot.campaign.check_campaign`; here only what cannot be understood is refused.
@@ -23,7 +23,7 @@ def read_campaign(path: Path | str) -> Campaign:
         CampaignFileError: a key or value of the YAML file is wrong; names line and key.
     """
     path = Path(path)
-    table = read_table(path, columns.CAMPAIGN)
+    table = read_quantities(path, columns.CAMPAIGN, "q1_mm", CampaignError)
     metadata = read_metadata(metadata_path(path))
     arrays = arrays_from(table.numbers)
     drives, position = arrays.pop("drives"), arrays.pop("position_m")
@@ -32,10 +32,10 @@ def read_campaign(path: Path | str) -> Campaign:
     return Campaign(
         path=path,
         metadata=metadata,
-        lines=table.lines,
+        lines=table.table.lines,
         samples=table.labels.get("sample", ("",) * len(table)),
         sessions=sessions_of(table),
-        headings={name: column.heading for name, column in table.columns.items()},
+        headings=table.headings,
         ignored_columns=table.unknown,
         drives=drives,
         position_m=position,
@@ -43,7 +43,7 @@ def read_campaign(path: Path | str) -> Campaign:
     )
 
 
-def sessions_of(table: Table) -> tuple[str, ...]:
+def sessions_of(table: QuantityTable) -> tuple[str, ...]:
     """Return the session of each row; all "1" without a column.
 
     Raises:
@@ -51,10 +51,6 @@ def sessions_of(table: Table) -> tuple[str, ...]:
     """
     sessions = table.labels.get("session", ("1",) * len(table))
     if "" in sessions:
-        raise CampaignError(
-            table.path,
-            "the session is missing; name one in every row, or leave the column out",
-            row=int(table.lines[sessions.index("")]),
-            column="session",
-        )
+        problem = "the session is missing; name one in every row, or leave the column out"
+        raise table.fault(problem, sessions.index(""), "session")
     return sessions

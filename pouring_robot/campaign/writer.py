@@ -12,9 +12,9 @@ import numpy as np
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import metadata_text
-from pouring_robot.campaign.table import PARQUET_SUFFIXES
 from pouring_robot.exceptions import OutputError
 from pouring_robot.io.files import check_writable, write_together
+from pouring_robot.io.tables import PARQUET_SUFFIXES
 
 # Digits written: a hundredth of the best tracker's noise.
 _DIGITS = {"length": 6, "angle": 10, "mass": 3, "temperature": 3, "time": 3, "sign": 0}

@@ -12,11 +12,12 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import Examination
 from pouring_robot.checks.columns import distinct_poses
 from pouring_robot.checks.flags import outlier_rows
+from pouring_robot.io.quantities import UNITS, Kind
 
 _SHOWN_UNIT = {"length": ("mm", 1e3), "angle": ("rad", 1.0)}
 
 
-def quantity_range(campaign: Campaign, name: str, kind: columns.Kind) -> dict[str, Any] | None:
+def quantity_range(campaign: Campaign, name: str, kind: Kind) -> dict[str, Any] | None:
     """Return unit, least and largest value and number of missing cells of a quantity; None when it is absent.
 
     Lengths are in mm (the truss's travel in m), angles in rad, the rest in kg, s and °C.
@@ -24,7 +25,7 @@ def quantity_range(campaign: Campaign, name: str, kind: columns.Kind) -> dict[st
     values = campaign.quantity(name)
     if values is None:
         return None
-    unit, factor = _SHOWN_UNIT.get(kind, (next(iter(columns.UNITS[kind]), ""), 1.0))
+    unit, factor = _SHOWN_UNIT.get(kind, (next(iter(UNITS[kind]), ""), 1.0))
     if name == "truss_travel":
         unit, factor = "m", 1.0
     known = values[np.isfinite(values)] * factor

@@ -3,7 +3,6 @@
 # ruff: noqa: N815 - units keep their capitals: K, W, degC
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pouring_robot.exceptions import BadInputError, HistoryError, TableError, closest
-from pouring_robot.io.cells import finite_cell
+from pouring_robot.exceptions import BadInputError, HistoryError, TableError
+from pouring_robot.io.tables import read_table
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure import ClosureResult
 from pouring_robot.robot.pouring.poses import PlatformPose
@@ -180,24 +179,21 @@ def read_shift(path: Path | str, default_ambient_degC: float = 20.0) -> tuple[He
 
 def _read(path: Path, default_ambient_degC: float, extra: Sequence[str]) -> tuple[HeatHistory, dict[str, FloatArray]]:
     """Read a history; return it and all columns."""
-    try:
-        lines = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
-    except OSError as error:
-        raise TableError(path, f"cannot be read: {error.strerror}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise TableError(path, "is not a CSV file in UTF-8") from error
-    header = [cell.strip() for cell in lines[0]] if lines else []
-    time_column = _check_header(path, header, extra)
-    rows = [(n, line) for n, line in enumerate(lines[1:], start=2) if any(cell.strip() for cell in line)]
-    for number, line in rows:
-        if len(line) > len(header):
-            raise TableError(path, f"line {number}: {len(line)} cells, but the header names {len(header)} columns")
-    columns = {name: np.array([_cell(path, n, line, header, name) for n, line in rows]) for name in header}
+    table = read_table(path, "time_min, melt_degC, ambient_degC")
+    table.refuse_others([*_TIMES, "melt_degC", "ambient_degC", *extra])
+    time_columns = [name for name in table.headings if name in _TIMES]
+    if len(time_columns) != 1 or "melt_degC" not in table.headings:
+        raise table.heading_fault("give one time column (time_s, time_min or time_h) and melt_degC")
+    (time_column,) = time_columns
+    columns = {name: table.numbers(index) for index, name in enumerate(table.headings)}
+    for name in ("melt_degC", "ambient_degC"):
+        for row, value in enumerate(columns.get(name, ())):
+            if problem := _impossible(name, value):
+                raise table.fault(problem, row, name)
     times = columns[time_column] * _TIMES[time_column]
-    for k in range(1, len(times)):
-        if times[k] <= times[k - 1]:
-            problem = f"line {rows[k][0]}, column {time_column}: does not come after the line before; sort by time"
-            raise TableError(path, problem)
+    late = np.flatnonzero(np.diff(times) <= 0.0)
+    if late.size:
+        raise table.fault("does not come after the line before; sort by time", int(late[0]) + 1, time_column)
     ambient = columns.get("ambient_degC", np.full(len(times), default_ambient_degC))
     try:
         return HeatHistory(times, columns["melt_degC"], ambient), columns
@@ -205,30 +201,13 @@ def _read(path: Path, default_ambient_degC: float, extra: Sequence[str]) -> tupl
         raise TableError(path, str(error)) from error
 
 
-def _check_header(path: Path, header: list[str], extra: Sequence[str]) -> str:
-    """Return the name of the time column."""
-    known = [*_TIMES, "melt_degC", "ambient_degC", *extra]
-    for name in header:
-        if name not in known:
-            raise TableError(path, f"line 1: unknown column '{name}'{closest(name, known)}")
-        if header.count(name) > 1:
-            raise TableError(path, f"line 1: column '{name}' stands twice")
-    times = [name for name in header if name in _TIMES]
-    if len(times) != 1 or "melt_degC" not in header:
-        raise TableError(path, "line 1: give one time column (time_s, time_min or time_h) and melt_degC")
-    return times[0]
-
-
-def _cell(path: Path, number: int, line: list[str], header: list[str], name: str) -> float:
-    value = finite_cell(path, number, line, header.index(name), name)
-    if name.endswith("degC") and value < -ZERO_CELSIUS_K:
-        raise TableError(path, f"line {number}, column {name}: {value:g} degC lies below absolute zero")
-    if name.endswith("degC") and value > HOTTEST_DEGC:
-        raise TableError(path, f"line {number}, column {name}: {value:g} degC is hotter than any melt; check the unit")
-    if name == "ambient_degC" and value > HOTTEST_SURROUNDINGS_DEGC:
-        raise TableError(
-            path,
-            f"line {number}, column {name}: {value:g} degC is hotter than any surroundings (limit "
-            f"{HOTTEST_SURROUNDINGS_DEGC:g} degC); check the unit",
-        )
-    return value
+def _impossible(name: str, value_degC: float) -> str:
+    """Return what is wrong with a temperature; "" if nothing is."""
+    if value_degC < -ZERO_CELSIUS_K:
+        return f"{value_degC:g} degC lies below absolute zero"
+    if value_degC > HOTTEST_DEGC:
+        return f"{value_degC:g} degC is hotter than any melt; check the unit"
+    if name == "ambient_degC" and value_degC > HOTTEST_SURROUNDINGS_DEGC:
+        limit = f"(limit {HOTTEST_SURROUNDINGS_DEGC:g} degC)"
+        return f"{value_degC:g} degC is hotter than any surroundings {limit}; check the unit"
+    return ""

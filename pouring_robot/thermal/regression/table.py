@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,19 +11,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.exceptions import BadInputError, TableError
-from pouring_robot.io.cells import finite_cell
 from pouring_robot.io.files import write_whole
+from pouring_robot.io.quantities import ABSOLUTE_ZERO_DEGC, UNITS, to_inner
+from pouring_robot.io.tables import Table, read_table
 
 if TYPE_CHECKING:
     import pandas as pd
 
 FloatArray = NDArray[np.float64]
 
-_TEMPERATURES = {"degC": 273.15, "K": 0.0}  # offset to kelvin
-_LENGTHS = {"um": 1e-6, "mm": 1e-3, "m": 1.0}
-_ANGLES = {"mrad": 1e-3, "deg": math.radians(1.0), "rad": 1.0}
-_KINDS = {unit: kind for kind, units in (("length", _LENGTHS), ("angle", _ANGLES)) for unit in units}
-_FACTORS = _LENGTHS | _ANGLES
+_KINDS = {unit: kind for kind in ("length", "angle") for unit in UNITS[kind]}
+_EMPTY = "the cell is missing; fill it or leave the line out"
 
 LEAST_ROWS = 3
 """Two temperatures always lie on a line; the third is the first that can contradict it."""
@@ -148,24 +144,15 @@ class ErrorTable:
             TableError: the file cannot be read, a heading is doubled, without unit or of an unknown one, a cell is
                 missing or no finite number, a line is too long, or as the constructor.
         """
-        path = Path(path)
-        lines = _read_lines(path)
-        if not lines:
-            raise TableError(path, "is empty; the first line must name the columns, such as melt_degC,P1_mm,P2_mm")
-        headings = [cell.strip() for cell in lines[0][1]]
-        temperature, sets, kind = _sort_headings(path, headings, temperature_column)
-        temperatures, rows, numbers = [], [], []
-        for number, cells in lines[1:]:
-            if len(cells) > len(headings):
-                raise TableError(path, f"line {number}: {len(cells)} cells for {len(headings)} columns")
-            offset = _TEMPERATURES[headings[temperature].rpartition("_")[2]]
-            temperatures.append(_cell(path, number, cells, temperature, headings) + offset)
-            rows.append([_cell(path, number, cells, i, headings) * factor for i, _, factor in sets])
-            numbers.append(number)
-        if len(rows) < LEAST_ROWS:
-            raise TableError(path, f"holds {len(rows)} temperatures; {LEAST_ROWS} or more are needed to see a trend")
-        _check_distinct(path, np.array(temperatures), numbers)
-        return cls(np.array(temperatures), np.array(rows), tuple(name for _, name, _ in sets), kind, str(path))
+        table = read_table(path, "melt_degC,P1_mm,P2_mm")
+        temperature, sets, kind = _sort_headings(table, temperature_column)
+        if len(table) < LEAST_ROWS:
+            raise TableError(path, f"holds {len(table)} temperatures; {LEAST_ROWS} or more are needed to see a trend")
+        errors = [to_inner(table.numbers(i, empty=_EMPTY), unit) for i, _, unit in sets]
+        unit = table.headings[temperature].rpartition("_")[2]
+        temperatures = to_inner(table.numbers(temperature, empty=_EMPTY), unit) - ABSOLUTE_ZERO_DEGC
+        _check_distinct(path, temperatures, table.lines.tolist())
+        return cls(temperatures, np.column_stack(errors), tuple(name for _, name, _ in sets), kind, str(path))
 
     def write_csv(self, path: Path | str) -> Path:
         """Write the table with columns ``melt_degC`` and each set in mm or mrad, 17 digits.
@@ -195,55 +182,33 @@ def standardised(name: str, numbers: ArrayLike) -> FloatArray:
     return result
 
 
-def _read_lines(path: Path) -> list[tuple[int, list[str]]]:
-    """Return line number and cells of every line that holds something."""
-    try:
-        reader = csv.reader(path.read_text(encoding="utf-8-sig").splitlines())
-        return [(reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells)]
-    except OSError as error:
-        raise TableError(path, f"cannot be read: {error.strerror}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise TableError(path, "is not a CSV file in UTF-8") from error
-
-
-def _sort_headings(
-    path: Path, headings: list[str], wanted: str | None
-) -> tuple[int, list[tuple[int, str, float]], str]:
-    """Return the position of the temperature; position, name and factor to SI of every set; and their kind."""
+def _sort_headings(table: Table, wanted: str | None) -> tuple[int, list[tuple[int, str, str]], str]:
+    """Return the position of the temperature; position, name and unit of every set; and their kind."""
+    table.refuse_doubled()
     temperatures, sets, kinds = [], [], {}
-    for i, heading in enumerate(headings):
+    for i, heading in enumerate(table.headings):
         name, _, unit = heading.rpartition("_")
-        if headings.count(heading) > 1:
-            raise TableError(path, f"line 1: column '{heading}' stands twice")
-        if name and unit in _TEMPERATURES:
+        if name and unit in UNITS["temperature"]:
             temperatures.append(i)
-        elif name and unit in _FACTORS:
-            sets.append((i, name, _FACTORS[unit]))
+        elif name and unit in _KINDS:
+            sets.append((i, name, unit))
             kinds[_KINDS[unit]] = heading
         else:
-            known = " ".join(f"_{unit}" for unit in [*_TEMPERATURES, *_FACTORS])
-            raise TableError(path, f"line 1: column '{heading}' has no unit; end its name with one of {known}")
-    chosen = [i for i in temperatures if wanted in {None, headings[i]}]
+            known = " ".join(f"_{unit}" for unit in [*UNITS["temperature"], *_KINDS])
+            raise table.heading_fault(f"column '{heading}' has no unit; end its name with one of {known}")
+    chosen = [i for i in temperatures if wanted in {None, table.headings[i]}]
     if len(chosen) != 1:
-        found = ", ".join(headings[i] for i in temperatures) or "none"
-        raise TableError(path, f"line 1: one column must be the temperature (_degC or _K), found: {found}; name it")
+        found = ", ".join(table.headings[i] for i in temperatures) or "none"
+        raise table.heading_fault(f"one column must be the temperature (_degC or _K), found: {found}; name it")
     if not sets:
-        raise TableError(path, "line 1: names no error set, such as P1_mm")
+        raise table.heading_fault("names no error set, such as P1_mm")
     if len(kinds) > 1:
-        raise TableError(path, f"line 1: {kinds['length']} is a length, {kinds['angle']} an angle; make two tables")
+        raise table.heading_fault(f"{kinds['length']} is a length, {kinds['angle']} an angle; make two tables")
     names = [name for _, name, _ in sets]
     for name in names:
         if names.count(name) > 1:
-            raise TableError(path, f"line 1: error set {name} stands twice, in two units")
+            raise table.heading_fault(f"error set {name} stands twice, in two units")
     return chosen[0], sets, next(iter(kinds))
-
-
-def _cell(path: Path, number: int, cells: list[str], index: int, headings: list[str]) -> float:
-    if index >= len(cells) or not cells[index].strip():
-        raise TableError(
-            path, f"line {number}, column {headings[index]}: the cell is missing; fill it or leave the line out"
-        )
-    return finite_cell(path, number, cells, index, headings[index])
 
 
 def _check_distinct(source: Any, temperatures: FloatArray, lines: list[int] | None = None) -> None:

@@ -1,0 +1,189 @@
+"""Quantities with units: a unit rides on a column's heading (``q1_mm``, ``leg1_K``), any unit of the right kind."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pouring_robot.exceptions import TableError
+from pouring_robot.io.tables import Table, read_table
+
+Kind = Literal["length", "angle", "mass", "temperature", "time", "sign", "label"]
+
+ABSOLUTE_ZERO_DEGC = -273.15
+
+UNITS: dict[Kind, dict[str, tuple[float, float]]] = {
+    "length": {"m": (1.0, 0.0), "mm": (1e3, 0.0), "um": (1e6, 0.0)},
+    "angle": {"rad": (1.0, 0.0), "mrad": (1e3, 0.0), "deg": (180.0 / math.pi, 0.0)},
+    "mass": {"kg": (1.0, 0.0)},
+    "temperature": {"degC": (1.0, 0.0), "K": (1.0, ABSOLUTE_ZERO_DEGC)},
+    "time": {"s": (1.0, 0.0), "min": (1.0 / 60.0, 0.0), "h": (1.0 / 3600.0, 0.0)},
+    "sign": {},
+    "label": {},
+}
+"""Units of each kind, the inner one first: a value divided by the first figure and shifted by the second is inner.
+
+Dividing by 1000 is rounded correctly, multiplying by 0.001 is not: mm and m then give the same double.
+"""
+_ALL_UNITS = {unit for units in UNITS.values() for unit in units}
+_LARGEST = 1e9  # no quantity comes near this, in any of its units; what does is a broken number
+
+
+def to_inner(values: NDArray[np.float64], unit: str) -> NDArray[np.float64]:
+    """Return values in the inner unit of their kind (m, rad, kg, s, °C); same shape."""
+    divisor, shift = next(units[unit] for units in UNITS.values() if unit in units)
+    return values / divisor + shift if shift else values / divisor
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One quantity of a table.
+
+    Attributes:
+        name: its name without unit, such as ``q1`` or ``leg1``.
+        kind: what is measured; decides which units are accepted.
+        required: whether a table without it is refused.
+        part_of: what it is nothing without, such as "a rotation vector": such quantities come all or none.
+    """
+
+    name: str
+    kind: Kind
+    required: bool = False
+    part_of: str = ""
+
+    @property
+    def headings(self) -> tuple[str, ...]:
+        """Every heading that is understood; the first is the one in inner units."""
+        return tuple(f"{self.name}_{unit}" for unit in UNITS[self.kind]) or (self.name,)
+
+    @property
+    def canonical(self) -> str:
+        """The heading in inner units: ``q1_m``, ``q4_rad``, ``leg1_degC``, ``session``."""
+        return self.headings[0]
+
+
+@dataclass(frozen=True)
+class QuantityTable:
+    """A table whose headings were understood.
+
+    Attributes:
+        table: the file, with its lines.
+        headings: heading in the file of each quantity that was found, by quantity name.
+        unknown: headings that are no quantity and were left out.
+        numbers: values of each numeric quantity in inner units (m, rad, kg, s, °C), (n,), NaN where a cell is empty.
+        labels: cells of each label, length n, "" where empty.
+    """
+
+    table: Table
+    headings: dict[str, str]
+    unknown: tuple[str, ...]
+    numbers: dict[str, NDArray[np.float64]] = field(repr=False)
+    labels: dict[str, tuple[str, ...]] = field(repr=False)
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.table)
+
+    def fault(self, problem: str, row: int, name: str | None = None) -> TableError:
+        """Return the error of a row (its index), or of the cell of a quantity in it."""
+        return self.table.fault(problem, row, None if name is None else self.headings[name])
+
+
+def read_quantities(
+    path: Path | str, quantities: Sequence[Quantity], example: str, error: type[TableError] = TableError
+) -> QuantityTable:
+    """Read a table that holds the given quantities, and maybe columns of the user's own.
+
+    Empty cells are missing values, as are the ``nan`` that some programs write for them. A heading unlike every
+    known one is a user's own column and left out; one that is nearly a known one is a slip of the pen and refused.
+
+    Args:
+        path: the file, see :func:`pouring_robot.io.tables.read_table`.
+        quantities: what the table may hold.
+        example: a heading such a table has.
+        error: what is raised.
+
+    Raises:
+        TableError: (or ``error``) the file cannot be read; a heading is misspelt, has no or a wrong unit, or a quantity
+            stands twice; a required quantity is missing; there is no row; or a cell is no number.
+    """
+    table = read_table(path, example, error, short_rows=False)
+    places = _understand(table, quantities)
+    if not len(table):
+        raise error(table.path, "holds no row; each row is one static pose")
+    known = {quantity.name: quantity for quantity in quantities}
+    headings = {name: table.headings[index] for name, index in places.items()}
+    numbers, labels = {}, {}
+    for name, index in places.items():
+        if known[name].kind == "label":
+            labels[name] = table.labels(index)
+        else:
+            numbers[name] = _inner_numbers(table, known[name], index)
+    unknown = tuple(heading for heading in table.headings if heading and heading not in headings.values())
+    return QuantityTable(table, headings, unknown, numbers, labels)
+
+
+def _inner_numbers(table: Table, quantity: Quantity, index: int) -> NDArray[np.float64]:
+    values = table.sparse_numbers(index, _LARGEST)
+    if not UNITS[quantity.kind]:
+        return values
+    unit = table.headings[index][len(quantity.name) + 1 :]
+    inner = to_inner(values, unit)
+    if quantity.kind == "temperature" and np.any(inner < ABSOLUTE_ZERO_DEGC):
+        row = int(np.argmax(inner < ABSOLUTE_ZERO_DEGC))
+        raise table.fault(f"{values[row]:g} {unit} is below absolute zero; check the unit", row, table.headings[index])
+    return inner
+
+
+def _understand(table: Table, quantities: Sequence[Quantity]) -> dict[str, int]:
+    """Return the column of each quantity that is there, by quantity name."""
+    known = {heading: quantity for quantity in quantities for heading in quantity.headings}
+    found: dict[str, int] = {}
+    for index, heading in enumerate(table.headings):
+        quantity = known.get(heading)
+        if quantity is None:
+            _refuse_slip(table, heading, quantities, known)
+        elif quantity.name in found:
+            earlier = table.headings[found[quantity.name]]
+            again = "it stands twice" if earlier == heading else f"'{quantity.name}' stands already as '{earlier}'"
+            raise table.heading_fault(f"{again}; keep one of the two columns", heading)
+        else:
+            found[quantity.name] = index
+    wholes = {quantity.part_of for quantity in quantities if quantity.part_of and quantity.name in found}
+    for quantity in quantities:
+        if quantity.required and quantity.name not in found:
+            remedy = f"the column is missing; add {' or '.join(quantity.headings)}"
+            raise table.heading_fault(remedy + _separators(table), quantity.canonical)
+        if quantity.part_of in wholes and quantity.name not in found:
+            *parts, last = [other.name for other in quantities if other.part_of == quantity.part_of]
+            remedy = f"the column is missing; {quantity.part_of} needs {', '.join(parts)} and {last}"
+            raise table.heading_fault(remedy, quantity.canonical)
+    return found
+
+
+def _separators(table: Table) -> str:
+    """Return what may be wrong with a table of one column."""
+    if len(table.headings) == 1 and any(mark in table.headings[0] for mark in ";\t"):
+        return " (columns must be parted by commas, and the decimal mark must be a point)"
+    return ""
+
+
+def _refuse_slip(table: Table, heading: str, quantities: Sequence[Quantity], known: dict[str, Quantity]) -> None:
+    stem, _, unit = heading.rpartition("_")
+    for quantity in quantities:
+        wanted = " or ".join(quantity.headings)
+        if heading in (quantity.name, f"{quantity.name}_") and UNITS[quantity.kind]:
+            raise table.heading_fault(f"the column names no unit; write {wanted}", heading)
+        if stem == quantity.name and (unit in _ALL_UNITS or len(unit) <= 4):
+            raise table.heading_fault(f"'{unit}' is no unit of this quantity; write {wanted}", heading)
+    lower = {name.lower(): name for name in known}
+    near = difflib.get_close_matches(heading.lower(), lower, n=1, cutoff=0.85)
+    if near:
+        raise table.heading_fault(f"unknown column; did you mean '{lower[near[0]]}'?" + _separators(table), heading)

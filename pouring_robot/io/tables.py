@@ -1,0 +1,229 @@
+"""Tables that users write, CSV, Parquet or Excel, read so that every fault names file, line and column."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pouring_robot.exceptions import TableError, closest
+
+PARQUET_SUFFIXES = (".parquet", ".pq")
+_EXCEL_SUFFIXES = (".xlsx", ".xlsm", ".xls", ".ods")
+_MOST_ROWS = 1_000_000
+
+
+@dataclass(frozen=True)
+class Table:
+    """Headings and raw cells of a table. Lines with nothing in them are left out.
+
+    Attributes:
+        path: the file.
+        headings: of its columns, blanks around them taken off.
+        lines: (n,) line of each row in a CSV or Excel file (the heading is line 1); in Parquet, its row from 1.
+        error: what is raised where something is wrong.
+        heading_line: line of the headings; None where headings stand on no line.
+        cells: returns the cells of a column, by its index.
+    """
+
+    path: Path
+    headings: tuple[str, ...]
+    lines: NDArray[np.int64]
+    error: type[TableError]
+    heading_line: int | None
+    cells: Callable[[int], Sequence[Any]] = field(repr=False)
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return int(self.lines.size)
+
+    def fault(self, problem: str, row: int, heading: str | None = None) -> TableError:
+        """Return the error of a row (its index) or of one of its cells."""
+        return self.error(self.path, problem, int(self.lines[row]), heading)
+
+    def heading_fault(self, problem: str, heading: str | None = None) -> TableError:
+        """Return the error of the headings, or of one."""
+        return self.error(self.path, problem, self.heading_line, heading)
+
+    def refuse_others(self, known: Sequence[str]) -> None:
+        """Refuse headings that are none of these, and those that stand twice."""
+        for heading in self.headings:
+            if heading not in known:
+                raise self.heading_fault(f"unknown column '{heading}'{closest(heading, known)}")
+        self.refuse_doubled()
+
+    def refuse_doubled(self) -> None:
+        """Refuse headings that stand twice."""
+        for heading in self.headings:
+            if self.headings.count(heading) > 1:
+                raise self.heading_fault(f"column '{heading}' stands twice")
+
+    def labels(self, index: int) -> tuple[str, ...]:
+        """Return the cells of a column as words; "" where empty."""
+        return tuple(_label(cell) for cell in self.cells(index))
+
+    def numbers(self, index: int, *, empty: str | None = None) -> NDArray[np.float64]:
+        """Return the cells of a column as finite numbers (n,), in the unit of the file.
+
+        Args:
+            index: of the column.
+            empty: what is said of an empty cell; by default that it is not a finite number.
+
+        Raises:
+            TableError: a cell is empty or no finite number.
+        """
+        values = np.empty(len(self))
+        for row, cell in enumerate(self.cells(index)):
+            try:
+                values[row] = number_in(cell)
+            except (ValueError, OverflowError):
+                values[row] = math.nan
+            if not math.isfinite(values[row]):
+                shown = shown_cell(cell)
+                problem = empty if empty and not shown else f"'{shown}' is not a finite number"
+                raise self.fault(problem, row, self.headings[index])
+        return values
+
+    def sparse_numbers(self, index: int, largest: float) -> NDArray[np.float64]:
+        """Return the cells of a column as numbers (n,) up to a size, NaN where a cell is empty (or says ``nan``).
+
+        Raises:
+            TableError: a cell is no such number.
+        """
+        values = np.empty(len(self))
+        for row, cell in enumerate(self.cells(index)):
+            try:
+                values[row] = number_in(cell)
+                if abs(values[row]) > largest:
+                    raise ValueError
+            except (ValueError, OverflowError) as error:
+                problem = f"'{shown_cell(cell)}' is not a usable number; write a finite one, or leave the cell empty "
+                raise self.fault(problem + "if it is missing", row, self.headings[index]) from error
+        return values
+
+
+def read_table(
+    path: Path | str, example: str, error: type[TableError] = TableError, *, short_rows: bool = True
+) -> Table:
+    """Read a table whose first line names its columns.
+
+    Args:
+        path: a CSV file (UTF-8, commas), or by its suffix Parquet or Excel (its first sheet).
+        example: headings such a table may have, to tell a user whose file is empty.
+        error: what is raised.
+        short_rows: whether cells may be left out at the end of a row; they are empty then.
+
+    Raises:
+        TableError: (or the subclass given as ``error``) the file cannot be read, is empty, or a row has more cells
+            than there are headings (or fewer).
+    """
+    path = Path(path)
+    if path.suffix.lower() in PARQUET_SUFFIXES:
+        return _read_parquet(path, error)
+    rows = (_excel_rows if path.suffix.lower() in _EXCEL_SUFFIXES else _csv_rows)(path, error)
+    if not rows:
+        raise error(path, f"is empty; line 1 must name the columns, such as {example}")
+    heading_line, first = rows.pop(0)
+    if len(rows) > _MOST_ROWS:
+        raise error(path, f"has more than {_MOST_ROWS} rows; split it")
+    width = len(first)
+    for line, cells in rows:
+        if len(cells) > width or (len(cells) < width and not short_rows):
+            raise error(path, f"{len(cells)} cells for {width} columns; is the row cut off?", line)
+        cells.extend([""] * (width - len(cells)))
+    lines = np.array([line for line, _ in rows], dtype=np.int64)
+    headings = tuple(str(cell).strip() for cell in first)
+    return Table(path, headings, lines, error, heading_line, lambda index: [cells[index] for _, cells in rows])
+
+
+def shown_cell(cell: Any) -> str:
+    """Return a cell as an error message shows it: one short line, "" where it is empty."""
+    return "" if cell is None else " ".join(str(cell).split())[:40]
+
+
+def number_in(cell: Any) -> float:
+    """Return a cell as a number, NaN when it is empty.
+
+    Raises:
+        ValueError: it is neither.
+        OverflowError: it is a whole number too large for a double.
+    """
+    if cell is None:
+        return math.nan
+    if isinstance(cell, str):
+        if "_" in cell:  # Python would read 1_000 as 1000
+            raise ValueError(cell)
+        return float(cell) if cell.strip() else math.nan
+    if isinstance(cell, bool) or not isinstance(cell, int | float):
+        raise ValueError(str(cell))
+    return float(cell)
+
+
+def _label(cell: Any) -> str:
+    if cell is None or (isinstance(cell, float) and not math.isfinite(cell)):
+        return ""
+    if isinstance(cell, float) and cell.is_integer():
+        return str(int(cell))
+    return " ".join(str(cell).split())
+
+
+_Rows = list[tuple[int, list[Any]]]
+
+
+def _csv_rows(path: Path, error: type[TableError]) -> _Rows:
+    """Return line number and cells of every line that holds something."""
+    try:
+        reader = csv.reader(io.StringIO(path.read_text(encoding="utf-8-sig"), newline=""), strict=True)
+    except OSError as problem:
+        raise error(path, f"cannot be read: {problem.strerror}") from problem
+    except ValueError as problem:
+        raise error(path, "cannot be read: it is not a CSV file in UTF-8") from problem
+    try:
+        return [(reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells)]
+    except csv.Error as problem:
+        raise error(path, f"not valid CSV: {problem}", reader.line_num) from problem
+
+
+def _excel_rows(path: Path, error: type[TableError]) -> _Rows:
+    """Return the same of the first sheet of an Excel file."""
+    import pandas as pd
+
+    try:
+        frame = pd.read_excel(path, header=None, dtype=object)
+    except ImportError as problem:
+        raise error(path, "Excel files need the package openpyxl: install it, or save the table as CSV") from problem
+    except OSError as problem:
+        raise error(path, f"cannot be read: {problem.strerror or problem}") from problem
+    except Exception as problem:  # what a damaged workbook raises depends on the package that opens it
+        raise error(path, f"cannot be read as Excel: {problem}") from problem
+    rows = [["" if pd.isna(cell) else cell for cell in row] for row in frame.itertuples(index=False)]
+    return [(line, row) for line, row in enumerate(rows, start=1) if any(shown_cell(cell) for cell in row)]
+
+
+def _read_parquet(path: Path, error: type[TableError]) -> Table:
+    # Half a second to import, and only those who use Parquet need it.
+    import pyarrow
+    import pyarrow.parquet
+
+    broken = (ValueError, TypeError, KeyError, NotImplementedError, MemoryError, OverflowError, pyarrow.ArrowException)
+    try:
+        table = pyarrow.parquet.ParquetFile(pyarrow.BufferReader(path.read_bytes())).read()
+    except (OSError, *broken) as problem:
+        reason = (problem.strerror if isinstance(problem, OSError) else None) or str(problem)
+        raise error(path, f"cannot be read as Parquet: {reason}") from problem
+
+    def column(index: int) -> Sequence[Any]:
+        try:
+            return list(table.column(index).to_pylist())
+        except broken as problem:
+            raise error(path, f"cannot be read: {problem}", None, str(table.column_names[index])) from problem
+
+    headings = tuple(str(name).strip() for name in table.column_names)
+    return Table(path, headings, np.arange(1, table.num_rows + 1), error, None, column)

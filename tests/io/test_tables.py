@@ -1,0 +1,74 @@
+"""One reader for all tables: the same cells from CSV and Parquet, and one line for what is wrong."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pouring_robot.exceptions import CampaignError, TableError
+from pouring_robot.io.quantities import UNITS, Quantity, read_quantities, to_inner
+from pouring_robot.io.tables import read_table
+from pouring_robot.robot.pose_table import read_pose_lines
+
+
+def test_lines_and_cells_of_a_csv_file(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text('\n a_mm ,b\n1,"x\ny"\n\n2\n')
+    table = read_table(path, "a_mm")
+    assert table.headings == ("a_mm", "b") and table.heading_line == 2
+    assert table.lines.tolist() == [4, 6]
+    assert table.numbers(0).tolist() == [1.0, 2.0]
+    assert table.labels(1) == ("x y", "")
+    with pytest.raises(TableError, match="line 4, column b: 'x y' is not a finite number") as caught:
+        table.numbers(1)
+    assert (caught.value.row, caught.value.column) == (4, "b")
+    with pytest.raises(CampaignError, match=r"line 6: 1 cells for 2 columns; is the row cut off\?"):
+        read_table(path, "a_mm", CampaignError, short_rows=False)
+
+
+def test_poses_from_parquet(tmp_path):
+    frame = pd.DataFrame({"x_mm": [-100.0, 0.0], "y_mm": [20, 0], "z_mm": [-600.0, -500.0], "tilt_deg": [30.0, None]})
+    frame.iloc[:1].to_parquet(tmp_path / "one.parquet", index=False)
+    (pose,) = read_pose_lines(tmp_path / "one.parquet").values()
+    assert pose.to_mm_deg() == pytest.approx((-100.0, 20.0, -600.0, 30.0), abs=1e-12)
+    frame.to_parquet(tmp_path / "two.parquet", index=False)
+    with pytest.raises(TableError, match="line 2, column tilt_deg: '(nan)?' is not a finite number"):
+        read_pose_lines(tmp_path / "two.parquet")
+
+
+def test_excel(tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    sheet = openpyxl.Workbook()
+    for row in (["x_mm", "y_mm", "z_mm", "tilt_deg"], [-100, 20, -600, 30], [], [0, 0, "low", 0]):
+        sheet.active.append(row)
+    sheet.save(tmp_path / "poses.xlsx")
+    with pytest.raises(TableError, match="line 4, column z_mm: 'low'"):
+        read_pose_lines(tmp_path / "poses.xlsx")
+
+
+def test_excel_without_its_package_or_damaged_is_one_line(tmp_path):
+    path = tmp_path / "poses.xlsx"
+    path.write_bytes(b"no workbook")
+    with pytest.raises(TableError, match=r"(need the package openpyxl|cannot be read as Excel)") as caught:
+        read_pose_lines(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_every_unit_is_known_once_and_the_first_is_the_inner_one():
+    names = [unit for units in UNITS.values() for unit in units]
+    assert len(set(names)) == len(names)
+    for units in UNITS.values():
+        assert not units or next(iter(units.values())) == (1.0, 0.0)
+    assert to_inner(np.array([1.5]), "min").tolist() == pytest.approx([90.0], rel=1e-15)
+    assert to_inner(np.array([300.0]), "K").tolist() == pytest.approx([26.85], abs=1e-12)
+
+
+def test_quantities_that_come_all_or_none(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("u_mm,mine\n1,2\n")
+    pair = [Quantity(name, "length", part_of="a point") for name in ("u", "v")]
+    with pytest.raises(TableError, match="line 1, column v_m: the column is missing; a point needs u and v"):
+        read_quantities(path, pair, "u_mm")
+    path.write_text("u_mm,v_m,mine\n1,,2\n")
+    read = read_quantities(path, pair, "u_mm")
+    assert read.unknown == ("mine",) and read.headings == {"u": "u_mm", "v": "v_m"}
+    assert read.numbers["u"].tolist() == [0.001] and np.isnan(read.numbers["v"]).all()
