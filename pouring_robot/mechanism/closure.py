@@ -11,9 +11,9 @@ import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import eigenpy
 import numpy as np
 import pinocchio as pin
-import scipy.linalg
 
 from pouring_robot.exceptions import BadInputError, ClosureError
 from pouring_robot.mechanism.arrays import FloatArray, read_only
@@ -162,7 +162,7 @@ class ClosureSolver:
         """Keep the energy of the mechanism at hand."""
         self.mechanism, self.options = mechanism, options
         self.energy = ClosureEnergy(mechanism, loads)
-        self._factors: FloatArray = np.empty((0, 0))
+        self._factors: eigenpy.LLT | None = None  # Eigen's: nothing to load, no threads
 
     def solve(self, drives: Mapping[str, float], start: FloatArray) -> ClosureResult:
         """Close the loops.
@@ -215,12 +215,12 @@ class ClosureSolver:
         previous, share_before = np.inf, 1.0
         for iteration in range(1, options.max_iterations + 1):
             # Next to the minimum the factors of the last Hessian still serve, and cost nothing.
-            step = self._step_with_kept_factors(state) if kept else self._step(state, exact, damping)
+            step = self._step(state, exact, damping, kept)
             length = max(step.max(), -step.min())
             trial = energy.evaluate(pin.integrate(energy.model, state.configuration, step), commanded)
             closed = energy.can_close and np.abs(trial.residual).max() < options.closed_below
             short = length < options.step_tolerance
-            share = length / previous if previous < np.inf else 1.0
+            share = length / previous if 0.0 < previous < np.inf else 1.0  # two steps may be exactly zero
             # A step measures the error before it; it leaves less by as much as steps shrink. The worse of two steps
             # counts, because Newton may set stiff and soft directions right in turns.
             settled = length * max(share, share_before) < options.left_over or (
@@ -229,7 +229,7 @@ class ClosureSolver:
             sharp = damping == 0.0 and (exact or closed)
             if settled and short and sharp:
                 return trial, iteration
-            kept = sharp and length < _KEEP_FACTORS_BELOW and not kept and self._factors.size > 0
+            kept = sharp and length < _KEEP_FACTORS_BELOW and not kept and self._factors is not None
             # Energy that no longer falls steeply is there to stay: from here the residual's curvature counts.
             exact = not closed and (iteration >= _FIRST_EXACT or trial.elastic > 0.01 * state.elastic)
             # Round-off of the energy: near the minimum it may rise by a few last digits.
@@ -244,30 +244,26 @@ class ClosureSolver:
                 damping, climbs = max(10.0 * damping, 1e-4), 0
         raise self._failure("Newton's steps do not settle", best, options.max_iterations)
 
-    def _step(self, state: EnergyState, exact: bool, damping: float) -> FloatArray:
-        """Return the Newton step over all velocity columns; shape (nv,)."""
+    def _step(self, state: EnergyState, exact: bool, damping: float, kept: bool) -> FloatArray:
+        """Return the Newton step over all velocity columns, or one with the kept factors of the step before; (nv,)."""
         energy = self.energy
         free, block = energy.free_columns, energy.free_block
         downhill = -state.gradient[free]
         step = np.zeros(energy.model.nv)
+        if kept and self._factors is not None:
+            step[free] = self._factors.solve(downhill)
+            return step
         for full in (energy.hessian, energy.gauss_newton_hessian)[0 if exact else 1 :]:
             hessian = full(state)[block]
             if damping:
                 hessian[np.diag_indices_from(hessian)] *= 1.0 + damping
-            self._factors, solution, info = scipy.linalg.lapack.dposv(hessian, downhill)
-            if info == 0:  # positive definite: the step goes downhill
-                step[free] = solution
+            self._factors = eigenpy.LLT(hessian)
+            if self._factors.info() == eigenpy.ComputationInfo.Success:  # positive definite: the step goes downhill
+                step[free] = self._factors.solve(downhill)
                 return step
-        self._factors = np.empty((0, 0))
+        self._factors = None
         # Gauss-Newton singular: the least-norm step keeps what is undetermined in place.
         step[free] = np.linalg.lstsq(hessian, downhill, rcond=1e-12)[0]
-        return step
-
-    def _step_with_kept_factors(self, state: EnergyState) -> FloatArray:
-        """Return a Newton step from the Hessian of the step before; shape (nv,)."""
-        step = np.zeros(self.energy.model.nv)
-        free = self.energy.free_columns
-        step[free], _ = scipy.linalg.lapack.dpotrs(self._factors, -state.gradient[free])
         return step
 
     def _failure(self, reason: str, state: EnergyState, iterations: int) -> ClosureError:

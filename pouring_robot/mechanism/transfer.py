@@ -16,9 +16,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import eigenpy
 import numpy as np
 import pinocchio as pin
-import scipy.linalg
 
 from pouring_robot.exceptions import BadInputError, SingularPoseError, UnknownJointError
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
@@ -282,8 +282,8 @@ def _solve(block: FloatArray, right_side: FloatArray) -> FloatArray:
     values = np.linalg.eigvalsh(scaled)
     if values[0] <= _SINGULAR_RATIO * values[-1]:
         raise SingularPoseError(float(values[0] / values[-1]))
-    factor = scipy.linalg.cho_factor(scaled)
+    factor = eigenpy.LLT(scaled)
     wanted = scale[:, None] * right_side
-    solution = scipy.linalg.cho_solve(factor, wanted)
-    solution += scipy.linalg.cho_solve(factor, wanted - scaled @ solution)
+    solution = factor.solve(wanted)
+    solution += factor.solve(wanted - scaled @ solution)
     return np.asarray(scale[:, None] * solution)

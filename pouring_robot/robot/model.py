@@ -7,6 +7,7 @@ It names a layout, the placement errors of joints and the offsets of drives. It 
 
 from __future__ import annotations
 
+import functools
 import io
 import os
 from pathlib import Path
@@ -220,7 +221,7 @@ class RobotModel(StrictModel):
 
     def loops(self) -> LoopsFile:
         """Return the shipped declaration of the four loops."""
-        return load_loops(loops_file())
+        return _shipped_loops()
 
     def nominal_urdf(self, chain_order: tuple[int, ...] = (1, 2, 3, 4)) -> str:
         """Return the robot of the drawing as URDF.
@@ -303,6 +304,11 @@ def meet_at_cut_joints(urdf: str, loops: LoopsFile) -> str:
                 turn = pin.log3(moved.rotation)
                 errors[cut] = PlacementError(tuple(moved.translation.tolist()), tuple(turn.tolist()))
     return perturb_urdf(urdf, errors)
+
+
+@functools.cache
+def _shipped_loops() -> LoopsFile:
+    return load_loops(loops_file())
 
 
 def loops_file() -> Path:

@@ -348,6 +348,16 @@ def test_a_drive_that_could_yield_does_not_when_nothing_pulls():
     assert found.joint_values["lift"] == pytest.approx(1.0, abs=1e-12)
 
 
+def test_a_mechanism_that_is_closed_already_takes_two_steps_of_exactly_zero():
+    """Links that turn about vertical axes: the weight does no work, and nothing is left to do at the start."""
+    urdf = planar_urdf("flat", [("a", 0.0, [0.5, 0.5]), ("b", 0.5, [0.25, 0.25])]).replace("0 1 0", "0 0 1")
+    loops = LoopsFile(drives=("a_j1",), loops=({"name": "tips", "frame_a": "a_tip", "frame_b": "b_tip"},))
+    mechanism = ClosedChainMechanism(urdf, loops)
+    result = ClosureSolver(mechanism, Loads(gravity=True)).solve({}, mechanism.neutral_configuration())
+    assert (result.gap_m, result.gap_rad) == (0.0, 0.0)
+    np.testing.assert_array_equal(result.configuration, mechanism.neutral_configuration())
+
+
 def with_stiffness(mechanism, translation, rotation):
     """Return the mechanism with another stiffness of its loops (N/m, Nm/rad)."""
     values = {"translation": translation, "rotation": rotation}

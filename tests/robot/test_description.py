@@ -23,6 +23,7 @@ from lxml import etree
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.exceptions import DescriptionError, OutputError, UnknownJointError, UnknownLayoutError
+from pouring_robot.io.cache import CACHE_VARIABLE
 from pouring_robot.robot.pouring import description, layout
 from pouring_robot.robot.pouring.description import (
     PlacementError,
@@ -418,9 +419,23 @@ def test_changed_layouts_file_is_rendered_again(tmp_path: Path) -> None:
     assert after - before == pytest.approx(0.001, abs=1e-12)
 
 
-def test_threads_do_not_mix_their_robots() -> None:
+def test_a_rendering_is_made_once_a_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "not" / "yet" / "there"))
+    description._rendered.cache_clear()
+    urdf = render_urdf()
+    (kept,) = (tmp_path / "not").rglob("*.urdf")
+    assert kept.read_text(encoding="utf-8") == urdf
+    kept.write_text("<robot/>", encoding="utf-8")  # as nobody else would: shows that it is read
+    description._rendered.cache_clear()
+    assert render_urdf() == "<robot/>"
+    assert render_urdf("wide") != render_urdf(chain_order=(2, 1, 3, 4)) != "<robot/>"
+    description._rendered.cache_clear()
+
+
+def test_threads_do_not_mix_their_robots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     expected = {order: render_urdf("wide", chain_order=order) for order in CARRIERS}
-    description._rendered.clear()
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
+    description._rendered.cache_clear()
     results = {}
 
     def work(order: tuple[int, ...]) -> None:

@@ -7,25 +7,20 @@ meshes, so that any other program can load it.
 
 from __future__ import annotations
 
-import hashlib
-import html
+import functools
+import importlib.metadata
 import math
-import os
-import re
-import threading
-import xml.parsers.expat
-from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-import xacro
 from lxml import etree
 from numpy.typing import NDArray
 
 from pouring_robot.exceptions import DescriptionError, UnknownJointError
+from pouring_robot.io.cache import content_key, kept_text
 from pouring_robot.io.files import write_together
 from pouring_robot.robot.pouring.layout import (
     CHAINS,
@@ -52,13 +47,6 @@ __all__ = [
 ]
 
 _MESH_PACKAGE = "package://robot_description/meshes"
-_CACHE_SIZE = 64
-# How xacro begins to complain about the way a macro is called.
-_CALLERS_FAULTS = ("Invalid parameter", "Undefined parameters", "Not enough blocks", "Unused block")
-
-# xacro keeps its file stack, arguments and include list in module globals.
-_xacro_lock = threading.Lock()
-_rendered: OrderedDict[str, str] = OrderedDict()
 
 
 @dataclass(frozen=True)
@@ -93,8 +81,8 @@ def render_urdf(
 ) -> str:
     """Return the robot's URDF.
 
-    Rendering takes a few tenths of a second; the result is kept by a hash of everything it depends on, so a
-    changed file is seen and an unchanged one is not rendered twice. Safe to call from several threads.
+    Rendering takes half a second; the result is kept on disk by a hash of everything it depends on, so a changed
+    file is seen and an unchanged one is rendered once a machine. Safe to call from several threads.
 
     Args:
         layout: name of a layout in the dimensions file.
@@ -117,18 +105,13 @@ def render_urdf(
     folder = description_folder() / "urdf"
     arguments = {
         "layout": layout,
-        "layouts_file": str(path),
         "chains": " ".join(str(chain) for chain in chain_order),
         "mesh_prefix": _MESH_PACKAGE if mesh_folder is None else mesh_folder.absolute().as_posix(),
     }
-    key = _content_hash(dimensions, folder, arguments)
-    with _xacro_lock:
-        if key not in _rendered:
-            _rendered[key] = _run_xacro(folder / "pouring_robot.urdf.xacro", arguments)
-            if len(_rendered) > _CACHE_SIZE:
-                _rendered.popitem(last=False)
-        _rendered.move_to_end(key)
-        return _rendered[key]
+    parts = [f"{key}={value}" for key, value in arguments.items()]
+    parts += [importlib.metadata.version("xacro"), *(read_text(file) for file in sorted(folder.glob("*.xacro")))]
+    arguments["layouts_file"] = str(path)  # its text counts, not its place
+    return _rendered(content_key([dimensions, *parts]), dimensions, folder, tuple(arguments.items()))
 
 
 def perturb_urdf(urdf: str, placements: Mapping[str, PlacementError]) -> str:
@@ -195,53 +178,22 @@ def write_urdf(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
     return target
 
 
-def _content_hash(dimensions: str, folder: Path, arguments: Mapping[str, str]) -> str:
-    """Hash all that a rendering depends on: the xacro files, the dimensions and the arguments."""
-    digest = hashlib.sha256()
-    texts = [dimensions, *(read_text(path) for path in sorted(folder.glob("*.xacro")))]
-    for text in [*texts, *(f"{key}={value}" for key, value in sorted(arguments.items()))]:
-        digest.update(text.encode() + b"\0")
-    return digest.hexdigest()
+@functools.lru_cache(maxsize=64)
+def _rendered(key: str, dimensions: str, folder: Path, arguments: tuple[tuple[str, str], ...]) -> str:
+    """Return the rendering that the key stands for: an earlier process may have made it."""
 
+    def render() -> str:
+        from pouring_robot.robot.pouring.rendering import run_xacro
 
-def _run_xacro(path: Path, arguments: Mapping[str, str]) -> str:
-    """Run xacro in this process; the caller holds the lock."""
-    try:
-        document = xacro.process_file(str(path), mappings=dict(arguments), verbosity=0)
-    except xml.parsers.expat.ExpatError as error:
-        raise DescriptionError(_file_at_fault(path, ""), f"not valid XML: {error}") from error
-    except Exception as error:  # xacro evaluates expressions, so a broken file can raise anything
-        raise DescriptionError(_file_at_fault(path, str(error)), f"xacro: {error or type(error).__name__}") from error
-    # The banner names the path of this machine; the same description must give the same text anywhere.
-    for node in list(document.childNodes):
-        if node.nodeType == node.COMMENT_NODE:
-            document.removeChild(node)
-    return re.sub(r"\n\s*\n", "\n", document.toprettyxml(indent="  "))
+        urdf, path = (
+            run_xacro(folder / "pouring_robot.urdf.xacro", dict(arguments)),
+            Path(dict(arguments)["layouts_file"]),
+        )
+        if read_text(path) != dimensions:  # xacro read it by itself: do not keep its answer under the other's name
+            raise DescriptionError(path, "changed while it was read; run the command again")
+        return urdf
 
-
-def _file_at_fault(path: Path, problem: str) -> Path:
-    """Return the file xacro stumbled over: on failure it leaves its stacks as they stood.
-
-    The macro on top is not always at fault: xacro enters it before it evaluates what its caller passes, and evaluates
-    properties where they are used. So the file must hold the text that the problem quotes.
-    """
-    stacks = [xacro.filestack, *(macro.history[-1] for macro in xacro.macrostack or [])]
-    entered = [Path(os.path.normpath(stack[-1])) for stack in stacks if stack and stack[-1]] or [path]
-    quoted = re.search(
-        r"evaluating expression '(.*?)'(?:\s+when evaluating |\s*$)|unknown macro name: (\S+)", problem, re.DOTALL
-    )
-    if quoted:
-        wanted = _plain(f"${{{quoted[1]}}}" if quoted[1] is not None else f"<{quoted[2]}")
-        for file in (*reversed(entered), *sorted(path.parent.glob("*.xacro"))):
-            if wanted in _plain(html.unescape(read_text(file))):
-                return file
-    if len(entered) > 1 and problem.startswith(_CALLERS_FAULTS):
-        return entered[-2]
-    return entered[-1]
-
-
-def _plain(text: str) -> str:
-    return "".join(text.split())
+    return kept_text(f"urdf/{key}.urdf", render)
 
 
 def _displace(joint: etree._Element, placement: PlacementError) -> None:

@@ -1,0 +1,57 @@
+"""What is kept on disk between runs because it takes long to make: rendered descriptions, compiled kernels.
+
+The folder may be missing, full, read-only or shared by processes that run at once: then a thing is made anew, and
+nobody ever reads half of one. It may be deleted at any time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import platformdirs
+
+from pouring_robot.exceptions import OutputError
+from pouring_robot.io.files import write_whole
+
+CACHE_VARIABLE = "POURING_ROBOT_CACHE"
+"""Environment variable that names another folder."""
+
+
+def cache_folder() -> Path | None:
+    """Return the folder in which things are kept, which need not be there; none for a user without a home."""
+    folder = Path(os.environ.get(CACHE_VARIABLE) or platformdirs.user_cache_dir("pouring_robot", appauthor=False))
+    return folder if folder.is_absolute() or CACHE_VARIABLE in os.environ else None
+
+
+def content_key(parts: Iterable[str | bytes]) -> str:
+    """Return a file name for whatever depends on these texts, in this order, and on nothing else."""
+    digest = hashlib.sha256()
+    for part in parts:
+        data = part.encode() if isinstance(part, str) else part
+        digest.update(len(data).to_bytes(8, "big") + data)
+    return digest.hexdigest()[:40]
+
+
+def kept_text(name: str, make: Callable[[], str]) -> str:
+    """Return a text that is kept on disk, or make and keep it.
+
+    Args:
+        name: file below the cache folder; it must hold a :func:`content_key` of all that the text depends on.
+        make: makes the text; what it raises is passed on, and nothing is kept.
+    """
+    folder = cache_folder()
+    if folder is None:
+        return make()
+    path = folder / name
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        text = make()
+    with contextlib.suppress(OSError, OutputError):  # read-only or full: the next run makes it again
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, text)
+    return text

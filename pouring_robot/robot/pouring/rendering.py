@@ -1,0 +1,71 @@
+"""Running xacro in this process, and finding the file at fault when it fails."""
+
+from __future__ import annotations
+
+import html
+import os
+import re
+import threading
+import xml.parsers.expat
+from collections.abc import Mapping
+from pathlib import Path
+
+import xacro
+
+from pouring_robot.exceptions import DescriptionError
+from pouring_robot.robot.pouring.layout import read_text
+
+# How xacro begins to complain about the way a macro is called.
+_CALLERS_FAULTS = ("Invalid parameter", "Undefined parameters", "Not enough blocks", "Unused block")
+
+# xacro keeps its file stack, arguments and include list in module globals.
+_lock = threading.Lock()
+
+
+def run_xacro(path: Path, arguments: Mapping[str, str]) -> str:
+    """Return what xacro makes of a file; safe to call from several threads.
+
+    Raises:
+        DescriptionError: the file, or one it includes, is wrong; names the one at fault.
+    """
+    with _lock:
+        return _run_xacro(path, arguments)
+
+
+def _run_xacro(path: Path, arguments: Mapping[str, str]) -> str:
+    try:
+        document = xacro.process_file(str(path), mappings=dict(arguments), verbosity=0)
+    except xml.parsers.expat.ExpatError as error:
+        raise DescriptionError(_file_at_fault(path, ""), f"not valid XML: {error}") from error
+    except Exception as error:  # xacro evaluates expressions, so a broken file can raise anything
+        raise DescriptionError(_file_at_fault(path, str(error)), f"xacro: {error or type(error).__name__}") from error
+    # The banner names the path of this machine; the same description must give the same text anywhere.
+    for node in list(document.childNodes):
+        if node.nodeType == node.COMMENT_NODE:
+            document.removeChild(node)
+    return re.sub(r"\n\s*\n", "\n", document.toprettyxml(indent="  "))
+
+
+def _file_at_fault(path: Path, problem: str) -> Path:
+    """Return the file xacro stumbled over: on failure it leaves its stacks as they stood.
+
+    The macro on top is not always at fault: xacro enters it before it evaluates what its caller passes, and evaluates
+    properties where they are used. So the file must hold the text that the problem quotes.
+    """
+    stacks = [xacro.filestack, *(macro.history[-1] for macro in xacro.macrostack or [])]
+    entered = [Path(os.path.normpath(stack[-1])) for stack in stacks if stack and stack[-1]] or [path]
+    quoted = re.search(
+        r"evaluating expression '(.*?)'(?:\s+when evaluating |\s*$)|unknown macro name: (\S+)", problem, re.DOTALL
+    )
+    if quoted:
+        wanted = _plain(f"${{{quoted[1]}}}" if quoted[1] is not None else f"<{quoted[2]}")
+        for file in (*reversed(entered), *sorted(path.parent.glob("*.xacro"))):
+            if wanted in _plain(html.unescape(read_text(file))):
+                return file
+    if len(entered) > 1 and problem.startswith(_CALLERS_FAULTS):
+        return entered[-2]
+    return entered[-1]
+
+
+def _plain(text: str) -> str:
+    return "".join(text.split())
