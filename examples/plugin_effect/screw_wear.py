@@ -15,6 +15,7 @@ class ScrewWear(Effect):
 
     id = "screw_wear"
     story = "the screws are worn where the nut stands most of the time"
+    driven_by = "lengths_m"
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Return one form for each place; its parameters are the errors there of l1, l2, l3 in mm."""
@@ -22,7 +23,7 @@ class ScrewWear(Effect):
         for place_m in PLACES_M:
             worn = MM * np.exp(-(((conditions.lengths_m - place_m) / WIDTH_M) ** 2))
             parameters = (
-                EffectParameter(f"l{k + 1}_wear", "mm", usual=0.3, changes={f"drive.leg{k + 1}_s3": worn[:, k]})
+                EffectParameter(f"l{k + 1}_wear", "mm", prior_std=0.3, changes={f"drive.leg{k + 1}_s3": worn[:, k]})
                 for k in range(3)
             )
             found.append(Form(f"at_{1e3 * place_m:.0f}_mm", tuple(parameters)))

@@ -96,10 +96,10 @@ def effects(as_json: options.AsJson = False) -> None:
 
 def _library() -> list[dict[str, Any]]:
     """Return the library with forms and parameters, as they are for a campaign that holds every condition."""
-    from pouring_robot.diagnosis.report.words import sources
     from pouring_robot.diagnosis.rows import channel_names, local_parameters
     from pouring_robot.effects.base import checked_forms
     from pouring_robot.effects.examples import complete_conditions
+    from pouring_robot.effects.facts import sources
     from pouring_robot.effects.registry import all_effects
 
     conditions, channels = complete_conditions(), channel_names(local_parameters())

@@ -12,15 +12,13 @@ import numpy as np
 
 from pouring_robot.calibration.amend import amended_model
 from pouring_robot.diagnosis.diagnose import Diagnosis
+from pouring_robot.diagnosis.problem import BACKGROUND
 from pouring_robot.effects.base import EffectParameter
-from pouring_robot.effects.registry import all_effects
 from pouring_robot.estimation.measurement import FRAMES, MeasurementModel
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
 
-BACKGROUND = "background"
-"""Form of the usual small errors."""
 _VALUE_DIGITS, _STD_DIGITS = 9, 4
 _STILL = 1e-12
 
@@ -37,9 +35,9 @@ def amended(diagnosis: Diagnosis) -> RobotModel:
     entries: list[EffectEntry] = []
     placed: list[tuple[EffectParameter, float]] = []
     inside = diagnosis.rows.measurement
-    needs = {effect.id: bool(effect.needs) for effect in all_effects().values()}
+    known = diagnosis.diagnoser.library.effects
     for effect, form, parameters in _found(diagnosis):
-        still = [not needs[effect] and stands_still(p, inside.names[FRAMES:]) for p, _, _ in parameters]
+        still = [not known[effect].needs and stands_still(p, inside.names[FRAMES:]) for p, _, _ in parameters]
         placed += [(p, value) for (p, value, _), fixed in zip(parameters, still, strict=True) if fixed]
         for wanted in (True, False):
             chosen = [item for item, fixed in zip(parameters, still, strict=True) if fixed == wanted]
@@ -82,11 +80,12 @@ def _found(diagnosis: Diagnosis) -> list[tuple[str, str, list[Found]]]:
         effect, _, form = name.partition("/")
         own = [(p.parameter, left[id(p.parameter)].pop(0), p.std) for p in parameters if left.get(id(p.parameter))]
         found.append((effect, form or BACKGROUND, own))
-    forms = {(effect, BACKGROUND): form for effect, form in diagnoser.backgrounds.items()} | dict(diagnoser.forms)
+    library = diagnoser.library
+    forms = {(effect, BACKGROUND): form for effect, form in library.backgrounds.items()} | dict(library.forms)
     # What is left belongs to the largest form that is there as a whole.
     for (effect, name), whole in sorted(forms.items(), key=lambda item: -len(item[1].parameters)):
         if all(left.get(id(p)) for p in whole.parameters):
-            found.append((effect, name, [(p, left[id(p)].pop(0), p.usual) for p in whole.parameters]))
+            found.append((effect, name, [(p, left[id(p)].pop(0), p.prior_std) for p in whole.parameters]))
     return found
 
 

@@ -15,7 +15,7 @@ from pouring_robot.checks.flags import DataFlag, outlier_rows
 from pouring_robot.diagnosis.descriptions import descriptions
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.parameters import NamedEffect, named_effects
-from pouring_robot.diagnosis.problem import background_forms, effect_forms
+from pouring_robot.diagnosis.problem import Library
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser, State
 from pouring_robot.effects.base import Effect
@@ -172,8 +172,7 @@ class _Work:
         for _ in range(_NOISE_ROUNDS if noise.from_residuals else 1):
             self.say("searching for effects")
             rows = CampaignRows(campaign, self.model, noise)
-            forms = effect_forms(rows, self.effects)
-            diagnoser = Diagnoser(rows, forms, background_forms(rows), fitted, self.options.search)
+            diagnoser = Diagnoser(rows, Library.of(rows, self.effects), fitted, self.options.search)
             after, hypothesis = diagnoser.found()
             better = _noise_from(noise, after, hypothesis)
             if better is None:

@@ -80,7 +80,7 @@ def found_parameters(
 
 def _scaled(form: Form, scale: float, mean: FloatArray, deviation: FloatArray) -> tuple[FoundParameter, ...]:
     rows = zip(form.parameters, mean.tolist(), deviation.tolist(), strict=True)
-    return tuple(FoundParameter(p, scale * p.usual * value, scale * p.usual * std) for p, value, std in rows)
+    return tuple(FoundParameter(p, scale * p.prior_std * value, scale * p.prior_std * std) for p, value, std in rows)
 
 
 def named_effects(

@@ -3,83 +3,93 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from pouring_robot.diagnosis.descriptions import poses
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.effects.base import Effect, Form, checked_forms
-from pouring_robot.effects.joints import axis_parameters, centre_parameters
+from pouring_robot.effects.registry import all_effects
 from pouring_robot.inference.explanations import Background, Explanation, Problem
 from pouring_robot.mechanism.arrays import FloatArray
 
-BACKGROUND_CENTRES_MM, BACKGROUND_AXES_MRAD = 0.015, 0.012
-"""Usual small errors that workmanship leaves after adjustment: U-joint centres and axes."""
-SMALL = {"joint_centre_offset": 0.035, "joint_axis_tilt": 0.08, "leg_compliance": 0.02}
-"""Up to which size (mm, mrad, mm at 5 kN) an effect is what every machine has: not named beside another cause."""
+BACKGROUND = "background"
+"""Form of the usual small errors."""
 SAG = "background_sag"
 _SAG_COLUMNS, _SAG_SIZE, _SAG_LARGEST = 40, 0.3, 4.0
 
 
-def background_forms(rows: CampaignRows) -> dict[str, Form]:
-    """Return the usual small geometric errors, by the effect they are called when they are all there is."""
-    one = np.ones(len(rows))
-    centres = [p for found in centre_parameters(one, BACKGROUND_CENTRES_MM).values() for p in found]
-    axes = [p for found in axis_parameters(one, BACKGROUND_AXES_MRAD).values() for p in found]
-    return {
-        "joint_centre_offset": Form("background", tuple(centres)),
-        "joint_axis_tilt": Form("background", tuple(axes)),
-    }
+@dataclass(frozen=True, eq=False)
+class Library:
+    """What a campaign can be searched for.
 
-
-def effect_forms(rows: CampaignRows, effects: Mapping[str, Effect]) -> dict[tuple[str, str], Form]:
-    """Return every form of every effect that this campaign can test.
-
-    Raises:
-        BadInputError: an effect that a package offers does not do as :class:`~pouring_robot.effects.base.Effect` says.
+    Attributes:
+        effects: all there are, by id.
+        forms: of the effects that may be named and that the campaign can test, by effect and form.
+        backgrounds: the usual small errors, by the effect they are called when they are all there is.
     """
-    channels = rows.channels
-    return {
-        (effect.id, form.name): form
-        for effect in effects.values()
-        if not effect.missing(rows.conditions)
-        for form in checked_forms(effect, rows.conditions, channels)
-    }
+
+    effects: Mapping[str, Effect]
+    forms: Mapping[tuple[str, str], Form]
+    backgrounds: Mapping[str, Form]
+
+    @classmethod
+    def of(cls, rows: CampaignRows, chosen: Mapping[str, Effect]) -> Library:
+        """Return the library for a campaign.
+
+        Args:
+            rows: the campaign.
+            chosen: effects that may be named, by id.
+
+        Raises:
+            BadInputError: an effect that a package offers does not do as :class:`~pouring_robot.effects.base.Effect`
+                says.
+        """
+        given, channels = rows.conditions, rows.channels
+        forms = {
+            (effect.id, form.name): form
+            for effect in chosen.values()
+            if not effect.missing(given)
+            for form in checked_forms(effect, given, channels)
+        }
+        effects = all_effects()
+        usual = {name: effect.background(len(rows)) for name, effect in effects.items()}
+        return cls(effects, forms, {name: Form(BACKGROUND, found) for name, found in usual.items() if found})
+
+    @property
+    def tried(self) -> frozenset[str]:
+        """Ids of the effects of which there is a form."""
+        return frozenset(effect for effect, _ in self.forms)
 
 
-def problem_at(
-    rows: CampaignRows,
-    linear: LinearRows,
-    forms: Mapping[tuple[str, str], Form],
-    backgrounds: Mapping[str, Form],
-    added: FloatArray,
-) -> Problem:
+def problem_at(rows: CampaignRows, linear: LinearRows, library: Library, added: FloatArray) -> Problem:
     """Return the problem linearised at a state.
 
     Args:
         rows: the campaign.
         linear: residuals and derivatives there.
-        forms: of the effects, by effect and form.
-        backgrounds: usual small errors, by effect.
+        library: what may explain them.
         added: what the state's own changes add to the prediction to first order, (m,): it is given back, so that the
             problem is to find them again.
     """
-    usual = tuple(Background(effect, rows.columns(form, linear)) for effect, form in backgrounds.items())
+    usual = tuple(Background(effect, rows.columns(form, linear)) for effect, form in library.backgrounds.items())
     found = [
         Explanation(
             effect,
             form.name,
             rows.columns(form, linear),
             np.array([p.main for p in form.parameters]),
-            small=SMALL.get(effect, 0.0),
+            small=library.effects[effect].small,
         )
-        for (effect, _), form in forms.items()
+        for (effect, _), form in library.forms.items()
     ]
-    sag = _sag(rows, linear, usual)
+    loose = [b.columns for b in usual if library.effects[b.effect].loosened_by_load]
+    sag = _sag(rows, linear, np.hstack(loose)) if loose else []
     return Problem.build(linear.residual + added, linear.free, usual, (*found, *sag))
 
 
-def _sag(rows: CampaignRows, linear: LinearRows, usual: tuple[Background, ...]) -> list[Explanation]:
+def _sag(rows: CampaignRows, linear: LinearRows, axes: FloatArray) -> list[Explanation]:
     """Return what weight makes of tilted axes: the platform gives way sideways, where the mechanism is soft.
 
     The four chains hold the platform against Y and roll by their rotational stiffness alone, so that under load a tilt
@@ -89,7 +99,6 @@ def _sag(rows: CampaignRows, linear: LinearRows, usual: tuple[Background, ...]) 
     given = rows.conditions
     if given.weight_n is None:
         return []
-    axes = next(b.columns for b in usual if b.effect == "joint_axis_tilt")
     load = ((given.weight_n - given.weight_n.mean()) / 5000.0)[:, None] * np.column_stack(
         [np.ones(len(rows)), poses(given)]
     )

@@ -302,7 +302,7 @@ class CampaignRows:
         total = np.zeros(linear.residual.size)
         for name, change in parameter.changes.items():
             total += self.channel(name, linear) * change[linear.row]
-        return parameter.usual * total
+        return parameter.prior_std * total
 
     def channel(self, name: str, linear: LinearRows) -> FloatArray:
         """Return the whitened signature of one local parameter, alike in all rows, shape (m,), per m or rad.

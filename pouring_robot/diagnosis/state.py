@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.diagnosis.parameters import FoundParameter, found_parameters
-from pouring_robot.diagnosis.problem import problem_at
+from pouring_robot.diagnosis.problem import Library, problem_at
 from pouring_robot.diagnosis.rows import CampaignRows, Frames, LinearRows
-from pouring_robot.effects.base import EffectParameter, Form
+from pouring_robot.effects.base import EffectParameter
 from pouring_robot.estimation.priors import FRAME_STD
 from pouring_robot.exceptions import DiagnosisError
 from pouring_robot.inference.explanations import Problem
@@ -57,8 +56,7 @@ class Diagnoser:
 
     Args:
         rows: the campaign.
-        forms: of the effects, by effect and form.
-        backgrounds: usual small errors, by effect.
+        library: what may be found.
         fitted: rows that may be fitted, (n,); the others play no part.
         options: thresholds of the search.
     """
@@ -66,14 +64,12 @@ class Diagnoser:
     def __init__(
         self,
         rows: CampaignRows,
-        forms: Mapping[tuple[str, str], Form],
-        backgrounds: Mapping[str, Form],
+        library: Library,
         fitted: NDArray[np.bool_],
         options: SearchOptions = DEFAULT_SEARCH,
     ) -> None:
         """Keep what is searched."""
-        self.rows, self.forms, self.backgrounds, self.options = rows, forms, backgrounds, options
-        self.fitted = fitted
+        self.rows, self.library, self.fitted, self.options = rows, library, fitted, options
 
     def at_rest(self) -> State:
         """Return the state without any change, its frames refined."""
@@ -91,7 +87,7 @@ class Diagnoser:
         every_row = self.rows.linearise(self.rows.changes(parameters, values), frames)
         linear = every_row.of(self.fitted)
         added = self._signature(parameters, values, linear)
-        problem = problem_at(self.rows, linear, self.forms, self.backgrounds, added)
+        problem = problem_at(self.rows, linear, self.library, added)
         return State(parameters, values, frames, linear, every_row, problem)
 
     def found(self) -> tuple[State, Hypothesis]:
@@ -130,7 +126,7 @@ class Diagnoser:
 
     def parameters_of(self, hypothesis: Hypothesis) -> list[tuple[str, tuple[FoundParameter, ...]]]:
         """Return every group of a hypothesis that has parameters, with their values."""
-        return found_parameters(hypothesis, self.backgrounds, self.forms)
+        return found_parameters(hypothesis, self.library.backgrounds, self.library.forms)
 
     def _advanced(self, state: State, hypothesis: Hypothesis) -> tuple[State, float]:
         """Put in what a hypothesis found, and say by how much that differs from its linear prediction (noise units)."""
@@ -163,14 +159,14 @@ class Diagnoser:
     def _unnamed(self, hypothesis: Hypothesis, state: State) -> FloatArray:
         """Return what items without parameters of the robot add to the prediction, whitened, (m,)."""
         whole = self._carried(hypothesis, state, whole=True)
-        parts = [whole.part(k) for k, item in enumerate(whole.items) if item.key not in self.forms]
+        parts = [whole.part(k) for k, item in enumerate(whole.items) if item.key not in self.library.forms]
         return np.sum(parts, axis=0) if parts else np.zeros(state.linear.residual.size)
 
     def _signature(self, parameters: tuple[EffectParameter, ...], values: FloatArray, linear: LinearRows) -> FloatArray:
         """Return what parameters add to the prediction to first order, whitened, (m,)."""
         if not parameters:
             return np.zeros(linear.residual.size)
-        return np.column_stack([self.rows.column(p, linear) / p.usual for p in parameters]) @ values
+        return np.column_stack([self.rows.column(p, linear) / p.prior_std for p in parameters]) @ values
 
 
 def _least_squares(columns: FloatArray, values: FloatArray) -> FloatArray:

@@ -7,12 +7,12 @@ changes put in. What is not linear (a time constant, a power) tells *forms* of t
     class ScrewWear(Effect):
         id = "screw_wear"
         story = "the screws are worn in the middle of their stroke"
-        needs = ()
+        driven_by = "lengths_m"
 
         def forms(self, conditions):
             stroke = conditions.lengths_m[:, 0] - 0.6
             change = {"drive.leg1_s3": 1e-3 * np.exp(-((stroke / 0.1) ** 2))}
-            return (Form("bell", (EffectParameter("wear_1", "mm", usual=0.5, changes=change),)),)
+            return (Form("bell", (EffectParameter("wear_1", "mm", prior_std=0.5, changes=change),)),)
 
 See :mod:`pouring_robot.effects.registry` for how a package offers its effects.
 """
@@ -27,6 +27,7 @@ from typing import ClassVar
 import numpy as np
 
 from pouring_robot.effects.conditions import Conditions
+from pouring_robot.effects.facts import ALWAYS, FACTS, Axis, Facts, axis_over
 from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.mechanism.arrays import FloatArray
 
@@ -42,8 +43,8 @@ class EffectParameter:
     Attributes:
         name: short, unique in its form.
         unit: the user's unit of its value.
-        usual: standard deviation that one would expect of it where the effect is at work, in ``unit``. Only the ratios
-            between the parameters of a form matter much: their common scale is found from the data.
+        prior_std: standard deviation that one would expect of it where the effect is at work, in ``unit``. Only the
+            ratios between the parameters of a form matter much: their common scale is found from the data.
         changes: change of local parameters for one ``unit``.
         main: whether it makes the effect; if not, it shapes what the main parameters make.
         bounds: what is physically possible, in ``unit``.
@@ -51,7 +52,7 @@ class EffectParameter:
 
     name: str
     unit: str
-    usual: float
+    prior_std: float
     changes: LocalChanges
     main: bool = True
     bounds: tuple[float, float] = (-float("inf"), float("inf"))
@@ -79,6 +80,34 @@ class Effect(ABC):
     """One line for people: what happens on the machine."""
     needs: ClassVar[tuple[str, ...]] = ()
     """Conditions without which it cannot be tested: names of fields of :class:`Conditions` that may be None."""
+    driven_by: ClassVar[str] = ""
+    """Condition that it is drawn over and that must vary so that it shows, a key of
+    :data:`~pouring_robot.effects.facts.FACTS`; by default the first of :attr:`needs`."""
+    told_apart_by: ClassVar[str] = ""
+    """Measurement that tells it from other effects, in words; by default what varies :attr:`driven_by`."""
+    small: ClassVar[float] = 0.0
+    """Up to how many times its parameters' prior standard deviations it is what every machine has, and not named beside
+    another cause."""
+    loosened_by_load: ClassVar[bool] = False
+    """Whether load brings its background to light: the mechanism gives way further where it is soft."""
+
+    @property
+    def driver(self) -> str:
+        """Name of the condition that drives it; "" where none does."""
+        return self.driven_by or next(iter(self.needs), "")
+
+    @property
+    def separation(self) -> str:
+        """Measurement that tells it from other effects, in words; "" where nobody says."""
+        return self.told_apart_by or FACTS.get(self.driver, Facts()).vary
+
+    def axis(self, conditions: Conditions) -> Axis:
+        """Return what it is best drawn over in a campaign."""
+        return axis_over((self.driver, *self.needs, *ALWAYS), conditions)
+
+    def background(self, rows: int) -> tuple[EffectParameter, ...]:
+        """Return the small errors of its kind that workmanship leaves in every machine; by default none."""
+        return ()
 
     def missing(self, conditions: Conditions) -> tuple[str, ...]:
         """Return the needed conditions that a campaign does not have."""
@@ -132,6 +161,6 @@ def checked_forms(effect: Effect, conditions: Conditions, channels: Collection[s
                     )
                 if np.shape(change) != (len(conditions),) or not np.isfinite(change).all():
                     raise BadInputError(f"{where} must change '{name}' by one finite number for each row")
-            if not parameter.usual > 0.0:
-                raise BadInputError(f"{where} needs a usual size above zero, not {parameter.usual:g}")
+            if not parameter.prior_std > 0.0:
+                raise BadInputError(f"{where} needs a usual size above zero, not {parameter.prior_std:g}")
     return forms

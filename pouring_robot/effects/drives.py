@@ -20,10 +20,10 @@ _HOMES_M = (0.3, 0.4, 0.5)
 """Lengths at which a leg may have been homed."""
 
 
-def of_drive(drive: int, name: str, usual: float, course: FloatArray, main: bool = True) -> EffectParameter:
+def of_drive(drive: int, name: str, prior_std: float, course: FloatArray, main: bool = True) -> EffectParameter:
     """Return a parameter that moves one drive along a course (n,), in its own unit."""
     changes = {CHANNELS[drive]: SI[drive] * course}
-    return EffectParameter(f"{NAMES[drive]}_{name}", UNITS[drive], usual, changes, main)
+    return EffectParameter(f"{NAMES[drive]}_{name}", UNITS[drive], prior_std, changes, main)
 
 
 class DriveZeroOffset(Effect):
@@ -31,6 +31,7 @@ class DriveZeroOffset(Effect):
 
     id = "drive_zero_offset"
     story = "the zeros of the drives are set wrong"
+    driven_by = "tilt_rad"
     _HOMING = 0.02
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
@@ -54,6 +55,7 @@ class DriveScale(Effect):
 
     id = "drive_scale"
     story = "the screws have another lead than the controller believes"
+    driven_by = "lengths_m"
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """In proportion to the length, or to the stroke from a home position; the lead may change along the screw."""
@@ -67,7 +69,7 @@ class DriveScale(Effect):
             lead = [of_drive(k, "scale", 1.0, stroke[:, k]) for k in LEGS]
             progressive = [of_drive(k, "progression", 0.5, bent[:, k], main=False) for k in LEGS]
             both = (*lead, *progressive)
-            parameters = tuple(EffectParameter(p.name, "mm/m", p.usual, p.changes, p.main) for p in both)
+            parameters = tuple(EffectParameter(p.name, "mm/m", p.prior_std, p.changes, p.main) for p in both)
             found.append(Form(name, parameters))
         return tuple(found)
 
@@ -82,11 +84,11 @@ class DriveCyclic(Effect):
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Once a turn; two and three times a turn as overtones."""
         parameters = []
-        for harmonic, usual in ((1, 1.0), (2, 0.25), (3, 0.1)):
+        for harmonic, prior_std in ((1, 1.0), (2, 0.25), (3, 0.1)):
             for k in LEGS:
                 turn = 2.0 * np.pi * harmonic * conditions.drives[:, k] / float(conditions.screw_pitch_m or np.nan)
                 parameters += [
-                    of_drive(k, f"{name}_{harmonic}", usual, wave(turn), main=harmonic == 1)
+                    of_drive(k, f"{name}_{harmonic}", prior_std, wave(turn), main=harmonic == 1)
                     for name, wave in (("sine", np.sin), ("cosine", np.cos))
                 ]
         return (Form("turns", tuple(parameters)),)
@@ -112,16 +114,16 @@ class DriveBacklash(Effect):
             parameters = [of_drive(k, "play", 1.0, sides[:, k]) for k in range(4)]
             stroke = (conditions.lengths_m - _MIDDLE_M) / _HALF_STROKE_M
             parameters += [
-                of_drive(k, name, usual, sides[:, k] * stroke[:, k] ** power, main=False)
-                for name, usual, power in (("play_by_length", self._WORN, 1), ("play_by_length_2", self._WORN, 2))
+                of_drive(k, name, prior_std, sides[:, k] * stroke[:, k] ** power, main=False)
+                for name, prior_std, power in (("play_by_length", self._WORN, 1), ("play_by_length_2", self._WORN, 2))
                 for k in LEGS
             ]
             if conditions.leg_pull_n is not None and conditions.tilt_moment_nm is not None:
                 force = np.abs(np.column_stack([conditions.leg_pull_n, conditions.tilt_moment_nm]))
                 relative = force / np.maximum(force.mean(axis=0), 1e-9) - 1.0
                 parameters += [
-                    of_drive(k, name, usual, sides[:, k] * relative[:, k] ** power, main=False)
-                    for name, usual, power in (("play_by_load", self._LOADED, 1), ("play_by_load_2", self._LATER, 2))
+                    of_drive(k, name, std, sides[:, k] * relative[:, k] ** power, main=False)
+                    for name, std, power in (("play_by_load", self._LOADED, 1), ("play_by_load_2", self._LATER, 2))
                     for k in range(4)
                 ]
             found.append(Form(name, tuple(parameters)))
@@ -133,13 +135,14 @@ class TiltEncoderEccentricity(Effect):
 
     id = "tilt_encoder_eccentricity"
     story = "the disc of the tilt encoder sits off centre"
+    driven_by = "tilt_drive_rad"
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Once a turn; an oval disc adds twice a turn."""
         angle = conditions.drives[:, 3]
         parameters = [
-            of_drive(3, f"{name}_{harmonic}", usual, wave(harmonic * angle), main=harmonic == 1)
-            for harmonic, usual in ((1, 1.0), (2, 0.25))
+            of_drive(3, f"{name}_{harmonic}", prior_std, wave(harmonic * angle), main=harmonic == 1)
+            for harmonic, prior_std in ((1, 1.0), (2, 0.25))
             for name, wave in (("sine", np.sin), ("cosine", np.cos))
         ]
         return (Form("turns", tuple(parameters)),)

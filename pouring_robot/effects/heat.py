@@ -30,21 +30,21 @@ class LegThermalExpansion(Effect):
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Each leg as a whole with its thermometer, which may be biased, lag, or see another part of the leg."""
         lengths, rise = conditions.lengths_m[:, :3], np.asarray(conditions.leg_rise_k)[:, :3]
-        usual = _USUAL_PPM
-        main = EffectParameter("expansion", "1e-6/K", usual, _legs(lengths * rise), bounds=(0.0, np.inf))
+        prior_std = _USUAL_PPM
+        main = EffectParameter("expansion", "1e-6/K", prior_std, _legs(lengths * rise), bounds=(0.0, np.inf))
         shape = [
-            EffectParameter("barrel", "1e-6 m/K", 0.3 * usual, _legs(0.3 * rise), main=False),
+            EffectParameter("barrel", "1e-6 m/K", 0.3 * prior_std, _legs(0.3 * rise), main=False),
             EffectParameter(
-                "lag", "1e-6/K", 0.7 * usual, _legs(lengths * (conditions.behind(rise, _LAG_S) - rise)), main=False
+                "lag", "1e-6/K", 0.7 * prior_std, _legs(lengths * (conditions.behind(rise, _LAG_S) - rise)), main=False
             ),
         ]
         if conditions.platform_rise_k is not None:
             nearer = lengths * (conditions.platform_rise_k[:, None] - rise)
-            shape.append(EffectParameter("platform_share", "1e-6/K", 0.2 * usual, _legs(nearer), main=False))
+            shape.append(EffectParameter("platform_share", "1e-6/K", 0.2 * prior_std, _legs(nearer), main=False))
         for k in LEGS:
             bias, gain = {CHANNELS[k]: _PPM * lengths[:, k]}, {CHANNELS[k]: _PPM * lengths[:, k] * rise[:, k]}
-            shape.append(EffectParameter(f"l{k + 1}_thermometer_bias", "1e-6", _BIAS_K * usual, bias, main=False))
-            shape.append(EffectParameter(f"l{k + 1}_thermometer_gain", "1e-6/K", _GAIN * usual, gain, main=False))
+            shape.append(EffectParameter(f"l{k + 1}_thermometer_bias", "1e-6", _BIAS_K * prior_std, bias, main=False))
+            shape.append(EffectParameter(f"l{k + 1}_thermometer_gain", "1e-6/K", _GAIN * prior_std, gain, main=False))
         return (Form("own_temperature", (main, *shape)),)
 
 
@@ -57,7 +57,7 @@ class PlatformThermalExpansion(Effect):
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Evenly about its origin; perhaps less along x, with a biased thermometer, or later than its skin."""
-        rise, usual = np.asarray(conditions.platform_rise_k), _USUAL_PPM
+        rise, prior_std = np.asarray(conditions.platform_rise_k), _USUAL_PPM
         centres = conditions.lower_centres_m
 
         def grown(values: FloatArray, axes: str = "xyz") -> dict[str, FloatArray]:
@@ -73,10 +73,10 @@ class PlatformThermalExpansion(Effect):
             Form(
                 "even",
                 (
-                    EffectParameter("expansion", "1e-6/K", usual, grown(rise), bounds=(0.0, np.inf)),
-                    EffectParameter("along_x", "1e-6/K", 0.3 * usual, grown(rise, "x"), main=False),
-                    EffectParameter("thermometer_bias", "1e-6", _BIAS_K * usual, grown(one), main=False),
-                    EffectParameter("lag", "1e-6/K", 0.7 * usual, grown(late), main=False),
+                    EffectParameter("expansion", "1e-6/K", prior_std, grown(rise), bounds=(0.0, np.inf)),
+                    EffectParameter("along_x", "1e-6/K", 0.3 * prior_std, grown(rise, "x"), main=False),
+                    EffectParameter("thermometer_bias", "1e-6", _BIAS_K * prior_std, grown(one), main=False),
+                    EffectParameter("lag", "1e-6/K", 0.7 * prior_std, grown(late), main=False),
                 ),
             ),
         )

@@ -14,17 +14,17 @@ _TILTED = {1: "xz", 2: "yz", 3: "xy", 4: "yz", 5: "xz"}
 """Directions across the axis of each joint of a leg."""
 
 
-def centre_parameters(one: FloatArray, usual_mm: float = 1.0) -> dict[str, tuple[EffectParameter, ...]]:
+def centre_parameters(one: FloatArray, prior_std_mm: float = 1.0) -> dict[str, tuple[EffectParameter, ...]]:
     """Return three parameters for each U-joint centre, by the joint that places it; ``one`` is 1 for every row."""
     return {
         joint: tuple(
-            EffectParameter(f"{joint}.t{axis}", "mm", usual_mm, {f"{joint}.t{axis}": MM * one}) for axis in "xyz"
+            EffectParameter(f"{joint}.t{axis}", "mm", prior_std_mm, {f"{joint}.t{axis}": MM * one}) for axis in "xyz"
         )
         for joint in (*(f"leg{i}_s1" for i in LEGS), *(f"leg{i}_seat_mount" for i in LEGS))
     }
 
 
-def axis_parameters(one: FloatArray, usual_mrad: float = 1.0) -> dict[str, tuple[EffectParameter, ...]]:
+def axis_parameters(one: FloatArray, prior_std_mrad: float = 1.0) -> dict[str, tuple[EffectParameter, ...]]:
     """Return the tilts of each joint's axis, by joint: only this axis turns, the next joint stays where it was."""
     found = {}
     for leg in LEGS:
@@ -36,7 +36,7 @@ def axis_parameters(one: FloatArray, usual_mrad: float = 1.0) -> dict[str, tuple
                 EffectParameter(
                     f"{name}.tilt_{axis}",
                     "mrad",
-                    usual_mrad,
+                    prior_std_mrad,
                     {f"{name}.r{axis}": MRAD * one, f"{after}.r{axis}": back * MRAD * one},
                 )
                 for axis in directions
@@ -49,6 +49,14 @@ class JointCentreOffset(Effect):
 
     id = "joint_centre_offset"
     story = "U joints sit elsewhere on their platforms than drawn"
+    driven_by = "tilt_rad"
+    small = 0.035  # mm
+    _LEFT_MM = 0.015
+    """What adjustment leaves."""
+
+    def background(self, rows: int) -> tuple[EffectParameter, ...]:
+        """All centres, after adjustment."""
+        return tuple(p for found in centre_parameters(np.ones(rows), self._LEFT_MM).values() for p in found)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """All centres, those of one platform, or a single one."""
@@ -69,6 +77,15 @@ class JointAxisTilt(Effect):
 
     id = "joint_axis_tilt"
     story = "axes of the U joints are not parallel as drawn, or the yokes of a leg are twisted"
+    driven_by = "tilt_rad"
+    small = 0.08  # mrad
+    loosened_by_load = True
+    _LEFT_MRAD = 0.012
+    """What adjustment leaves."""
+
+    def background(self, rows: int) -> tuple[EffectParameter, ...]:
+        """All axes, after adjustment."""
+        return tuple(p for found in axis_parameters(np.ones(rows), self._LEFT_MRAD).values() for p in found)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """All axes, twisted legs, or bores of the platforms."""

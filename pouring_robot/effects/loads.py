@@ -25,6 +25,7 @@ class LegCompliance(Effect):
     id = "leg_compliance"
     story = "the legs stretch under the weight they carry"
     needs = ("leg_pull_n",)
+    small = 0.02  # mm at 5 kN
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Rods (with pull and length), nuts and bearings (with pull), ball contacts (with its power 2/3)."""
@@ -77,6 +78,7 @@ class TrussDeflection(Effect):
     id = "truss_deflection"
     story = "the truss sinks under the carriage and leans with the slope of its deflection"
     needs = ("weight_n", "truss_travel_m", "truss_span_m")
+    driven_by = "truss_travel_m"
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """A moving load on two posts, an evenly loaded beam, half a sine; torsion and dead load may add to it."""
@@ -96,12 +98,12 @@ class TrussDeflection(Effect):
                 ("torsion", "mrad", 0.5, "base.rx", MRAD * sink, False),
             )
             live = [
-                EffectParameter(label, f"{unit} at 6.5 kN", usual, {channel: course * load}, main)
-                for label, unit, usual, channel, course, main in courses
+                EffectParameter(label, f"{unit} at 6.5 kN", prior_std, {channel: course * load}, main)
+                for label, unit, prior_std, channel, course, main in courses
             ]
             dead = [
-                EffectParameter(f"dead_{label}", unit, 0.3 * usual, {channel: course}, main=False)
-                for label, unit, usual, channel, course, _ in courses
+                EffectParameter(f"dead_{label}", unit, 0.3 * prior_std, {channel: course}, main=False)
+                for label, unit, prior_std, channel, course, _ in courses
             ]
             found.append(Form(name, (*live, *dead)))
         return tuple(found)

@@ -19,6 +19,7 @@ from pouring_robot.effects.drives import (
     DriveZeroOffset,
     TiltEncoderEccentricity,
 )
+from pouring_robot.effects.facts import FACTS
 from pouring_robot.effects.heat import LegThermalExpansion, PlatformThermalExpansion
 from pouring_robot.effects.joints import JointAxisTilt, JointCentreOffset
 from pouring_robot.effects.loads import LegCompliance, TiltDriveCompliance, TrussDeflection
@@ -42,7 +43,7 @@ LIBRARY: tuple[type[Effect], ...] = (
     TiltEncoderEccentricity,
     MetrologyScale,
 )
-"""The effects of DESIGN §5, in that order."""
+"""The library's own effects, in the order they are listed."""
 
 
 def all_effects() -> dict[str, Effect]:
@@ -64,6 +65,9 @@ def all_effects() -> dict[str, Effect]:
         for name in ("id", "story"):
             if not isinstance(getattr(effect, name, None), str):
                 raise BadInputError(f"the effect '{entry.name}' of {entry.value} has no {name}; give its class one")
+        if effect.driven_by and effect.driven_by not in FACTS:
+            said = f"the effect '{effect.id}' of {entry.value} is driven by '{effect.driven_by}', which is no condition"
+            raise BadInputError(f"{said}{closest(effect.driven_by, FACTS)}")
         if effect.id in found:
             raise BadInputError(f"two effects are called '{effect.id}'; rename the one of {entry.value}")
         found[effect.id] = effect

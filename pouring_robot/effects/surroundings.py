@@ -21,6 +21,7 @@ class BaseDrift(Effect):
 
     id = "base_drift"
     story = "the fixed platform creeps away from where it stood when the campaign began"
+    driven_by = "time_s"
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Steady with a slow change of rate, settling, or with the logarithm of time."""
@@ -46,9 +47,9 @@ class BaseDrift(Effect):
 def _moved(course: FloatArray, name: str = "", share: float = 1.0) -> Iterator[EffectParameter]:
     """Yield six parameters that move the fixed platform along a course; with a name they only shape another one."""
     for component in COMPONENTS:
-        unit, si, usual = ("mm", MM, 1.0) if component.startswith("t") else ("mrad", MRAD, 0.4)
+        unit, si, prior_std = ("mm", MM, 1.0) if component.startswith("t") else ("mrad", MRAD, 0.4)
         label = f"{component}_{name}" if name else component
-        yield EffectParameter(label, unit, share * usual, {f"base.{component}": si * course}, main=not name)
+        yield EffectParameter(label, unit, share * prior_std, {f"base.{component}": si * course}, main=not name)
 
 
 class MetrologyScale(Effect):
@@ -56,6 +57,7 @@ class MetrologyScale(Effect):
 
     id = "metrology_scale"
     story = "the measuring device's millimetre is not a millimetre"
+    told_apart_by = "measure a calibrated length with the same device"
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Constant; where the temperature of the air is known it may change a little with it."""

@@ -7,7 +7,7 @@ import pytest
 
 from pouring_robot.campaign.reader import read_campaign
 from pouring_robot.diagnosis.diagnose import diagnose
-from pouring_robot.diagnosis.problem import background_forms, effect_forms
+from pouring_robot.diagnosis.problem import Library
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser
 from pouring_robot.diagnosis.suggest.suggest import RANDOM_SETS, suggest_measurements
@@ -114,8 +114,8 @@ def test_measuring_what_is_suggested_tells_confounded_effects_apart(trap, tmp_pa
 def lead(campaign, noise, effect, rival):
     """By how much an effect alone explains all rows better than another one alone, in nats."""
     rows = CampaignRows(campaign, RobotModel(), noise)
-    forms = effect_forms(rows, chosen_effects())
-    problem = Diagnoser(rows, forms, background_forms(rows), np.ones(len(rows), dtype=bool)).at_rest().problem
+    library = Library.of(rows, chosen_effects())
+    problem = Diagnoser(rows, library, np.ones(len(rows), dtype=bool)).at_rest().problem
     nothing = Hypothesis.nothing(problem)
 
     def best(name):
@@ -169,9 +169,10 @@ def test_every_verdict_has_something_to_tell_apart(kind, turn, verdict, tmp_path
 
 def test_words_name_what_the_campaign_held_still(confounded):
     conditions = confounded.rows.conditions
-    words = separating_words("drive_zero_offset", "drive_backlash", conditions)
+    effects = chosen_effects()
+    words = separating_words("drive_zero_offset", "drive_backlash", effects, conditions)
     assert words == "measure the same poses from both sides of every drive"
-    assert "hours later" in separating_words("base_drift", "metrology_scale", conditions)
+    assert "hours later" in separating_words("base_drift", "metrology_scale", effects, conditions)
 
 
 def test_what_to_record_is_said_once_a_condition():

@@ -27,8 +27,9 @@ from pouring_robot.diagnosis.report.sentences import (
 )
 from pouring_robot.diagnosis.report.signatures import moved_at_lip, pose_platform_to_lip
 from pouring_robot.diagnosis.report.summary import Summary, free_residuals
-from pouring_robot.diagnosis.report.words import absent_sources, axes_of, driving_axis, sources
+from pouring_robot.diagnosis.report.words import absent_sources
 from pouring_robot.effects.base import EffectParameter
+from pouring_robot.effects.facts import sources
 from pouring_robot.effects.registry import all_effects
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import PouringRobot
@@ -166,10 +167,9 @@ def test_every_need_of_the_library_has_a_source(nothing):
 
 
 def test_every_effect_is_drawn_over_something(nothing):
-    axes = axes_of(nothing.diagnosis.rows.conditions)
+    conditions = nothing.diagnosis.rows.conditions
     for effect in all_effects().values():
-        assert driving_axis(effect.id, effect.needs, axes) is not None
-    assert driving_axis("own", ("payload",), {}) is None
+        assert not effect.axis(conditions).of_rows
 
 
 def test_lines_of_gross_errors_are_those_of_the_file(tmp_path):

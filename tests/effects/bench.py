@@ -139,7 +139,7 @@ class Bench:
         """Return the library's first-order motion of a form with parameter values by name, (m,)."""
         parameters = {p.name: p for p in self.form(effect, form).parameters}
         chosen = [(parameters[name], value) for name, value in values.items()]
-        return self.ordered(sum(self.rows.column(p, self.linear) / p.usual * value for p, value in chosen))
+        return self.ordered(sum(self.rows.column(p, self.linear) / p.prior_std * value for p, value in chosen))
 
     def apart(self, first, second):
         """Return how far two motions (m,) are apart when the frames may absorb what they can, over the first one."""

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from pouring_robot.diagnosis.problem import effect_forms
+from pouring_robot.diagnosis.problem import Library
 from pouring_robot.diagnosis.rows import SCALE, local_parameters
 from pouring_robot.effects import Conditions, Effect, EffectParameter, Form
 from pouring_robot.effects.base import checked_forms
@@ -38,8 +38,8 @@ def test_effect_is_well_formed(bench, effect):
         assert len({p.name for p in parameters}) == len(parameters)
         for p in parameters:
             assert p.unit
-            assert math.isfinite(p.usual)
-            assert p.usual > 0.0
+            assert math.isfinite(p.prior_std)
+            assert p.prior_std > 0.0
             assert p.bounds[0] <= 0.0 < p.bounds[1], "no effect at all must be possible"
             assert p.changes
             assert set(p.changes) <= LOCAL
@@ -96,7 +96,7 @@ def test_columns_are_derivatives_of_the_exact_closure(robot, effect):
             checked.add(id(parameter))
             found = np.zeros((len(rows), 6))
             found[linear.row, linear.component] = column
-            expected = parameter.usual * difference(rows, frames, parameter)
+            expected = parameter.prior_std * difference(rows, frames, parameter)
             size = max(1.0, np.abs(expected).max())  # a column of less than the noise is compared with the noise
             assert np.abs(found - expected).max() <= 1e-6 * size, (form.name, parameter.name)
 
@@ -107,8 +107,8 @@ def test_parameters_add_up(bench, rng, effect):
     form = EFFECTS[effect].forms(bench.rows.conditions)[0]
     values = 1e-4 * rng.normal(size=len(form.parameters))
     together = bench.rows.linearise(bench.rows.changes(form.parameters, values), bench.true_frames).residual
-    usual = np.array([p.usual for p in form.parameters])
-    expected = bench.linear.residual - bench.rows.columns(form, bench.linear) @ (values / usual)
+    prior_std = np.array([p.prior_std for p in form.parameters])
+    expected = bench.linear.residual - bench.rows.columns(form, bench.linear) @ (values / prior_std)
     assert np.abs(together - expected).max() <= 1e-4 * np.abs(expected).max()
 
 
@@ -131,8 +131,8 @@ class Users(Effect):
     id = "users_own"
     story = "something a user thought of"
 
-    def __init__(self, changes, usual=1.0):
-        self.parameter = EffectParameter("one", "mm", usual, changes)
+    def __init__(self, changes, prior_std=1.0):
+        self.parameter = EffectParameter("one", "mm", prior_std, changes)
 
     def forms(self, conditions):
         return (Form("only", (self.parameter,)),)
@@ -152,7 +152,7 @@ def test_library_passes_the_look_at_what_it_changes(bench, effect):
 
 
 @pytest.mark.parametrize(
-    ("changes", "usual", "said"),
+    ("changes", "prior_std", "said"),
     [
         ({"drive.leg4_s3": np.zeros(70)}, 1.0, "changes 'drive.leg4_s3', which the robot does not have; did you mean"),
         ({"base.tx": np.zeros(69)}, 1.0, "must change 'base.tx' by one finite number for each row"),
@@ -162,9 +162,9 @@ def test_library_passes_the_look_at_what_it_changes(bench, effect):
         ({"base.tx": np.zeros(70)}, float("nan"), "needs a usual size above zero, not nan"),
     ],
 )
-def test_what_a_users_effect_does_wrong_is_said_on_one_line(bench, changes, usual, said):
+def test_what_a_users_effect_does_wrong_is_said_on_one_line(bench, changes, prior_std, said):
     with pytest.raises(BadInputError) as problem:
-        effect_forms(bench.rows, {"users_own": Users(changes, usual)})
+        Library.of(bench.rows, {"users_own": Users(changes, prior_std)})
     line = str(problem.value)
     assert said in line
     assert "the effect 'users_own', form 'only', parameter 'one'" in line
@@ -173,5 +173,5 @@ def test_what_a_users_effect_does_wrong_is_said_on_one_line(bench, changes, usua
 
 def test_users_effect_that_fails(bench):
     with pytest.raises(BadInputError, match=r"the effect 'users_own' fails .*: KeyError: ") as problem:
-        effect_forms(bench.rows, {"users_own": Failing({})})
+        Library.of(bench.rows, {"users_own": Failing({})})
     assert "\n" not in str(problem.value)

@@ -57,7 +57,7 @@ def test_stack_is_told_apart(tmp_path):
 def test_stack_of_a_file_moves_the_robot_as_the_parameters_do(bench, rng, tmp_path, kind):
     """Every effect in its first form, through YAML: the very same closure."""
     form = kind.forms(bench.rows.conditions)[0]
-    values = 0.1 * np.array([p.usual for p in form.parameters]) * rng.normal(size=len(form.parameters))
+    values = 0.1 * np.array([p.prior_std for p in form.parameters]) * rng.normal(size=len(form.parameters))
     named = {p.name: value for p, value in zip(form.parameters, values.tolist(), strict=True)}
     path = RobotModel(effects=[entry(kind.id, form.name, named)]).save(tmp_path / "model.yaml")
     seen = put_in(bench, *RobotModel.load(path).effects)

@@ -61,7 +61,7 @@ def test_a_twisted_leg_is_twisted_wherever_that_happens(bench, leg):
     """What turns a leg's lower end about it against the upper one may sit in the barrel or in the rod."""
     (twist,) = (p for p in bench.form("joint_axis_tilt", "twisted_legs").parameters if p.name == f"leg{leg}_twist")
     barrel = 1e-3 * bench.rows.channel(f"leg{leg}_s3.rz", bench.linear)
-    rod = bench.rows.column(twist, bench.linear) / twist.usual
+    rod = bench.rows.column(twist, bench.linear) / twist.prior_std
     assert np.abs(rod - barrel).max() <= 1e-9 * np.abs(rod).max()
 
 

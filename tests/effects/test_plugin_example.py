@@ -5,13 +5,16 @@ import os
 import subprocess
 import sys
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from pouring_robot.diagnosis.amend import amended
 from pouring_robot.diagnosis.diagnose import DiagnosisOptions, diagnose
-from pouring_robot.effects import all_effects
+from pouring_robot.diagnosis.suggest.words import separating_words, untestable_words
+from pouring_robot.effects import Effect, all_effects
+from pouring_robot.effects.facts import sources
 from pouring_robot.robot.model import RobotModel
 from tests.effects.bench import Bench
 from tests.effects.plugins import EXAMPLE, GROUP, installed_example
@@ -74,6 +77,35 @@ def test_the_command_lists_it(folder):
         command, env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)}, check=True, capture_output=True, text=True
     )
     assert "screw_wear" in json.dumps(json.loads(done.stdout))
+
+
+def test_it_is_drawn_and_told_apart_as_a_built_in_effect_is(plugin, bench):
+    """Driven by the lengths of the legs, as a wrong lead is: the same axis and the same suggestions."""
+    effects, conditions = all_effects(), bench.rows.conditions
+    own, lead = plugin.axis(conditions), effects["drive_scale"].axis(conditions)
+    assert own.label == lead.label == "length of leg 1 [mm]"
+    np.testing.assert_array_equal(own.values, lead.values)
+    held = replace(conditions, lengths_m=np.ones_like(conditions.lengths_m))
+    for given in (conditions, held):
+        said = [separating_words(name, "base_drift", effects, given) for name in ("screw_wear", "drive_scale")]
+        assert said[0] == said[1]
+    assert said[0].startswith("measure with legs as short and as long as they can be")
+
+
+def test_an_effect_that_says_only_what_it_needs_has_words_too(bench):
+    class Warped(Effect):
+        id, story, needs = "warped", "the hall warms one side of the truss", ("ambient_rise_k",)
+
+        def forms(self, conditions):
+            return ()
+
+    effect, conditions = Warped(), bench.rows.conditions
+    assert effect.axis(conditions).label == "hall above reference [K]"
+    assert "warm hall" in separating_words("warped", "none", {"warped": effect}, conditions)
+    assert untestable_words({"warped": effect.needs}) == (
+        "record the temperature of the hall (ambient_degC): without it warped cannot be tested",
+    )
+    assert sources(effect.needs) == ("ambient_degC",)
 
 
 def test_diagnosis_names_it_with_its_values(plugin, worn):

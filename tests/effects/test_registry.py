@@ -13,7 +13,7 @@ CONTRACT = (
     *("joint_axis_tilt", "leg_thermal_expansion", "platform_thermal_expansion", "leg_compliance"),
     *("tilt_drive_compliance", "truss_deflection", "base_drift", "tilt_encoder_eccentricity", "metrology_scale"),
 )
-"""The ids of DESIGN §5, written down a second time on purpose."""
+"""The ids are a contract: written down a second time on purpose."""
 MODULE = """
 from pouring_robot.effects import Effect
 
@@ -32,6 +32,10 @@ class Twin(Good):
 
 class Unfinished(Effect):
     id = "unfinished"
+
+
+class Astray(Good):
+    driven_by = "lengths"
 
 
 class Nameless(Effect):
@@ -121,6 +125,7 @@ def test_a_package_on_the_path_is_found(package):
         ("Broken", MODULE, "cannot be loaded: the table of bolts is empty"),
         ("no_effect", MODULE, "is no subclass of Effect"),
         ("Nameless", MODULE, "has no id"),
+        ("Astray", MODULE, "driven by 'lengths', which is no condition; did you mean 'lengths_m'?"),
         ("Twin", MODULE, "two effects are called 'drive_scale'; rename"),
     ],
 )

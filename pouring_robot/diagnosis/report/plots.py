@@ -14,8 +14,7 @@ from pouring_robot.diagnosis.gap import COMPONENTS, Gap
 from pouring_robot.diagnosis.report.left_over import described, parts_by_row
 from pouring_robot.diagnosis.report.signatures import in_fixed_platform, table_of
 from pouring_robot.diagnosis.report.summary import Summary
-from pouring_robot.diagnosis.report.words import Axis, axes_of, driving_axis
-from pouring_robot.effects.registry import all_effects
+from pouring_robot.effects.facts import axis_over
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.evidence import gain
 from pouring_robot.inference.hypotheses import Hypothesis
@@ -24,7 +23,7 @@ from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.page_parts import AFTER, BEFORE, GREY, HELD_OUT
 from pouring_robot.report.plots import new_figure, png_of
 
-_RESIDUAL_AXES = ("time", "load", "travel", "legs", "platform", "tilt")
+_RESIDUAL_AXES = ("time_s", "weight_n", "truss_travel_m", "leg_rise_k", "platform_rise_k", "tilt_rad")
 _COLOURS = ("#0072B2", "#D55E00", "#009E73")
 _MOST_EFFECTS, _FEW_VALUES = 4, 6
 _NARROW = 4.0
@@ -82,29 +81,28 @@ def _gap_panel(axes: Any, gaps: dict[str, Gap], kind: int, *, amended: bool) -> 
 
 def _residuals(summary: Summary) -> bytes:
     diagnosis = summary.diagnosis
-    shown = {name: axis for name, axis in axes_of(diagnosis.rows.conditions).items() if name in _RESIDUAL_AXES}
-    names = [name for name in _RESIDUAL_AXES if name in shown]
-    if not names:
-        shown, names = {"row": Axis("row", np.arange(len(diagnosis.rows), dtype=float))}, ["row"]
+    given = diagnosis.rows.conditions
+    shown = [axis for axis in (axis_over((name,), given) for name in _RESIDUAL_AXES) if not axis.of_rows]
+    shown = shown or [axis_over((), given)]
     kinds = [("before", BEFORE)] if summary.refused else [("before", BEFORE), ("after", AFTER)]
     tables = [_residual_table(diagnosis, of_after=label == "after") for label, _ in kinds]
-    figure = new_figure(max(1.75 * len(names), 5.0), 5.6)
-    grid = figure.subplots(3, len(names), sharex="col", sharey="row", squeeze=False)
+    figure = new_figure(max(1.75 * len(shown), 5.0), 5.6)
+    grid = figure.subplots(3, len(shown), sharex="col", sharey="row", squeeze=False)
     for k, row in enumerate(grid):
-        for name, axes in zip(names, row, strict=True):
+        for axis, axes in zip(shown, row, strict=True):
             for table, (label, colour) in zip(tables, kinds, strict=True):
-                axes.plot(shown[name].values, table[:, k] / MM, ".", color=colour, markersize=3, label=label)
+                axes.plot(axis.values, table[:, k] / MM, ".", color=colour, markersize=3, label=label)
             held = ~diagnosis.fitted
             if held.any():
                 words = f"held out, {kinds[-1][0]}"
                 ring = {"color": HELD_OUT, "markersize": 5, "markerfacecolor": "none", "markeredgewidth": 0.6}
-                axes.plot(shown[name].values[held], tables[-1][held, k] / MM, "o", label=words, **ring)
+                axes.plot(axis.values[held], tables[-1][held, k] / MM, "o", label=words, **ring)
             axes.axhline(0.0, color="black", linewidth=0.5)
             axes.grid(alpha=0.2)
             axes.tick_params(labelsize=7)
         row[0].set_ylabel(f"{COMPONENTS[k]} [mm]")
-    for name, axes in zip(names, grid[-1], strict=True):
-        axes.set_xlabel(shown[name].label, fontsize=7)
+    for axis, axes in zip(shown, grid[-1], strict=True):
+        axes.set_xlabel(axis.label, fontsize=7)
     figure.legend(*grid[0, 0].get_legend_handles_labels(), ncols=3, loc="outside upper right", fontsize=8)
     return png_of(figure)
 
@@ -117,12 +115,12 @@ def _residual_table(diagnosis: Diagnosis, *, of_after: bool) -> FloatArray:
 
 def _signatures(summary: Summary) -> bytes:
     shown = summary.firm[:_MOST_EFFECTS]
-    axes_at_hand, known = axes_of(summary.diagnosis.rows.conditions), all_effects()
+    given, known = summary.diagnosis.rows.conditions, summary.diagnosis.diagnoser.library.effects
     figure = new_figure(9.5, 0.3 + 2.6 * len(shown))
     for effect, axes in zip(shown, np.atleast_1d(figure.subplots(len(shown), 1)), strict=True):
         name = effect.cause.effect
         moved = summary.moved[name] / MM
-        axis = driving_axis(name, known[name].needs, axes_at_hand) or Axis("row", np.arange(len(moved), dtype=float))
+        axis = known[name].axis(given)
         for k, colour in enumerate(_COLOURS):
             axes.plot(axis.values, moved[:, k], ".", color=colour, markersize=5, label=COMPONENTS[k])
         axes.axhline(0.0, color="black", linewidth=0.5)

@@ -13,7 +13,6 @@ from pouring_robot.diagnosis.parameters import NamedEffect
 from pouring_robot.diagnosis.report.sentences import headline, next_lines, note_lines
 from pouring_robot.diagnosis.report.summary import Summary, judged, named_parameters
 from pouring_robot.diagnosis.report.words import absent_sources
-from pouring_robot.effects.registry import all_effects
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.metrics import without_nan
 
@@ -29,7 +28,7 @@ def diagnosis_figures(summary: Summary, model_file: str) -> Figures:
     """
     diagnosis = summary.diagnosis
     judgement, noise = diagnosis.judgement, diagnosis.noise
-    needs = {effect.id: effect for effect in all_effects().values()}
+    known = diagnosis.diagnoser.library.effects
     content: Figures = {
         "format": "pouring_robot/diagnosis/1",
         "version": __version__,
@@ -43,7 +42,7 @@ def diagnosis_figures(summary: Summary, model_file: str) -> Figures:
         "untestable": [
             {
                 "effect": effect,
-                "story": needs[effect].story,
+                "story": known[effect].story,
                 "missing": list(missing),
                 "add": list(absent_sources(missing, diagnosis.campaign)),
             }

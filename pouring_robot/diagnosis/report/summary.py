@@ -151,7 +151,7 @@ def named_parameters(diagnosis: Diagnosis, effect: NamedEffect) -> list[tuple[st
 
     A parameter that two forms share stands once, its values added up.
     """
-    forms = [form for (name, _), form in diagnosis.diagnoser.forms.items() if name == effect.cause.effect]
+    forms = [form for (name, _), form in diagnosis.diagnoser.library.forms.items() if name == effect.cause.effect]
     once: dict[int, FoundParameter] = {}
     for found in effect.parameters:
         have = once.get(id(found.parameter))

@@ -18,9 +18,8 @@ from pouring_robot.campaign.data import ARRAYS, Campaign
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.diagnosis.descriptions import descriptions
 from pouring_robot.diagnosis.diagnose import Diagnosis
-from pouring_robot.diagnosis.problem import background_forms, effect_forms, problem_at
+from pouring_robot.diagnosis.problem import Library, problem_at
 from pouring_robot.diagnosis.rows import CampaignRows, RowChanges
-from pouring_robot.effects.registry import all_effects
 from pouring_robot.inference.explanations import Background, Explanation, Problem
 from pouring_robot.inference.remainder import Description
 from pouring_robot.mechanism.arrays import FloatArray
@@ -129,20 +128,14 @@ class Prospect:
         self._old = np.append(diagnosis.fitted, np.zeros(len(possible), dtype=bool))[self._linear.row]
         self._new = np.asarray(new, dtype=np.bool_)
         self.components = int(new.sum()) // len(possible)
-        effects = {name: e for name, e in all_effects().items() if name not in _left_out(diagnosis)}
-        self._whole = problem_at(
-            rows,
-            self._linear,
-            effect_forms(rows, effects),
-            background_forms(rows),
-            np.zeros(self._linear.residual.size),
-        )
-        known = self._whole
+        known = diagnosis.diagnoser.library
+        library = Library.of(rows, {name: known.effects[name] for name in known.effects if name in known.tried})
+        self._whole = problem_at(rows, self._linear, library, np.zeros(self._linear.residual.size))
         self.problem = Problem.build(
             diagnosis.hypothesis.problem.residual,
             self._linear.free[self._old],
-            [replace(b, columns=b.columns[self._old]) for b in known.backgrounds],
-            [replace(e, columns=e.columns[self._old]) for e in known.explanations],
+            [replace(b, columns=b.columns[self._old]) for b in self._whole.backgrounds],
+            [replace(e, columns=e.columns[self._old]) for e in self._whole.explanations],
         )
         self._described: dict[str, Description] = {}
         self.frames = _FRAME * self._linear.free[self._new]
@@ -164,11 +157,6 @@ class Prospect:
         if item.form == "description" and item.effect in self._described:
             return self._described[item.effect].columns[self._new]
         return next(e.columns for e in self._whole.explanations if e.key == item.key)[self._new]
-
-
-def _left_out(diagnosis: Diagnosis) -> set[str]:
-    """Return effects that were not tried: taken out of the library by the user, or untestable."""
-    return set(all_effects()) - {effect for effect, _ in diagnosis.diagnoser.forms}
 
 
 def _together(campaign: Campaign, possible: Candidates, diagnosis: Diagnosis) -> Campaign:

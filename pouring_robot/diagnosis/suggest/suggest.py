@@ -188,7 +188,7 @@ def _separations(
     by_chance: FloatArray,
     diagnosis: Diagnosis,
 ) -> tuple[Separation, ...]:
-    conditions = diagnosis.rows.conditions
+    effects, conditions = diagnosis.diagnoser.library.effects, diagnosis.rows.conditions
     return tuple(
         Separation(
             first,
@@ -196,7 +196,7 @@ def _separations(
             found.contenders[a].log_evidence - found.contenders[b].log_evidence,
             float(grown[k]),
             float(by_chance[k]),
-            separating_words(first, second, conditions),
+            separating_words(first, second, effects, conditions),
         )
         for k, ((a, b), (first, second)) in enumerate(zip(found.pairs, names, strict=True))
     )
