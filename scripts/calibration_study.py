@@ -8,18 +8,12 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 
+from pouring_robot.cli.shared.options import progress_bars
 from pouring_robot.exceptions import PouringRobotError
 from pouring_robot.io.files import write_whole
 from scripts.coverage_study import StudyOptions, coverage_study
-
-
-def _counted(numbers: Iterable[int]) -> Iterator[int]:
-    for number in numbers:
-        print(f"\rrun {number + 1}", end="", file=sys.stderr, flush=True)
-        yield number
-    print(file=sys.stderr)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -40,7 +34,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         seed=given.seed,
     )
     try:
-        result = coverage_study(options, progress=_counted)
+        with progress_bars() as progress:
+            result = coverage_study(options, progress=progress)
         for name, value in result.figures().items():
             print(f"{name:28s} {value:.4g}")
         for line in result.failed:

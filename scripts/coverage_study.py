@@ -8,7 +8,6 @@ one-at-a-time closure, not the batch engine), identifies it from the training bl
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,11 +33,11 @@ from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
 from pouring_robot.estimation.solver import Fit, FitOptions, identify
 from pouring_robot.estimation.splits import split
 from pouring_robot.exceptions import CalibrationError, PouringRobotError
+from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import PouringRobot
 
-Progress = Callable[[Iterable[int]], Iterable[int]]
 _FRAMES = tuple(p.name for p in FRAME_PARAMETERS)
 
 
@@ -140,7 +139,7 @@ class _Run:
 def coverage_study(
     options: StudyOptions | None = None,
     tolerances: Tolerances | None = None,
-    progress: Progress | None = None,
+    progress: Progress = say_nothing,
 ) -> StudyResult:
     """Run the study.
 
@@ -153,8 +152,8 @@ def coverage_study(
     groups = ParameterCatalogue(drawing.nominal_solver.mechanism).groups(options.parameters)
     model = MeasurementModel(RobotModel(), all_parameters(groups))
     runs, failed = [], []
-    numbers: Iterable[int] = range(options.runs)
-    for run in progress(numbers) if progress else numbers:
+    for run in range(options.runs):
+        progress("runs", run, options.runs)
         try:
             runs.append(_run(drawing, model, tolerances, options, run))
         except PouringRobotError as error:

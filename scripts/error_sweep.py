@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pouring_robot.sweeps import ErrorEntry, Grid, Poses, SweepConfig, SweepPlan, open_results, run_sweep
-from pouring_robot.sweeps.analysis.report import report
+from pouring_robot.sweeps import ErrorEntry, Grid, Poses, SweepConfig, sweep
 
 ERRORS = (
     ErrorEntry(parameters=("alpha_e*_*", "theta_e*_*"), half_width_mrad=0.3),  # directions of joint axes
@@ -33,8 +32,7 @@ def main() -> None:
         poses=Poses(grid=Grid(x=3, y=3, z=5, tilt=5)),
         errors=ERRORS,
     )
-    store = run_sweep(SweepPlan(config), arguments.out, resume=True, workers=arguments.workers)
-    outcome = report(store)
+    outcome = sweep(config, arguments.out, resume=True, workers=arguments.workers)
     print(f"the worst ten of {len(outcome.ranking)} errors, each alone at its tolerance, at the ladle's lip:")
     for parameter in outcome.ranking[:10]:
         figures = parameter.figures
@@ -44,10 +42,10 @@ def main() -> None:
         )
 
     # The numbers themselves are labelled arrays in SI units.
-    displacement = open_results(arguments.out).displacement.sel(frame="ladle_lip")
+    displacement = outcome.to_dataset().displacement.sel(frame="ladle_lip")
     worst = np.abs(displacement).max(dim=("parameter", "pose")).compute()
     print("largest along x, y, z:", np.round(1e3 * worst.values, 3), "mm")
-    for path in outcome.write():
+    for path in outcome.save():
         print(f"wrote {path}")
 
 

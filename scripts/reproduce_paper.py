@@ -16,14 +16,14 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import Progress as Bar
 
+from pouring_robot.cli.shared.options import progress_bars
 from pouring_robot.exceptions import PouringRobotError
+from pouring_robot.io.progress import Progress
 from scripts.paper.geometry_report import GeometryReport
 from scripts.paper.geometry_study import run_study
 from scripts.paper.page import PaperReport, make_folder
 
-Progress = Callable[[int, int], None]
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None, no_args_is_help=True)
@@ -50,7 +50,7 @@ def geometry(
     def report(progress: Progress) -> PaperReport:
         return GeometryReport.of(run_study(layout, poses, seed, progress))
 
-    _publish("closing the loops with one error each", report, given, out, docs)
+    _publish(report, given, out, docs)
 
 
 @app.command()
@@ -73,11 +73,10 @@ def thermal(
     def report(progress: Progress) -> PaperReport:
         return ThermalReport.of(run_thermal_study(layout, seed, draws, progress))
 
-    _publish("heating the robot", report, given, out, docs)
+    _publish(report, given, out, docs)
 
 
 def _publish(
-    doing: str,
     make: Callable[[Progress], PaperReport],
     given: Mapping[str, tuple[object, object]],
     out: Path,
@@ -86,7 +85,6 @@ def _publish(
     """Make a report under a bar, print it and write it.
 
     Args:
-        doing: what the bar says.
         make: the report, told how to show its progress.
         given: arguments with their defaults; those that differ stand in the report's command.
         out: folder for everything.
@@ -95,9 +93,8 @@ def _publish(
     arguments = "".join(f" --{name} {value}" for name, (value, default) in given.items() if value != default)
     try:
         make_folder(out)
-        with Bar(console=Console(stderr=True), transient=True) as bar:
-            task = bar.add_task(doing)
-            report = make(lambda done, total: bar.update(task, completed=done, total=total))
+        with progress_bars() as progress:
+            report = make(progress)
         console = Console(width=None if sys.stdout.isatty() else 120, highlight=False)
         for item in report.renderables():
             console.print(item)

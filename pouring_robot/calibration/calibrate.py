@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -27,11 +27,11 @@ from pouring_robot.estimation.residuals import MeasuredPoses, regressor
 from pouring_robot.estimation.solver import Fit, FitOptions, identify
 from pouring_robot.estimation.splits import HoldOut, Rows, Split, split
 from pouring_robot.exceptions import CampaignError
+from pouring_robot.io.progress import Status, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import PouringRobot
 
-Progress = Callable[[str], None]
 _ROW_FLAGS = (FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES)
 _SURE = 1e-3  # chance at which residuals count as larger than the noise
 
@@ -128,7 +128,7 @@ def calibrate(
     campaign: Campaign,
     model: RobotModel | None = None,
     options: CalibrationOptions | None = None,
-    progress: Progress | None = None,
+    progress: Status = say_nothing,
 ) -> Calibration:
     """Calibrate a robot.
 
@@ -145,11 +145,10 @@ def calibrate(
         BadInputError: the parameters or tolerances are wrong.
     """
     options, model = options or CalibrationOptions(), model or RobotModel()
-    say = progress or (lambda text: None)
     tolerances = options.tolerances or Tolerances.load()
     robot = PouringRobot(model)
     candidates = ParameterCatalogue(robot.nominal_solver.mechanism).groups(options.parameters)
-    say("checking the data")
+    progress("checking the data")
     flags, left_out = _checked(campaign, robot)
     parts = split(campaign, left_out, options.hold_out)
     everything = MeasurementModel(model, all_parameters(candidates), options.threads)
@@ -157,20 +156,20 @@ def calibrate(
     noise = stated_noise(campaign, parts.train)
     measured = _measured(campaign, left_out, noise)
     if noise.from_residuals:
-        say("estimating the noise from residuals")
+        progress("estimating the noise from residuals")
         noise = _residual_noise(rows, measured, parts, tolerances, noise, options.fit)
         measured = measured.with_noise(noise.position_m, noise.rotation_rad)
-    say("choosing parameters")
+    progress("choosing parameters")
     selection = Selection(candidates, ())
     if options.choose:
         selection = select_groups(rows, measured, parts, candidates, tolerances, options.fit, progress)
     full = MeasuredPoses.from_campaign(campaign, noise.position_m, noise.rotation_rad)
     frames_only = rows.with_model(everything.with_parameters(()))
     before = full.difference(frames_only.predict(_before(frames_only, measured, parts, tolerances, options.fit)))
-    say("fitting")
+    progress("fitting")
     chosen, start, fit = _fitted(rows, measured, parts, selection.groups, tolerances, options.fit)
     after = full.difference(chosen.predict(fit.unknowns))
-    say("judging")
+    progress("judging")
     refused = _refused(before, after, parts, left_out, selection, full.sigma) if options.choose else None
     if refused:
         selection = replace(selection, groups=())

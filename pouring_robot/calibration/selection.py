@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,9 +16,9 @@ from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.estimation.solver import FitOptions, identify
 from pouring_robot.estimation.splits import Rows, Split
 from pouring_robot.exceptions import CalibrationError
+from pouring_robot.io.progress import Status, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 
-Progress = Callable[[str], None]
 _FAILED = 1e6
 _STANDARD_ERRORS = 2.0
 _ROUGH, _ROUGH_EVALUATIONS = 0.3, 100
@@ -114,7 +114,7 @@ def select_groups(
     candidates: Sequence[ParameterGroup],
     tolerances: Tolerances,
     options: FitOptions | None = None,
-    progress: Progress | None = None,
+    progress: Status = say_nothing,
 ) -> Selection:
     """Choose groups by forward selection on the training blocks; the test block is not looked at.
 
@@ -141,8 +141,7 @@ def select_groups(
         names = tuple(group.name for group in kept)
         trials = []
         for group in left:
-            if progress:
-                progress(" + ".join((*names, group.name)))
+            progress(" + ".join((*names, group.name)))
             trials.append(validate([*kept, group]))
         judged = [_judge(present, trial) for trial in trials]
         mean, error = [one[0] for one in judged], [one[1] for one in judged]

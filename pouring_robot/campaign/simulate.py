@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,10 +18,10 @@ from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.nominal import rotation_vectors
 from pouring_robot.campaign.plan import PosePlan
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
+from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.robot import PouringRobot
 
-Progress = Callable[[Iterable[int]], Iterable[int]]
 ActualPoses = Callable[[PosePlan], list[pin.SE3]]
 _SCREW_PITCH_M = 0.010
 _REFERENCE_DEGC = 20.0
@@ -112,7 +112,7 @@ def simulate_campaign(
     *,
     path: Path | str = "campaign.csv",
     actual_poses: ActualPoses | None = None,
-    progress: Progress | None = None,
+    progress: Progress = say_nothing,
 ) -> VirtualMeasurement:
     """Measure a robot as built without having it.
 
@@ -123,7 +123,7 @@ def simulate_campaign(
         path: the name the campaign is to have.
         actual_poses: gives the poses instead of the robot's closure, moving platform in fixed platform, row by row:
             for effects that depend on the conditions of the plan.
-        progress: wraps the loop over the rows, such as a progress bar does.
+        progress: told of every row.
 
     Raises:
         BadInputError: more outliers than rows are asked for.
@@ -155,15 +155,15 @@ def simulate_campaign(
     )
 
 
-def _close(robot: PouringRobot, plan: PosePlan, path: Path, progress: Progress | None) -> list[pin.SE3]:
+def _close(robot: PouringRobot, plan: PosePlan, path: Path, progress: Progress) -> list[pin.SE3]:
     actual = []
-    numbers: Iterable[int] = range(len(plan))
-    for row in progress(numbers) if progress else numbers:
+    for row in range(len(plan)):
         drives = dict(zip(DRIVE_JOINTS, plan.drives[row].tolist(), strict=True))
         try:
             actual.append(robot.forward(drives, near=plan.poses[row]).pose("fixed_platform", "moving_platform"))
         except NoSolutionError as error:
             raise CampaignError(path, f"pose {row + 1} of the plan: {error}") from error
+        progress("measuring", row + 1, len(plan))
     return actual
 
 

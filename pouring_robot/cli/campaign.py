@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,7 +23,6 @@ app = typer.Typer(
 )
 app.command("plan")(campaign_plan.plan)
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "cyan"}
-_BAR_FROM_ROWS = 500
 
 CampaignFile = Annotated[
     Path, typer.Argument(metavar="FILE", help="CSV or Parquet table; the YAML of the same stem lies beside it.")
@@ -165,7 +162,8 @@ def simulate(
         pose_platform_to_target=_frame(target_frame),
         seed=seed,
     )
-    measured = simulate_campaign(robot, poses, settings, path=out, progress=_bar(len(poses)))
+    with options.progress_bars() as progress:
+        measured = simulate_campaign(robot, poses, settings, path=out, progress=progress)
     files = campaign_contents(measured.campaign, out)
     if truth:
         files[truth] = measured.truth_text(model).encode()
@@ -182,15 +180,3 @@ def _frame(figures: Frame | None) -> Any:
     if not all(math.isfinite(value) for value in figures):
         raise BadInputError("a frame has six finite figures: x y z in mm and a rotation vector in degrees")
     return pin.SE3(pin.exp3(np.radians(figures[3:])), np.array(figures[:3]) * 1e-3)
-
-
-def _bar(rows: int) -> Any:
-    if rows < _BAR_FROM_ROWS:
-        return None
-
-    def show(numbers: Iterable[int]) -> Iterable[int]:
-        from rich.progress import track
-
-        return track(numbers, "measuring", total=rows, console=Console(file=sys.stderr), transient=True)
-
-    return show

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,7 +13,7 @@ from pouring_robot.cli.shared.tables import plain_table
 from pouring_robot.exceptions import BadInputError
 
 if TYPE_CHECKING:
-    from pouring_robot.design.exchange import Progress
+    pass
 
 _COMPARED = 25
 
@@ -96,7 +94,7 @@ def plan(
     )
     robot = options.robot_of(model, layout)
     planner = Planner(robot, request)
-    with _progress() as progress:
+    with options.progress_bars() as progress:
         found = planner.plan(progress)
     comparison = compare_with_random(planner, found, _COMPARED, seed)
     written = [write_whole(out, plan_text(found))]
@@ -110,17 +108,6 @@ def plan(
     _print_expected(console, figures)
     for path in written:
         console.print(f"wrote {path}", markup=False)
-
-
-@contextmanager
-def _progress() -> Iterator[Progress]:
-    """Show a bar on standard error while the search runs."""
-    from rich.progress import Progress as Bar
-
-    errors = Console(stderr=True)
-    with Bar(console=errors, transient=True, disable=not errors.is_terminal) as bar:
-        task = bar.add_task("exchanging poses", total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 def _print_expected(console: Console, figures: dict[str, Any]) -> None:

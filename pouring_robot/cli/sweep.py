@@ -3,29 +3,17 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TaskID,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 from rich.table import Table
 
 from pouring_robot.cli.shared import options
 from pouring_robot.exceptions import BadInputError
 
 if TYPE_CHECKING:
-    from pouring_robot.io.progress import Progress as ProgressCallback
     from pouring_robot.sweeps import AllocatedTolerances, SweepReport
 
 _SHOWN = 15
@@ -45,8 +33,8 @@ def sweep(
 ) -> None:
     """Find out which tolerances matter, how far the ladle is off, and the loosest tolerances that will do."""
     # xarray, Zarr and SciPy take a second to import; only this command pays for it.
-    from pouring_robot.sweeps import SweepPlan, run_sweep
-    from pouring_robot.sweeps.analysis.report import report
+    from pouring_robot.sweeps import SweepPlan
+    from pouring_robot.sweeps import sweep as run
 
     if workers and scheduler:
         raise BadInputError("give --workers or --scheduler, not both: the cluster has workers of its own")
@@ -54,7 +42,7 @@ def sweep(
     if plan.config.model is not None:
         options.say_taken_cold(plan.model, plan.config.model)
         options.say_left_out(plan.model, Path(plan.config.model))
-    with _progress() as show:
+    with options.progress_bars() as show:
         counted = [0, 0]
 
         def progress(stage: str, done: int, total: int) -> None:
@@ -63,48 +51,23 @@ def sweep(
             show(stage, done, total)
 
         try:
-            store = run_sweep(plan, out, resume=resume, workers=workers, scheduler=scheduler, progress=progress)
+            outcome = run(plan, out, resume=resume, workers=workers, scheduler=scheduler, progress=progress)
         except KeyboardInterrupt as stop:
             done, total = counted
             kept = f"{done} of {total} chunks are kept in {out}: go on with --resume" if done else "nothing is kept"
             print(f"pouring-robot: stopped; {kept}", file=sys.stderr)
             raise typer.Exit(130) from stop
-        outcome = report(store, progress)
-    written = outcome.write()
+    written = (outcome.store.path, *outcome.save())
     if as_json:
-        options.print_json(outcome.figures() | {"written": [str(path) for path in (store.path, *written)]})
+        options.print_json(outcome.figures() | {"written": [str(path) for path in written]})
         return
     console = options.console()
     _print_summary(console, outcome)
     console.print(ranking_table(outcome))
     if outcome.allocation:
         _print_allocation(console, outcome.allocation)
-    for path in (store.path, *written):
+    for path in written:
         console.print(f"wrote {path}")
-
-
-@contextmanager
-def _progress() -> Iterator[ProgressCallback]:
-    """Show a bar with the time left, on standard error."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("gone,"),
-        TimeRemainingColumn(),
-        TextColumn("left"),
-    )
-    errors = Console(stderr=True)
-    with Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bar:
-        tasks: dict[str, TaskID] = {}
-
-        def show(stage: str, done: int, total: int) -> None:
-            if stage not in tasks:
-                tasks[stage] = bar.add_task(stage, total=total, completed=done)
-            bar.update(tasks[stage], completed=done, total=total)
-
-        yield show
 
 
 def ranking_table(outcome: SweepReport) -> Table:

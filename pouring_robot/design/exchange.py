@@ -28,10 +28,10 @@ from pouring_robot.design.information import Criterion, index_slopes, observabil
 from pouring_robot.design.updates import InformationFactor, log_determinants
 from pouring_robot.estimation.identifiability import RANK_TOLERANCE
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 
 IntArray = NDArray[np.intp]
-Progress = Callable[[int, int], None]
 # Keeps random first plans regular; against a mean information of one it changes no decision.
 _RIDGE = 1e-6
 _LEAST_GAIN = 1e-9
@@ -89,7 +89,7 @@ def choose(
     *,
     seed: int = 0,
     starts: int = 4,
-    progress: Progress | None = None,
+    progress: Progress = say_nothing,
 ) -> Choice:
     """Return the plan that an exchange finds best.
 
@@ -99,7 +99,7 @@ def choose(
         criterion: what is maximised; D and O1 are the same plan.
         seed: of the random first plans; the same seed gives the same plan.
         starts: how many first plans.
-        progress: called with starts done and starts in all.
+        progress: told of every start of the search.
 
     Raises:
         BadInputError: there are fewer poses to choose from than slots.
@@ -115,8 +115,7 @@ def choose(
             best = max(found, key=lambda pair: pair[0])[1]
             first = search.shaken(best, first, random)
         found.append(search.improve(first, random, determinant_first=start % 3 == 0))
-        if progress:
-            progress(start + 1, starts)
+        progress("exchanging poses", start + 1, starts)
     values = [value for value, _ in found]
     value, chosen = found[int(np.argmax(values))]
     return Choice(chosen, value, tuple(values), search.rounds)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.design.columns import Columns, Conditions, Noise, candidate_poses, workspace_grid
-from pouring_robot.design.exchange import CandidateSet, IntArray, Progress, choose
+from pouring_robot.design.exchange import CandidateSet, IntArray, choose
 from pouring_robot.design.information import (
     covariance,
     observability_index,
@@ -42,6 +42,7 @@ from pouring_robot.estimation.identifiability import base_parameters
 from pouring_robot.estimation.measurement import FRAME_PARAMETERS, FRAMES
 from pouring_robot.estimation.priors import Tolerances
 from pouring_robot.exceptions import BadInputError, NoSolutionError
+from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.robot import PouringRobot
 
@@ -154,11 +155,11 @@ class Planner:
         if found.deficient:
             raise UndeterminedError(what, found, set(self._frame_names))
 
-    def plan(self, progress: Progress | None = None) -> MeasurementPlan:
+    def plan(self, progress: Progress = say_nothing) -> MeasurementPlan:
         """Return the best plan found.
 
         Args:
-            progress: called with starts of the search done and in all.
+            progress: told of every start of the search.
 
         Raises:
             UndeterminedError: so many poses cannot determine so many parameters.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,10 +26,10 @@ from pouring_robot.exceptions import CalibrationError, CampaignError
 from pouring_robot.inference.decision import DEFAULT_THRESHOLDS, Judgement, Thresholds, judge
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.search import DEFAULT_SEARCH, SearchOptions
+from pouring_robot.io.progress import Status, say_nothing
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import PouringRobot
 
-Progress = Callable[[str], None]
 FEWEST_ROWS = 8
 _WRONG_SIGMAS, _WRONG_SHARE, _FEW_WRONG = 6.5, 0.04, 2
 _NOISE_ROUNDS, _NOISE_SETTLED = 5, 0.02
@@ -104,7 +104,7 @@ def diagnose(
     campaign: Campaign,
     model: RobotModel | None = None,
     options: DiagnosisOptions | None = None,
-    progress: Progress | None = None,
+    progress: Status = say_nothing,
 ) -> Diagnosis:
     """Find where a model and a campaign disagree, name the missing effect and amend the model.
 
@@ -122,10 +122,10 @@ def diagnose(
     """
     # On matrices of this size threads of the linear algebra wait for each other far longer than they work.
     with threadpool_limits(limits=1, user_api="blas"):
-        return _diagnosed(campaign, model or RobotModel(), options or DiagnosisOptions(), progress or (lambda _: None))
+        return _diagnosed(campaign, model or RobotModel(), options or DiagnosisOptions(), progress)
 
 
-def _diagnosed(campaign: Campaign, model: RobotModel, options: DiagnosisOptions, say: Progress) -> Diagnosis:
+def _diagnosed(campaign: Campaign, model: RobotModel, options: DiagnosisOptions, say: Status) -> Diagnosis:
     effects = chosen_effects(options.exclude)
     say("checking the data")
     flags = examine(campaign, PouringRobot(model)).flags
@@ -153,7 +153,7 @@ class _Work:
         model: RobotModel,
         effects: dict[str, Effect],
         options: DiagnosisOptions,
-        say: Progress,
+        say: Status,
     ) -> None:
         self.campaign, self.model, self.effects, self.options, self.say = campaign, model, effects, options, say
 

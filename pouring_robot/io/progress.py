@@ -7,6 +7,9 @@ from collections.abc import Callable
 Progress = Callable[[str, int, int], None]
 """Called with the name of a stage, the number of its steps done and their number in all."""
 
+Status = Callable[[str], None]
+"""Called with what is being done now, where steps cannot be counted."""
 
-def say_nothing(stage: str, done: int, total: int) -> None:
-    """Be quiet: the default."""
+
+def say_nothing(what: str, done: int = 0, total: int = 0) -> None:
+    """Be quiet: the default of either."""

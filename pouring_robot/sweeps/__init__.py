@@ -1,8 +1,8 @@
 """Tolerance studies: one-at-a-time sensitivities, Monte Carlo, Sobol indices, and the loosest tolerances.
 
-``SweepPlan.load("sweep.yaml")`` checks everything and computes nothing; ``run_sweep(plan, "results")`` computes chunk
-by chunk and goes on after a kill with ``resume=True``; ``report(store)`` reduces, ranks and allocates; and
-``open_results("results").displacement`` holds the numbers as xarray. A sweep file to start from: examples/sweep.yaml.
+``sweep("sweep.yaml", "results")`` computes chunk by chunk, goes on after a kill with ``resume=True``, and returns what
+was found: ``.headline``, ``.ranking``, ``.to_dataset().displacement``, ``.save()``. A sweep file to start from:
+examples/sweep.yaml. ``SweepPlan.load("sweep.yaml")`` checks everything and computes nothing.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pouring_robot.sweeps.analysis.report import SweepReport, report
 from pouring_robot.sweeps.analysis.tolerances import AllocatedTolerances, RankedParameter, allocate_tolerances, rank
 from pouring_robot.sweeps.config import Allocation, ErrorEntry, Grid, Poses, RandomBox, SweepConfig
 from pouring_robot.sweeps.plan import SweepPlan
-from pouring_robot.sweeps.runner import run_sweep
+from pouring_robot.sweeps.runner import run_sweep, sweep
 from pouring_robot.sweeps.store import SweepStore, open_results
 
 __all__ = [
@@ -34,4 +34,5 @@ __all__ = [
     "rank",
     "report",
     "run_sweep",
+    "sweep",
 ]

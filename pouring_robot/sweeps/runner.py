@@ -11,12 +11,48 @@ from typing import Any
 import pouring_robot
 from pouring_robot.exceptions import SweepWorkerError
 from pouring_robot.io.progress import Progress, say_nothing
+from pouring_robot.sweeps.analysis.report import SweepReport, report
+from pouring_robot.sweeps.config import SweepConfig
 from pouring_robot.sweeps.plan import Chunk, ChunkResult, SweepPlan
 from pouring_robot.sweeps.store import SweepStore
 
 _Results = Generator[tuple[Chunk, ChunkResult], None, None]
 _CONNECT_SECONDS = 15
 _AHEAD = 2  # chunks in flight for each thread of the cluster: none waits, and memory stays bounded
+
+
+def sweep(
+    config: SweepPlan | SweepConfig | Path | str,
+    out: Path | str,
+    *,
+    resume: bool = False,
+    workers: int = 0,
+    scheduler: str | None = None,
+    progress: Progress = say_nothing,
+) -> SweepReport:
+    """Run a tolerance study and say what it found; nothing but the store is written until the report is saved.
+
+    Args:
+        config: the sweep file, what stands in one, or a plan made of it.
+        out: folder for the results, made if need be.
+        resume: go on with a sweep that was begun there.
+        workers: processes on this machine; 0 computes in this one, with all its threads.
+        scheduler: address of a Dask cluster to compute on instead; results are written here.
+        progress: told of every chunk.
+
+    Raises:
+        SweepFileError: the file is wrong.
+        BadInputError: a name in it does not fit the robot.
+        UnreachablePoseError: a pose is out of reach.
+        SweepStoreError: the folder holds other results or cannot be written to, or no space is left.
+        SweepWorkerError: the cluster cannot be reached, or its workers fail.
+        NoSolutionError: no tolerances keep the requirement.
+    """
+    if isinstance(config, Path | str):
+        config = SweepConfig.load(config)
+    plan = SweepPlan(config) if isinstance(config, SweepConfig) else config
+    store = run_sweep(plan, out, resume=resume, workers=workers, scheduler=scheduler, progress=progress)
+    return report(store, progress)
 
 
 def run_sweep(
@@ -28,20 +64,7 @@ def run_sweep(
     scheduler: str | None = None,
     progress: Progress = say_nothing,
 ) -> SweepStore:
-    """Compute what is missing of a sweep and write it, chunk by chunk.
-
-    Args:
-        plan: the sweep.
-        folder: where its store is or shall be.
-        resume: go on with a sweep that was begun there.
-        workers: processes on this machine; 0 computes in this one, with all its threads.
-        scheduler: address of a Dask cluster to compute on instead; results are written here.
-        progress: told of every chunk.
-
-    Raises:
-        SweepStoreError: the folder holds other results or cannot be written to, or no space is left.
-        SweepWorkerError: the cluster cannot be reached, or its workers fail.
-    """
+    """Compute what is missing of a sweep and write it, chunk by chunk; arguments and errors as :func:`sweep`."""
     store = SweepStore(folder, plan, resume=resume)
     try:
         with store.alone():

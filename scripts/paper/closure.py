@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from pouring_robot.batch import BatchCommand, BatchEngine, SiteErrors
+from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.parameters import placement_parameters
@@ -59,7 +60,7 @@ class ClosedChainStudy:
         self,
         parameters: Sequence[DHParameter],
         sizes: FloatArray,
-        progress: Callable[[int, int], None] | None = None,
+        progress: Progress = say_nothing,
         poses: int | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """Close the mechanism with one error at a time, its drives at their nominal values.
@@ -67,7 +68,7 @@ class ClosedChainStudy:
         Args:
             parameters: the errors, P of them.
             sizes: in m or rad, shape (P,).
-            progress: called with the number of closed errors and their total.
+            progress: told of every closed error.
             poses: how many of the first poses; by default all.
 
         Returns:
@@ -86,8 +87,7 @@ class ClosedChainStudy:
             rotation[k] = rotation_vectors(closed.rotation @ np.swapaxes(nominal.rotation, 1, 2))
             gaps = np.linalg.norm(closed.residual.reshape(-1, 2, 3), axis=-1).max(axis=0)
             self._left_open = np.maximum(self._left_open, gaps)
-            if progress is not None:
-                progress(k + 1, len(parameters))
+            progress("closing the loops with one error each", k + 1, len(parameters))
         return translation, rotation
 
     def first_order(self, parameters: Sequence[DHParameter], sizes: FloatArray) -> FloatArray:

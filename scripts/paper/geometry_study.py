@@ -11,7 +11,7 @@ first order. What the paper says of it is judged in :mod:`~scripts.paper.geometr
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,6 +20,7 @@ import pinocchio as pin
 
 from pouring_robot.batch import BatchCommand
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM, MRAD
@@ -172,16 +173,14 @@ class GeometryStudy:
     lip_lever_m: float
 
 
-def run_study(
-    layout_name: str, count: int, seed: int, progress: Callable[[int, int], None] | None = None
-) -> GeometryStudy:
+def run_study(layout_name: str, count: int, seed: int, progress: Progress = say_nothing) -> GeometryStudy:
     """Put every error of the paper's size into the robot, one at a time, at poses drawn from its workspace.
 
     Args:
         layout_name: of the shipped dimensions file.
         count: poses.
         seed: of the drawing.
-        progress: called with the number of closed errors and their total.
+        progress: told of every closed error.
 
     Raises:
         UnknownLayoutError: there is no such layout.

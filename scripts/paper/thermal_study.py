@@ -6,11 +6,12 @@ Nothing else is chosen. Properties are those of ``thermal.yaml`` and sizes those
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.layout import Layout
@@ -30,8 +31,6 @@ POSES = 10
 MELTS_DEGC = tuple(np.linspace(600.0, 1700.0, 12).tolist())
 LEFT_OUT = 40
 BOX_POSES = 200
-
-Progress = Callable[[int, int], None]
 
 
 def draw_poses(layout: Layout, count: int, random: np.random.Generator) -> list[PlatformPose]:
@@ -206,16 +205,14 @@ def _draw(network: ThermalNetwork, seed: int) -> Draw:
     return Draw(seed, sizes, first_share(model), contest(table, judged))
 
 
-def run_thermal_study(
-    layout: str, seed: int, draws: int, progress: Progress = lambda done, total: None
-) -> ThermalStudy:
+def run_thermal_study(layout: str, seed: int, draws: int, progress: Progress = say_nothing) -> ThermalStudy:
     """Compute everything the claims need.
 
     Args:
         layout: name of the layout.
         seed: of the drawing of poses; further drawings take the numbers after it.
         draws: how many further drawings of ten poses.
-        progress: called with steps done and in all.
+        progress: told of every step.
 
     Raises:
         UnknownLayoutError: there is no such layout.
@@ -231,9 +228,9 @@ def run_thermal_study(
     def step() -> None:
         nonlocal done
         done += 1
-        progress(done, steps)
+        progress("heating the robot", done, steps)
 
-    progress(0, steps)
+    progress("heating the robot", 0, steps)
     moved = error_sets(network, poses, MELTS_DEGC)
     step()
     parts = []

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.cli.app import main
-from pouring_robot.sweeps import ErrorEntry, SweepPlan, open_results, run_sweep
+from pouring_robot.sweeps import ErrorEntry, SweepConfig, SweepPlan, open_results, run_sweep, sweep
 from pouring_robot.sweeps.analysis.linear import transfer_matrices
 from pouring_robot.sweeps.analysis.report import report
 from pouring_robot.sweeps.analysis.summary import Distances
@@ -23,6 +23,24 @@ def one_at_a_time(tmp_path_factory):
     folder = tmp_path_factory.mktemp("one_at_a_time")
     plan = SweepPlan.load(write(folder, study="one_at_a_time", samples=None, chunk=30))
     return report(run_sweep(plan, folder / "out")), open_results(folder / "out")
+
+
+def test_one_call_runs_reports_and_saves(one_at_a_time, tmp_path):
+    first, _ = one_at_a_time
+    path = write(tmp_path, study="one_at_a_time", samples=None, chunk=30)
+    told = []
+    outcome = sweep(path, tmp_path / "out", progress=lambda *step: told.append(step))
+    assert told[-1][1] == told[-1][2] and {stage for stage, *_ in told} == {"sweep", "summary"}
+    assert outcome.figures() == first.figures()
+    assert sweep(SweepConfig.load(path), tmp_path / "out", resume=True).figures() == first.figures()
+    assert repr(outcome) == f"<SweepReport: {outcome.headline}>" and "\n" not in outcome.headline
+    assert f"{outcome.ranking[0].name} matters most" in outcome.headline
+    frame = outcome.to_frame()
+    assert frame.name.tolist() == [parameter.name for parameter in outcome.ranking]
+    assert frame.largest_mm.tolist() == [parameter.figures["largest_mm"] for parameter in outcome.ranking]
+    assert "<table" in outcome._repr_html_()
+    assert float(abs(outcome.to_dataset().displacement).max()) > 0.0
+    assert sorted(file.name for file in outcome.save()) == ["ranking.csv", "summary.json", "sweep.png"]
 
 
 def test_the_summary_is_that_of_the_arrays(one_at_a_time):

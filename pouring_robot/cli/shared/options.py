@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import sys
 from collections.abc import Callable, Iterator
@@ -11,10 +12,12 @@ from typing import Annotated, Any, TypeVar
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress as Bars
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.files import check_writable
+from pouring_robot.io.progress import Progress, Status, say_nothing
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import PouringRobot
 
@@ -97,33 +100,49 @@ def refuse_unwritable(*paths: Path | None) -> None:
 
 
 @contextmanager
+def progress_bars() -> Iterator[Progress]:
+    """Show a bar for each stage on standard error, if that is a terminal, and take them away at the end."""
+    errors = Console(stderr=True)
+    times = (TimeElapsedColumn(), TextColumn("gone,"), TimeRemainingColumn(), TextColumn("left"))
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), *times)
+    with Bars(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bars:
+        tasks: dict[str, TaskID] = {}
+
+        def show(stage: str, done: int, total: int) -> None:
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(stage, total=total, completed=done)
+            bars.update(tasks[stage], completed=done, total=total)
+
+        yield show
+
+
+@contextmanager
 def progress_bar(what: str, total: int) -> Iterator[Callable[[Result], Result]]:
-    """Show a bar on standard error, if that is a terminal, and take it away at the end.
+    """Show the bar of one stage.
 
     Yields:
         A function that counts one step done and returns what it is given.
     """
-    errors = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bar:
-        task = bar.add_task(what, total=total)
+    with progress_bars() as show:
+        done = itertools.count(1)
+        show(what, 0, total)
 
         def step(result: Result) -> Result:
-            bar.advance(task)
+            show(what, next(done), total)
             return result
 
         yield step
 
 
 @contextmanager
-def status() -> Iterator[Callable[[str], None]]:
+def status() -> Iterator[Status]:
     """Show what is being done on a terminal's error stream; elsewhere nothing.
 
     Yields:
         A function that says what is being done now.
     """
     if not sys.stderr.isatty():
-        yield lambda text: None
+        yield say_nothing
         return
     with Console(stderr=True, highlight=False).status("reading") as shown:
         yield lambda text: shown.update(text[:100])

@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import csv
-import dataclasses
 import io
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pouring_robot.io.files import write_whole
 from pouring_robot.io.progress import Progress, say_nothing
+from pouring_robot.report.result import Result
 from pouring_robot.sweeps.analysis.indices import SobolIndices, sobol_indices
 from pouring_robot.sweeps.analysis.plots import picture
 from pouring_robot.sweeps.analysis.summary import Summary, summarise
 from pouring_robot.sweeps.analysis.tolerances import AllocatedTolerances, RankedParameter, allocate_tolerances, rank
-from pouring_robot.sweeps.store import PICTURE, RANKING, SUMMARY, SweepStore
+from pouring_robot.sweeps.store import PICTURE, RANKING, SUMMARY, SweepStore, open_results
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
 
 
-@dataclass(frozen=True, eq=False)
-class SweepReport:
+@dataclass(frozen=True, eq=False, repr=False)
+class SweepReport(Result):
     """What a finished sweep says.
 
     Attributes:
@@ -38,6 +42,29 @@ class SweepReport:
     indices: SobolIndices | None
     allocation: AllocatedTolerances | None
 
+    @property
+    def headline(self) -> str:
+        """How far the ladle is off, which share is within the requirement, and the error that matters most."""
+        figures = self.summary.figures()
+        return (
+            f"{figures['frame']} is off by at most {figures['largest_mm']:.3f} mm at {figures['poses']} poses, "
+            f"{figures['share_within']:.2%} within {figures['accuracy_mm']:g} mm; {self.ranking[0].name} matters most"
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the ranking, one row a parameter; the unit of its tolerance stands in its row."""
+        import pandas as pd
+
+        return pd.DataFrame([parameter.row() for parameter in self.ranking])
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return the numbers: displacement and rotation of every robot at every pose, in m and rad, read when used.
+
+        Raises:
+            SweepStoreError: the results are damaged or gone.
+        """
+        return open_results(self.store.folder)
+
     def figures(self) -> dict[str, Any]:
         """Return all figures for JSON; mm and mrad."""
         config = self.store.plan.config
@@ -50,11 +77,11 @@ class SweepReport:
             "seed": config.seed,
             "summary": self.summary.figures(),
             "sobol_base_samples_dropped": self.indices.dropped if self.indices else None,
-            "ranking": [_row(parameter) for parameter in self.ranking],
+            "ranking": [parameter.row() for parameter in self.ranking],
             "allocation": self.allocation.figures() if self.allocation else None,
         }
 
-    def write(self) -> tuple[Path, ...]:
+    def save(self) -> tuple[Path, ...]:
         """Write the three files into the sweep's folder and return their paths.
 
         Raises:
@@ -69,7 +96,7 @@ class SweepReport:
         )
 
     def _ranking_text(self) -> str:
-        rows = [_row(parameter) for parameter in self.ranking]
+        rows = [parameter.row() for parameter in self.ranking]
         stream = io.StringIO()
         writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
         writer.writeheader()
@@ -89,9 +116,3 @@ def report(store: SweepStore, progress: Progress = say_nothing) -> SweepReport:
     indices = sobol_indices(store, progress) if plan.config.study == "sobol" else None
     allocation = allocate_tolerances(plan, progress=progress) if plan.config.allocation else None
     return SweepReport(store, summary, rank(plan, summary, indices), indices, allocation)
-
-
-def _row(parameter: RankedParameter) -> dict[str, Any]:
-    row = dataclasses.asdict(parameter)
-    chosen: dict[str, Any] = {key: row[key] for key in ("name", "part", "tolerance", "unit")}
-    return chosen | parameter.figures

@@ -43,6 +43,10 @@ class RankedParameter:
     weight: float
     figures: dict[str, Any]
 
+    def row(self) -> dict[str, Any]:
+        """Return what stands in the ranking's table; its heading ``unit`` is that of the tolerance."""
+        return {"name": self.name, "part": self.part, "tolerance": self.tolerance, "unit": self.unit} | self.figures
+
 
 def rank(plan: SweepPlan, summary: Summary, indices: SobolIndices | None = None) -> list[RankedParameter]:
     """Return the parameters of a finished sweep, the one that matters most first."""
