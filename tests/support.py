@@ -77,6 +77,22 @@ def relative_error(found, expected):
     return float(np.abs(np.asarray(found) - expected).max() / np.abs(expected).max())
 
 
+def round_off(condition=1.0, scale=1.0, terms=1):
+    """Return how far a right computation may be off by rounding alone, whatever the order of its sums.
+
+    A machine's kernels of linear algebra add in their own order, so that last digits differ between machines. A
+    backward stable computation (sums, products, QR, SVD, Cholesky) gives the exact answer to data that are off by a
+    share of at most about ``terms`` ε, ε = 2.2e-16 (Higham, Accuracy and Stability of Numerical Algorithms, 2002,
+    equation 3.5 and theorems 10.3 and 19.4); the condition number says how much of that share arrives in the answer.
+
+    Args:
+        condition: relative change of the answer over that of the data, at worst.
+        scale: size of the answer, or of the largest number that cancels in it.
+        terms: steps in a row: length of a sum; rows times columns of a decomposed matrix.
+    """
+    return terms * np.finfo(float).eps * condition * scale
+
+
 def pose_gap(first, second):
     """Return distance (m) and angle (rad) between two poses."""
     angle = np.linalg.norm(pin.log3(first.rotation.T @ second.rotation))

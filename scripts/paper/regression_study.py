@@ -32,6 +32,7 @@ lies next to the mean often enough.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,7 +118,9 @@ def residual_figures(errors: FloatArray, predicted: FloatArray) -> tuple[float, 
     return float(residuals.mean()), float(residuals.std(ddof=1))
 
 
-def compare(table: ErrorTable, left_out: ErrorTable | None = None) -> dict[str, tuple[float, float]]:
+def compare(
+    table: ErrorTable, left_out: ErrorTable | None = None, weightings: Sequence[str] = WEIGHTINGS
+) -> dict[str, tuple[float, float]]:
     """Return mean and spread of the residuals on left-out poses, in m (or rad), for every estimator.
 
     Args:
@@ -125,12 +128,13 @@ def compare(table: ErrorTable, left_out: ErrorTable | None = None) -> dict[str, 
         left_out: poses to predict, at any temperatures; without, the paper's own way: the sets of the table that are
             not sensitive. These have been seen by the clustering, and weighting "table" is fitted to them: its
             figures are then no test.
+        weightings: of the joint models.
 
     Returns:
         Key "single NAME" for the simple line of each sensitive set, and "joint WEIGHTING" for each weighting.
     """
     figures = {}
-    for weighting in WEIGHTINGS:
+    for weighting in weightings:
         model = JointRegression(weighting).fit(table.temperature_column, table.errors)
         sensitive = [table.names[i] for i in model.selector_.sensitive_]
         judged = left_out or table.without(sensitive)
@@ -179,7 +183,12 @@ class Beaten:
 
 
 def count_beaten(
-    tables: int = 200, *, seed: int = 0, design: TableDesign | None = None, within: bool = False
+    tables: int = 200,
+    *,
+    seed: int = 0,
+    design: TableDesign | None = None,
+    within: bool = False,
+    weightings: Sequence[str] = WEIGHTINGS,
 ) -> dict[str, Beaten]:
     """Return, by estimator, in how many synthetic tables its spread is smaller than that of each single regression.
 
@@ -188,14 +197,14 @@ def count_beaten(
         seed: of the random numbers; any will do.
         design: how tables are drawn.
         within: judge in the paper's own way, on the table's sets that are not sensitive (see :func:`compare`).
+        weightings: of the joint models.
     """
     random = np.random.default_rng(seed)
     wins: dict[str, list[tuple[bool, bool]]] = {}
     for _ in range(tables):
         drawn = draw_table(random, design)
-        figures = {
-            name: spread for name, (_, spread) in compare(drawn.table, None if within else drawn.left_out).items()
-        }
+        judged = None if within else drawn.left_out
+        figures = {name: spread for name, (_, spread) in compare(drawn.table, judged, weightings).items()}
         if not within:
             figures["oracle"] = residual_figures(drawn.left_out.errors, drawn.expected_m)[1]
         first, *others = (spread for name, spread in figures.items() if name.startswith("single"))

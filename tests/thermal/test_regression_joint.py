@@ -257,7 +257,7 @@ def test_and_does_so_in_200_tables_while_the_literal_recipe_does_not():
 
 @pytest.mark.slow
 def test_whatever_the_seed():
-    wins = sum(count_beaten(200, seed=seed)["joint table"].both for seed in range(1, 11))
+    wins = sum(count_beaten(200, seed=seed, weightings=("table",))["joint table"].both for seed in range(1, 11))
     assert wins / 2000 > 0.9
 
 
