@@ -28,8 +28,7 @@ from rich.table import Table
 
 from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.measurement import MeasurementModel
-from pouring_robot.estimation.parameter_sets import ParameterCatalogue, all_parameters
-from pouring_robot.estimation.priors import Tolerances
+from pouring_robot.estimation.priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.estimation.solver import Fit, identify
 from pouring_robot.exceptions import NoSolutionError, PouringRobotError
@@ -38,8 +37,10 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
 from pouring_robot.mechanism.energy import ClosureEnergy
 from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.parameters import ParameterCatalogue, all_parameters
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot, load_robot
+from pouring_robot.robot.tolerances import Tolerances
 from scripts.coverage_study import StudyOptions, virtual_campaign
 
 DEFAULT_MODEL = Path(__file__).resolve().parents[1] / "examples" / "actual.yaml"
@@ -287,7 +288,7 @@ def calibrations(setting: Setting, wanted: str, parameters: int, poses: int) -> 
     groups = ParameterCatalogue(drawing.nominal_solver.mechanism).groups((wanted,))
     model = MeasurementModel(RobotModel(), all_parameters(groups)[:parameters])
     study = StudyOptions(rows=poses)
-    prior = tolerances.prior(model.parameters)
+    prior = prior_std(model.parameters, tolerances)
 
     def fit(seed: int, watch: Stopwatch | None) -> Fit:
         truth = np.random.default_rng([seed, 3]).normal(size=parameters) * tolerances.std(model.parameters)

@@ -27,8 +27,7 @@ from pouring_robot.estimation.measurement import (
     ModelledRows,
     Unknowns,
 )
-from pouring_robot.estimation.parameter_sets import ParameterCatalogue, all_parameters
-from pouring_robot.estimation.priors import Tolerances
+from pouring_robot.estimation.priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
 from pouring_robot.estimation.solver import Fit, FitOptions, identify
 from pouring_robot.estimation.splits import split
@@ -36,7 +35,9 @@ from pouring_robot.exceptions import CalibrationError, PouringRobotError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.parameters import ParameterCatalogue, all_parameters
 from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.tolerances import Tolerances
 
 _FRAMES = tuple(p.name for p in FRAME_PARAMETERS)
 
@@ -200,7 +201,7 @@ def _run(
     train, seen = rows[parts.train], measured[parts.train]
     clock = time.perf_counter()
     start, _ = first_frames(train, seen)
-    fit = identify(train, seen, start, tolerances.prior(model.parameters), FitOptions(curvature=True))
+    fit = identify(train, seen, start, prior_std(model.parameters, tolerances), FitOptions(curvature=True))
     seconds = time.perf_counter() - clock
     wrong = fit.unknowns.values[FRAMES:] - truth
     shares = _shares(

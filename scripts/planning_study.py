@@ -18,9 +18,9 @@ from dataclasses import replace
 
 from pouring_robot.design.compare import Comparison, compare_with_random
 from pouring_robot.design.planning import Planner, PlanRequest
-from pouring_robot.estimation.priors import Tolerances
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.tolerances import Tolerances
 
 REQUIRED = 0.70
 _HEADINGS = (

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pouring_robot.estimation.measurement import (
     FRAME_PARAMETERS,
     FRAMES,
-    CalibrationParameter,
     MeasurementModel,
     ModelledRows,
     Prediction,
@@ -16,7 +15,6 @@ from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations,
 __all__ = [
     "FRAMES",
     "FRAME_PARAMETERS",
-    "CalibrationParameter",
     "MeasuredPoses",
     "MeasurementModel",
     "ModelledRows",

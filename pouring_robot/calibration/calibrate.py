@@ -21,8 +21,7 @@ from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.identifiability import BaseParameters, base_parameters
 from pouring_robot.estimation.measurement import FRAMES, MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.noise import NoiseLevel, fit_with_noise, repeats, stated_noise
-from pouring_robot.estimation.parameter_sets import ParameterCatalogue, ParameterGroup, all_parameters
-from pouring_robot.estimation.priors import Tolerances
+from pouring_robot.estimation.priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor
 from pouring_robot.estimation.solver import Fit, FitOptions, identify
 from pouring_robot.estimation.splits import HoldOut, Rows, Split, split
@@ -30,7 +29,9 @@ from pouring_robot.exceptions import CampaignError
 from pouring_robot.io.progress import Status, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.parameters import ParameterCatalogue, ParameterGroup, all_parameters
 from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.tolerances import Tolerances
 
 _ROW_FLAGS = (FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES)
 _SURE = 1e-3  # chance at which residuals count as larger than the noise
@@ -231,7 +232,7 @@ def _residual_noise(
     """Return the noise as what the richest model leaves over of the training rows."""
     train, seen = rows[parts.train], measured[parts.train]
     start, _ = first_frames(train, seen)
-    _, found = fit_with_noise(train, seen, start, tolerances.prior(rows.model.parameters), noise, options)
+    _, found = fit_with_noise(train, seen, start, prior_std(rows.model.parameters, tolerances), noise, options)
     return found
 
 
@@ -247,7 +248,7 @@ def _fitted(
     chosen = rows.with_model(rows.model.with_parameters(all_parameters(groups)))
     train, seen = chosen[parts.train], measured[parts.train]
     start, _ = first_frames(train, seen)
-    prior = tolerances.prior(chosen.model.parameters)
+    prior = prior_std(chosen.model.parameters, tolerances)
     return chosen, start, identify(train, seen, start, prior, replace(options, curvature=True))
 
 
@@ -268,7 +269,7 @@ def _before(
     """Return the frames alone, fitted to the training rows with the present robot."""
     train, seen = frames_only[parts.train], measured[parts.train]
     start, _ = first_frames(train, seen)
-    return identify(train, seen, start, tolerances.prior(()), options).unknowns
+    return identify(train, seen, start, prior_std((), tolerances), options).unknowns
 
 
 def _inflation(fit: Fit) -> float:

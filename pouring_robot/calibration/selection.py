@@ -10,14 +10,15 @@ import numpy as np
 from pouring_robot.calibration.acceptance import mean_and_error
 from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
-from pouring_robot.estimation.parameter_sets import ParameterGroup, all_parameters
-from pouring_robot.estimation.priors import Tolerances
+from pouring_robot.estimation.priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.estimation.solver import FitOptions, identify
 from pouring_robot.estimation.splits import Rows, Split
 from pouring_robot.exceptions import CalibrationError
 from pouring_robot.io.progress import Status, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.parameters import ParameterGroup, all_parameters
+from pouring_robot.robot.tolerances import Tolerances
 
 _FAILED = 1e6
 _STANDARD_ERRORS = 2.0
@@ -82,7 +83,7 @@ class _CrossValidation:
     def __call__(self, groups: Sequence[ParameterGroup]) -> FloatArray:
         """Return the mean squared whitened residual of each judged row, of position and rotation, shape (rows, 2)."""
         model = self.rows.model.with_parameters(all_parameters(groups))
-        prior = self.tolerances.prior(model.parameters)
+        prior = prior_std(model.parameters, self.tolerances)
         scores = np.full((len(self.rows), 2), np.nan)
         for frames, (train, validation) in zip(self._frames, self.split.validations, strict=True):
             start = Unknowns.zero(frames.outer, frames.inner, len(model.parameters))

@@ -58,8 +58,8 @@ def calibrate(
     from pouring_robot.calibration.export import write_calibration
     from pouring_robot.calibration.summary import calibration_figures
     from pouring_robot.campaign.reader import read_campaign
-    from pouring_robot.estimation.priors import Tolerances
     from pouring_robot.estimation.solver import FitOptions
+    from pouring_robot.robot.tolerances import Tolerances
 
     check_folder(out)
     present = RobotModel.load(model) if model else RobotModel()

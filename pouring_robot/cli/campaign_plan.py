@@ -71,8 +71,8 @@ def plan(
     from pouring_robot.design.compare import compare_with_random
     from pouring_robot.design.output import plan_figures, plan_table, plan_text, write_picture
     from pouring_robot.design.planning import Planner, PlanRequest
-    from pouring_robot.estimation.priors import Tolerances
     from pouring_robot.io.files import write_whole
+    from pouring_robot.robot.tolerances import Tolerances
 
     if tolerances is not None and not priors:
         raise BadInputError("--tolerances says how sure the priors are; give --priors too")

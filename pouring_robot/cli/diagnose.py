@@ -102,7 +102,7 @@ def _library() -> list[dict[str, Any]]:
     from pouring_robot.effects.facts import sources
     from pouring_robot.effects.registry import all_effects
 
-    conditions, channels = complete_conditions(), channel_names(local_parameters())
+    conditions, channels = complete_conditions(), channel_names(local_parameters(RobotModel()))
     return [
         {
             "effect": effect.id,

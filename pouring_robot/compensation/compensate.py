@@ -17,7 +17,7 @@ import pinocchio as pin
 from pouring_robot.exceptions import ClosureError, NoSolutionError, SingularPoseError, UnreachablePoseError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure import ClosureResult
-from pouring_robot.mechanism.parameters import DriveParameter
+from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.poses import MM, PoseDifference
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.pouring.poses import PlatformPose
@@ -211,7 +211,7 @@ def _four_rows(warm: WarmRobot, result: ClosureResult, frame: str) -> FloatArray
 
     The tilt is atan2(c_x, c_z) of the platform's third axis c, which turns as ω × c.
     """
-    drives = [DriveParameter(name, "") for name in result.mechanism.loops.drives]
+    drives = drive_parameters(result.mechanism)
     twists = closed_chain_transfer(warm.actual_solver, result, drives, frame).matrix
     axis = result.pose_base_to_end.rotation[:, 2]
     moved = np.cross(twists[3:].T, axis)

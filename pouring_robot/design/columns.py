@@ -10,10 +10,11 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from pouring_robot.design.parameters import PlannedParameter, drive_parameters
+from pouring_robot.design.parameters import PlannedParameter
 from pouring_robot.estimation.measurement import FRAMES, MeasurementModel, Unknowns
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.robot.pouring.layout import Layout
 from pouring_robot.robot.robot import PouringRobot
 

@@ -16,11 +16,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from pouring_robot.estimation.measurement import CalibrationParameter
-from pouring_robot.estimation.parameter_sets import ParameterCatalogue, all_parameters
-from pouring_robot.estimation.priors import Tolerances
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.parameters import DriveParameter
+from pouring_robot.mechanism.parameters import GeometricParameter, drive_parameters
+from pouring_robot.robot.parameters import ParameterCatalogue, all_parameters
+from pouring_robot.robot.tolerances import Tolerances
 
 Kind = Literal["local", "backlash", "compliance", "expansion"]
 DEFAULT_SETS = ("centres",)
@@ -60,7 +59,7 @@ class PlannedParameter:
     name: str
     unit: str
     kind: Kind
-    local: CalibrationParameter
+    local: GeometricParameter
 
     @property
     def shown_unit(self) -> str:
@@ -71,11 +70,6 @@ class PlannedParameter:
     def shown_factor(self) -> float:
         """How many of the shown units make one inside."""
         return SHOWN_UNITS[self.unit][1]
-
-
-def drive_parameters(mechanism: ClosedChainMechanism) -> tuple[DriveParameter, ...]:
-    """Return an error of each drive, in the order of the loops file."""
-    return tuple(DriveParameter(joint, mechanism.unit_of(joint)) for joint in mechanism.loops.drives)
 
 
 def local_parameters(nominal: ClosedChainMechanism, wanted: Sequence[str]) -> tuple[PlannedParameter, ...]:

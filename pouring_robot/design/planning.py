@@ -40,11 +40,11 @@ from pouring_robot.design.request import PlanRequest
 from pouring_robot.design.result import MeasurementPlan, PlanQuality, UndeterminedError
 from pouring_robot.estimation.identifiability import base_parameters
 from pouring_robot.estimation.measurement import FRAME_PARAMETERS, FRAMES
-from pouring_robot.estimation.priors import Tolerances
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.tolerances import Tolerances
 
 __all__ = ["Conditions", "MeasurementPlan", "Noise", "PlanQuality", "PlanRequest", "Planner", "UndeterminedError"]
 

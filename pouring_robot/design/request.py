@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from pouring_robot.design.columns import Noise
 from pouring_robot.design.information import CRITERIA, Criterion
-from pouring_robot.estimation.priors import Tolerances
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.robot.tolerances import Tolerances
 
 _MOST_POSES = 500
 _HOTTEST_DEGC = 800.0

@@ -21,7 +21,6 @@ from pouring_robot.batch import BatchStart
 from pouring_robot.campaign.data import DRIVE_JOINTS, Campaign
 from pouring_robot.effects.base import EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions, NominalRows, conditions_of
-from pouring_robot.effects.joints import LEGS
 from pouring_robot.effects.registry import all_effects
 from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.measurement import FRAMES, MeasurementModel, Prediction
@@ -32,22 +31,21 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import (
     COMPONENTS,
     DriveParameter,
+    GeometricParameter,
     LocalParameter,
-    PlacementParameter,
-    placement_parameters,
 )
 from pouring_robot.mechanism.rotations import skew
 from pouring_robot.robot.effect_stack import EffectEntry
 from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.parameters import ParameterCatalogue
 
 SCALE = "metrology.scale"
 
 
-def local_parameters() -> tuple[PlacementParameter | DriveParameter, ...]:
+def local_parameters(model: RobotModel) -> tuple[GeometricParameter, ...]:
     """Return all local parameters an effect may change inside the mechanism."""
-    joints = [f"leg{i}_{site}" for i in LEGS for site in ("s1", "s2", "s3", "s4", "s5", "seat_mount")]
-    drives = [DriveParameter(name, "rad" if name.endswith("s5") else "m") for name in DRIVE_JOINTS]
-    return (*drives, *placement_parameters(joints))
+    catalogue = ParameterCatalogue(model.nominal_mechanism())
+    return (*catalogue.drives, *catalogue.placements)
 
 
 def channel_names(inside: Iterable[LocalParameter]) -> frozenset[str]:
@@ -154,7 +152,7 @@ class CampaignRows:
     def __init__(self, campaign: Campaign, model: RobotModel, noise: NoiseLevel) -> None:
         """Predict the rows and fit the frames."""
         self.campaign, self.model, self.noise = campaign, model, noise
-        self.measurement = MeasurementModel(model, local_parameters())
+        self.measurement = MeasurementModel(model, local_parameters(model))
         self._places = {name: k for k, name in enumerate(self.measurement.names)}
         self._sites = {p.name: k for k, p in enumerate(self.measurement.engine.parameters)}
         self.measured = MeasuredPoses.from_campaign(campaign, noise.position_m, noise.rotation_rad)
@@ -291,7 +289,7 @@ class CampaignRows:
     @property
     def channels(self) -> frozenset[str]:
         """Names of all local parameters that effects may change in these rows."""
-        return channel_names(local_parameters())
+        return channel_names(self.measurement.parameters)
 
     def columns(self, form: Form, linear: LinearRows) -> FloatArray:
         """Return the whitened signature of each parameter of a form, times its usual size, shape (m, k)."""

@@ -8,24 +8,33 @@ from pouring_robot.effects.base import Effect, EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.tolerances import LEFT_BY_WORKMANSHIP_MM, LEFT_BY_WORKMANSHIP_MRAD, Tolerances
 
 LEGS = (1, 2, 3, 4)
 _TILTED = {1: "xz", 2: "yz", 3: "xy", 4: "yz", 5: "xz"}
 """Directions across the axis of each joint of a leg."""
 
 
-def centre_parameters(one: FloatArray, prior_std_mm: float = 1.0) -> dict[str, tuple[EffectParameter, ...]]:
-    """Return three parameters for each U-joint centre, by the joint that places it; ``one`` is 1 for every row."""
+def centre_parameters(one: FloatArray, prior_std_mm: float | None = None) -> dict[str, tuple[EffectParameter, ...]]:
+    """Return three parameters for each U-joint centre, by the joint that places it; ``one`` is 1 for every row.
+
+    They are as large as the tolerance of a part that nobody has measured, unless a size is given.
+    """
+    std_mm = prior_std_mm or Tolerances.load().kinds.joint_centre.std
     return {
         joint: tuple(
-            EffectParameter(f"{joint}.t{axis}", "mm", prior_std_mm, {f"{joint}.t{axis}": MM * one}) for axis in "xyz"
+            EffectParameter(f"{joint}.t{axis}", "mm", std_mm, {f"{joint}.t{axis}": MM * one}) for axis in "xyz"
         )
         for joint in (*(f"leg{i}_s1" for i in LEGS), *(f"leg{i}_seat_mount" for i in LEGS))
     }
 
 
-def axis_parameters(one: FloatArray, prior_std_mrad: float = 1.0) -> dict[str, tuple[EffectParameter, ...]]:
-    """Return the tilts of each joint's axis, by joint: only this axis turns, the next joint stays where it was."""
+def axis_parameters(one: FloatArray, prior_std_mrad: float | None = None) -> dict[str, tuple[EffectParameter, ...]]:
+    """Return the tilts of each joint's axis, by joint: only this axis turns, the next joint stays where it was.
+
+    They are as large as the tolerance of a part that nobody has measured, unless a size is given.
+    """
+    std_mrad = prior_std_mrad or Tolerances.load().kinds.joint_axis.std
     found = {}
     for leg in LEGS:
         for joint, directions in _TILTED.items():
@@ -36,7 +45,7 @@ def axis_parameters(one: FloatArray, prior_std_mrad: float = 1.0) -> dict[str, t
                 EffectParameter(
                     f"{name}.tilt_{axis}",
                     "mrad",
-                    prior_std_mrad,
+                    std_mrad,
                     {f"{name}.r{axis}": MRAD * one, f"{after}.r{axis}": back * MRAD * one},
                 )
                 for axis in directions
@@ -51,12 +60,10 @@ class JointCentreOffset(Effect):
     story = "U joints sit elsewhere on their platforms than drawn"
     driven_by = "tilt_rad"
     small = 0.035  # mm
-    _LEFT_MM = 0.015
-    """What adjustment leaves."""
 
     def background(self, rows: int) -> tuple[EffectParameter, ...]:
         """All centres, after adjustment."""
-        return tuple(p for found in centre_parameters(np.ones(rows), self._LEFT_MM).values() for p in found)
+        return tuple(p for found in centre_parameters(np.ones(rows), LEFT_BY_WORKMANSHIP_MM).values() for p in found)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """All centres, those of one platform, or a single one."""
@@ -80,12 +87,10 @@ class JointAxisTilt(Effect):
     driven_by = "tilt_rad"
     small = 0.08  # mrad
     loosened_by_load = True
-    _LEFT_MRAD = 0.012
-    """What adjustment leaves."""
 
     def background(self, rows: int) -> tuple[EffectParameter, ...]:
         """All axes, after adjustment."""
-        return tuple(p for found in axis_parameters(np.ones(rows), self._LEFT_MRAD).values() for p in found)
+        return tuple(p for found in axis_parameters(np.ones(rows), LEFT_BY_WORKMANSHIP_MRAD).values() for p in found)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """All axes, twisted legs, or bores of the platforms."""

@@ -31,6 +31,7 @@ from pouring_robot.mechanism.parameters import (
     COMPONENTS,
     DriveParameter,
     FrameParameter,
+    GeometricParameter,
     LocalParameter,
     PlacementParameter,
 )
@@ -39,7 +40,6 @@ from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 
 BoolArray = NDArray[np.bool_]
-CalibrationParameter = PlacementParameter | DriveParameter
 FRAME_PARAMETERS: tuple[FrameParameter, ...] = (
     *(FrameParameter("base", component) for component in COMPONENTS),
     *(FrameParameter("tool", component) for component in COMPONENTS),
@@ -125,16 +125,14 @@ class MeasurementModel:
         BadInputError: a parameter is of another kind, or stands twice.
     """
 
-    def __init__(
-        self, model: RobotModel, parameters: Sequence[CalibrationParameter], threads: int | None = None
-    ) -> None:
+    def __init__(self, model: RobotModel, parameters: Sequence[GeometricParameter], threads: int | None = None) -> None:
         """Build the batch engine of the present robot and the map from parameters to placement errors."""
         self.model = model
         self.engine = BatchEngine(model.mechanism(), threads)
         self.kinematics = FourUPUKinematics(model.nominal_mechanism())
         self._choose(parameters)
 
-    def _choose(self, parameters: Sequence[CalibrationParameter]) -> None:
+    def _choose(self, parameters: Sequence[GeometricParameter]) -> None:
         structure = self.engine.structure
         self.parameters = tuple(parameters)
         self.names = tuple(p.name for p in (*FRAME_PARAMETERS, *self.parameters))
@@ -155,7 +153,7 @@ class MeasurementModel:
             else:
                 raise BadInputError(f"'{getattr(parameter, 'name', parameter)}' is no placement or drive parameter")
 
-    def with_parameters(self, parameters: Sequence[CalibrationParameter]) -> MeasurementModel:
+    def with_parameters(self, parameters: Sequence[GeometricParameter]) -> MeasurementModel:
         """Return the same robot with another choice of parameters, sharing the engine.
 
         Raises:

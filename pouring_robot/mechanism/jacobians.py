@@ -13,7 +13,7 @@ import numpy as np
 
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
-from pouring_robot.mechanism.parameters import DriveParameter, placement_parameters
+from pouring_robot.mechanism.parameters import drive_parameters, placement_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 
 # Rows of the platform twist that the four drives control: x, y, z and the tilt about y.
@@ -103,7 +103,7 @@ def drive_jacobians(solver: ClosureSolver, result: ClosureResult) -> DriveJacobi
         SingularPoseError: the free joints are not determined by the drives here.
         BadInputError: the loops file names no end frame.
     """
-    drives = [DriveParameter(name, "") for name in solver.mechanism.loops.drives]
+    drives = drive_parameters(solver.mechanism)
     transfer = closed_chain_transfer(solver, result, drives)
     loops = result.jacobian.reshape(-1, solver.energy.model.nv)[:, solver.energy.free_columns]
     margin = float(np.linalg.svd(loops, compute_uv=False)[-1])

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 
 COMPONENTS = ("tx", "ty", "tz", "rx", "ry", "rz")
 """Components of a placement error: translation in m, rotation vector in rad, in the joint's own placement."""
@@ -104,7 +105,9 @@ class FrameParameter:
         return component_unit(self.component)
 
 
-LocalParameter = PlacementParameter | DriveParameter | StiffnessParameter | PayloadParameter | FrameParameter
+GeometricParameter = PlacementParameter | DriveParameter
+"""What shifts or turns something inside the mechanism: what calibration identifies and sweeps draw."""
+LocalParameter = GeometricParameter | StiffnessParameter | PayloadParameter | FrameParameter
 
 
 def component_unit(component: str) -> str:
@@ -115,6 +118,11 @@ def component_unit(component: str) -> str:
 def unit_twist(component: str) -> FloatArray:
     """Return the unit twist of one of :data:`COMPONENTS`; shape (6,)."""
     return np.asarray(np.eye(6)[COMPONENTS.index(component)])
+
+
+def drive_parameters(mechanism: ClosedChainMechanism) -> tuple[DriveParameter, ...]:
+    """Return an error of each drive, in the order of the loops file."""
+    return tuple(DriveParameter(joint, mechanism.unit_of(joint)) for joint in mechanism.loops.drives)
 
 
 def placement_parameters(joints: Iterable[str]) -> tuple[PlacementParameter, ...]:

@@ -21,12 +21,13 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.parameters import ParameterCatalogue
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.layout import Layout, load_layout
 from pouring_robot.sweeps.config import Grouping, SweepConfig
 from pouring_robot.sweeps.draws import Draws
 from pouring_robot.sweeps.evaluation import ByteArray, ClosedChains, Evaluator, OpenBranch, Platforms
-from pouring_robot.sweeps.parameters import ErrorMap, ParameterCatalogue
+from pouring_robot.sweeps.parameters import ErrorMap, select
 from pouring_robot.sweeps.poses import sweep_commands
 
 
@@ -90,7 +91,7 @@ class SweepPlan:
         self.mechanism: ClosedChainMechanism = self.model.mechanism()
         self.layout: Layout = load_layout(self.model.layout, self.model.layouts_path)
         self.catalogue = ParameterCatalogue(nominal)
-        self.parameters = self.catalogue.select(config)
+        self.parameters = select(self.catalogue, config)
         self.draws = Draws.of(config, self.parameters)
         self._refuse_many_chains()
         if config.allocation:

@@ -302,7 +302,7 @@ def _static(plan: SweepPlan) -> dict[str, tuple[NDArray[Any], tuple[str, ...], d
         "axis": (_texts(AXES), ("axis",), {}),
         "position": (plan.poses.start.position, ("pose", "axis"), {"units": "m", "of": "moving_platform, commanded"}),
         "tilt": (plan.poses.poses[:, 3], ("pose",), {"units": "rad"}),
-        "drive": (_texts(plan.catalogue.drives), ("drive",), {}),
+        "drive": (_texts([drive.joint for drive in plan.catalogue.drives]), ("drive",), {}),
         "command": (plan.poses.drives, ("pose", "drive"), {"units": "m or rad, by drive"}),
     }
 

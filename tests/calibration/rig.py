@@ -5,14 +5,15 @@ import pinocchio as pin
 
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.estimation.measurement import FRAMES, MeasurementModel, Unknowns
-from pouring_robot.estimation.parameter_sets import ParameterCatalogue, all_parameters
-from pouring_robot.estimation.priors import Tolerances
+from pouring_robot.estimation.priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureSolver
 from pouring_robot.mechanism.parameters import DriveParameter
 from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.parameters import ParameterCatalogue, all_parameters
 from pouring_robot.robot.pouring.description import PlacementError, perturb_urdf
+from pouring_robot.robot.tolerances import Tolerances
 
 SIGMA = 3e-5
 OUTER = pin.SE3(pin.exp3(np.array([0.4, -1.1, 2.0])), np.array([1.5, -2.0, 0.7]))
@@ -33,7 +34,7 @@ class Virtual:
 
     def __init__(self, drawing, model, count, seed=0, scale=1.0, sigma=SIGMA):
         random = np.random.default_rng(seed)
-        self.model, self.prior = model, Tolerances.load().prior(model.parameters)
+        self.model, self.prior = model, prior_std(model.parameters, Tolerances.load())
         self.truth = random.normal(size=len(model.parameters)) * self.prior[FRAMES:] * scale
         self.rows = model.at(random_plan(drawing, count, seed + 1).drives)
         zero = Unknowns.zero(OUTER, INNER, len(self.truth))

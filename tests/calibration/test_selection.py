@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from pouring_robot.calibration.selection import _judge, select_groups
-from pouring_robot.estimation.parameter_sets import ParameterCatalogue
-from pouring_robot.estimation.priors import Tolerances
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.estimation.splits import split
 from pouring_robot.exceptions import CalibrationError
+from pouring_robot.robot.parameters import ParameterCatalogue
+from pouring_robot.robot.tolerances import Tolerances
 from tests.calibration.rig import SIGMA, Virtual, groups_of, model_of
 
 

@@ -25,12 +25,12 @@ from pouring_robot.design.output import plan_figures, plan_text, write_picture
 from pouring_robot.design.planning import Conditions, Noise, Planner, PlanRequest, UndeterminedError
 from pouring_robot.design.updates import log_determinants
 from pouring_robot.estimation.identifiability import observability
-from pouring_robot.estimation.priors import Tolerances
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureSolver
 from pouring_robot.mechanism.energy import Loads
 from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.tolerances import Tolerances
 
 SMALL = {"candidates": 300, "starts": 2}
 

@@ -15,7 +15,7 @@ from pouring_robot.robot.model import RobotModel
 from tests.effects.bench import EFFECTS, SIGMA_M, SIGMA_RAD
 from tests.support import ACTUAL
 
-LOCAL = {p.name for p in local_parameters()} | {f"base.{c}" for c in COMPONENTS} | {SCALE}
+LOCAL = {p.name for p in local_parameters(RobotModel())} | {f"base.{c}" for c in COMPONENTS} | {SCALE}
 MAY_BE_MISSING = {name for name, field in Conditions.__dataclass_fields__.items() if "None" in str(field.type)}
 STEP = 1e-4
 """Largest change of a local parameter, in m or rad."""

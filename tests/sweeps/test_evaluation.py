@@ -26,7 +26,11 @@ def test_displacements_are_those_of_the_robot_with_these_errors(plan):
     found, _ = plan.displacements(values, plan.poses)
     solver = OneAtATime(plan.mechanism, plan.error_map.joints).solver(plan.error_map.placement_errors(values)[0])
     drives = dict(
-        zip(plan.catalogue.drives, plan.poses.drives[2] + plan.error_map.drive_errors(values)[0], strict=True)
+        zip(
+            [drive.joint for drive in plan.catalogue.drives],
+            plan.poses.drives[2] + plan.error_map.drive_errors(values)[0],
+            strict=True,
+        )
     )
     names = [joint for joint in plan.error_map.joints if not joint.endswith("mount")]
     start = dict(zip(names, plan.poses.start.joints[2].ravel().tolist(), strict=True))

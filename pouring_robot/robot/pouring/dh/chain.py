@@ -73,15 +73,15 @@ class DHChain:
         return np.asarray(pose)
 
     def site_transforms(self, errors: FloatArray) -> FloatArray:
-        """Return the product of each site's transforms at joint value zero; shape (6, 4, 4)."""
+        """Return the product of each site's transforms at joint value zero, for (..., 8, 4); shape (..., 6, 4, 4)."""
         transforms = dh_transform(self.nominal + errors)
-        first = transforms[0] @ transforms[1] @ transforms[2]
-        return np.asarray(np.concatenate([first[None], transforms[3:]]))
+        first = transforms[..., 0, :, :] @ transforms[..., 1, :, :] @ transforms[..., 2, :, :]
+        return np.asarray(np.concatenate([first[..., None, :, :], transforms[..., 3:, :, :]], axis=-3))
 
     def displacements(self, errors: FloatArray) -> FloatArray:
-        """Return the displacement E of each site that equals the DH errors (8, 4); shape (6, 4, 4), exact."""
+        """Return the displacement E of each site that equals DH errors (..., 8, 4), exactly; shape (..., 6, 4, 4)."""
         sites = self.site_transforms(errors)
-        sites[SEAT] = inverse(sites[SEAT])
+        sites[..., SEAT, :, :] = inverse(sites[..., SEAT, :, :])
         return np.asarray(self.before @ sites @ self.after)
 
     def targets(self, displacements: FloatArray) -> FloatArray:

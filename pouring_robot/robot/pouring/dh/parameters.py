@@ -82,6 +82,16 @@ class DHParameter:
     twist: Twist
 
     @property
+    def part(self) -> str:
+        """The part of the chain it is measured on."""
+        return _PARTS[self.transform]
+
+    @property
+    def place(self) -> tuple[int, int]:
+        """Its row and column in the chain's arrays (8, 4)."""
+        return TRANSFORMS.index(self.transform), SYMBOLS.index(self.symbol)
+
+    @property
     def drops_out(self) -> bool:
         """Whether the paper (its section 4.2) leaves it out: an error of it would be no error of the machine."""
         return bool(self.reason)

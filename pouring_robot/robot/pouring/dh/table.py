@@ -22,7 +22,7 @@ from pouring_robot.exceptions import BadInputError, UnknownJointError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.robot.pouring.description import PlacementError
-from pouring_robot.robot.pouring.dh.chain import SYMBOLS, TRANSFORMS, DHChain
+from pouring_robot.robot.pouring.dh.chain import DHChain
 from pouring_robot.robot.pouring.dh.derivation import NotUPUError, dh_chain
 from pouring_robot.robot.pouring.dh.fit import fit_errors
 from pouring_robot.robot.pouring.dh.parameters import (
@@ -236,8 +236,8 @@ class DHTable:
                 raise BadInputError(
                     f"'{parameter.name}' displaces joint '{parameter.joint}', which is not among the rows"
                 )
-            place = TRANSFORMS.index(parameter.transform), SYMBOLS.index(parameter.symbol)
-            matrix[rows[parameter.joint], :, k] = twists[parameter.chain][place] if twists else parameter.twist
+            twist = twists[parameter.chain][parameter.place] if twists else parameter.twist
+            matrix[rows[parameter.joint], :, k] = twist
         return matrix.reshape(-1, len(columns))
 
     def rows(self) -> list[dict[str, str]]:
@@ -256,8 +256,7 @@ class DHTable:
             parameter = self[name]
             if not math.isfinite(value):
                 raise BadInputError(f"the error of '{name}' must be a finite number, not {value}")
-            place = TRANSFORMS.index(parameter.transform), SYMBOLS.index(parameter.symbol)
-            arrays[parameter.chain][place] = value
+            arrays[parameter.chain][parameter.place] = value
         return arrays
 
 

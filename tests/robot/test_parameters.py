@@ -2,8 +2,8 @@
 
 import pytest
 
-from pouring_robot.estimation.parameter_sets import SETS, ParameterCatalogue, all_parameters
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.robot.parameters import SETS, ParameterCatalogue, all_parameters
 
 
 @pytest.fixture(scope="module")

@@ -4,19 +4,20 @@ import numpy as np
 import pytest
 
 from pouring_robot.estimation.measurement import FRAMES
-from pouring_robot.estimation.priors import FRAME_STD, Tolerances
+from pouring_robot.estimation.priors import FRAME_STD, prior_std
 from pouring_robot.exceptions import DescriptionError
+from pouring_robot.robot.tolerances import Tolerances, kind_of
 from tests.calibration.rig import model_of
 
 
 def test_priors_are_in_metres_and_radians(drawing):
     tolerances, model = Tolerances.load(), model_of(drawing, "all")
-    prior = tolerances.prior(model.parameters)
+    prior = prior_std(model.parameters, tolerances)
     np.testing.assert_array_equal(prior[:FRAMES], FRAME_STD)
     by_name = dict(zip(model.names, prior, strict=True))
     assert by_name["leg1_s1.tx"] == pytest.approx(1e-3 * tolerances.kinds.joint_centre.std)
     assert by_name["leg2_s4.rx"] == pytest.approx(1e-3 * tolerances.kinds.joint_axis.std)
-    kinds = {tolerances.kind_of(p) for p in model.parameters}
+    kinds = {kind_of(p) for p in model.parameters}
     assert kinds == {"leg_drive_offset", "tilt_drive_offset", "joint_centre", "joint_axis", "inner_offset"}
 
 

@@ -1,0 +1,118 @@
+"""How far a part may be off: before anybody has measured it, and after it has been adjusted."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import pydantic
+
+from pouring_robot.exceptions import DescriptionError
+from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.parameters import DriveParameter, GeometricParameter
+from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.pouring.description import description_folder
+
+LEFT_BY_WORKMANSHIP_MM, LEFT_BY_WORKMANSHIP_MRAD = 0.015, 0.012
+"""Standard deviation of a U-joint centre and of an axis that is left in a robot once it has been adjusted: what a
+diagnosis takes for usual. The tolerances file says what to expect *before* anything has been measured, far more."""
+
+Kind = Literal["leg_drive_offset", "tilt_drive_offset", "joint_centre", "joint_axis", "inner_offset"]
+
+
+class Tolerance(StrictModel):
+    """Size of one kind of parameter.
+
+    Attributes:
+        std: standard deviation, in ``unit``.
+        unit: mm or mrad.
+        source: where the figure comes from.
+    """
+
+    std: Annotated[float, pydantic.Field(gt=0.0, le=100.0)]
+    unit: Literal["mm", "mrad"]
+    source: str
+
+    def to_si(self) -> float:
+        """Return the standard deviation in m or rad."""
+        return self.std * (MM if self.unit == "mm" else MRAD)
+
+
+def _in(unit: str) -> pydantic.AfterValidator:
+    """Return what refuses a tolerance in another unit."""
+
+    def check(tolerance: Tolerance) -> Tolerance:
+        if tolerance.unit != unit:
+            raise ValueError(f"the unit must be {unit}")
+        return tolerance
+
+    return pydantic.AfterValidator(check)
+
+
+Length = Annotated[Tolerance, _in("mm")]
+Angle = Annotated[Tolerance, _in("mrad")]
+
+
+class Kinds(StrictModel):
+    """A tolerance for each kind of parameter.
+
+    Attributes:
+        leg_drive_offset: zero of a leg's drive.
+        tilt_drive_offset: zero of the tilt drive.
+        joint_centre: place of a U joint on its platform.
+        joint_axis: direction of an axis.
+        inner_offset: distances inside a leg and its U joints.
+    """
+
+    leg_drive_offset: Length
+    tilt_drive_offset: Angle
+    joint_centre: Length
+    joint_axis: Angle
+    inner_offset: Length
+
+
+class Tolerances(StrictModel):
+    """The tolerances file.
+
+    Attributes:
+        format: kind and version of the file.
+        kinds: one tolerance a kind.
+    """
+
+    format: Literal["pouring_robot/tolerances/1"] = "pouring_robot/tolerances/1"
+    kinds: Kinds
+
+    @classmethod
+    def load(cls, path: Path | str | None = None) -> Tolerances:
+        """Read a tolerances file, by default the shipped one.
+
+        Raises:
+            DescriptionError: the file cannot be read, or a key or value in it is wrong.
+        """
+        return _shipped() if path is None else _read(Path(path))
+
+    def std(self, parameters: Sequence[GeometricParameter]) -> FloatArray:
+        """Return the standard deviations of parameters, shape (P,), in m and rad."""
+        return np.array([getattr(self.kinds, kind_of(p)).to_si() for p in parameters], dtype=float)
+
+
+def kind_of(parameter: GeometricParameter) -> Kind:
+    """Return what kind of error a parameter is. A DH error is of the kind of the placement it displaces."""
+    if isinstance(parameter, DriveParameter):
+        return "leg_drive_offset" if parameter.unit == "m" else "tilt_drive_offset"
+    if parameter.unit == "rad":
+        return "joint_axis"
+    return "joint_centre" if parameter.joint.endswith(("_s1", "_seat_mount")) else "inner_offset"
+
+
+def _read(path: Path) -> Tolerances:
+    return validate(Tolerances, read_yaml(path, DescriptionError), path, DescriptionError)
+
+
+@functools.cache
+def _shipped() -> Tolerances:
+    return _read(description_folder() / "config" / "tolerances.yaml")
