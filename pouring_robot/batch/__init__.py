@@ -3,17 +3,8 @@
 ``BatchEngine(mechanism)`` takes arrays and gives arrays; compiled kernels do the work, on all cores.
 """
 
-from pouring_robot.batch.engine import BatchEngine, BatchTransfer
-from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchCommand, BatchStart, SiteErrors
-from pouring_robot.batch.structure import StarStructure
+from __future__ import annotations
 
-__all__ = [
-    "STATUS_NAMES",
-    "BatchClosure",
-    "BatchCommand",
-    "BatchEngine",
-    "BatchStart",
-    "BatchTransfer",
-    "SiteErrors",
-    "StarStructure",
-]
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

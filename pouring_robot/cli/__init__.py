@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from pouring_robot.cli.app import main
+import lazy_loader
 
-__all__ = ["main"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

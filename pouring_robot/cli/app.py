@@ -6,48 +6,63 @@ a user of a sound installation.
 
 from __future__ import annotations
 
+import importlib
 import os
 import sys
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from pouring_robot import __version__
-from pouring_robot.cli import (
-    calibrate,
-    campaign,
-    compensate,
-    diagnose,
-    export,
-    path,
-    pose,
-    robots,
-    sweep,
-    thermal,
-    view,
-)
 from pouring_robot.exceptions import PouringRobotError
+
+# Where each subcommand stands, in the order of the help page. A module is imported when its command is asked for.
+_COMMANDS = {
+    "pose": "pose:pose",
+    "path": "path:path",
+    "robots": "robots:robots",
+    "view": "view:view",
+    "export": "export:export",
+    "sweep": "sweep:sweep",
+    "calibrate": "calibrate:calibrate",
+    "diagnose": "diagnose:diagnose",
+    "effects": "diagnose:effects",
+    "thermal": "thermal:thermal",
+    "compensate": "compensate:compensate",
+    "campaign": "campaign:app",
+}
+
+
+class _Subcommands(TyperGroup):
+    """The subcommands, each imported on demand."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        names: dict[str, Any] = dict.fromkeys(_COMMANDS)
+        self.commands = names
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name not in _COMMANDS:
+            return None
+        module, _, attribute = _COMMANDS[cmd_name].partition(":")
+        found = getattr(importlib.import_module(f"pouring_robot.cli.{module}"), attribute)
+        if isinstance(found, typer.Typer):
+            return typer.main.get_group(found)
+        alone = typer.Typer(add_completion=False, rich_markup_mode=None)
+        alone.command(cmd_name)(found)
+        return typer.main.get_command(alone)
+
 
 app = typer.Typer(
     name="pouring-robot",
     help="Says where the ladle of a hybrid truss pouring robot really is.",
+    cls=_Subcommands,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-app.command("pose")(pose.pose)
-app.command("path")(path.path)
-app.command("robots")(robots.robots)
-app.command("view")(view.view)
-app.command("export")(export.export)
-app.command("sweep")(sweep.sweep)
-app.add_typer(campaign.app, name="campaign")
-app.command("calibrate")(calibrate.calibrate)
-app.command("diagnose")(diagnose.diagnose)
-app.command("effects")(diagnose.effects)
-app.command("thermal")(thermal.thermal)
-app.command("compensate")(compensate.compensate)
 
 
 def _print_version(wanted: bool) -> None:

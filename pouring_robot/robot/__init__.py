@@ -3,3 +3,9 @@
 ``load_robot(path).locate(pose)`` answers the package's question. What is special about this one robot stands in
 :mod:`pouring_robot.robot.pouring`.
 """
+
+from __future__ import annotations
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,36 @@
+"""What a command loads: nothing that it does not need, for half of its time is spent on that."""
+
+import subprocess
+import sys
+
+from pouring_robot.io.cache import CACHE_VARIABLE
+from tests.support import ACTUAL
+
+HEAVY = ("dask", "matplotlib", "numba", "pandas", "scipy", "sklearn", "statsmodels", "trimesh", "xacro", "xarray")
+POSE = ["pose", "--at-mm", "-100", "20", "-600", "--tilt-deg", "17", "--model", str(ACTUAL)]
+
+
+def loaded_after(code):
+    """Return the names of the libraries a fresh process has loaded after some code."""
+    code += "\nimport sys; print('loaded:', *{name.partition('.')[0] for name in sys.modules})"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(run.stdout.rpartition("loaded:")[2].split())
+
+
+def test_importing_the_package_loads_no_library():
+    assert not loaded_after("import pouring_robot").intersection((*HEAVY, "numpy", "pinocchio", "pydantic", "typer"))
+
+
+def test_a_pose_loads_no_heavy_library(tmp_path, monkeypatch):
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
+    run = f"from pouring_robot.cli.app import main\nassert main({POSE}) == 0\n"
+    assert "xacro" in loaded_after(run)  # once a machine
+    assert not loaded_after(run).intersection(HEAVY)
+
+
+def test_every_name_of_the_library_is_there():
+    code = "import pouring_robot, importlib\nassert len(pouring_robot.__all__) > 20\n"
+    code += "for room in ('', '.batch', '.mechanism', '.robot'):\n"
+    code += "    module = importlib.import_module('pouring_robot' + room)\n"
+    code += "    assert all(getattr(module, name) is not None for name in module.__all__)"
+    assert "pinocchio" in loaded_after(code)
