@@ -113,8 +113,8 @@ wheel: $(INSTALLED)  ## build the wheel and the source archive into dist/
 
 benchmark: $(INSTALLED)  ## measure speed
 	$(call say,benchmark)
-	@$(VPY) scripts/benchmark.py $(BENCHMARK_ARGS)
-	@$(VPY) scripts/benchmark_batch.py $(BENCHMARK_ARGS)
+	@$(VPY) scripts/benchmarks/speed.py $(BENCHMARK_ARGS)
+	@$(VPY) scripts/benchmarks/batch.py $(BENCHMARK_ARGS)
 
 clean:  ## remove everything that make and the tools wrote
 	$(call say,removing .venv and demo/ and build outputs and caches)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -16,21 +17,19 @@ from rich.text import Text
 
 from pouring_robot.exceptions import OutputError
 from pouring_robot.io.files import write_whole
-from scripts.paper.geometry_claims import Claim
+from scripts.paper.claims import Claim
 
 _WIDTH = 120
 _STYLES = {"reproduced": "green", "differs": "red", "cannot be checked": "yellow"}
 
 
 class PaperReport(ABC):
-    """A judged study: printed, as Markdown, and as a page of the documentation."""
+    """A judged study: printed, as files, and as a page of the documentation."""
 
     title: ClassVar[str]
     """Heading of the page."""
-    command: ClassVar[str]
-    """What prints it, without arguments."""
-    page: ClassVar[str]
-    """File name of the page."""
+    part: ClassVar[str]
+    """Of the paper, as the command calls it."""
 
     @abstractmethod
     def renderables(self) -> list[RenderableType]:
@@ -42,12 +41,21 @@ class PaperReport(ABC):
         """The pictures by file name; PNG."""
 
     @abstractmethod
-    def write(self, folder: Path, arguments: str = "") -> list[Path]:
-        """Write everything into a folder, which is made if need be; each file whole or not at all.
+    def claim_rows(self) -> list[dict[str, Any]]:
+        """Return the claims as rows of a table."""
 
-        Raises:
-            OutputError: the folder or a file cannot be written.
-        """
+    @abstractmethod
+    def record(self) -> dict[str, Any]:
+        """Return all figures, ready for JSON."""
+
+    @abstractmethod
+    def tables(self) -> Mapping[str, str]:
+        """Return further tables as CSV by file name."""
+
+    @property
+    def page(self) -> str:
+        """File name of the page."""
+        return f"paper_{self.part}.md"
 
     def text(self) -> str:
         """Return what is printed, 120 characters wide."""
@@ -63,7 +71,21 @@ class PaperReport(ABC):
             arguments: of the command that made it.
         """
         pictures = "\n\n".join(f"![{name.removesuffix('.png').replace('_', ' ')}]({name})" for name in self.figures)
-        return f"# {self.title}\n\nPrinted by `{self.command}{arguments}`.\n\n```text\n{self.text()}```\n\n{pictures}\n"
+        command = f"python scripts/reproduce_paper.py {self.part}{arguments}"
+        return f"# {self.title}\n\nPrinted by `{command}`.\n\n```text\n{self.text()}```\n\n{pictures}\n"
+
+    def write(self, folder: Path, arguments: str = "") -> list[Path]:
+        """Write everything into a folder, which is made if need be; each file whole or not at all.
+
+        Raises:
+            OutputError: the folder or a file cannot be written.
+        """
+        texts = {
+            "claims.csv": rows_csv(self.claim_rows()),
+            "claims.json": json.dumps(self.record(), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
+            **self.tables(),
+        }
+        return _write_all(folder, texts) + self.write_docs(folder, arguments)
 
     def write_docs(self, folder: Path, arguments: str = "") -> list[Path]:
         """Write the page and its pictures only.
@@ -71,16 +93,11 @@ class PaperReport(ABC):
         Raises:
             OutputError: the folder or a file cannot be written.
         """
-        make_folder(folder)
-        return write_all(folder, {self.page: self.markdown(arguments), **self.figures})
+        return _write_all(folder, {self.page: self.markdown(arguments), **self.figures})
 
 
-def write_all(folder: Path, files: dict[str, str | bytes]) -> list[Path]:
-    """Write files by name into a folder, each whole or not at all.
-
-    Raises:
-        OutputError: a file cannot be written.
-    """
+def _write_all(folder: Path, files: Mapping[str, str | bytes]) -> list[Path]:
+    make_folder(folder)
     return [write_whole(folder / name, content) for name, content in files.items()]
 
 

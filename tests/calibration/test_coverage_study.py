@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.exceptions import CalibrationError
-from scripts.coverage_study import StudyOptions, coverage_study
+from scripts.studies.calibration import StudyOptions, coverage_study
 
 SMALL = StudyOptions(runs=12, rows=60, parameters=("drives",), seed=1)
 
@@ -14,7 +14,7 @@ SMALL = StudyOptions(runs=12, rows=60, parameters=("drives",), seed=1)
 def test_intervals_hold_the_truth_about_as_often_as_they_say():
     result = coverage_study(SMALL)
     assert result.covered.shape == (12, 4)
-    assert 0.8 <= result.coverage <= 1.0  # 48 intervals; the full study is scripts/calibration_study.py
+    assert 0.8 <= result.coverage <= 1.0  # 48 intervals; the full study is scripts/studies/calibration.py
     assert result.held_out == pytest.approx(1.0, abs=0.15)
     # Twelve rows of six are held out in each of twelve runs: the mean over them scatters by two per cent.
     expected = result.figures()["held_out_expected"]
@@ -29,6 +29,6 @@ def test_runs_that_fail_are_counted(monkeypatch):
     def fail(*_):
         raise CalibrationError("no", "way")
 
-    monkeypatch.setattr("scripts.coverage_study.identify", fail)
+    monkeypatch.setattr("scripts.studies.calibration.identify", fail)
     with pytest.raises(CalibrationError, match="no run of the study has an answer"):
         coverage_study(SMALL)

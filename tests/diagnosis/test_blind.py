@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scripts.benchmark_diagnosis import main
-from scripts.diagnosis_figures import confusion, failures, figures
+from scripts.benchmarks.blind_metrics import confusion, failures, figures
+from scripts.benchmarks.blind_trials import main
 from tests.diagnosis.trial import Estimate, Said, Trial, rig_trials
 from tests.rig import LIBRARY, Wanted, make_campaign
 

@@ -19,11 +19,12 @@ from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.description import perturb_urdf
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.poses import PlatformPose
-from scripts.paper import shapes, sizes
-from scripts.paper.closed import axis_rows
-from scripts.paper.closure import rotation_vectors
-from scripts.paper.geometry_report import GeometryReport
-from scripts.paper.geometry_study import AXES, error_size, run_study
+from scripts.paper.geometry import shape_claims as shapes
+from scripts.paper.geometry import size_claims as sizes
+from scripts.paper.geometry.closure import rotation_vectors
+from scripts.paper.geometry.comparison import axis_rows
+from scripts.paper.geometry.report import GeometryReport
+from scripts.paper.geometry.study import AXES, error_size, run_study
 
 POSES, SEED = 400, 5
 SCRIPT = Path(__file__).parents[2] / "scripts" / "reproduce_paper.py"

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from pouring_robot.robot.pouring.poses import PlatformPose
-from scripts.paper import thermal_study as paper_study
-from scripts.paper.thermal_claims import judge_all
-from scripts.paper.thermal_report import ThermalReport
-from scripts.paper.thermal_study import MELTS_DEGC, POSES, TILT_RAD, contest, draw_poses, run_thermal_study
+from scripts.paper.thermal import study as paper_study
+from scripts.paper.thermal.claims import judge_all
+from scripts.paper.thermal.report import ThermalReport
+from scripts.paper.thermal.study import MELTS_DEGC, POSES, TILT_RAD, contest, draw_poses, run_thermal_study
 from tests.support import BOX_LOWER, BOX_UPPER, ROOT
 
 

@@ -18,7 +18,7 @@ from pouring_robot.thermal.regression.grey import grey_relational_degree
 from pouring_robot.thermal.regression.joint_model import WEIGHTINGS, JointRegression
 from pouring_robot.thermal.regression.sensitive_sets import SensitiveSetSelector
 from pouring_robot.thermal.regression.table import ErrorSetError
-from scripts.paper.regression_study import (
+from scripts.paper.thermal.regression import (
     TableDesign,
     compare,
     count_beaten,

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.exceptions import BadInputError, TableError
-from pouring_robot.io.files import write_whole
 from pouring_robot.io.quantities import ABSOLUTE_ZERO_DEGC, UNITS, to_inner
 from pouring_robot.io.tables import Table, read_table
 
@@ -154,17 +153,13 @@ class ErrorTable:
         _check_distinct(path, temperatures, table.lines.tolist())
         return cls(temperatures, np.column_stack(errors), tuple(name for _, name, _ in sets), kind, str(path))
 
-    def write_csv(self, path: Path | str) -> Path:
-        """Write the table with columns ``melt_degC`` and each set in mm or mrad, 17 digits.
-
-        Raises:
-            OutputError: the file cannot be written.
-        """
+    def csv(self) -> str:
+        """Return the table as CSV: columns ``melt_degC`` and each set in mm or mrad, 17 digits."""
         unit = "mm" if self.kind == "length" else "mrad"
         lines = [",".join(["melt_degC", *(f"{name}_{unit}" for name in self.names)])]
         for temperature, row in zip(self.temperatures_K, self.errors, strict=True):
             lines.append(",".join(f"{value:.17g}" for value in (temperature - 273.15, *(row * 1e3))))
-        return write_whole(path, "\n".join(lines) + "\n")
+        return "\n".join(lines) + "\n"
 
 
 def standardised(name: str, numbers: ArrayLike) -> FloatArray:

@@ -14,18 +14,8 @@ import numpy as np
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.pouring.layout import CHAINS
-from scripts.paper.geometry_claims import (
-    NAMED_SENSITIVE,
-    PILE_M,
-    TABLE_CLAIMS,
-    Claim,
-    ErrorClaim,
-    TableClaim,
-    judge,
-    listed,
-)
-from scripts.paper.geometry_study import ANGLE_ERROR_RAD, AXES, ErrorSamples, GeometryStudy
-from scripts.paper.sizes import SIZE_CLAIMS
+from scripts.paper.claims import Claim, judge, listed
+from scripts.paper.geometry.study import ANGLE_ERROR_RAD, AXES, NAMED_SENSITIVE, PILE_M, ErrorSamples, GeometryStudy
 
 _UNIFORM_GAP = 0.1
 _BIN_M = 0.005 * MM  # width of the bins in which the fullest is looked for; 1.3175 mm is a centre
@@ -241,7 +231,7 @@ def _span(values: FloatArray) -> str:
     return f"{low:.2f}–{high:.2f} mm"
 
 
-SHAPE_CLAIMS: tuple[ErrorClaim, ...] = (
+SHAPE_CLAIMS = (
     concentrated,
     near_upper,
     main_x,
@@ -254,14 +244,3 @@ SHAPE_CLAIMS: tuple[ErrorClaim, ...] = (
     pile_theta4,
     other_chains,
 )
-
-
-def judge_table(study: GeometryStudy, claims: Sequence[TableClaim] = TABLE_CLAIMS) -> list[Claim]:
-    """Judge what the paper says of the parameters themselves."""
-    return [claim(study) for claim in claims]
-
-
-def judge_errors(study: GeometryStudy, every: ErrorSamples) -> list[Claim]:
-    """Judge what the paper says of chain 1's errors, in the open branch or in the closed chain."""
-    errors = every.of_chain(1)
-    return [claim(study, errors) for claim in (*SIZE_CLAIMS, *SHAPE_CLAIMS)]

@@ -5,7 +5,8 @@
     study.closed_chain.of_chain(1).reaching(1e-3)      # and which do once all four chains hold the platform
 
 ``open branch`` is the paper's model: one chain, its joints held. ``closed chain`` is the robot. Both are exact, not
-first order. What the paper says of it is judged in :mod:`~scripts.paper.geometry_claims`.
+first order. What the paper says of it is judged in the modules
+``parameter_claims``, ``size_claims`` and ``shape_claims``.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from pouring_robot.robot.pouring.dh.parameters import DHParameter
 from pouring_robot.robot.pouring.dh.table import DHTable
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.layout import Layout, load_layout
-from scripts.paper.closure import ClosedChainStudy, rotation_vectors
+from scripts.paper.geometry.closure import ClosedChainStudy, rotation_vectors
 
 LENGTH_ERROR_M = 0.2 * MM
 """Size of every length error in the paper's section 4.3."""
@@ -38,6 +39,14 @@ ANGLE_ERROR_RAD = 4.0 * MRAD
 AXES = "XYZ"
 NOTHING_M = 1e-9
 """Less than this is round-off: the error moves nothing."""
+POSITION_BOUNDARY_M = 1e-3 * MM
+"""Below this order of magnitude the paper calls a position error negligible (section 4.3)."""
+ATTITUDE_BOUNDARY_RAD = 1e-5
+"""Likewise an attitude error."""
+PILE_M = 1.3175 * MM
+"""Where section 4.4 sees position errors pile up."""
+NAMED_SENSITIVE = ("α01", "α12", "α23", "α34", "α56", "θ1")
+"""The six parameters that section 4.4 names beside Fig. 5; the seventh has a misprinted name."""
 
 
 def error_size(parameter: DHParameter) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.plots import new_figure, png_of, tidy
 from pouring_robot.thermal.plots import GREY, draw_legs
-from scripts.paper.thermal_study import ThermalStudy, contest, joint_of
+from scripts.paper.thermal.study import ThermalStudy, contest, joint_of
 
 _BLUE, _RED = "#2f6690", "#c8553d"
 

@@ -11,16 +11,16 @@ import numpy as np
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
-from scripts.paper.geometry_claims import (
+from scripts.paper.claims import Claim, judge, listed
+from scripts.paper.geometry.study import (
+    ANGLE_ERROR_RAD,
     ATTITUDE_BOUNDARY_RAD,
     NAMED_SENSITIVE,
     POSITION_BOUNDARY_M,
-    Claim,
-    ErrorClaim,
-    judge,
-    listed,
+    ErrorSamples,
+    GeometryStudy,
+    short_label,
 )
-from scripts.paper.geometry_study import ANGLE_ERROR_RAD, ErrorSamples, GeometryStudy, short_label
 
 
 def only_angles(study: GeometryStudy, errors: ErrorSamples) -> Claim:
@@ -180,7 +180,7 @@ def table_3_cells(study: GeometryStudy, errors: ErrorSamples) -> Claim:
     )
 
 
-SIZE_CLAIMS: tuple[ErrorClaim, ...] = (
+SIZE_CLAIMS = (
     only_angles,
     seven_in_chain,
     attitude_size,

@@ -10,8 +10,14 @@ import numpy as np
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
-from scripts.paper.geometry_claims import POSITION_BOUNDARY_M
-from scripts.paper.geometry_study import AXES, LENGTH_ERROR_M, ErrorSamples, GeometryStudy, error_size
+from scripts.paper.geometry.study import (
+    AXES,
+    LENGTH_ERROR_M,
+    POSITION_BOUNDARY_M,
+    ErrorSamples,
+    GeometryStudy,
+    error_size,
+)
 
 _ALL_COLUMNS = ("ΔX mm", "ΔY mm", "ΔZ mm", "turn X mrad", "turn Y mrad", "turn Z mrad")
 

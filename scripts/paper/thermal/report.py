@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import functools
-import json
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any, ClassVar
 
 from rich.console import RenderableType
 from rich.text import Text
 
 from pouring_robot.mechanism.poses import MM
-from scripts.paper import thermal_plots as plots
-from scripts.paper.geometry_claims import Claim
-from scripts.paper.page import PaperReport, claims_table, make_folder, rows_csv, tally, write_all
-from scripts.paper.thermal_claims import judge_all
-from scripts.paper.thermal_study import AXES, ThermalStudy
+from scripts.paper.claims import Claim
+from scripts.paper.page import PaperReport, claims_table, tally
+from scripts.paper.thermal import plots
+from scripts.paper.thermal.claims import judge_all
+from scripts.paper.thermal.study import AXES, ThermalStudy
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +27,7 @@ class ThermalReport(PaperReport):
     """
 
     title: ClassVar[str] = "The paper's thermal errors, claim by claim"
-    command: ClassVar[str] = "python scripts/reproduce_paper.py thermal"
-    page: ClassVar[str] = "paper_thermal.md"
+    part: ClassVar[str] = "thermal"
 
     study: ThermalStudy
     claims: list[Claim]
@@ -85,19 +82,11 @@ class ThermalReport(PaperReport):
             "claims": [asdict(claim) for claim in self.claims],
         }
 
-    def write(self, folder: Path, arguments: str = "") -> list[Path]:
-        """Write everything into a folder, which is made if need be; each file whole or not at all.
-
-        Raises:
-            OutputError: the folder or a file cannot be written.
-        """
-        make_folder(folder)
+    def claim_rows(self) -> list[dict[str, Any]]:
+        """Return one row a claim."""
         columns = ("key", "source", "says", "computed", "verdict", "why")
-        texts: dict[str, str | bytes] = {
-            "claims.csv": rows_csv([{name: getattr(claim, name) for name in columns} for claim in self.claims]),
-            "claims.json": json.dumps(self.record(), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
-            self.page: self.markdown(arguments),
-        }
-        written = write_all(folder, {**texts, **self.figures})
-        tables = self.study.tables
-        return written + [tables[axis].write_csv(folder / f"error_sets_{axis.lower()}.csv") for axis in AXES]
+        return [{name: getattr(claim, name) for name in columns} for claim in self.claims]
+
+    def tables(self) -> dict[str, str]:
+        """Return the error sets as CSV by file name, axis by axis."""
+        return {f"error_sets_{axis.lower()}.csv": table.csv() for axis, table in self.study.tables.items()}

@@ -1,6 +1,6 @@
 """Calibrate every campaign of a folder with geometry only, and say what that does to rows that were held out.
 
-    python scripts/calibrate_campaigns.py ../campaigns --json figures.json
+    python scripts/studies/campaigns.py ../campaigns --json figures.json
 
 Each sub-folder holds ``campaign.csv`` and ``campaign.yaml``; ``truth.json``, where there is one, is read after the fit
 and only to sort the table by its ``kind``. Prints a Markdown table and a summary; exit code 1 if the held-out error,

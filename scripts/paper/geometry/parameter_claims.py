@@ -1,67 +1,18 @@
 """What the paper's sections 4.1 and 4.2 say of the parameters, and whether our robot agrees.
 
 A claim is a function of a study. It computes its figures first, and its verdict from them by a rule that its text
-gives, so that another layout may get another verdict. Sizes of errors: :mod:`~scripts.paper.sizes`;
-directions and distributions: :mod:`~scripts.paper.shapes`.
+gives, so that another layout may get another verdict. Sizes of errors: :mod:`~scripts.paper.geometry.size_claims`;
+directions and distributions: :mod:`~scripts.paper.geometry.shape_claims`.
 """
 
 from __future__ import annotations
-
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
-from typing import Any, Literal
 
 import numpy as np
 
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.pouring.layout import CHAINS
-from scripts.paper.geometry_study import ErrorSamples, GeometryStudy
-
-Verdict = Literal["reproduced", "differs", "cannot be checked"]
-TableClaim = Callable[[GeometryStudy], "Claim"]
-ErrorClaim = Callable[[GeometryStudy, ErrorSamples], "Claim"]
-
-POSITION_BOUNDARY_M = 1e-3 * MM
-"""Below this order of magnitude the paper calls a position error negligible (section 4.3)."""
-ATTITUDE_BOUNDARY_RAD = 1e-5
-PILE_M = 1.3175 * MM
-NAMED_SENSITIVE = ("α01", "α12", "α23", "α34", "α56", "θ1")
-"""The six parameters that section 4.4 names beside Fig. 5; the seventh has a misprinted name."""
-
-
-@dataclass(frozen=True)
-class Claim:
-    """One row: a statement of the paper against our figures.
-
-    Attributes:
-        key: short name for files and tests.
-        source: section of the paper.
-        says: the statement, shortened.
-        computed: our figures as a sentence.
-        verdict: whether they agree.
-        why: the rule, and the reason for the outcome.
-        used: whether the layout or the DH convention was inferred from this statement, so that agreement tests little.
-        figures: the figures for JSON.
-    """
-
-    key: str
-    source: str
-    says: str
-    computed: str
-    verdict: Verdict
-    why: str
-    used: bool = False
-    figures: dict[str, Any] = field(default_factory=dict)
-
-
-def judge(agrees: bool | np.bool_) -> Verdict:
-    """Return the verdict for a comparison that could be made."""
-    return "reproduced" if agrees else "differs"
-
-
-def listed(names: Iterable[str]) -> str:
-    """Return names for a sentence."""
-    return " ".join(names) or "none"
+from scripts.paper.claims import Claim, judge, listed
+from scripts.paper.geometry.study import POSITION_BOUNDARY_M, GeometryStudy
 
 
 def eight_transforms(study: GeometryStudy) -> Claim:
@@ -192,7 +143,7 @@ def superposition(study: GeometryStudy) -> Claim:
     )
 
 
-TABLE_CLAIMS: tuple[TableClaim, ...] = (
+PARAMETER_CLAIMS = (
     eight_transforms,
     meanings,
     four_groups,

@@ -23,7 +23,7 @@ from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.network.robot_network import ThermalNetwork
 from pouring_robot.thermal.regression.joint_model import JointRegression
 from pouring_robot.thermal.regression.table import ErrorTable
-from scripts.paper.regression_study import residual_figures
+from scripts.paper.thermal.regression import residual_figures
 
 AXES = ("X", "Y", "Z")
 TILT_RAD = float(np.radians(10.0))

@@ -1,10 +1,10 @@
 """Blind trials of the diagnosis: every figure with its interval, the confusion matrix, and every failure.
 
-    python -m scripts.benchmark_diagnosis --cases 60 --seed 1 --json trials.json      # the repository's independent rig
-    python -m scripts.benchmark_diagnosis --cases 200 --kinds outside,confounded      # only some kinds of the same set
-    python -m scripts.benchmark_diagnosis --cases 300 --effects base_drift            # only cases with some effect
-    python -m scripts.benchmark_diagnosis --folder ../campaigns                       # folders with truth.json
-    python -m scripts.benchmark_diagnosis --records trials.json                       # figures again, nothing diagnosed
+    python -m scripts.benchmarks.blind_trials --cases 60 --seed 1 --json trials.json  # the repository's rig
+    python -m scripts.benchmarks.blind_trials --cases 200 --kinds outside,confounded  # only some kinds of the same set
+    python -m scripts.benchmarks.blind_trials --cases 300 --effects base_drift        # only cases with some effect
+    python -m scripts.benchmarks.blind_trials --folder ../campaigns                   # folders with truth.json
+    python -m scripts.benchmarks.blind_trials --records trials.json                   # figures again, no diagnosis
 
 Case k of seed S is ``python -m tests.rig --seed S``'s case k. A single effect of 3 times the noise or more is diagnosed
 a second time with that effect taken out of the library. Each worker computes on its share of the cores; with
@@ -25,13 +25,13 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 if str(ROOT) not in sys.path:  # the rig is no part of the package: it is found from the repository
     sys.path.insert(0, str(ROOT))
 
 from rich.progress import Progress  # noqa: E402
 
-from scripts.diagnosis_figures import HEADINGS, confusion, coverage, failures, figures  # noqa: E402
+from scripts.benchmarks.blind_metrics import HEADINGS, confusion, coverage, failures, figures  # noqa: E402
 from tests.diagnosis.trial import Trial, rig_trials, trials_of  # noqa: E402
 from tests.rig import make_campaign  # noqa: E402
 from tests.rig.__main__ import CYCLE, KIND, case  # noqa: E402

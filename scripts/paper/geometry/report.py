@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import functools
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any, ClassVar
 
 from rich.console import RenderableType
@@ -14,12 +12,14 @@ from rich.table import Table
 from rich.text import Text
 
 from pouring_robot.mechanism.poses import MM, MRAD
-from scripts.paper.closed import AxisRow, Lesson, axis_rows, lesson, parameter_rows
-from scripts.paper.geometry_claims import Claim
-from scripts.paper.geometry_plots import box_plots, distributions, open_against_closed
-from scripts.paper.geometry_study import ANGLE_ERROR_RAD, LENGTH_ERROR_M, GeometryStudy
-from scripts.paper.page import PaperReport, claims_table, make_folder, rows_csv, tally, write_all
-from scripts.paper.shapes import judge_errors, judge_table
+from scripts.paper.claims import Claim
+from scripts.paper.geometry.comparison import AxisRow, Lesson, axis_rows, lesson, parameter_rows
+from scripts.paper.geometry.parameter_claims import PARAMETER_CLAIMS
+from scripts.paper.geometry.plots import box_plots, distributions, open_against_closed
+from scripts.paper.geometry.shape_claims import SHAPE_CLAIMS
+from scripts.paper.geometry.size_claims import SIZE_CLAIMS
+from scripts.paper.geometry.study import ANGLE_ERROR_RAD, LENGTH_ERROR_M, GeometryStudy
+from scripts.paper.page import PaperReport, claims_table, rows_csv, tally
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +36,7 @@ class GeometryReport(PaperReport):
     """
 
     title: ClassVar[str] = "The paper's geometric errors, claim by claim"
-    command: ClassVar[str] = "python scripts/reproduce_paper.py geometry"
-    page: ClassVar[str] = "paper_geometry.md"
+    part: ClassVar[str] = "geometry"
 
     study: GeometryStudy
     table: list[Claim]
@@ -49,14 +48,12 @@ class GeometryReport(PaperReport):
     @classmethod
     def of(cls, study: GeometryStudy) -> GeometryReport:
         """Judge a study."""
-        return cls(
-            study,
-            judge_table(study),
-            judge_errors(study, study.open_branch),
-            judge_errors(study, study.closed_chain),
-            axis_rows(study),
-            lesson(study),
+        opened, closed = (
+            [claim(study, errors.of_chain(1)) for claim in (*SIZE_CLAIMS, *SHAPE_CLAIMS)]
+            for errors in (study.open_branch, study.closed_chain)
         )
+        table = [claim(study) for claim in PARAMETER_CLAIMS]
+        return cls(study, table, opened, closed, axis_rows(study), lesson(study))
 
     @property
     def heading(self) -> str:
@@ -128,31 +125,16 @@ class GeometryReport(PaperReport):
             "lesson": asdict(self.lesson),
         }
 
-    def claims_csv(self) -> str:
-        """Return one row a claim."""
+    def claim_rows(self) -> list[dict[str, Any]]:
+        """Return one row a claim and model."""
         columns = ("key", "source", "says", "computed", "verdict", "used", "why")
-        rows = [{"model": model, **{name: getattr(claim, name) for name in columns}} for model, claim in self._all()]
-        return rows_csv(rows)
+        return [{"model": model, **{name: getattr(claim, name) for name in columns}} for model, claim in self._all()]
 
-    def parameters_csv(self) -> str:
-        """Return one row an error."""
+    def tables(self) -> dict[str, str]:
+        """Return one row an error as CSV."""
         rows = parameter_rows(self.study)
-        return rows_csv([{k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows])
-
-    def write(self, folder: Path, arguments: str = "") -> list[Path]:
-        """Write everything into a folder, which is made if need be; each file whole or not at all.
-
-        Raises:
-            OutputError: the folder or a file cannot be written.
-        """
-        make_folder(folder)
-        texts: dict[str, str | bytes] = {
-            "claims.csv": self.claims_csv(),
-            "claims.json": json.dumps(self.record(), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
-            "parameters.csv": self.parameters_csv(),
-            self.page: self.markdown(arguments),
-        }
-        return write_all(folder, {**texts, **self.figures})
+        rows = [{k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows]
+        return {"parameters.csv": rows_csv(rows)}
 
     def _all(self) -> list[tuple[str, Claim]]:
         parts = (("table", self.table), ("open branch", self.opened), ("closed chain", self.closed))

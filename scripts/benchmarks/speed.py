@@ -41,9 +41,9 @@ from pouring_robot.robot.parameters import ParameterCatalogue, all_parameters
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot, load_robot
 from pouring_robot.robot.tolerances import Tolerances
-from scripts.coverage_study import StudyOptions, virtual_campaign
+from scripts.studies.calibration import StudyOptions, virtual_campaign
 
-DEFAULT_MODEL = Path(__file__).resolve().parents[1] / "examples" / "actual.yaml"
+DEFAULT_MODEL = Path(__file__).resolve().parents[2] / "examples" / "actual.yaml"
 POSES, QUICK_POSES = 10_000, 500
 OFF_M, OFF_RAD = 0.020, 0.050
 TARGET_MS = 0.3
@@ -332,7 +332,7 @@ def thermal_steady(setting: Setting) -> Measurement:
 def thermal_study(setting: Setting) -> Measurement:
     """The paper's study: temperatures, growth and closure of ten poses at twelve melt temperatures, one call."""
     from pouring_robot.thermal.network.robot_network import ThermalNetwork
-    from scripts.paper.thermal_study import MELTS_DEGC, POSES, draw_poses, error_sets
+    from scripts.paper.thermal.study import MELTS_DEGC, POSES, draw_poses, error_sets
 
     watch = Stopwatch(setting.drawing.nominal_solver, setting.drawing.kinematics.configuration(setting.poses[0]))
     for seed in range(THERMAL_STUDIES):

@@ -9,9 +9,8 @@ from matplotlib.ticker import MaxNLocator
 
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.plots import new_figure, png_of, tidy
-from scripts.paper.closed import axis_rows
-from scripts.paper.geometry_claims import PILE_M
-from scripts.paper.geometry_study import AXES, NOTHING_M, ErrorSamples, GeometryStudy
+from scripts.paper.geometry.comparison import axis_rows
+from scripts.paper.geometry.study import AXES, NOTHING_M, PILE_M, ErrorSamples, GeometryStudy
 
 _BLUE, _RED, _GREY = "#2f6690", "#c8553d", "#8a8a8a"
 _SMALL = {"fontsize": 9}

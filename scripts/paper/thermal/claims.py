@@ -1,6 +1,6 @@
 """What the paper's section 5 says, and whether our network agrees, with its properties untuned.
 
-A claim is a function of a study, as in :mod:`scripts.paper.geometry_claims`: figures first, and the verdict from
+A claim is a function of a study, as in section 4: figures first, and the verdict from
 them by a rule that its text gives. Where the verdict is "differs", the text says what would be needed.
 """
 
@@ -11,8 +11,8 @@ import numpy as np
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.thermal.regression.sensitive_sets import VIF_LIMIT
-from scripts.paper.geometry_claims import Claim, judge
-from scripts.paper.thermal_study import AXES, ThermalStudy, contest, first_share, joint_of
+from scripts.paper.claims import Claim, judge
+from scripts.paper.thermal.study import AXES, ThermalStudy, contest, first_share, joint_of
 
 PAPER_SHARE = 0.9699
 PAPER_MEAN_M, PAPER_LARGEST_M = 3.0 * MM, 9.0 * MM

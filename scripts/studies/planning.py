@@ -1,7 +1,7 @@
 """How much a planned campaign is worth: the ladle's expected standard deviation by planned and by random poses.
 
-    python scripts/planning_study.py                      # a few minutes
-    python scripts/planning_study.py --random 10 --quick  # half a minute
+    python scripts/studies/planning.py                      # a few minutes
+    python scripts/studies/planning.py --random 10 --quick  # half a minute
 
 For several parameter sets and criteria, plans of 30 poses are compared with random plans of 30 poses (median of 50),
 for the same parameters and noise (0.05 mm, 0.05 mrad). Prints a Markdown table; exit code 1 if a D-optimal plan leaves

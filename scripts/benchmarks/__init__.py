@@ -1,0 +1,1 @@
+"""Speed of the package, and blind trials of its diagnosis."""
