@@ -16,23 +16,24 @@ import typer
 from typer.core import TyperGroup
 
 from pouring_robot import __version__
+from pouring_robot.cli.shared.options import group_of
 from pouring_robot.exceptions import PouringRobotError
 
-# Where each subcommand stands, in the order of the help page. A module is imported when its command is asked for.
-_COMMANDS = {
-    "pose": "pose:pose",
-    "path": "path:path",
-    "robots": "robots:robots",
-    "view": "view:view",
-    "export": "export:export",
-    "sweep": "sweep:sweep",
-    "calibrate": "calibrate:calibrate",
-    "diagnose": "diagnose:diagnose",
-    "effects": "diagnose:effects",
-    "thermal": "thermal:thermal",
-    "compensate": "compensate:compensate",
-    "campaign": "campaign:app",
-}
+# In the order of the help page. Each stands in the module of its name, which is imported when it is asked for.
+_COMMANDS = (
+    "pose",
+    "path",
+    "robots",
+    "view",
+    "export",
+    "sweep",
+    "calibrate",
+    "diagnose",
+    "effects",
+    "thermal",
+    "compensate",
+    "campaign",
+)
 
 
 class _Subcommands(TyperGroup):
@@ -46,13 +47,10 @@ class _Subcommands(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         if cmd_name not in _COMMANDS:
             return None
-        module, _, attribute = _COMMANDS[cmd_name].partition(":")
-        found = getattr(importlib.import_module(f"pouring_robot.cli.{module}"), attribute)
+        found = getattr(importlib.import_module(f"pouring_robot.cli.{cmd_name}"), cmd_name)
         if isinstance(found, typer.Typer):
             return typer.main.get_group(found)
-        alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-        alone.command(cmd_name)(found)
-        return typer.main.get_command(alone)
+        return typer.main.get_command(group_of("", [found]))
 
 
 app = typer.Typer(
@@ -62,6 +60,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 

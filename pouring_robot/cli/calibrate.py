@@ -7,15 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
-from pouring_robot.cli.shared import options
+from pouring_robot.cli.shared import options, progress
 from pouring_robot.cli.shared.tables import plain_table
-from pouring_robot.io.files import check_folder
-from pouring_robot.robot.model import RobotModel
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from pouring_robot.calibration.calibrate import Calibration
 
 OutFolder = Annotated[
@@ -31,12 +29,6 @@ Parameters = Annotated[
         "'leg1_s1.*'; may be given more than once. Each group is kept only where it helps held-out rows.",
     ),
 ]
-TolerancesFile = Annotated[
-    Path | None, typer.Option("--tolerances", metavar="FILE", help="Tolerances of the parts (default: the shipped).")
-]
-HoldOutBy = Annotated[
-    Literal["auto", "session", "time", "region"], typer.Option("--hold-out", help="What blocks to hold out.")
-]
 LossName = Annotated[Literal["huber", "soft_l1", "linear"], typer.Option("--loss", help="How outliers count.")]
 KeepAll = Annotated[bool, typer.Option("--keep-all", help="Keep all parameters, whether or not they help.")]
 
@@ -46,8 +38,8 @@ def calibrate(
     out: OutFolder,
     model: options.ModelFile = None,
     parameters: Parameters = None,
-    tolerances: TolerancesFile = None,
-    hold_out: HoldOutBy = "auto",
+    tolerances: options.TolerancesFile = None,
+    hold_out: options.HoldOutBy = "auto",
     loss: LossName = "huber",
     keep_all: KeepAll = False,
     as_json: options.AsJson = False,
@@ -59,6 +51,8 @@ def calibrate(
     from pouring_robot.calibration.summary import calibration_figures
     from pouring_robot.campaign.reader import read_campaign
     from pouring_robot.estimation.solver import FitOptions
+    from pouring_robot.io.files import check_folder
+    from pouring_robot.robot.model import RobotModel
     from pouring_robot.robot.tolerances import Tolerances
 
     check_folder(out)
@@ -73,17 +67,16 @@ def calibrate(
         choose=not keep_all,
         fit=FitOptions(loss=loss),
     )
-    with options.status() as say:
+    with progress.status() as say:
         found = run(data, present, chosen, say)
         say("writing")
         written = write_calibration(found, out)
     if as_json:
-        options.print_json(calibration_figures(found) | {"written": [str(path) for path in written]})
+        options.print_figures(calibration_figures(found), written)
         return
     console = options.console()
     _print(console, found)
-    for path in written:
-        console.print(f"wrote {path}", markup=False)
+    options.print_written(console, written)
 
 
 def _print(console: Console, found: Calibration) -> None:
@@ -91,26 +84,24 @@ def _print(console: Console, found: Calibration) -> None:
     from pouring_robot.calibration.lines import combination_lines, group_effects
     from pouring_robot.calibration.summary import next_measurements, notes_of, warnings_of
 
+    def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+        """Print a table with names in its first column and remarks in its last."""
+        console.print(plain_table(head, rows, left=(0, len(head) - 1)))
+
     console.print(report.headline(found), style="bold", markup=False)
     for line in warnings_of(found):
         console.print(f"warning: {line}", style="yellow", markup=False)
     console.print(report.split_line(found), markup=False)
-    console.print(_figures(report.GAP_HEAD, report.gap_rows(found)))
+    table(report.GAP_HEAD, report.gap_rows(found))
     for line in (*report.performance_lines(found), report.ladle_line(found)):
         console.print(line, markup=False)
     rows = report.combination_rows(combination_lines(found), report.WIDTH)
     if rows:
-        console.print(_figures(report.GROUP_HEAD, report.effect_rows(group_effects(found))))
-        console.print(_figures(report.COMBINATION_HEAD, rows[: report.SHOWN]))
+        table(report.GROUP_HEAD, report.effect_rows(group_effects(found)))
+        table(report.COMBINATION_HEAD, rows[: report.SHOWN])
         if len(rows) > report.SHOWN:
             console.print(f"{len(rows) - report.SHOWN} more in the report, and each parameter by itself")
-    for line in notes_of(found):
-        console.print(f"note: {line}", markup=False)
+    options.print_notes(console, notes_of(found))
     console.print("next:")
     for line in next_measurements(found):
         console.print(f"  {line}", markup=False)
-
-
-def _figures(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    """Return a table with names in its first column and remarks in its last."""
-    return plain_table(head, rows, left=(0, len(head) - 1))

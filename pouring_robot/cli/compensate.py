@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
-from pouring_robot.cli.shared import heat_options, options
+from pouring_robot.cli.shared import heat_options, options, progress
 from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseError, UnknownFrameError
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.metrics import decimals
@@ -73,7 +73,7 @@ def compensate(
 
     heated = HeatedRobot(robot, heat)
     found = []
-    with options.progress_bar("compensating", len(wanted)) as step:
+    with progress.progress_bar("compensating", len(wanted)) as step:
         for line, pose in wanted.items():
             try:
                 found.append(step(compensated(heated, pose, frame)))

@@ -8,20 +8,19 @@ from typing import Annotated
 import typer
 
 from pouring_robot.cli.shared import options
-from pouring_robot.robot.model import loops_file
-from pouring_robot.robot.pouring.description import write_urdf
-from pouring_robot.robot.pouring.ladle_mesh import stale_mesh_note
 
 OutFolder = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the URDF, its meshes and loops.")]
 
 
 def export(out: OutFolder, model: options.ModelFile = None, layout: options.LayoutName = None) -> None:
     """Write the robot as built: URDF with its meshes, and loops.yaml that says how the tree closes."""
+    from pouring_robot.robot.model import loops_file
+    from pouring_robot.robot.pouring.description import write_urdf
+    from pouring_robot.robot.pouring.ladle_mesh import stale_mesh_note
+
     robot = options.robot_of(model, layout)
     urdf = write_urdf(robot.model.tree_urdf(), out, {"loops.yaml": loops_file().read_bytes()})
     console = options.console()
-    for path in (urdf, out / "loops.yaml"):
-        console.print(f"wrote {path}", markup=False)
+    options.print_written(console, (urdf, out / "loops.yaml"))
     note = stale_mesh_note(robot.layout)
-    if note:
-        console.print(f"note: {note}", markup=False)
+    options.print_notes(console, [note] if note else [])

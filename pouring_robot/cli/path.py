@@ -3,42 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
-from pouring_robot.cli.shared import heat_options, options
-from pouring_robot.cli.shared.drawing import drawing_notes, write_drawings
-from pouring_robot.cli.shared.heat_options import Warmth
-from pouring_robot.cli.shared.tables import model_notes, path_table
+from pouring_robot.cli.shared import heat_options, options, progress
 from pouring_robot.exceptions import NoSolutionError, PathPoseError
-from pouring_robot.mechanism.poses import MM
-from pouring_robot.robot.metrics import location_figures
-from pouring_robot.robot.pose_table import read_pose_lines
-from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.robot import PouringRobot
-
-if TYPE_CHECKING:
-    from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 
 PosesFile = Annotated[
     Path,
     typer.Argument(metavar="POSES.csv", help="Columns x, y, z, tilt with units: x_mm, y_mm, z_mm, tilt_deg."),
 ]
-
-
-def _locate(robot: PouringRobot, heated: HeatedRobot | None, pose: PlatformPose, file: Path, line: int) -> Warmth:
-    try:
-        return Warmth.of(robot, heated, pose)
-    except NoSolutionError as error:
-        raise PathPoseError(file, line, error) from error
-
-
-def _figures(warmth: Warmth, file: Path, line: int) -> dict[str, Any]:
-    try:
-        return location_figures(warmth.location, warmth.robot.dexterity(warmth.location)) | warmth.figures()
-    except NoSolutionError as error:
-        raise PathPoseError(file, line, error) from error
 
 
 def path(
@@ -59,26 +34,35 @@ def path(
 
     A warm robot is taken by itself at every pose: held until nothing changes, or so long from cold (--after-min).
     """
+    from pouring_robot.cli.shared import locations as lines
+    from pouring_robot.mechanism.poses import MM
+    from pouring_robot.robot.metrics import location_figures
+    from pouring_robot.robot.pose_table import read_pose_lines
+
     options.refuse_unwritable(html, png)
     commanded = read_pose_lines(poses)
     robot = options.robot_of(model, layout, warm=True)
     heat = heat_options.heat_of(robot, melt_degC, ambient_degC, steady, after_min, cold)
     heated = heat_options.heated_of(robot, heat)
-    with options.progress_bar("closing", len(commanded)) as step:
-        found = [step(_locate(robot, heated, pose, poses, line)) for line, pose in commanded.items()]
+    found, rows = [], []
+    with progress.stage_bars() as show:
+        for done, (line, pose) in enumerate(commanded.items(), start=1):
+            try:
+                one = heat_options.Warmth.of(robot, heated, pose)
+                found.append(one)
+                if as_json:  # may find a singular pose: before anything is written
+                    rows.append(location_figures(one.location, one.robot.dexterity(one.location)) | one.figures())
+            except NoSolutionError as error:
+                raise PathPoseError(poses, line, error) from error
+            show("closing", done, len(commanded))
     locations = [one.location for one in found]
-    rows = []
-    if as_json:  # may find a singular pose: before anything is written
-        with options.progress_bar("figures", len(commanded)) as step:
-            rows = [step(_figures(one, poses, line)) for line, one in zip(commanded, found, strict=True)]
-    notes = [*model_notes(robot, model_file=model is not None), *drawing_notes(robot, html, png)]
-    written = write_drawings(locations, html, png, exaggerate, warm=heated is not None)
+    notes = lines.location_notes(robot, html, png, model_file=model is not None)
+    written = lines.write_drawings(locations, html, png, exaggerate, warm=heated is not None)
     if as_json:
-        content = {"layout": robot.model.layout, "poses": rows, "notes": notes}
-        options.print_json(content | {"written": [str(file) for file in written]})
+        options.print_figures({"layout": robot.model.layout, "poses": rows, "notes": notes}, written)
         return
     console = options.console()
-    console.print(path_table(locations), markup=False, soft_wrap=True)
+    console.print(lines.path_table(locations), markup=False, soft_wrap=True)
     if found[0].heated and found[0].state:
         console.print(f"{heat_options.heat_line(found[0].heated, found[0].state)} (first pose)")
         if heat is not None and len(found) > 1:
@@ -87,10 +71,8 @@ def path(
     accuracy = robot.layout.accuracy_m / MM
     verdict = "within" if worst <= accuracy else "BEYOND"
     console.print(f"largest error {worst:.3f} mm: {verdict} the required {accuracy:g} mm")
-    for note in notes:
-        console.print(f"note: {note}", markup=False)
+    options.print_notes(console, notes)
     outside = [i for i, location in enumerate(locations, start=1) if not location.in_workspace]
     if outside:
         console.print(f"note: outside the workspace box: pose {', '.join(map(str, outside))}")
-    for file in written:
-        console.print(f"wrote {file}")
+    options.print_written(console, written)

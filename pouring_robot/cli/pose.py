@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 from pouring_robot.cli.shared import heat_options, options
-from pouring_robot.cli.shared.drawing import drawing_notes, write_drawings
-from pouring_robot.cli.shared.tables import drives_line, location_table, model_notes, print_closure_note
-from pouring_robot.robot.metrics import location_figures
-from pouring_robot.robot.pouring.poses import PlatformPose
 
 
 def pose(
@@ -28,6 +24,10 @@ def pose(
 
     Text and JSON alike give positions and legs in mm, tilt and joint angles in degrees, and errors in mm and mrad.
     """
+    from pouring_robot.cli.shared import locations
+    from pouring_robot.robot.metrics import location_figures
+    from pouring_robot.robot.pouring.poses import PlatformPose
+
     options.refuse_unwritable(html, png)
     robot = options.robot_of(model, layout, warm=True)
     heat = heat_options.heat_of(robot, melt_degC, ambient_degC, steady, after_min, cold)
@@ -36,18 +36,16 @@ def pose(
     robot, location = warmth.robot, warmth.location
     # Both may find a singular pose: before anything is written.
     dexterity, weakness = robot.dexterity(location), robot.axis_weakness(location)
-    notes = [*model_notes(robot, model_file=model is not None), *drawing_notes(robot, html, png)]
-    written = write_drawings([location], html, png, exaggerate, warm=heated is not None)
+    notes = locations.location_notes(robot, html, png, model_file=model is not None)
+    written = locations.write_drawings([location], html, png, exaggerate, warm=heated is not None)
     if as_json:
         figures = location_figures(location, dexterity, weakness)
         figures |= {"layout": robot.model.layout, "notes": notes, "written": [str(path) for path in written]}
-        figures |= warmth.figures()
-        options.print_json(figures)
+        options.print_json(figures | warmth.figures())
         return
     console = options.console()
-    console.print(drives_line(location))
-    console.print(location_table(location))
+    console.print(locations.drives_line(location))
+    console.print(locations.location_table(location))
     warmth.print(console)
-    print_closure_note(console, location, dexterity, weakness, notes)
-    for path in written:
-        console.print(f"wrote {path}")
+    locations.print_closure_note(console, location, dexterity, weakness, notes)
+    options.print_written(console, written)

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, Literal
 
 from pouring_robot.cli.shared import options
-from pouring_robot.cli.shared.tables import unseen_note
-from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM
-from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pouring.layout import layout_names
-from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.robot import PouringRobot
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from pouring_robot.robot.robot import PouringRobot
 
 
 def robot_figures(robot: PouringRobot) -> dict[str, Any]:
     """Return what is known of a robot at the middle of its workspace, ready for JSON."""
+    from pouring_robot.mechanism.poses import MM
+    from pouring_robot.robot.pouring.poses import PlatformPose
+
     layout, mechanism = robot.layout, robot.actual_solver.mechanism
     middle = 0.5 * (layout.position_lower_m + layout.position_upper_m)
     tilt = 0.5 * (layout.tilt_lower_rad + layout.tilt_upper_rad)
@@ -51,18 +50,23 @@ def robot_figures(robot: PouringRobot) -> dict[str, Any]:
 
 def _at_the_edge(limits: tuple[float, float], unit: Literal["m", "rad"]) -> dict[str, Any]:
     """Return limits given in m or rad in mm or degrees."""
-    shown, factor = ("mm", 1.0 / MM) if unit == "m" else ("deg", math.degrees(1.0))
-    lower, upper = _rounded(np.array(limits) * factor)
+    shown, factor = ("mm", 1e3) if unit == "m" else ("deg", math.degrees(1.0))
+    lower, upper = _rounded(limit * factor for limit in limits)
     return {"lower": lower, "upper": upper, "unit": shown}
 
 
-def _rounded(values: FloatArray) -> list[float]:
+def _rounded(values: Iterable[float]) -> list[float]:
     """Return mm or degrees without the digits that only the change of unit made: -825, not -824.9999999999999."""
-    return [float(value) for value in np.round(values, 9) + 0.0]
+    return [round(float(value), 9) + 0.0 for value in values]
 
 
 def robots(model: options.ModelFile = None, layout: options.LayoutName = None, as_json: options.AsJson = False) -> None:
     """List the robots that are loaded: freedoms, rank, drives, workspace."""
+    from pouring_robot.cli.shared.locations import unseen_note
+    from pouring_robot.robot.model import RobotModel
+    from pouring_robot.robot.pouring.layout import layout_names
+    from pouring_robot.robot.robot import PouringRobot
+
     if model is not None or layout is not None:
         loaded = [options.robot_of(model, layout)]
     else:
@@ -73,11 +77,9 @@ def robots(model: options.ModelFile = None, layout: options.LayoutName = None, a
         return
     console = options.console()
     for robot in figures:
-        workspace, low, high = (
-            robot["workspace"],
-            *(robot["workspace"][f"position_{k}_mm"] for k in ("lower", "upper")),
-        )
-        box = ", ".join(f"{axis} {a:g} … {b:g}" for axis, a, b in zip("xyz", low, high, strict=True))
+        workspace = robot["workspace"]
+        limits = zip("xyz", workspace["position_lower_mm"], workspace["position_upper_mm"], strict=True)
+        box = ", ".join(f"{axis} {low:g} … {high:g}" for axis, low, high in limits)
         console.print(
             f"{robot['layout']}: {robot['mechanism']}, {robot['bodies']} bodies, {robot['mass_kg']:.0f} kg\n"
             f"  {robot['joints']} chain joints, {robot['equations']} closure equations of rank "

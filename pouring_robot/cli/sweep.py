@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
-from pouring_robot.cli.shared import options
+from pouring_robot.cli.shared import options, progress
+from pouring_robot.cli.shared.tables import plain_table
 from pouring_robot.exceptions import BadInputError
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from pouring_robot.sweeps import AllocatedTolerances, SweepReport
 
 _SHOWN = 15
@@ -41,46 +42,32 @@ def sweep(
     plan = SweepPlan.load(config)
     if plan.config.model is not None:
         options.say_taken_cold(plan.model, plan.config.model)
-        options.say_left_out(plan.model, Path(plan.config.model))
-    with options.progress_bars() as show:
-        counted = [0, 0]
+        options.say_left_out(plan.model, plan.config.model)
+    done, total = 0, 0
+    with progress.stage_bars() as show:
 
-        def progress(stage: str, done: int, total: int) -> None:
+        def count(stage: str, chunks: int, of: int) -> None:
+            nonlocal done, total
             if stage == "sweep":
-                counted[:] = done, total
-            show(stage, done, total)
+                done, total = chunks, of
+            show(stage, chunks, of)
 
         try:
-            outcome = run(plan, out, resume=resume, workers=workers, scheduler=scheduler, progress=progress)
+            outcome = run(plan, out, resume=resume, workers=workers, scheduler=scheduler, progress=count)
         except KeyboardInterrupt as stop:
-            done, total = counted
             kept = f"{done} of {total} chunks are kept in {out}: go on with --resume" if done else "nothing is kept"
             print(f"pouring-robot: stopped; {kept}", file=sys.stderr)
             raise typer.Exit(130) from stop
     written = (outcome.store.path, *outcome.save())
     if as_json:
-        options.print_json(outcome.figures() | {"written": [str(path) for path in written]})
+        options.print_figures(outcome.figures(), written)
         return
     console = options.console()
     _print_summary(console, outcome)
-    console.print(ranking_table(outcome))
+    _print_ranking(console, outcome)
     if outcome.allocation:
         _print_allocation(console, outcome.allocation)
-    for path in written:
-        console.print(f"wrote {path}")
-
-
-def ranking_table(outcome: SweepReport) -> Table:
-    """Return the tolerances that matter most, one row each."""
-    title = f"the tolerances that matter most ({outcome.summary.frame})"
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-    shown = outcome.ranking[:_SHOWN]
-    for name in ("parameter", "part", "tolerance", *shown[0].figures):
-        table.add_column(name.replace("_", " "), justify="left" if name in ("parameter", "part") else "right")
-    for p in shown:
-        cells = (f"{v:.4g}" if isinstance(v, float) else str(v) for v in p.figures.values())
-        table.add_row(p.name, p.part, f"{p.tolerance:.4g} {p.unit}", *cells)
-    return table
+    options.print_written(console, written)
 
 
 def _print_summary(console: Console, outcome: SweepReport) -> None:
@@ -103,6 +90,17 @@ def _print_summary(console: Console, outcome: SweepReport) -> None:
         console.print(f"note: {outcome.indices.dropped} base samples without a solution are left out of the indices")
 
 
+def _print_ranking(console: Console, outcome: SweepReport) -> None:
+    shown = outcome.ranking[:_SHOWN]
+    head = [name.replace("_", " ") for name in ("parameter", "part", "tolerance", *shown[0].figures)]
+    rows = []
+    for p in shown:
+        cells = (f"{v:.4g}" if isinstance(v, float) else str(v) for v in p.figures.values())
+        rows.append([p.name, p.part, f"{p.tolerance:.4g} {p.unit}", *cells])
+    title = f"the tolerances that matter most ({outcome.summary.frame})"
+    console.print(plain_table(head, rows, (0, 1), title=title, wrap=True))
+
+
 def _print_allocation(console: Console, allocation: AllocatedTolerances) -> None:
     figures = allocation.figures()
     checked = figures["verified"]
@@ -112,13 +110,12 @@ def _print_allocation(console: Console, allocation: AllocatedTolerances) -> None
         f"{checked['share_within']:.2%} within, {checked['share_at_worst_pose']:.2%} at the worst pose",
         soft_wrap=True,
     )
-    rows = sorted(figures["tolerances"], key=lambda row: row["factor"])
-    table = Table(title="tightest first", title_justify="left", box=None, pad_edge=False)
-    for name in ("parameter", "tolerance mm or mrad", "times the given one"):
-        table.add_column(name, justify="left" if name == "parameter" else "right")
-    for row in rows[:_SHOWN]:
-        table.add_row(row["parameter"], f"{row['tolerance_mm_or_mrad']:.4g}", f"{row['factor']:.3f}")
-    console.print(table)
-    at_cap = sum(row["at_cap"] for row in rows)
+    tolerances = sorted(figures["tolerances"], key=lambda row: row["factor"])
+    rows = [
+        (row["parameter"], f"{row['tolerance_mm_or_mrad']:.4g}", f"{row['factor']:.3f}") for row in tolerances[:_SHOWN]
+    ]
+    head = ("parameter", "tolerance mm or mrad", "times the given one")
+    console.print(plain_table(head, rows, title="tightest first"))
+    at_cap = sum(row["at_cap"] for row in tolerances)
     if at_cap:
         console.print(f"note: {at_cap} tolerances hardly matter and stand at the cap; see summary.json for all")

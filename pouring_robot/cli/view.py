@@ -10,7 +10,6 @@ from typing import Annotated
 import typer
 
 from pouring_robot.cli.shared import options
-from pouring_robot.robot.pouring.poses import PlatformPose
 
 MIDDLE_MM = (-100.0, 0.0, -600.0)
 
@@ -25,8 +24,8 @@ def view(
     browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
 ) -> None:
     """Show nominal and actual ladle live in the browser until Ctrl-C."""
-    # The drawing libraries take half a second to import; only commands that draw pay for it.
     from pouring_robot.robot.pouring.ladle_mesh import stale_mesh_note
+    from pouring_robot.robot.pouring.poses import PlatformPose
     from pouring_robot.robot.scene import pose_scene
     from pouring_robot.viewer import serve
 
@@ -34,8 +33,7 @@ def view(
     scene = pose_scene([robot.locate(PlatformPose.from_mm_deg(*at_mm, tilt_deg))], exaggerate)
     console = options.console()
     note = stale_mesh_note(robot.layout)
-    if note:
-        console.print(f"note: {note}", markup=False)
+    options.print_notes(console, [note] if note else [])
     # Programs started in the background inherit Ctrl-C as ignored; this one ends with it all the same.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     with serve(scene, port) as live:

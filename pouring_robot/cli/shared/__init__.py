@@ -1,1 +1,1 @@
-"""What several subcommands share: options, tables, drawings, heat."""
+"""What subcommands have in common: options, tables, progress, heat, and what is said of a location."""

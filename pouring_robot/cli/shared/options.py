@@ -1,27 +1,24 @@
-"""Options that several subcommands share, and printing."""
+"""Options that several subcommands share, the robot they name, and printing."""
 
 from __future__ import annotations
 
-import itertools
+import inspect
 import json
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import textwrap
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.progress import Progress as Bars
 
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.io.files import check_writable
-from pouring_robot.io.progress import Progress, Status, say_nothing
-from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.robot import PouringRobot
 
-Result = TypeVar("Result")
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from pouring_robot.robot.model import RobotModel
+    from pouring_robot.robot.robot import PouringRobot
 
 AtMm = Annotated[
     tuple[float, float, float],
@@ -40,11 +37,27 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a ta
 CampaignFile = Annotated[
     Path, typer.Argument(metavar="CAMPAIGN", help="CSV or Parquet table; the YAML of the same stem lies beside it.")
 ]
+TolerancesFile = Annotated[
+    Path | None, typer.Option("--tolerances", metavar="FILE", help="Tolerances of the parts (default: the shipped).")
+]
+HoldOutBy = Annotated[
+    Literal["auto", "session", "time", "region"],
+    typer.Option("--hold-out", help="What block takes no part in the fit."),
+]
 HtmlFile = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write a self-contained meshcat page.")]
 PngFile = Annotated[Path | None, typer.Option("--png", metavar="FILE", help="Write a picture; no screen is needed.")]
 Exaggeration = Annotated[
     float | None, typer.Option("--exaggerate", metavar="FACTOR", help="Draw errors this many times larger.")
 ]
+
+
+def group_of(about: str, commands: Iterable[Callable[..., None]]) -> typer.Typer:
+    """Return subcommands as a group; its help page shows the first sentence of each as a whole."""
+    group = typer.Typer(help=about, short_help=about, add_completion=False, rich_markup_mode=None)
+    for command in commands:
+        summary, *_ = (inspect.getdoc(command) or "").split("\n\n")
+        group.command(command.__name__, short_help=" ".join(summary.split()))(command)
+    return group
 
 
 def robot_of(model: Path | None, layout: str | None, *, warm: bool = False) -> PouringRobot:
@@ -58,15 +71,18 @@ def robot_of(model: Path | None, layout: str | None, *, warm: bool = False) -> P
     Raises:
         BadInputError: both a model file and a layout are given, or one of them is wrong.
     """
+    from pouring_robot.robot.model import RobotModel
+    from pouring_robot.robot.robot import PouringRobot
+
     if model is not None and layout is not None:
         raise BadInputError("give --model or --layout, not both: the model file names its layout")
-    if model is not None:
-        found = RobotModel.load(model)
-        if not warm:
-            say_taken_cold(found, model)
-        say_left_out(found, model)
-        return PouringRobot(found)
-    return PouringRobot(RobotModel(layout=layout) if layout else None)
+    if model is None:
+        return PouringRobot(RobotModel(layout=layout) if layout else None)
+    found = RobotModel.load(model)
+    if not warm:
+        say_taken_cold(found, model)
+    say_left_out(found, model)
+    return PouringRobot(found)
 
 
 def say_taken_cold(model: RobotModel, file: Path | str) -> None:
@@ -75,7 +91,7 @@ def say_taken_cold(model: RobotModel, file: Path | str) -> None:
         print(f"note: this command takes the robot cold; the heat section of {file} is left out", file=sys.stderr)
 
 
-def say_left_out(model: RobotModel, file: Path) -> None:
+def say_left_out(model: RobotModel, file: Path | str) -> None:
     """Say on standard error which effects of a model depend on conditions that only a campaign tells of."""
     effects = dict.fromkeys(entry.effect for entry in model.effects if not entry.placed)
     if effects:
@@ -92,60 +108,13 @@ def refuse_unwritable(*paths: Path | None) -> None:
         OutputError: one of the places cannot be written to.
         BadInputError: two outputs have the same place.
     """
+    from pouring_robot.io.files import check_writable
+
     given = [path for path in paths if path is not None]
     for path in given:
         check_writable(path)
     if len({path.resolve() for path in given}) < len(given):
         raise BadInputError("two outputs have the same file name; give each its own")
-
-
-@contextmanager
-def progress_bars() -> Iterator[Progress]:
-    """Show a bar for each stage on standard error, if that is a terminal, and take them away at the end."""
-    errors = Console(stderr=True)
-    times = (TimeElapsedColumn(), TextColumn("gone,"), TimeRemainingColumn(), TextColumn("left"))
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), *times)
-    with Bars(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bars:
-        tasks: dict[str, TaskID] = {}
-
-        def show(stage: str, done: int, total: int) -> None:
-            if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=total, completed=done)
-            bars.update(tasks[stage], completed=done, total=total)
-
-        yield show
-
-
-@contextmanager
-def progress_bar(what: str, total: int) -> Iterator[Callable[[Result], Result]]:
-    """Show the bar of one stage.
-
-    Yields:
-        A function that counts one step done and returns what it is given.
-    """
-    with progress_bars() as show:
-        done = itertools.count(1)
-        show(what, 0, total)
-
-        def step(result: Result) -> Result:
-            show(what, next(done), total)
-            return result
-
-        yield step
-
-
-@contextmanager
-def status() -> Iterator[Status]:
-    """Show what is being done on a terminal's error stream; elsewhere nothing.
-
-    Yields:
-        A function that says what is being done now.
-    """
-    if not sys.stderr.isatty():
-        yield say_nothing
-        return
-    with Console(stderr=True, highlight=False).status("reading") as shown:
-        yield lambda text: shown.update(text[:100])
 
 
 def print_json(content: Any) -> None:
@@ -154,8 +123,34 @@ def print_json(content: Any) -> None:
     sys.stdout.write("\n")
 
 
+def print_figures(figures: Mapping[str, Any], written: Iterable[Path] = ()) -> None:
+    """Print figures as JSON, with the files that were written at their end."""
+    print_json({**figures, "written": [str(path) for path in written]})
+
+
 def console() -> Console:
     """Return the console that tables and notes are printed on."""
+    from rich.console import Console
+
     # A figure must never be cut: on a narrow terminal long rows wrap instead.
     found = Console(highlight=False, soft_wrap=False)
     return Console(width=max(found.width, 120), highlight=False, soft_wrap=False)
+
+
+def print_notes(console: Console, notes: Iterable[str]) -> None:
+    """Print notes, one line each."""
+    for note in notes:
+        console.print(f"note: {note}", markup=False)
+
+
+def print_written(console: Console, written: Iterable[Path]) -> None:
+    """Say which files were written, one line each."""
+    for path in written:
+        console.print(f"wrote {path}", markup=False)
+
+
+def print_indented(console: Console, line: str, by: int = 2) -> None:
+    """Print a line indented, and as far as it wraps too."""
+    space = " " * by
+    folded = textwrap.fill(line, console.width, initial_indent=space, subsequent_indent=space, break_on_hyphens=False)
+    console.print(folded, markup=False)

@@ -6,14 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 
-from pouring_robot.cli.shared import options
+from pouring_robot.cli.shared import options, progress
 from pouring_robot.cli.shared.tables import plain_table
 from pouring_robot.exceptions import BadInputError
 
 if TYPE_CHECKING:
-    pass
+    from rich.console import Console
 
 _COMPARED = 25
 
@@ -43,9 +42,7 @@ def plan(
         typer.Option("--target-mm", metavar="X Y Z", help="About where the target sits on the moving platform."),
     ] = (0.0, 0.0, 0.0),
     priors: Annotated[bool, typer.Option("--priors", help="Tolerances count as known beforehand.")] = False,
-    tolerances: Annotated[
-        Path | None, typer.Option("--tolerances", metavar="FILE", help="Tolerances for --priors (default: shipped).")
-    ] = None,
+    tolerances: options.TolerancesFile = None,
     both_sides: Annotated[
         int, typer.Option("--both-sides", metavar="K", help="Visit K of the poses from both sides: finds backlash.")
     ] = 0,
@@ -94,20 +91,19 @@ def plan(
     )
     robot = options.robot_of(model, layout)
     planner = Planner(robot, request)
-    with options.progress_bars() as progress:
-        found = planner.plan(progress)
+    with progress.stage_bars() as show:
+        found = planner.plan(show)
     comparison = compare_with_random(planner, found, _COMPARED, seed)
     written = [write_whole(out, plan_text(found))]
     written += [write_picture(found, robot.layout, png)] if png else []
     figures = plan_figures(found, comparison)
     if as_json:
-        options.print_json(figures | {"written": [str(path) for path in written]})
+        options.print_figures(figures, written)
         return
     console = options.console()
     console.print(plain_table(*plan_table(found), left=(0,), title="poses, in the order to measure them", wrap=True))
     _print_expected(console, figures)
-    for path in written:
-        console.print(f"wrote {path}", markup=False)
+    options.print_written(console, written)
 
 
 def _print_expected(console: Console, figures: dict[str, Any]) -> None:

@@ -1,0 +1,84 @@
+"""``pouring-robot campaign check``: what is in measured data, and what is wrong with it, before a fit."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from pouring_robot.cli.shared import options
+from pouring_robot.cli.shared.tables import plain_table
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+_STYLES = {"error": "bold red", "warning": "yellow", "note": "cyan"}
+
+
+def check(
+    file: options.CampaignFile,
+    model: options.ModelFile = None,
+    layout: options.LayoutName = None,
+    as_json: options.AsJson = False,
+    png: options.PngFile = None,
+) -> None:
+    """Say what is in a campaign and what is wrong with its data, before any fit."""
+    from pouring_robot.campaign.reader import read_campaign
+    from pouring_robot.checks.check import examine
+    from pouring_robot.checks.plots import write_picture
+    from pouring_robot.checks.summary import campaign_figures
+
+    options.refuse_unwritable(png)
+    campaign = read_campaign(file)
+    robot = options.robot_of(model, layout)
+    found = examine(campaign, robot)
+    figures = campaign_figures(campaign, found)
+    written = [write_picture(campaign, found, robot.layout, png)] if png else []
+    if as_json:
+        options.print_figures(figures, written)
+        return
+    console = options.console()
+    _print_summary(console, figures)
+    options.print_written(console, written)
+
+
+def _print_summary(console: Console, figures: dict[str, Any]) -> None:
+    kind = "full poses" if figures["full_pose"] else "positions"
+    sessions = ", ".join(f"{name} ({rows})" for name, rows in list(figures["sessions"].items())[:12])
+    console.print(
+        f"{figures['file']}: {figures['rows']} rows of {kind}, {figures['usable_rows']} usable, "
+        f"{figures['distinct_poses']} distinct poses",
+        markup=False,
+    )
+    console.print(f"sessions (rows): {sessions}", markup=False)
+    _print_ranges(console, figures["ranges"])
+    missing = figures["missing_conditions"]
+    if missing:
+        console.print(f"not recorded, so what depends on it cannot be tested: {', '.join(missing)}", markup=False)
+    misfit = figures["misfit"]
+    if misfit is not None:
+        console.print(_misfit_line(misfit), markup=False)
+    if not figures["flags"]:
+        console.print("checks: nothing found")
+    for flag in figures["flags"]:
+        severity = flag["severity"]
+        console.print(f"{severity}: {flag['message']}", style=_STYLES[severity], markup=False)
+        console.print(f"    → {flag['mend']}", markup=False)
+
+
+def _print_ranges(console: Console, ranges: dict[str, Any]) -> None:
+    rows = []
+    for name, values in ranges.items():
+        if name.startswith("approach"):
+            continue
+        digits = 4 if values["unit"] == "rad" else 2
+        ends = ("–" if values[end] is None else f"{values[end]:.{digits}f}" for end in ("least", "largest"))
+        rows.append((name, values["unit"].replace("degC", "°C"), *ends, str(values["missing"] or "")))
+    console.print(plain_table(("column", "unit", "least", "largest", "missing"), rows, (0, 1)))
+
+
+def _misfit_line(misfit: dict[str, Any]) -> str:
+    parts = []
+    for what, unit in (("position", "mm"), ("rotation", "mrad")):
+        value, noise = misfit[f"{what}_{unit}"], misfit[f"{what}_noise_{unit}"]
+        if value is not None:
+            parts.append(f"{value:.3g} {unit}" + (f" (noise {noise:.3g})" if noise else ""))
+    return f"against the nominal robot, the two unknown frames fitted: {', '.join(parts)} a component, robust"

@@ -1,0 +1,88 @@
+"""``pouring-robot campaign simulate``: measure a virtual robot."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from pouring_robot.cli.shared import options, progress
+from pouring_robot.exceptions import BadInputError
+
+Frame = tuple[float, float, float, float, float, float]
+
+
+def simulate(
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Table to write, .csv or .parquet; YAML beside.")],
+    plan: Annotated[
+        Path | None,
+        typer.Option("--plan", metavar="FILE", help="Poses: x, y, z, tilt with units, and any condition columns."),
+    ] = None,
+    random: Annotated[int | None, typer.Option("--random", metavar="N", help="N poses spread over the box.")] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")] = 0,
+    model: options.ModelFile = None,
+    layout: options.LayoutName = None,
+    noise_mm: Annotated[float, typer.Option("--noise-mm", help="Noise of a coordinate.")] = 0.05,
+    noise_mrad: Annotated[float, typer.Option("--noise-mrad", help="Noise of a rotation component.")] = 0.05,
+    position_only: Annotated[bool, typer.Option("--position-only", help="Measure no rotations.")] = False,
+    outliers: Annotated[int, typer.Option("--outliers", min=0, metavar="N", help="Rows with a gross error.")] = 0,
+    outlier_mm: Annotated[float, typer.Option("--outlier-mm", help="Size of a gross error.")] = 5.0,
+    lost: Annotated[float, typer.Option("--lost", metavar="SHARE", help="Share of measured cells left empty.")] = 0.0,
+    tracker_frame: Annotated[
+        Frame | None,
+        typer.Option(
+            metavar="X Y Z RX RY RZ", help="Fixed platform seen from the tracker: mm, rotation vector in degrees."
+        ),
+    ] = None,
+    target_frame: Annotated[
+        Frame | None,
+        typer.Option(
+            metavar="X Y Z RX RY RZ", help="Target seen from the moving platform: mm, rotation vector in degrees."
+        ),
+    ] = None,
+    truth: Annotated[
+        Path | None, typer.Option("--truth", metavar="FILE", help="Write what was hidden (frames, outliers) as JSON.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that are there.")] = False,
+) -> None:
+    """Measure a robot as built without having it: a campaign with noise, outliers and unknown frames."""
+    from pouring_robot.campaign.plan import random_plan, read_plan
+    from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
+    from pouring_robot.campaign.writer import campaign_contents, refuse_existing, write_all
+
+    if (plan is None) == (random is None):
+        raise BadInputError("give the poses by --plan FILE or by --random N, one of the two")
+    outputs = [out, out.with_suffix(".yaml"), *([truth] if truth else [])]
+    refuse_existing(outputs, overwrite=overwrite)
+    robot = options.robot_of(model, layout)
+    poses = read_plan(plan, robot) if plan is not None else random_plan(robot, random or 0, seed)
+    settings = MeasurementOptions(
+        sigma_position_m=noise_mm * 1e-3,
+        sigma_rotation_rad=None if position_only else noise_mrad * 1e-3,
+        outliers=outliers,
+        outlier_m=outlier_mm * 1e-3,
+        lost=lost,
+        pose_tracker_to_fixed_platform=_frame(tracker_frame),
+        pose_platform_to_target=_frame(target_frame),
+        seed=seed,
+    )
+    with progress.stage_bars() as show:
+        measured = simulate_campaign(robot, poses, settings, path=out, progress=show)
+    files = campaign_contents(measured.campaign, out)
+    if truth:
+        files[truth] = measured.truth_text(model).encode()
+    write_all(files, overwrite=overwrite)
+    options.print_written(options.console(), files)
+
+
+def _frame(figures: Frame | None) -> Any:
+    import numpy as np
+    import pinocchio as pin
+
+    if figures is None:
+        return None
+    if not all(math.isfinite(value) for value in figures):
+        raise BadInputError("a frame has six finite figures: x y z in mm and a rotation vector in degrees")
+    return pin.SE3(pin.exp3(np.radians(figures[3:])), np.array(figures[:3]) * 1e-3)

@@ -1,0 +1,55 @@
+"""``pouring-robot effects``: what a diagnosis can name."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pouring_robot.cli.shared import options
+
+
+def effects(as_json: options.AsJson = False) -> None:
+    """List the effects that a diagnosis can name: what happens, what the campaign must hold, parameters."""
+    found = _library()
+    if as_json:
+        options.print_json({"effects": found})
+        return
+    console = options.console()
+    for item in found:
+        console.print(f"{item['effect']}: {item['story']}", style="bold", markup=False)
+        options.print_indented(console, f"needs: {', '.join(item['needs']) or 'nothing but drives and measured poses'}")
+        for form in item["forms"]:
+            named = [f"{p['name']} [{p['unit']}]" for p in form["parameters"] if p["main"]]
+            shape = sum(not p["main"] for p in form["parameters"])
+            more = f", and {shape} that shape it" if shape else ""
+            options.print_indented(console, f"form {form['form']}: {_shortened(named)}{more}")
+
+
+def _library() -> list[dict[str, Any]]:
+    """Return the library with forms and parameters, as they are for a campaign that holds every condition."""
+    from pouring_robot.diagnosis.rows import channel_names, local_parameters
+    from pouring_robot.effects.base import checked_forms
+    from pouring_robot.effects.examples import complete_conditions
+    from pouring_robot.effects.facts import sources
+    from pouring_robot.effects.registry import all_effects
+    from pouring_robot.robot.model import RobotModel
+
+    conditions, channels = complete_conditions(), channel_names(local_parameters(RobotModel()))
+    return [
+        {
+            "effect": effect.id,
+            "story": effect.story,
+            "needs": list(sources(effect.needs)),
+            "forms": [
+                {
+                    "form": form.name,
+                    "parameters": [{"name": p.name, "unit": p.unit, "main": p.main} for p in form.parameters],
+                }
+                for form in checked_forms(effect, conditions, channels)
+            ],
+        }
+        for effect in all_effects().values()
+    ]
+
+
+def _shortened(names: list[str], most: int = 6) -> str:
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")

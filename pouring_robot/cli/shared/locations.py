@@ -1,0 +1,156 @@
+"""What is said of a ladle's location on the terminal, and what is drawn of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from pouring_robot.cli.shared.options import print_notes
+from pouring_robot.cli.shared.tables import plain_table
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.jacobians import AxisWeakness, Dexterity
+from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.metrics import decimals
+from pouring_robot.robot.pouring.ladle_mesh import stale_mesh_note
+from pouring_robot.robot.robot import LadleLocation, PouringRobot
+
+
+def _cells(values: Iterable[float], digits: int = 3, *, sign: bool = False) -> list[str]:
+    return [decimals(value, digits, sign=sign) for value in values]
+
+
+def location_table(location: LadleLocation) -> Table:
+    """Return nominal and actual pose of the platform, the ladle and its lip."""
+    rows: list[list[str]] = []
+    for frame in location.loops.reported_frames:
+        nominal, actual = location.poses(frame)
+        translation, rotation = location.difference(frame).to_mm_mrad()
+        rows += [
+            [frame, "nominal", *_cells(nominal.translation / MM)],
+            ["", "actual", *_cells(actual.translation / MM)],
+            ["", "error", *_cells(translation, sign=True), *_cells(rotation, sign=True)],
+        ]
+    head = ("frame", "", "x", "y", "z", "rx", "ry", "rz")
+    table = plain_table(head, rows, (0, 1), title="in the fixed platform's frame: mm, mrad")
+    for row in table.rows[2::3]:
+        row.style = "bold"
+    return table
+
+
+def path_table(locations: Sequence[LadleLocation]) -> str:
+    """Return one line a pose, with a heading: the command, and the error at the lip.
+
+    Text and no rich table: that would take twice as long to set as thousands of poses take to close.
+    """
+    rows: list[tuple[str, ...]] = [
+        ("x", "y", "z", "tilt °", "Δx", "Δy", "Δz", "|Δ|", "rx", "ry", "rz", "open µm", "open mrad")
+    ]
+    for location in locations:
+        difference = location.difference()
+        translation, rotation = difference.to_mm_mrad()
+        rows.append(
+            (
+                *_cells(location.commanded.to_mm_deg(), 1),
+                *_cells(translation, sign=True),
+                f"{difference.distance_m / MM:.3f}",
+                *_cells(rotation, sign=True),
+                f"{location.actual.gap_m * 1e6:.3f}",
+                f"{location.actual.gap_rad / MRAD:.3f}",
+            )
+        )
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
+    return "\n".join(["error of the pouring lip: mm, mrad", *lines])
+
+
+def drives_line(location: LadleLocation) -> str:
+    """Return the commanded drives, in mm and degrees, as in the JSON output."""
+    mechanism = location.nominal.mechanism
+    shown = (
+        f"{name} {value / MM:.4f} mm" if mechanism.unit_of(name) == "m" else f"{name} {math.degrees(value):.5f} deg"
+        for name, value in location.drives.items()
+    )
+    return f"drives: {'  '.join(shown)}"
+
+
+def location_notes(robot: PouringRobot, html: Path | None, png: Path | None, *, model_file: bool) -> list[str]:
+    """Return what a user should know of model and picture before reading the figures, one line each."""
+    notes = []
+    if robot.model.is_drawing:
+        reason = "the model file holds no errors" if model_file else "no model file was given"
+        notes.append(f"{reason}, so the robot as built is the drawing{'' if model_file else '; see --model'}")
+    notes += [unseen_note(joint) for joint in robot.unseen_displacements]
+    stale = stale_mesh_note(robot.layout) if html or png else None
+    return [*notes, stale] if stale else notes
+
+
+def unseen_note(joint: str) -> str:
+    """Return a line about a displaced joint that carries the fixed platform."""
+    return f"displacing '{joint}' moves the fixed platform as a whole, so poses seen from it do not show it"
+
+
+def print_closure_note(
+    console: Console, location: LadleLocation, dexterity: Dexterity, weakness: AxisWeakness, notes: Sequence[str]
+) -> None:
+    """Say what the closure found besides the pose: fit of the parts, rank, load, reach, sideways weakness."""
+    nominal, actual = location.nominal, location.actual
+    console.print(
+        f"closure: rank {nominal.rank} nominal, {actual.rank} as built; left open {actual.gap_m * 1e6:.3f} µm and "
+        f"{actual.gap_rad / MRAD:.3f} mrad after {actual.iterations} iterations"
+    )
+    if actual.rank > nominal.rank:
+        console.print(
+            f"  the chains over-constrain the platform: {actual.rank - nominal.rank} equations more than rigid parts "
+            "could meet, so the joints are forced by what is left open"
+        )
+    console.print(
+        f"internal load: up to {actual.internal_force_n:.1f} N and {actual.internal_torque_nm:.1f} Nm in a chain "
+        "(by the assumed joint stiffness)"
+    )
+    console.print(
+        f"sideways: {weakness.m_per_rad:.1f} mm at the lip per mrad of axis tilt, at the worst axis "
+        f"({weakness.parameter})"
+    )
+    limiting = location.reach[0]
+    console.print(
+        f"reach: '{limiting.joint}' limits, {limiting.relative_margin:.0%} of its range left; condition "
+        f"{dexterity.condition:.1f}, {dexterity.distance:.3f} from a {dexterity.singularity} singularity"
+    )
+    print_notes(console, notes)
+    if not location.in_workspace:
+        outside = zip("xyz", location.outside_workspace_m, strict=True)
+        beyond = [f"{axis} by {value / MM:.1f} mm" for axis, value in outside if value]
+        if location.outside_workspace_rad:
+            beyond.append(f"tilt by {math.degrees(location.outside_workspace_rad):.2f} deg")
+        console.print(f"note: the pose is outside the workspace box: {', '.join(beyond)}")
+
+
+def write_drawings(
+    locations: Sequence[LadleLocation],
+    html: Path | None,
+    png: Path | None,
+    exaggerate: float | None,
+    *,
+    warm: bool = False,
+) -> list[Path]:
+    """Write the page and the picture that were asked for, and return what was written.
+
+    Raises:
+        BadInputError: the exaggeration factor is not positive, or given without a drawing.
+        OutputError: a file cannot be written.
+    """
+    if not (html or png):
+        if exaggerate is not None:
+            raise BadInputError("--exaggerate enlarges the errors of a drawing; ask for one with --html or --png")
+        return []
+    # The drawing libraries take half a second to import; only commands that draw pay for it.
+    from pouring_robot.robot.scene import pose_scene
+    from pouring_robot.viewer import write_html, write_png
+
+    scene = pose_scene(locations, exaggerate, "as built, warm" if warm else "as built")
+    written = [write_html(scene, html)] if html else []
+    return written + ([write_png(scene, png)] if png else [])
