@@ -16,7 +16,7 @@ SHARED = ROOT.parent / "shared"
 ACTUAL = ROOT / "examples" / "actual.yaml"
 CHAINS = (1, 2, 3, 4)
 
-# The workspace box of DESIGN §2, written down a second time on purpose.
+# The workspace box, written down a second time on purpose.
 BOX_LOWER = np.array([-0.150, -0.050, -0.825, -0.4884])
 BOX_UPPER = np.array([-0.050, 0.050, -0.425, 1.08155])
 

@@ -327,7 +327,7 @@ def test_open_branches_equal_the_one_at_a_time_transfer_at_200_poses(paper):
 
 
 def test_a_singular_pose_has_a_status_of_its_own():
-    """With the four leg lengths driven, each pair of legs is a planar four-bar that keeps a freedom (DESIGN §2)."""
+    """With the four leg lengths driven, each pair of legs is a planar four-bar that keeps a freedom."""
     model = RobotModel()
     loops = model.loops().model_copy(update={"drives": tuple(f"leg{i}_s3" for i in (1, 2, 3, 4))})
     mechanism = ClosedChainMechanism(model.nominal_urdf(), loops)

@@ -7,7 +7,7 @@ from pouring_robot.calibration.amend import amended_model
 from pouring_robot.estimation.measurement import FRAMES, Unknowns
 from pouring_robot.exceptions import CalibrationError
 from pouring_robot.robot.model import RobotModel
-from tests.calibration.rig import INNER, OUTER, Virtual, model_of
+from tests.estimation.virtual import INNER, OUTER, Virtual, model_of
 from tests.support import ACTUAL
 
 

@@ -8,7 +8,7 @@ from pouring_robot.calibration.ladle import ladle_uncertainty, pose_platform_to_
 from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.measurement import FRAMES
 from pouring_robot.estimation.solver import identify
-from tests.calibration.rig import Virtual, model_of
+from tests.estimation.virtual import Virtual, model_of
 
 
 @pytest.fixture(scope="module")

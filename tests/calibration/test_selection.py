@@ -9,7 +9,7 @@ from pouring_robot.estimation.splits import split
 from pouring_robot.exceptions import CalibrationError
 from pouring_robot.robot.parameters import ParameterCatalogue
 from pouring_robot.robot.tolerances import Tolerances
-from tests.calibration.rig import SIGMA, Virtual, groups_of, model_of
+from tests.estimation.virtual import SIGMA, Virtual, groups_of, model_of
 
 
 @pytest.fixture(scope="module")

@@ -63,7 +63,7 @@ def test_pose_without_a_model_is_the_drawing(run):
     code, out, _ = run("pose", "--at-mm", "-100", "20", "-600", "--tilt-deg", str(np.degrees(0.3)), "--json")
     figures = json.loads(out)
     assert code == 0
-    # DESIGN §2.
+    # Closed form, by hand: l = |p + R_y(r) B − A|, and θ46 = r − ψ4.
     assert figures["drives"]["leg1_s3_mm"] == pytest.approx(550.5232, abs=5e-5)
     assert figures["drives"]["leg4_s5_deg"] == pytest.approx(np.degrees(-0.0858709), abs=5e-6)
     assert figures["frames"]["moving_platform"]["actual_mm"] == pytest.approx([-100.0, 20.0, -600.0], abs=1e-9)

@@ -9,7 +9,7 @@ from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.robot.model import RobotModel
-from tests.diagnosis.campaigns import CENTRES_AND_LOAD, DRIFT, HOT, NOTHING, ZEROS, campaign
+from tests.diagnosis.hidden import CENTRES_AND_LOAD, DRIFT, HOT, NOTHING, ZEROS, campaign
 
 CASES = {"hot": HOT, "centres_and_load": CENTRES_AND_LOAD, "drift": DRIFT, "zeros": ZEROS, "nothing": NOTHING}
 

@@ -15,7 +15,7 @@ from pouring_robot.cli.app import main
 from pouring_robot.effects.registry import all_effects
 from pouring_robot.robot.model import RobotModel
 from tests.campaign.test_fuzz import damages, spoil
-from tests.diagnosis.campaigns import HOT, NOTHING, campaign
+from tests.diagnosis.hidden import HOT, NOTHING, campaign
 
 FUZZ = settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 FILES = {"diagnosis.json", "model.yaml", "report.html", "ladles.html"}

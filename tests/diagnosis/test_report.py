@@ -23,7 +23,7 @@ from pouring_robot.exceptions import OutputError
 from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.viewer import solids
-from tests.diagnosis.campaigns import HOT, STEP_M, campaign, stepped
+from tests.diagnosis.hidden import HOT, STEP_M, campaign, stepped
 
 NAMES = {"diagnosis.json", "model.yaml", "report.html", "ladles.html"}
 

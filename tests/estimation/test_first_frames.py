@@ -6,7 +6,7 @@ import pytest
 from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.exceptions import FrameFitError
-from tests.calibration.rig import SIGMA, Virtual, model_of
+from tests.estimation.virtual import SIGMA, Virtual, model_of
 
 
 @pytest.mark.parametrize("spoilt", [0, 6])

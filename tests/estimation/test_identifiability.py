@@ -7,7 +7,7 @@ from pouring_robot.estimation.identifiability import RANK_TOLERANCE, base_parame
 from pouring_robot.estimation.measurement import FRAMES, Unknowns
 from pouring_robot.estimation.residuals import regressor
 from pouring_robot.exceptions import BadInputError
-from tests.calibration.rig import INNER, OUTER, Virtual, model_of, reference_regressor
+from tests.estimation.virtual import INNER, OUTER, Virtual, model_of, reference_regressor
 
 
 def test_a_matrix_with_known_dependencies():

@@ -8,7 +8,7 @@ from pouring_robot.estimation.measurement import FRAMES, Unknowns
 from pouring_robot.exceptions import BadInputError, UnknownJointError
 from pouring_robot.mechanism.parameters import DriveParameter, PayloadParameter, PlacementParameter
 from pouring_robot.robot.model import DriveOffset, RobotModel
-from tests.calibration.rig import INNER, OUTER, Virtual, measured_poses, model_of, reference_poses
+from tests.estimation.virtual import INNER, OUTER, Virtual, measured_poses, model_of, reference_poses
 from tests.support import crooked_model
 
 

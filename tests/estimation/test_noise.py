@@ -8,8 +8,8 @@ import pytest
 from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.noise import fit_with_noise, repeat_noise, repeats, stated_noise
 from pouring_robot.estimation.residuals import MeasuredPoses
-from tests.calibration.rig import SIGMA, Virtual, model_of
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, damaged
+from tests.estimation.virtual import SIGMA, Virtual, model_of
 
 
 def test_repeats_are_rows_commanded_alike_from_the_same_side(repeated):

@@ -7,8 +7,8 @@ import pytest
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.rotations import inverse_right_jacobians
-from tests.calibration.rig import SIGMA, Virtual, model_of
 from tests.campaign.simulated import damaged
+from tests.estimation.virtual import SIGMA, Virtual, model_of
 
 
 @pytest.fixture(scope="module")

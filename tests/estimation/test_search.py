@@ -7,7 +7,7 @@ from pouring_robot.estimation.residuals import whiten
 from pouring_robot.estimation.robust import robust_terms
 from pouring_robot.estimation.search import Search
 from pouring_robot.exceptions import CalibrationError
-from tests.calibration.rig import SIGMA, Virtual, model_of
+from tests.estimation.virtual import SIGMA, Virtual, model_of
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from pouring_robot.estimation.robust import robust_terms, scatter
 from pouring_robot.estimation.search import Search
 from pouring_robot.estimation.solver import FitOptions, identify
 from pouring_robot.exceptions import BadInputError, CalibrationError
-from tests.calibration.rig import INNER, OUTER, SIGMA, Virtual, model_of
+from tests.estimation.virtual import INNER, OUTER, SIGMA, Virtual, model_of
 
 
 def fitted(virtual, options=None, measured=None):

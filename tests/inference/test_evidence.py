@@ -8,7 +8,7 @@ from scipy.integrate import quad
 from sklearn.linear_model import Ridge
 
 from pouring_robot.inference.evidence import LOG_SCALES, Others, gain, posterior
-from tests.diagnosis.problems import log_density
+from tests.inference.problems import log_density
 from tests.support import round_off
 
 SCALES = np.exp(LOG_SCALES)

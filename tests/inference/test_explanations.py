@@ -6,7 +6,7 @@ import pytest
 from pouring_robot.inference.explanations import Background, Problem
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.search import search
-from tests.diagnosis.problems import ROWS, explanation, library, log_density, planted, problem
+from tests.inference.problems import ROWS, explanation, library, log_density, planted, problem
 
 
 @pytest.fixture

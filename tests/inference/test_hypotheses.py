@@ -9,7 +9,7 @@ from scipy.special import logsumexp
 from pouring_robot.inference.evidence import LOG_SCALES
 from pouring_robot.inference.explanations import Background, Explanation
 from pouring_robot.inference.hypotheses import BACKGROUND_LEVELS, Hypothesis
-from tests.diagnosis.problems import explanation, library, log_density, planted, problem
+from tests.inference.problems import explanation, library, log_density, planted, problem
 
 TWO_PI = np.log(2.0 * np.pi)
 

@@ -7,7 +7,7 @@ from pouring_robot.inference.courses import separate, smooth, standardised, wand
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.remainder import Description, challenge, structures
-from tests.diagnosis.problems import explanation, log_density, problem
+from tests.inference.problems import explanation, log_density, problem
 
 ROWS = 80
 TIME = np.arange(ROWS, dtype=float)

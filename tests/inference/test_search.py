@@ -6,7 +6,7 @@ import pytest
 from pouring_robot.inference.explanations import Background, Explanation
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.search import SearchOptions, backward, reconsidered, search
-from tests.diagnosis.problems import ROWS, explanation, library, planted, problem
+from tests.inference.problems import ROWS, explanation, library, planted, problem
 
 
 def test_nothing_is_found_on_noise():

@@ -403,7 +403,7 @@ def ladle_shifts(drawing, mechanisms, poses):
 
 @pytest.mark.parametrize(("axis_mrad", "limit"), [(4.0, 3e-3), (0.4, 1e-3)])
 def test_the_ladle_hardly_depends_on_the_ratio_of_stiffness(drawing, axis_mrad, limit):
-    """sqrt(k_rot / k_trans) up to 0.1 m changes the displacement by less than the limit (DESIGN §2)."""
+    """sqrt(k_rot / k_trans) up to 0.1 m changes the displacement by less than the limit."""
     random = np.random.default_rng(21)
     shifts = []
     for _ in range(8):

@@ -116,7 +116,7 @@ def test_five_bar_against_the_closed_form():
 
 
 def test_four_leg_drives_are_singular_everywhere(drawing):
-    """DESIGN §2: each pair of legs lies in one plane, and a planar four-bar keeps a freedom."""
+    """Each pair of legs lies in one plane, and a planar four-bar keeps a freedom."""
     loops = drawing.model.loops().model_copy(update={"drives": tuple(f"leg{i}_s3" for i in (1, 2, 3, 4))})
     solver = ClosureSolver(ClosedChainMechanism(drawing.model.nominal_urdf(), loops))
     for pose in random_poses(5, seed=42):

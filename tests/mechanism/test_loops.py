@@ -32,7 +32,7 @@ def test_the_shipped_file_declares_the_four_chains():
     assert loops.drives == ("leg1_s3", "leg2_s3", "leg3_s3", "leg4_s5")
     assert loops.cut_joints == ("moving_platform_mount",)
     translation, rotation = loops.stiffness_si
-    assert (rotation / translation) ** 0.5 <= 0.1  # DESIGN §2: rotation soft against translation
+    assert (rotation / translation) ** 0.5 <= 0.1  # rotation is soft against translation
 
 
 def test_own_dialect(written):

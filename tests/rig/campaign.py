@@ -1,4 +1,4 @@
-"""Make a measurement campaign with something hidden in it, and write it as DESIGN §6 says."""
+"""Make a measurement campaign with something hidden in it, and write it to file."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def make_campaign(
     explain = kind in {"outside", "confounded"}
     scene = plan(rng, rows, max(sessions or drawn, needed), trap, local=explain)
     sigma = (float(rng.choice([3e-5, 5e-5, 1e-4])), float(rng.choice([3e-5, 6e-5])) if full_pose else None)
-    tracker = Tracker(*_frames(rng, far_tracker), *sigma)
+    tracker = Tracker(*frames_of(rng, far_tracker), *sigma)
     faultless = tracker.see(scene, Errors.none(rows))
     frames = basis(tracker.frames(faultless))
     known = _known(scene, tracker, frames) if explain else {}
@@ -141,8 +141,8 @@ def make_campaign(
     lost = [int(k) for k in rng.choice(rows, int(rng.integers(1, 4)), replace=False)] if rng.random() < 0.13 else []
 
     return Campaign(
-        rows=_cells(scene, position, to_vector(quaternion) if full_pose else None, lost if spoilt else [], rng),
-        settings=_settings(*sigma),
+        rows=cells_of(scene, position, to_vector(quaternion) if full_pose else None, lost if spoilt else [], rng),
+        settings=settings_of(*sigma),
         truth={
             "effects": effects,
             "kind": kind,
@@ -197,7 +197,7 @@ def _with_form(item: Wanted, rng: np.random.Generator) -> Wanted:
     return Wanted(item.effect, item.ratio, item.form or str(rng.choice(list(forms))))
 
 
-def _frames(rng: np.random.Generator, far: bool) -> tuple[Array, Array]:
+def frames_of(rng: np.random.Generator, far: bool) -> tuple[Array, Array]:
     """Return where the fixed platform stands in the tracker's frame and the target on the platform."""
     if far:
         base = np.concatenate([rng.uniform(-4.0, 4.0, 3), rng.normal(0.0, 0.01, 2), rng.uniform(-3.1, 3.1, 1)])
@@ -262,7 +262,7 @@ def _background(rng: np.random.Generator, rows: int) -> Errors:
     return out
 
 
-def _cells(
+def cells_of(
     scene: Scene, position: Array, rotation: Array | None, lost: list[int], rng: np.random.Generator
 ) -> list[dict[str, str]]:
     """Return the rows of the file."""
@@ -288,7 +288,7 @@ def _cells(
     return out
 
 
-def _settings(sigma_position: float, sigma_rotation: float | None) -> dict[str, Any]:
+def settings_of(sigma_position: float, sigma_rotation: float | None) -> dict[str, Any]:
     """Return the file beside the table."""
     return {
         "robot": "pouring_robot",

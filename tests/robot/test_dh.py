@@ -16,7 +16,7 @@ LAYOUTS = ("paper", "wide")
 CHAINS = (1, 2, 3, 4)
 TRANSFORMS = ("O0", "01", "12", "23", "34", "45", "56", "6o")
 VARIABLES = ("theta_e{}_2", "theta_e{}_3", "d_e{}_4", "theta_e{}_5", "theta_e{}_6")
-# DESIGN §2, in mm: U-joint centres on the fixed and on the moving platform.
+# In mm: U-joint centres on the fixed and on the moving platform.
 CENTRES = {
     "paper": ((340.0, 374.0), (182.5, 330.0)),
     "wide": ((187.0, 340.0), (165.0, 182.5)),

@@ -14,7 +14,7 @@ from pouring_robot.robot.pouring.kinematics import FourUPUKinematics, JointReach
 from pouring_robot.robot.pouring.poses import PlatformPose
 from tests.support import BOX_LOWER, BOX_UPPER, pose_gap, random_poses
 
-# U-joint centres of DESIGN §2, in m.
+# U-joint centres in m.
 CENTRES = {
     "paper": ((0.340, 0.374), (0.1825, 0.330)),
     "wide": ((0.187, 0.340), (0.165, 0.1825)),

@@ -7,7 +7,7 @@ from pouring_robot.estimation.measurement import FRAMES
 from pouring_robot.estimation.priors import FRAME_STD, prior_std
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.robot.tolerances import Tolerances, kind_of
-from tests.calibration.rig import model_of
+from tests.estimation.virtual import model_of
 
 
 def test_priors_are_in_metres_and_radians(drawing):

@@ -9,7 +9,7 @@ from PIL import Image
 from pouring_robot.exceptions import BadInputError, OutputError
 from pouring_robot.viewer import Camera, SceneArrow, camera_on, draw, solids, write_png
 from pouring_robot.viewer.raycast import Layer, View
-from tests.scenes import small_scene
+from tests.viewer.scenes import small_scene
 
 SIZE = (480, 360)
 

@@ -37,7 +37,7 @@ from pouring_robot.viewer import (
     write_html,
 )
 from pouring_robot.viewer.solids import SHARED
-from tests.scenes import URDF, small_scene
+from tests.viewer.scenes import URDF, small_scene
 
 
 class _Outline(html.parser.HTMLParser):
@@ -302,7 +302,7 @@ def test_live_view_ends_with_ctrl_c_and_with_its_program(tmp_path):
         "import pathlib, signal, sys\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # even where it is inherited as ignored
         "from pouring_robot.viewer import serve\n"
-        "from tests.scenes import small_scene\n"
+        "from tests.viewer.scenes import small_scene\n"
         "try:\n"
         f"    with serve(small_scene(pathlib.Path({str(tmp_path)!r}))) as view:\n"
         "        print(view.url, flush=True)\n"

@@ -1,4 +1,4 @@
-"""Virtual data for the tests of calibration, and an independent regressor by differences of ClosureSolver."""
+"""Virtual data with known errors, and an independent regressor by differences of ClosureSolver."""
 
 import numpy as np
 import pinocchio as pin

@@ -6,7 +6,7 @@ import numpy as np
 
 from pouring_robot.campaign.reader import read_campaign
 from tests.rig import Campaign, write_case
-from tests.rig.campaign import _cells, _frames, _settings
+from tests.rig.campaign import cells_of, frames_of, settings_of
 from tests.rig.conditions import CENTRE_OF_MASS, GRAVITY, TARE_KG, Scene, plan
 from tests.rig.effects import FORMS
 from tests.rig.machine import Errors, close, drives_of
@@ -23,7 +23,7 @@ class Machine:
         self.effect, self.form, self.seed, self.largest = effect, form, seed, largest
         rng = np.random.default_rng([seed, 1])
         self.scene = plan(rng, rows, 1, trap)
-        self.tracker = Tracker(*_frames(rng, False), SIGMA_M, SIGMA_RAD)
+        self.tracker = Tracker(*frames_of(rng, False), SIGMA_M, SIGMA_RAD)
         self.size = self._size(ratio)
 
     def errors(self, scene, size):
@@ -46,8 +46,8 @@ class Machine:
         position, quaternion = self.tracker.see(scene, self.errors(scene, self.size))
         position = position + rng.normal(0.0, SIGMA_M, position.shape)
         quaternion = product(from_vector(rng.normal(0.0, SIGMA_RAD, position.shape)), quaternion)
-        cells = _cells(scene, position, to_vector(quaternion), [], rng)
-        write_case(folder, Campaign(cells, _settings(SIGMA_M, SIGMA_RAD), {}))
+        cells = cells_of(scene, position, to_vector(quaternion), [], rng)
+        write_case(folder, Campaign(cells, settings_of(SIGMA_M, SIGMA_RAD), {}))
         return read_campaign(folder / "campaign.csv")
 
     def with_more(self, suggestions):
