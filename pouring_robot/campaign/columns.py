@@ -6,12 +6,14 @@ Inside, values are in m, rad, kg and s, and temperatures in °C, as the names of
 from __future__ import annotations
 
 from pouring_robot.io.quantities import Quantity
+from pouring_robot.robot.pouring.names import DRIVE_COLUMNS, LEGS
 
-LENGTH_DRIVES = ("q1", "q2", "q3")
-DRIVES = (*LENGTH_DRIVES, "q4")
+DRIVES = DRIVE_COLUMNS
+LENGTH_DRIVES = DRIVES[:3]
 APPROACHES = tuple(f"approach_{drive}" for drive in DRIVES)
-LEGS = ("leg1", "leg2", "leg3", "leg4")
-TEMPERATURES = ("melt", "ambient", *LEGS, "platform")
+PARTS = (*LEGS, "platform")
+"""Parts of the robot with a thermometer."""
+TEMPERATURES = ("melt", "ambient", *PARTS)
 POSITION = ("x", "y", "z")
 ROTATION = ("rx", "ry", "rz")
 
@@ -29,7 +31,7 @@ CAMPAIGN = (
     Quantity("sample", "label"),
     *CONDITIONS[:2],
     *(Quantity(name, "length", required=True) for name in LENGTH_DRIVES),
-    Quantity("q4", "angle", required=True),
+    Quantity(DRIVES[3], "angle", required=True),
     *CONDITIONS[2:],
     *(Quantity(name, "length", required=True) for name in POSITION),
     *(Quantity(name, "angle", part_of="a rotation vector") for name in ROTATION),

@@ -16,13 +16,12 @@ from pouring_robot.campaign.blocks import Block, BlockKind, region_blocks, sessi
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray, read_only
+from pouring_robot.robot.pouring.names import DRIVE_JOINTS, LEGS
 
 if TYPE_CHECKING:
     import pandas
 
 BoolArray: TypeAlias = NDArray[np.bool_]
-DRIVE_JOINTS = ("leg1_s3", "leg2_s3", "leg3_s3", "leg4_s5")
-"""The joints that q1…q4 drive, in that order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +232,7 @@ _GROUPS: dict[str, tuple[str, ...]] = {
     "position_m": columns.POSITION,
     "rotation_vector_rad": columns.ROTATION,
     "approach": columns.APPROACHES,
-    "leg_degC": columns.LEGS,
+    "leg_degC": LEGS,
 }
 _MEASURED = {*columns.DRIVES, *columns.POSITION, *columns.ROTATION}
 _PLACES: dict[str, tuple[str, int | None]] = {

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pouring_robot.campaign.data import DRIVE_JOINTS
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
+from pouring_robot.robot.pouring.names import DRIVE_JOINTS
 
 
 @dataclass(frozen=True, eq=False)

@@ -128,7 +128,7 @@ def _random_conditions(robot: PouringRobot, count: int, random: np.random.Genera
         "melt": np.full(count, round(float(random.uniform(1400.0, 1700.0)), 1)),
         "ambient": np.round(20.0 + 4.0 * np.sin(time / 9000.0) + random.normal(0.0, 0.1, count), 2),
     }
-    for name in (*columns.LEGS, "platform"):
+    for name in columns.PARTS:
         # A part warms towards its own temperature within an hour, and its sensor is read to 0.01 K.
         warm, lag = random.uniform(40.0, 160.0), random.uniform(1800.0, 5400.0)
         course = 20.0 + warm * (1.0 - np.exp(-time / lag)) + random.normal(0.0, 0.3, count)

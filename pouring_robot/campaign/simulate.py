@@ -13,13 +13,14 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.campaign.columns import POSITION, ROTATION
-from pouring_robot.campaign.data import DRIVE_JOINTS, Campaign, arrays_from
+from pouring_robot.campaign.data import Campaign, arrays_from
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.nominal import rotation_vectors
 from pouring_robot.campaign.plan import PosePlan
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.pouring.names import DRIVE_JOINTS
 from pouring_robot.robot.robot import PouringRobot
 
 ActualPoses = Callable[[PosePlan], list[pin.SE3]]

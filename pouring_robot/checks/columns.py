@@ -119,7 +119,7 @@ def _stuck_drives(campaign: Campaign) -> Iterator[DataFlag]:
 
 def _stuck_temperatures(campaign: Campaign) -> Iterator[DataFlag]:
     """Find a leg or platform sensor that stands still while most of its neighbours change."""
-    names = [name for name in (*columns.LEGS, "platform") if campaign.quantity(name) is not None]
+    names = [name for name in columns.PARTS if campaign.quantity(name) is not None]
     changes = {name: np.diff(_values(campaign, name)) != 0.0 for name in names}
     for name in names:
         others = [changes[other] for other in names if other != name]
@@ -151,7 +151,7 @@ def _stuck(campaign: Campaign, name: str, rows: Rows, severity: Severity) -> Dat
 
 def _temperature_jumps(campaign: Campaign) -> Iterator[DataFlag]:
     """Find single readings that leave both neighbours: a leg or a hall does not warm and cool within one pose."""
-    for name in ("ambient", *columns.LEGS, "platform"):
+    for name in ("ambient", *columns.PARTS):
         if campaign.quantity(name) is None or len(campaign) < 5:
             continue
         values = _values(campaign, name)

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pouring_robot.campaign import columns
-from pouring_robot.campaign.data import DRIVE_JOINTS, Campaign
+from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses, rotation_matrices
 from pouring_robot.checks.columns import distinct_poses
 from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, row_tuple, where
@@ -25,6 +25,7 @@ from pouring_robot.estimation.frames import FEWEST_ROWS, FrameFit, affine_map, f
 from pouring_robot.exceptions import FrameFitError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
+from pouring_robot.robot.pouring.names import DRIVE_JOINTS
 
 _SUSPECT_M, _SUSPECT_RAD = 1e-3, 5e-3
 """Misfits below these a robot's errors explain; no mistake of units is looked for."""

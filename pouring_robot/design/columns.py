@@ -13,13 +13,12 @@ from scipy.stats import qmc
 from pouring_robot.design.parameters import PlannedParameter
 from pouring_robot.estimation.measurement import FRAMES, MeasurementModel, Unknowns
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechanism
 from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.robot.pouring.layout import Layout
 from pouring_robot.robot.robot import PouringRobot
 
 REFERENCE_DEGC = 20.0
-_GRAVITY = 9.81
 # Candidates are round figures, so that the plan's file says exactly what was planned.
 _ROUND_M, _ROUND_DEG = 1e-4, 1e-2
 _EDGE_LEVELS = 3
@@ -86,14 +85,7 @@ class Columns:
     def reachable(self, poses: FloatArray) -> NDArray[np.bool_]:
         """Return which poses (n, 4), x y z in m and tilt in rad, are within joint limits; shape (n,)."""
         kinematics = self.robot.kinematics
-        joints = kinematics.commands(poses).start.joints
-        limits = kinematics.mechanism.joint_limits()
-        within = np.ones(len(poses), dtype=bool)
-        for i in range(joints.shape[1]):
-            for k in range(joints.shape[2]):
-                lower, upper = limits[f"leg{i + 1}_s{k + 1}"]
-                within &= (joints[:, i, k] >= lower) & (joints[:, i, k] <= upper)
-        return within
+        return kinematics.within_limits(kinematics.commands(poses).start.joints)
 
     def measured(
         self, poses: FloatArray, conditions: Sequence[Conditions], noise: Noise, target_m: FloatArray
@@ -153,7 +145,7 @@ class Columns:
         rows = np.empty((len(poses), 6, self.unknowns))
         rows[:, :, : base.shape[2]] = base
         ladle = self.robot.layout.ladle
-        weight = _GRAVITY * (ladle.tare_kg + conditions.payload_kg)
+        weight = GRAVITY_M_S2 * (ladle.tare_kg + conditions.payload_kg)
         commanded = self.robot.kinematics.commands(poses).drives
         for k, parameter in enumerate(self.parameters[len(self.local) :], start=base.shape[2]):
             drive = [d.joint for d in self.drives].index(parameter.local.joint)

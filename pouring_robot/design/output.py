@@ -19,6 +19,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.plots import png_of
 from pouring_robot.robot.pouring.layout import Layout
+from pouring_robot.robot.pouring.names import LEGS
 
 # Okabe and Ito's colours, told apart by colour-blind readers too.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
@@ -34,7 +35,7 @@ def plan_table(plan: MeasurementPlan) -> tuple[list[str], list[list[str]]]:
     headings = ["sample", "x_mm", "y_mm", "z_mm", "tilt_deg"]
     headings += list(columns.APPROACHES) if request.both_sides else []
     headings += ["payload_kg"] if request.loads_kg else []
-    headings += [f"{leg}_degC" for leg in columns.LEGS] if request.leg_degC else []
+    headings += [f"{leg}_degC" for leg in LEGS] if request.leg_degC else []
     rows = []
     for pose, visit, number in zip(plan.poses.tolist(), plan.conditions, plan.pose_numbers.tolist(), strict=True):
         x, y, z, tilt = pose
@@ -42,7 +43,7 @@ def plan_table(plan: MeasurementPlan) -> tuple[list[str], list[list[str]]]:
         row.append(f"{math.degrees(tilt):.2f}")
         row += [str(visit.side)] * len(columns.APPROACHES) if request.both_sides else []
         row += [f"{visit.payload_kg:g}"] if request.loads_kg else []
-        row += [f"{visit.leg_degC:g}"] * len(columns.LEGS) if request.leg_degC else []
+        row += [f"{visit.leg_degC:g}"] * len(LEGS) if request.leg_degC else []
         rows.append(row)
     return headings, rows
 

@@ -9,12 +9,12 @@ import numpy as np
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.drives import CHANNELS, LEGS
-from pouring_robot.effects.joints import LEGS as JOINT_LEGS
 from pouring_robot.effects.joints import axis_parameters, centre_parameters
 from pouring_robot.inference.courses import separate, smooth, standardised, wandering
 from pouring_robot.inference.remainder import Description
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import COMPONENTS
+from pouring_robot.robot.pouring.names import CHAIN_JOINTS
 
 _USUAL = 0.3e-3
 """Usual size of something unknown, in m and rad."""
@@ -112,7 +112,7 @@ def _constant(maker: _Maker, given: Conditions) -> Iterator[Description]:
     yield Description("joint axes", "a constant", _AXES * np.hstack(list(tilts.values())))
     outer = [columns for joint, columns in tilts.items() if joint.endswith(("_s1", "_s5"))]
     yield Description("axes on the platforms", "a constant", _AXES * np.hstack(outer))
-    twists = [maker.columns(f"leg{i}_s4.rz", one) for i in JOINT_LEGS]
+    twists = [maker.columns(f"{joints[3]}.rz", one) for joints in CHAIN_JOINTS]
     yield Description("twist of the legs", "a constant", np.hstack(twists))
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.batch import BatchStart
-from pouring_robot.campaign.data import DRIVE_JOINTS, Campaign
+from pouring_robot.campaign.data import Campaign
 from pouring_robot.effects.base import EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions, NominalRows, conditions_of
 from pouring_robot.effects.registry import all_effects
@@ -38,6 +38,7 @@ from pouring_robot.mechanism.rotations import skew
 from pouring_robot.robot.effect_stack import EffectEntry
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterCatalogue
+from pouring_robot.robot.pouring.names import DRIVE_JOINTS
 
 SCALE = "metrology.scale"
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 
-GRAVITY_M_S2 = 9.80665
 _ASSUMED_REFERENCE_DEGC = 20.0
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from pouring_robot.campaign.data import DRIVE_JOINTS
 from pouring_robot.effects.base import Effect, EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.pouring.names import DRIVE_JOINTS
 
 CHANNELS = tuple(f"drive.{joint}" for joint in DRIVE_JOINTS)
 NAMES = ("l1", "l2", "l3", "theta46")

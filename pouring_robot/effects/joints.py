@@ -8,10 +8,10 @@ from pouring_robot.effects.base import Effect, EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.pouring.names import CHAIN_JOINTS, LEGS, SEATS
 from pouring_robot.robot.tolerances import LEFT_BY_WORKMANSHIP_MM, LEFT_BY_WORKMANSHIP_MRAD, Tolerances
 
-LEGS = (1, 2, 3, 4)
-_TILTED = {1: "xz", 2: "yz", 3: "xy", 4: "yz", 5: "xz"}
+_TILTED = ("xz", "yz", "xy", "yz", "xz")
 """Directions across the axis of each joint of a leg."""
 
 
@@ -25,7 +25,7 @@ def centre_parameters(one: FloatArray, prior_std_mm: float | None = None) -> dic
         joint: tuple(
             EffectParameter(f"{joint}.t{axis}", "mm", std_mm, {f"{joint}.t{axis}": MM * one}) for axis in "xyz"
         )
-        for joint in (*(f"leg{i}_s1" for i in LEGS), *(f"leg{i}_seat_mount" for i in LEGS))
+        for joint in (*(joints[0] for joints in CHAIN_JOINTS), *SEATS)
     }
 
 
@@ -36,11 +36,9 @@ def axis_parameters(one: FloatArray, prior_std_mrad: float | None = None) -> dic
     """
     std_mrad = prior_std_mrad or Tolerances.load().kinds.joint_axis.std
     found = {}
-    for leg in LEGS:
-        for joint, directions in _TILTED.items():
-            after = f"leg{leg}_s{joint + 1}" if joint < 5 else f"leg{leg}_seat_mount"
-            back = -1.0 if joint < 5 else 1.0  # the seat is placed on the platform, against the chain's direction
-            name = f"leg{leg}_s{joint}"
+    for joints, seat in zip(CHAIN_JOINTS, SEATS, strict=True):
+        for name, after, directions in zip(joints, (*joints[1:], seat), _TILTED, strict=True):
+            back = 1.0 if after == seat else -1.0  # the seat is placed on the platform, against the chain's direction
             found[name] = tuple(
                 EffectParameter(
                     f"{name}.tilt_{axis}",
@@ -97,6 +95,6 @@ class JointAxisTilt(Effect):
         one = np.ones(len(conditions))
         by_joint = axis_parameters(one)
         every = [p for joint, found in by_joint.items() if not joint.endswith("_s3") for p in found]
-        twist = [EffectParameter(f"leg{i}_twist", "mrad", 1.0, {f"leg{i}_s4.rz": MRAD * one}) for i in LEGS]
+        twist = [EffectParameter(f"{leg}_twist", "mrad", 1.0, {f"{leg}_s4.rz": MRAD * one}) for leg in LEGS]
         bores = [p for joint, found in by_joint.items() if joint.endswith(("_s1", "_s5")) for p in found]
         return (Form("all", tuple(every)), Form("twisted_legs", tuple(twist)), Form("bores", tuple(bores)))

@@ -26,6 +26,9 @@ from pouring_robot.mechanism.loops import LoopsFile
 
 IndexArray = NDArray[np.intp]
 
+GRAVITY_M_S2 = 9.80665
+"""Standard gravity, wherever something weighs; Pinocchio's own default is 9.81."""
+
 
 def release_joints(urdf: str, joints: tuple[str, ...]) -> str:
     """Return the URDF with the given fixed joints turned into floating ones.
@@ -99,9 +102,11 @@ class ClosedChainMechanism:
         except etree.XMLSyntaxError as problem:
             raise DescriptionError("URDF", f"not valid XML: {problem}") from problem
         try:
-            return pin.buildModelFromXML(released)
+            model = pin.buildModelFromXML(released)
         except (ValueError, RuntimeError) as problem:
             raise DescriptionError("URDF", f"Pinocchio cannot build it: {problem}") from problem
+        model.gravity.linear = np.array([0.0, 0.0, -GRAVITY_M_S2])
+        return model
 
     def _frame_id(self, name: str, problem: str) -> int:
         if not self._model.existFrame(name):

@@ -7,7 +7,7 @@ import numpy as np
 from pouring_robot.batch import BatchCommand
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.pose_table import read_poses
-from pouring_robot.robot.pouring.kinematics import CHAINS, FourUPUKinematics
+from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.layout import Layout
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.sweeps.config import Box, Grid, Poses, RandomBox, SweepConfig
@@ -36,10 +36,7 @@ def _wanted(config: SweepConfig, choice: Poses, layout: Layout) -> FloatArray:
 
 
 def _refuse_out_of_reach(commands: BatchCommand, kinematics: FourUPUKinematics) -> None:
-    limits = kinematics.mechanism.joint_limits()
-    lower, upper = np.moveaxis(np.array([[limits[f"leg{i}_s{j}"] for j in range(1, 6)] for i in CHAINS]), -1, 0)
-    joints = commands.start.joints
-    beyond = ((joints < lower) | (joints > upper)).any(axis=(1, 2))
+    beyond = ~kinematics.within_limits(commands.start.joints)
     if beyond.any():
         x, y, z, tilt = (float(value) for value in commands.poses[int(np.argmax(beyond))])
         kinematics.inverse(PlatformPose((x, y, z), tilt))  # raises, and names the joint

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.plots import new_figure, png_of, tidy
-from pouring_robot.robot.pouring.kinematics import CHAINS
+from pouring_robot.robot.pouring.names import CHAINS
 from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.report import PoseHeat, ShiftHeat
 

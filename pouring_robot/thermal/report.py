@@ -18,7 +18,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.metrics import difference_figures
-from pouring_robot.robot.pouring.kinematics import CHAINS
+from pouring_robot.robot.pouring.names import CHAINS
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.thermal.expansion.bending import LegBending

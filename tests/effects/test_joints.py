@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pouring_robot.effects.joints import LEGS
+from pouring_robot.robot.pouring.names import CHAINS as LEGS
 from tests.rig.machine import Errors
 from tests.rig.metrology import without
 

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pouring_robot.effects.conditions import GRAVITY_M_S2
 from pouring_robot.effects.drives import CHANNELS
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureSolver
 from pouring_robot.mechanism.energy import Loads
 from pouring_robot.robot.model import RobotModel

@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.exceptions import BadInputError, ClosureError, UnknownFrameError, UnknownJointError
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureOptions, ClosureSolver
 from pouring_robot.mechanism.energy import Loads
 from pouring_robot.mechanism.loops import LoopsFile
@@ -19,7 +19,6 @@ from pouring_robot.robot.pouring.poses import PlatformPose
 from tests.support import CHAINS, circle_meeting, displaced, oracle_cases, planar_urdf, pose_gap, random_poses
 
 ROUND_TRIPS = 10_000
-GRAVITY = 9.81
 
 
 def start_and_drives(robot, pose):
@@ -291,7 +290,7 @@ def test_with_weight_the_chains_carry_platform_ladle_and_payload(very_crooked):
         start, drives = start_and_drives(very_crooked, pose)
         result = solver.solve(drives, start)
         rotation = result.pose_base_to_end.rotation
-        down = rotation.T @ [0.0, 0.0, -GRAVITY]
+        down = rotation.T @ [0.0, 0.0, -GRAVITY_M_S2]
         weight = np.concatenate([payload * down, np.cross(centre, payload * down)])
         for name in ("moving_platform", "ladle"):
             inertial = links[name].find("inertial")
@@ -301,7 +300,7 @@ def test_with_weight_the_chains_carry_platform_ladle_and_payload(very_crooked):
             weight += np.concatenate([mass * down, np.cross(arm, mass * down)])
         balance = wrench_on_platform(result) + weight
         assert np.abs(balance).max() < 1e-6 * np.abs(weight).max()
-        assert np.linalg.norm(weight[:3]) > payload * GRAVITY
+        assert np.linalg.norm(weight[:3]) > payload * GRAVITY_M_S2
 
 
 def hanger(roof_height):
@@ -335,7 +334,7 @@ def test_a_hanging_body_stretches_drive_and_joint_by_force_over_stiffness(roof_h
     mechanism = hanger(roof_height)
     solver = ClosureSolver(mechanism, Loads(gravity=True, drive_stiffness={"lift": 4e6}))
     found = solver.solve({"lift": 1.0}, mechanism.neutral_configuration())
-    stretch, gap = 320 * GRAVITY / 4e6, 300 * GRAVITY / 1e8
+    stretch, gap = 320 * GRAVITY_M_S2 / 4e6, 300 * GRAVITY_M_S2 / 1e8
     assert found.joint_values["lift"] - 1.0 == pytest.approx(stretch, rel=1e-6)
     assert found.residual[0] == pytest.approx([0, 0, -gap, 0, 0, 0], abs=1e-6 * gap)
     assert found.pose_base_to_end.translation == pytest.approx([0, 0, -1.0 - stretch - gap], abs=1e-9)

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.exceptions import BadInputError, UnknownFrameError
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechanism
 from pouring_robot.mechanism.energy import ClosureEnergy, Loads, bracket_form, log_wrench_derivative, motion_cross
 from pouring_robot.mechanism.loops import LoopsFile
 from tests.support import central_differences, planar_urdf, random_poses, relative_error
@@ -121,7 +121,7 @@ def test_payload_is_weight_at_its_place(drawing):
     ]
     added = energies[1].evaluate(configuration).energy - energies[0].evaluate(configuration).energy
     height = location.nominal.pose("universe", "ladle").act(np.array(place))[2]
-    assert added == pytest.approx(420.0 * 9.81 * height, rel=1e-10)
+    assert added == pytest.approx(420.0 * GRAVITY_M_S2 * height, rel=1e-10)
     # The mechanism itself, which others share, has gained nothing.
     masses = [sum(i.mass for i in mechanism.copy_model().inertias), sum(i.mass for i in energies[0].model.inertias)]
     assert masses[0] == masses[1]

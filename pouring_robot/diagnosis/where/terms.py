@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from pouring_robot.diagnosis.rows import LinearRows
-from pouring_robot.effects.conditions import GRAVITY_M_S2, Conditions
+from pouring_robot.effects.conditions import Conditions
 from pouring_robot.inference.courses import separate, standardised
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 DRIVES = ("l1", "l2", "l3", "theta46")

@@ -23,7 +23,6 @@ from pouring_robot.exceptions import DescriptionError, UnknownJointError
 from pouring_robot.io.cache import content_key, kept_text
 from pouring_robot.io.files import write_together
 from pouring_robot.robot.pouring.layout import (
-    CHAINS,
     LadleDimensions,
     Layout,
     check_layout,
@@ -33,6 +32,7 @@ from pouring_robot.robot.pouring.layout import (
     read_text,
     shipped_layouts_file,
 )
+from pouring_robot.robot.pouring.names import CHAINS
 
 __all__ = [
     "LadleDimensions",

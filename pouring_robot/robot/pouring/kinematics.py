@@ -1,7 +1,7 @@
 """Kinematics of the 4-UPU mechanism: closed forms for the nominal robot, workspace and joint limits.
 
 The nominal robot closes exactly, with two pairs of equal planar chains, so both directions have closed forms
-(DESIGN §2). They give the drives a controller commands, and start the closure of the actual robot.
+They give the drives a controller commands, and start the closure of the actual robot.
 """
 
 from __future__ import annotations
@@ -14,17 +14,16 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError, closest
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.robot.pouring.layout import CHAINS
+from pouring_robot.robot.pouring.names import CHAIN_JOINTS, DRIVE_JOINTS, LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 
 if TYPE_CHECKING:
     from pouring_robot.batch.samples import BatchCommand
-
-__all__ = ["CHAINS", "ChainAngles", "FourUPUKinematics", "JointReach"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,12 +102,12 @@ class FourUPUKinematics:
             return np.array(data.oMf[base_id].actInv(data.oMf[frame_id]).translation)
 
         loops = self.mechanism.loops
-        fixed = np.array([place(loops.base_frame, f"leg{i}_s1") for i in CHAINS])
-        moving = np.array([place(str(loops.end_frame), f"leg{i}_seat") for i in CHAINS])
+        fixed = np.array([place(loops.base_frame, joints[0]) for joints in CHAIN_JOINTS])
+        moving = np.array([place(str(loops.end_frame), f"{leg}_seat") for leg in LEGS])
         return fixed, moving
 
     def chain_angles(self, positions_m: FloatArray, tilts_rad: FloatArray) -> ChainAngles:
-        """Return the joints of all chains for arrays of poses (nominal inverse kinematics, DESIGN §2).
+        """Return the joints of all chains for arrays of poses (nominal inverse kinematics).
 
         Args:
             positions_m: shape (..., 3), in m.
@@ -151,24 +150,28 @@ class FourUPUKinematics:
         rotation[:, 0, 2] = np.sin(poses[:, 3])
         rotation[:, 2, 0] = -rotation[:, 0, 2]
         rotation[:, 1, 1] = 1.0
-        # leg{i}_s{k}: chain i, joint k, both counted from one.
-        places = [(int(name[3]) - 1, int(name[6]) - 1) for name in self.mechanism.loops.drives]
-        drives = np.stack([joints[:, i, k] for i, k in places], axis=1)
+        places = {name: (i, k) for i, chain in enumerate(CHAIN_JOINTS) for k, name in enumerate(chain)}
+        drives = np.stack([joints[:, *places[name]] for name in self.mechanism.loops.drives], axis=1)
         return BatchCommand(poses, drives, BatchStart(poses[:, :3], rotation, joints))
+
+    def within_limits(self, joints: FloatArray) -> NDArray[np.bool_]:
+        """Return where all joints are within their limits, shape (n,), for joint values (n, chains, joints)."""
+        lower, upper = np.moveaxis(np.array([[self._limits[name] for name in chain] for chain in CHAIN_JOINTS]), -1, 0)
+        return np.asarray(((joints >= lower) & (joints <= upper)).all(axis=(1, 2)))
 
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the 20 chain joints, chain by chain from base to tip."""
-        return tuple(f"leg{i}_s{j}" for i in CHAINS for j in range(1, 6))
+        return sum(CHAIN_JOINTS, ())
 
     def joint_values(self, pose: PlatformPose) -> dict[str, float]:
         """Return the value of all 20 chain joints at a pose of the nominal robot, in m and rad."""
         angles = self.chain_angles(np.array(pose.position_m), np.array(pose.tilt_rad))
         values: dict[str, float] = {}
-        for k, i in enumerate(CHAINS):
-            phi = float(angles.phi_rad[k])
+        for k, names in enumerate(CHAIN_JOINTS):
+            phi = angles.phi_rad[k]
             joints = (angles.psi_rad[k], phi, angles.length_m[k], -phi, angles.foot_rad[k])
-            values.update({f"leg{i}_s{j}": float(value) for j, value in enumerate(joints, start=1)})
+            values |= zip(names, map(float, joints), strict=True)
         return values
 
     def inverse(self, pose: PlatformPose) -> dict[str, float]:
@@ -235,7 +238,7 @@ class FourUPUKinematics:
             NoSolutionError: no pose has these leg lengths, or y cannot be found from them (equal half-widths).
         """
         self.check_drives(drives)
-        l1, l2, l3, theta = (float(drives[name]) for name in ("leg1_s3", "leg2_s3", "leg3_s3", "leg4_s5"))
+        l1, l2, l3, theta = (float(drives[name]) for name in DRIVE_JOINTS)
         if not all(map(math.isfinite, (l1, l2, l3, theta))):
             raise BadInputError(f"the drive values must be finite numbers, not {l1}, {l2}, {l3} m and {theta} rad")
         fixed, moving = self._pairs

@@ -23,7 +23,6 @@ from pouring_robot.mechanism.arrays import read_only
 from pouring_robot.robot.pouring import layout_schema
 from pouring_robot.robot.pouring.layout_schema import Ladle, LayoutEntry, LayoutsFile
 
-CHAINS = (1, 2, 3, 4)
 """Numbers of the mechanism's chains, as they stand in the names of its joints."""
 
 

@@ -15,8 +15,9 @@ from pydantic import Strict as OnlyOfType
 
 from pouring_robot.exceptions import TemperatureError, ThermalFileError
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
-from pouring_robot.robot.pouring.layout import CHAINS, description_folder
+from pouring_robot.robot.pouring.layout import description_folder
 from pouring_robot.robot.pouring.layout_schema import Entry, Size
+from pouring_robot.robot.pouring.names import LEGS
 
 ZERO_CELSIUS_K = 273.15
 """0 °C in K."""
@@ -24,7 +25,7 @@ HOTTEST_DEGC = 2500.0
 """Hotter than any melt that is poured; beyond it a temperature is a mistake of units."""
 HOTTEST_SURROUNDINGS_DEGC = 150.0
 """Hotter than any hall; 293, room temperature in K, lies beyond it."""
-PARTS = (*(f"leg{i}" for i in CHAINS), "platform", "fixed_platform")
+PARTS = (*LEGS, "platform", "fixed_platform")
 """Parts with a temperature of their own, named as in campaign columns (``leg1_degC`` …, ``platform_degC``)."""
 
 _Celsius = Annotated[float, OnlyOfType(), Field(ge=-ZERO_CELSIUS_K)]

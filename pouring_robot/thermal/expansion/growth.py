@@ -20,7 +20,8 @@ from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.robot.pouring.description import PlacementError
-from pouring_robot.robot.pouring.kinematics import CHAINS, FourUPUKinematics
+from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
+from pouring_robot.robot.pouring.names import CHAINS
 from pouring_robot.robot.pouring.thermal_properties import PARTS, ThermalProperties, kelvin
 from pouring_robot.thermal.network.field import TemperatureField
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.robot.pouring.layout import CHAINS
+from pouring_robot.robot.pouring.names import CHAINS
 from scripts.paper.claims import Claim, judge, listed
 from scripts.paper.geometry.study import ANGLE_ERROR_RAD, AXES, NAMED_SENSITIVE, PILE_M, ErrorSamples, GeometryStudy
 
