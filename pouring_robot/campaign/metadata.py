@@ -12,7 +12,7 @@ from pydantic import Field, Strict
 from ruamel.yaml import YAML
 
 from pouring_robot.exceptions import CampaignError, CampaignFileError
-from pouring_robot.io.quantities import ABSOLUTE_ZERO_DEGC
+from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 
 _Number = Annotated[float, Strict()]

@@ -11,6 +11,7 @@ from pouring_robot.campaign import columns
 from pouring_robot.campaign.reader import sessions_of
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
 from pouring_robot.io.quantities import read_quantities
+from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
@@ -126,7 +127,7 @@ def _random_conditions(robot: PouringRobot, count: int, random: np.random.Genera
         "payload": np.round(ladle.payload_kg * filled, 1),
         "truss_travel": np.round(random.uniform(0.0, robot.layout.truss_span_m, count), 4),
         "melt": np.full(count, round(float(random.uniform(1400.0, 1700.0)), 1)),
-        "ambient": np.round(20.0 + 4.0 * np.sin(time / 9000.0) + random.normal(0.0, 0.1, count), 2),
+        "ambient": np.round(REFERENCE_DEGC + 4.0 * np.sin(time / 9000.0) + random.normal(0.0, 0.1, count), 2),
     }
     for name in columns.PARTS:
         # A part warms towards its own temperature within an hour, and its sensor is read to 0.01 K.

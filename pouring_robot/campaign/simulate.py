@@ -19,13 +19,13 @@ from pouring_robot.campaign.nominal import rotation_vectors
 from pouring_robot.campaign.plan import PosePlan
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
+from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.pouring.names import DRIVE_JOINTS
 from pouring_robot.robot.robot import PouringRobot
 
 ActualPoses = Callable[[PosePlan], list[pin.SE3]]
 _SCREW_PITCH_M = 0.010
-_REFERENCE_DEGC = 20.0
 
 
 @dataclass(frozen=True)
@@ -203,7 +203,7 @@ def _campaign(
         truss_span_m=robot.layout.truss_span_m,
         ladle_tare_kg=ladle.tare_kg,
         ladle_centre_of_mass_m=ladle.centre_of_mass_m,
-        reference_temperature_degC=_REFERENCE_DEGC,
+        reference_temperature_degC=REFERENCE_DEGC,
     )
     drives = {f"q{k + 1}": plan.drives[:, k] for k in range(4)}
     arrays: dict[str, Any] = arrays_from(drives | plan.conditions | measured)

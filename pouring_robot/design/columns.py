@@ -12,13 +12,13 @@ from scipy.stats import qmc
 
 from pouring_robot.design.parameters import PlannedParameter
 from pouring_robot.estimation.measurement import FRAMES, MeasurementModel, Unknowns
+from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechanism
 from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.robot.pouring.layout import Layout
 from pouring_robot.robot.robot import PouringRobot
 
-REFERENCE_DEGC = 20.0
 # Candidates are round figures, so that the plan's file says exactly what was planned.
 _ROUND_M, _ROUND_DEG = 1e-4, 1e-2
 _EDGE_LEVELS = 3

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
-
-_ASSUMED_REFERENCE_DEGC = 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +124,7 @@ def conditions_of(campaign: Campaign, nominal: NominalRows) -> Conditions:
     reference = metadata.reference_temperature_degC
     assumed = []
     if reference is None:
-        reference = _ASSUMED_REFERENCE_DEGC
+        reference = REFERENCE_DEGC
         assumed.append(f"reference temperature {reference:g} °C")
     payload = filler("payload_kg")
     weight = pull = moment = None

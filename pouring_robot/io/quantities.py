@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from pouring_robot.exceptions import TableError
 from pouring_robot.io.tables import Table, read_table
+from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 
 Kind = Literal["length", "angle", "mass", "temperature", "time", "sign", "label"]
-
-ABSOLUTE_ZERO_DEGC = -273.15
 
 UNITS: dict[Kind, dict[str, tuple[float, float]]] = {
     "length": {"m": (1.0, 0.0), "mm": (1e3, 0.0), "um": (1e6, 0.0)},

@@ -11,35 +11,24 @@ from typing import Annotated, Any
 import pydantic
 
 from pouring_robot.exceptions import BadInputError, closest
+from pouring_robot.io.temperatures import temperature_fault
 from pouring_robot.io.typed_yaml import StrictModel
-from pouring_robot.robot.pouring.thermal_properties import (
-    HOTTEST_DEGC,
-    HOTTEST_SURROUNDINGS_DEGC,
-    PARTS,
-    ZERO_CELSIUS_K,
-    ThermalProperties,
-    load_thermal_properties,
-)
+from pouring_robot.robot.pouring.thermal_properties import PARTS, ThermalProperties, load_thermal_properties
 
 LONGEST_MIN = 60.0 * 24.0 * 30.0
 """A month: every part has settled long before."""
 
 
 def _temperature(value: float) -> float:
-    if value < -ZERO_CELSIUS_K:
-        raise ValueError(f"{value:g} degC lies below absolute zero; check value and unit")
-    if value > HOTTEST_DEGC:
-        raise ValueError(f"{value:g} degC is hotter than any melt (limit {HOTTEST_DEGC:g} degC); check value and unit")
+    if fault := temperature_fault(value):
+        raise ValueError(fault)
     return value
 
 
 def _surroundings(value: float) -> float:
-    if value > HOTTEST_SURROUNDINGS_DEGC:
-        raise ValueError(
-            f"{value:g} degC is hotter than any surroundings (limit {HOTTEST_SURROUNDINGS_DEGC:g} degC); check value "
-            "and unit"
-        )
-    return _temperature(value)
+    if fault := temperature_fault(value, surroundings=True):
+        raise ValueError(fault)
+    return value
 
 
 def _minutes(value: float) -> float:

@@ -17,7 +17,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from pouring_robot.cli.shared.options import progress_bars
+from pouring_robot.cli.shared.progress import stage_bars
 from pouring_robot.exceptions import PouringRobotError
 from pouring_robot.io.progress import Progress
 from scripts.paper.geometry.report import GeometryReport
@@ -93,7 +93,7 @@ def _publish(
     arguments = "".join(f" --{name} {value}" for name, (value, default) in given.items() if value != default)
     try:
         make_folder(out)
-        with progress_bars() as progress:
+        with stage_bars() as progress:
             report = make(progress)
         console = Console(width=None if sys.stdout.isatty() else 120, highlight=False)
         for item in report.renderables():

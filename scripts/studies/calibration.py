@@ -23,7 +23,7 @@ from pouring_robot.calibration.lines import Z95
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
-from pouring_robot.cli.shared.options import progress_bars
+from pouring_robot.cli.shared.progress import stage_bars
 from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.identifiability import BaseParameters, base_parameters, robot_combinations
 from pouring_robot.estimation.measurement import (
@@ -269,7 +269,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         seed=given.seed,
     )
     try:
-        with progress_bars() as progress:
+        with stage_bars() as progress:
             result = coverage_study(options, progress=progress)
         for name, value in result.figures().items():
             print(f"{name:28s} {value:.4g}")

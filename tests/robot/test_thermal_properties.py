@@ -3,10 +3,10 @@
 import pytest
 
 from pouring_robot.exceptions import TemperatureError, ThermalFileError
+from pouring_robot.io.temperatures import kelvin
 from pouring_robot.robot.pouring.layout import load_layout
 from pouring_robot.robot.pouring.thermal_properties import (
     ThermalProperties,
-    kelvin,
     load_thermal_properties,
     shipped_thermal_file,
 )

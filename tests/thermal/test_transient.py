@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pouring_robot.exceptions import HistoryError, TableError, TemperatureError
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.thermal.network.circuit import Circuit
-from pouring_robot.thermal.network.history import HeatHistory, PoseSchedule, read_history, read_shift
+from pouring_robot.thermal.network.history import HeatHistory, PoseSchedule, read_shift
 from pouring_robot.thermal.network.robot_network import ThermalNetwork
 from pouring_robot.thermal.network.transient import TransientOptions, _integrate, simulate
 
@@ -146,11 +146,11 @@ def test_bad_schedules(network):
 def test_a_history_file(tmp_path):
     path = tmp_path / "shift.csv"
     path.write_text("time_min, melt_degC, ambient_degC\n0,1500,20\n\n30,1700,25\n", encoding="utf-8")
-    history = read_history(path)
+    history, _ = read_shift(path)
     assert history.times_s.tolist() == [0.0, 1800.0]
     assert history.at(900.0) == pytest.approx((1873.15, 295.65))
     path.write_text("time_s,melt_degC\n0,1500\n30,1700\n", encoding="utf-8")
-    assert read_history(path, 15.0).ambient_degC.tolist() == [15.0, 15.0]
+    assert read_shift(path, 15.0)[0].ambient_degC.tolist() == [15.0, 15.0]
 
 
 @pytest.mark.parametrize(
@@ -170,7 +170,7 @@ def test_bad_history_files(tmp_path, text, says):
     path = tmp_path / "shift.csv"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(TableError) as caught:
-        read_history(path)
+        read_shift(path)
     assert says in str(caught.value)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -190,9 +190,9 @@ def test_a_shift_file_may_hold_poses(tmp_path):
     )
     path.write_text("time_min,melt_degC\n0,1500\n5,1500\n", encoding="utf-8")
     assert read_shift(path)[1] is None
-    with pytest.raises(TableError, match="unknown column 'x_mm'"):
+    with pytest.raises(TableError, match="column 'y_mm' is missing"):
         path.write_text("time_min,melt_degC,x_mm\n0,1500,1\n5,1500,1\n", encoding="utf-8")
-        read_history(path)
+        read_shift(path)
 
 
 @settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)

@@ -22,6 +22,7 @@ from pouring_robot.diagnosis.problem import Library, problem_at
 from pouring_robot.diagnosis.rows import CampaignRows, RowChanges
 from pouring_robot.inference.explanations import Background, Explanation, Problem
 from pouring_robot.inference.remainder import Description
+from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
@@ -30,7 +31,7 @@ SESSION = "next"
 _HOUR_S = 3600.0
 _BLOCKS = ((2.0, False), (6.0, True), (10.0, False))
 """Hours after the campaign, and whether the machine is hot."""
-_MELT_DEGC, _LEG_RISE_K, _PLATFORM_RISE_K, _REFERENCE_DEGC = 1600.0, 100.0, 130.0, 20.0
+_MELT_DEGC, _LEG_RISE_K, _PLATFORM_RISE_K = 1600.0, 100.0, 130.0
 _FRAME = 0.02
 """How far the frames of the new rows may be off, in m and rad: further than anybody fails to see."""
 
@@ -77,7 +78,7 @@ def candidates(campaign: Campaign, robot: PouringRobot, count: int, seed: int) -
     span = campaign.metadata.truss_span_m or robot.layout.truss_span_m
     loads = np.array([0.0, 0.5, 1.0]) * robot.layout.ladle.payload_kg
     reference = campaign.metadata.reference_temperature_degC
-    cold = _REFERENCE_DEGC if reference is None else reference
+    cold = REFERENCE_DEGC if reference is None else reference
     made: dict[str, FloatArray] = {
         "approach": random.choice([-1.0, 1.0], (count, 4)),
         "time_s": last + _HOUR_S * later,

@@ -6,47 +6,26 @@ temperatures (°C at the user's edge, K inside).
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
 from pydantic import Strict as OnlyOfType
 
-from pouring_robot.exceptions import TemperatureError, ThermalFileError
+from pouring_robot.exceptions import ThermalFileError
+from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, ZERO_CELSIUS_K
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.robot.pouring.layout import description_folder
 from pouring_robot.robot.pouring.layout_schema import Entry, Size
 from pouring_robot.robot.pouring.names import LEGS
 
-ZERO_CELSIUS_K = 273.15
-"""0 °C in K."""
-HOTTEST_DEGC = 2500.0
-"""Hotter than any melt that is poured; beyond it a temperature is a mistake of units."""
-HOTTEST_SURROUNDINGS_DEGC = 150.0
-"""Hotter than any hall; 293, room temperature in K, lies beyond it."""
 PARTS = (*LEGS, "platform", "fixed_platform")
 """Parts with a temperature of their own, named as in campaign columns (``leg1_degC`` …, ``platform_degC``)."""
 
-_Celsius = Annotated[float, OnlyOfType(), Field(ge=-ZERO_CELSIUS_K)]
+_Celsius = Annotated[float, OnlyOfType(), Field(ge=ABSOLUTE_ZERO_DEGC)]
 _Fraction = Annotated[float, OnlyOfType(), Field(gt=0.0, le=1.0)]
 _Thickness = Annotated[float, OnlyOfType(), Field(ge=0.0)]
 _Expansion = Annotated[float, OnlyOfType(), Field(ge=0.0, le=1e-3)]
-
-
-def kelvin(value_degC: float, what: str = "temperature") -> float:
-    """Return a temperature in K.
-
-    Args:
-        value_degC: in °C.
-        what: its name, for the error.
-
-    Raises:
-        TemperatureError: it lies below absolute zero or is not finite.
-    """
-    if not math.isfinite(value_degC) or value_degC < -ZERO_CELSIUS_K:
-        raise TemperatureError(what, value_degC)
-    return value_degC + ZERO_CELSIUS_K
 
 
 class Temperature(Entry):

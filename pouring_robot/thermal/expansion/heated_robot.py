@@ -14,11 +14,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure import ClosureResult
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.pouring.thermal_properties import ZERO_CELSIUS_K, ThermalProperties
+from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
 from pouring_robot.robot.robot import LadleLocation, PouringRobot
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
 from pouring_robot.thermal.expansion.warm_robot import PoseShares, WarmRobot, passive_lengths, pose_shares

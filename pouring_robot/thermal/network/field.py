@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.constants import Stefan_Boltzmann
 
+from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import IndexArray
-from pouring_robot.robot.pouring.thermal_properties import ZERO_CELSIUS_K, ThermalProperties
+from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
 from pouring_robot.thermal.network.circuit import Circuit, EnergyBalance
 from pouring_robot.thermal.network.leg_elements import LegExposure, LegGrid
 from pouring_robot.thermal.network.parts import NodeMap

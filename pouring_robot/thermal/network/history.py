@@ -12,15 +12,10 @@ import numpy as np
 
 from pouring_robot.exceptions import BadInputError, HistoryError, TableError
 from pouring_robot.io.tables import read_table
+from pouring_robot.io.temperatures import REFERENCE_DEGC, ZERO_CELSIUS_K, kelvin, temperature_fault
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure import ClosureResult
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.pouring.thermal_properties import (
-    HOTTEST_DEGC,
-    HOTTEST_SURROUNDINGS_DEGC,
-    ZERO_CELSIUS_K,
-    kelvin,
-)
 
 Placed = PlatformPose | ClosureResult
 """Where the robot stands: a pose of the drawing, or a closure of any robot of its layout."""
@@ -143,44 +138,27 @@ def _check_order(times: FloatArray) -> None:
             raise HistoryError(f"its time of {time:g} s does not come after {times[row - 2]:g} s; sort by time", row)
 
 
-def read_history(path: Path | str, default_ambient_degC: float = 20.0) -> HeatHistory:
-    """Read a history from CSV: columns ``time_s`` (or ``_min``, ``_h``), ``melt_degC``, and ``ambient_degC`` if wanted.
+def read_shift(
+    path: Path | str, default_ambient_degC: float = REFERENCE_DEGC
+) -> tuple[HeatHistory, PoseSchedule | None]:
+    """Read a history from a table, and the poses held where it has any.
+
+    Columns: ``time_s`` (or ``_min``, ``_h``), ``melt_degC``, if wanted ``ambient_degC``, and ``x_mm``, ``y_mm``,
+    ``z_mm``, ``tilt_deg``, all or none. A pose is held from the time of its line on.
 
     Args:
         path: the file.
         default_ambient_degC: where there is no column ``ambient_degC``.
 
+    Returns:
+        The history, and the poses or None.
+
     Raises:
         TableError: the file cannot be read, a column is missing, unknown or doubled, a cell is no number, times do not
             increase, or a temperature is impossible; names line and column.
     """
-    return _read(Path(path), default_ambient_degC, ())[0]
-
-
-def read_shift(path: Path | str, default_ambient_degC: float = 20.0) -> tuple[HeatHistory, PoseSchedule | None]:
-    """Read a history that may also hold poses: columns ``x_mm``, ``y_mm``, ``z_mm``, ``tilt_deg``, all or none.
-
-    A pose is held from the time of its line on. Arguments and errors as in :func:`read_history`.
-
-    Returns:
-        The history, and the poses where the file has them.
-    """
-    history, columns = _read(Path(path), default_ambient_degC, _POSE_COLUMNS)
-    present = [name for name in _POSE_COLUMNS if name in columns]
-    if not present:
-        return history, None
-    if len(present) < len(_POSE_COLUMNS):
-        missing = next(name for name in _POSE_COLUMNS if name not in columns)
-        raise TableError(path, f"line 1: column '{missing}' is missing; a pose needs {', '.join(_POSE_COLUMNS)}")
-    poses = [PlatformPose.from_mm_deg(*map(float, row)) for row in np.transpose([columns[n] for n in _POSE_COLUMNS])]
-    changes = [k for k in range(len(poses)) if k == 0 or poses[k] != poses[k - 1]]
-    return history, PoseSchedule(tuple((float(history.times_s[k]), poses[k]) for k in changes))
-
-
-def _read(path: Path, default_ambient_degC: float, extra: Sequence[str]) -> tuple[HeatHistory, dict[str, FloatArray]]:
-    """Read a history; return it and all columns."""
     table = read_table(path, "time_min, melt_degC, ambient_degC")
-    table.refuse_others([*_TIMES, "melt_degC", "ambient_degC", *extra])
+    table.refuse_others([*_TIMES, "melt_degC", "ambient_degC", *_POSE_COLUMNS])
     time_columns = [name for name in table.headings if name in _TIMES]
     if len(time_columns) != 1 or "melt_degC" not in table.headings:
         raise table.heading_fault("give one time column (time_s, time_min or time_h) and melt_degC")
@@ -188,7 +166,7 @@ def _read(path: Path, default_ambient_degC: float, extra: Sequence[str]) -> tupl
     columns = {name: table.numbers(index) for index, name in enumerate(table.headings)}
     for name in ("melt_degC", "ambient_degC"):
         for row, value in enumerate(columns.get(name, ())):
-            if problem := _impossible(name, value):
+            if problem := temperature_fault(float(value), surroundings=name == "ambient_degC"):
                 raise table.fault(problem, row, name)
     times = columns[time_column] * _TIMES[time_column]
     late = np.flatnonzero(np.diff(times) <= 0.0)
@@ -196,18 +174,14 @@ def _read(path: Path, default_ambient_degC: float, extra: Sequence[str]) -> tupl
         raise table.fault("does not come after the line before; sort by time", int(late[0]) + 1, time_column)
     ambient = columns.get("ambient_degC", np.full(len(times), default_ambient_degC))
     try:
-        return HeatHistory(times, columns["melt_degC"], ambient), columns
+        history = HeatHistory(times, columns["melt_degC"], ambient)
     except BadInputError as error:
         raise TableError(path, str(error)) from error
-
-
-def _impossible(name: str, value_degC: float) -> str:
-    """Return what is wrong with a temperature; "" if nothing is."""
-    if value_degC < -ZERO_CELSIUS_K:
-        return f"{value_degC:g} degC lies below absolute zero"
-    if value_degC > HOTTEST_DEGC:
-        return f"{value_degC:g} degC is hotter than any melt; check the unit"
-    if name == "ambient_degC" and value_degC > HOTTEST_SURROUNDINGS_DEGC:
-        limit = f"(limit {HOTTEST_SURROUNDINGS_DEGC:g} degC)"
-        return f"{value_degC:g} degC is hotter than any surroundings {limit}; check the unit"
-    return ""
+    missing = [name for name in _POSE_COLUMNS if name not in columns]
+    if len(missing) == len(_POSE_COLUMNS):
+        return history, None
+    if missing:
+        raise table.heading_fault(f"column '{missing[0]}' is missing; a pose needs {', '.join(_POSE_COLUMNS)}")
+    poses = [PlatformPose.from_mm_deg(*map(float, row)) for row in np.transpose([columns[n] for n in _POSE_COLUMNS])]
+    changes = [k for k in range(len(poses)) if k == 0 or poses[k] != poses[k - 1]]
+    return history, PoseSchedule(tuple((float(times[k]), poses[k]) for k in changes))

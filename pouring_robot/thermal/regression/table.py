@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.exceptions import BadInputError, TableError
-from pouring_robot.io.quantities import ABSOLUTE_ZERO_DEGC, UNITS, to_inner
+from pouring_robot.io.quantities import UNITS, to_inner
 from pouring_robot.io.tables import Table, read_table
+from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -72,7 +73,7 @@ class ErrorTable:
             raise TableError(self.source, "every temperature and every error must be a finite number")
         if temperatures.min() < 0.0:
             raise TableError(
-                self.source, f"temperature {temperatures.min() - 273.15:g} degC is below 0 K; check its unit"
+                self.source, f"temperature {temperatures.min() - ZERO_CELSIUS_K:g} degC is below 0 K; check its unit"
             )
         _check_distinct(self.source, temperatures)
         for name, column in zip(self.names, errors.T, strict=True):
@@ -149,7 +150,7 @@ class ErrorTable:
             raise TableError(path, f"holds {len(table)} temperatures; {LEAST_ROWS} or more are needed to see a trend")
         errors = [to_inner(table.numbers(i, empty=_EMPTY), unit) for i, _, unit in sets]
         unit = table.headings[temperature].rpartition("_")[2]
-        temperatures = to_inner(table.numbers(temperature, empty=_EMPTY), unit) - ABSOLUTE_ZERO_DEGC
+        temperatures = to_inner(table.numbers(temperature, empty=_EMPTY), unit) + ZERO_CELSIUS_K
         _check_distinct(path, temperatures, table.lines.tolist())
         return cls(temperatures, np.column_stack(errors), tuple(name for _, name, _ in sets), kind, str(path))
 
@@ -158,7 +159,7 @@ class ErrorTable:
         unit = "mm" if self.kind == "length" else "mrad"
         lines = [",".join(["melt_degC", *(f"{name}_{unit}" for name in self.names)])]
         for temperature, row in zip(self.temperatures_K, self.errors, strict=True):
-            lines.append(",".join(f"{value:.17g}" for value in (temperature - 273.15, *(row * 1e3))))
+            lines.append(",".join(f"{value:.17g}" for value in (temperature - ZERO_CELSIUS_K, *(row * 1e3))))
         return "\n".join(lines) + "\n"
 
 
@@ -213,5 +214,5 @@ def _check_distinct(source: Any, temperatures: FloatArray, lines: list[int] | No
     if same.size:
         first, second = (int(i) for i in order[same[0] : same[0] + 2])
         where = f"rows {first + 1} and {second + 1}" if lines is None else f"lines {lines[first]} and {lines[second]}"
-        degrees = temperatures[first] - 273.15
+        degrees = temperatures[first] - ZERO_CELSIUS_K
         raise TableError(source, f"{where} have the same temperature, {degrees:g} degC; keep one, or their mean")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pouring_robot.io.temperatures import REFERENCE_DEGC, ZERO_CELSIUS_K
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.thermal.regression.sensitive_sets import VIF_LIMIT
@@ -59,7 +60,7 @@ def judge_all(study: ThermalStudy) -> list[Claim]:
 def cold_chains(study: ThermalStudy) -> Claim:
     """Judge that conduction alone leaves the chains cold."""
     means = legs_degC(study, radiation=False)
-    ambient = study.conduction[0].ambient_K - 273.15
+    ambient = study.conduction[0].ambient_K - ZERO_CELSIUS_K
     hottest = max(float(field.leg_elements_degC.max()) for field in study.conduction)
     return Claim(
         "cold_chains",
@@ -77,7 +78,7 @@ def cool_edge(study: ThermalStudy) -> Claim:
     """Judge that the insulation's edge is near room temperature."""
     field = study.conduction[0]
     shell, properties = field.shell_degC, field.properties
-    ambient, melt = field.ambient_K - 273.15, field.melt_K - 273.15
+    ambient, melt = field.ambient_K - ZERO_CELSIUS_K, field.melt_K - ZERO_CELSIUS_K
     wanted = ambient + 20.0
     conductivity, film = properties.insulation.conductivity.value, properties.ambient.film_coefficient.value
     needed = conductivity * (melt - wanted) / (film * (wanted - ambient))
@@ -143,7 +144,7 @@ def largest_9_mm(study: ThermalStudy) -> Claim:
     """Judge the largest deformation."""
     o, lip = float(study.box_o_m.max()), float(study.box_lip_m.max())
     steel = study.radiation[0].properties.steel.expansion.value
-    rise = float(np.median(elements_degC(study))) - 20.0
+    rise = float(np.median(elements_degC(study))) - REFERENCE_DEGC
     return Claim(
         "largest_9_mm",
         "5.2.2, Fig. 8",

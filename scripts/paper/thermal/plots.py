@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.plots import new_figure, png_of, tidy
 from pouring_robot.thermal.plots import GREY, draw_legs
@@ -17,10 +18,10 @@ def lining_and_chains(study: ThermalStudy) -> bytes:
     figure = new_figure(10.0, 4.0)
     wall, legs = figure.subplots(1, 2)
     field = study.conduction[0]
-    layers = field.temperatures_K[field.nodes.lining] - 273.15
+    layers = field.temperatures_K[field.nodes.lining] - ZERO_CELSIUS_K
     width = study.lining_m / MM / len(layers)
     places = [0.0, *((np.arange(len(layers)) + 0.5) * width), study.lining_m / MM]
-    wall.plot(places, [field.melt_K - 273.15, *layers, field.shell_degC], "o-", color=_RED)
+    wall.plot(places, [field.melt_K - ZERO_CELSIUS_K, *layers, field.shell_degC], "o-", color=_RED)
     wall.set_xlabel("from the melt outwards, mm of lining")
     wall.set_ylabel("°C")
     wall.set_title(f"ladle's wall: shell at {field.shell_degC:.0f} °C", fontsize=10)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pouring_robot.io.progress import Progress, say_nothing
+from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.layout import Layout
@@ -61,7 +62,7 @@ def error_sets(network: ThermalNetwork, poses: Sequence[PlatformPose], melts_deg
 
 def tables_of(moved: FloatArray, melts_degC: Sequence[float], letter: str) -> dict[str, ErrorTable]:
     """Return the error sets axis by axis; a set is named by its pose, such as P1."""
-    kelvin = np.array(melts_degC) + 273.15
+    kelvin = np.array(melts_degC) + ZERO_CELSIUS_K
     names = tuple(f"{letter}{k + 1}" for k in range(moved.shape[1]))
     return {axis: ErrorTable(kelvin, moved[:, :, a], names) for a, axis in enumerate(AXES)}
 

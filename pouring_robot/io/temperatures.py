@@ -1,0 +1,45 @@
+"""Temperatures: °C at the user's edge, K inside; the one temperature of the drawing, and what is no temperature."""
+
+from __future__ import annotations
+
+import math
+
+from pouring_robot.exceptions import TemperatureError
+
+ZERO_CELSIUS_K = 273.15
+"""0 °C in K."""
+ABSOLUTE_ZERO_DEGC = -ZERO_CELSIUS_K
+REFERENCE_DEGC = 20.0
+"""At which parts have the lengths of the drawing and a hall is taken to be, where no file says otherwise."""
+HOTTEST_DEGC = 2500.0
+"""Hotter than any melt that is poured; beyond it a temperature is a mistake of units."""
+HOTTEST_SURROUNDINGS_DEGC = 150.0
+"""Hotter than any hall; 293, room temperature in K, lies beyond it."""
+
+
+def kelvin(value_degC: float, what: str = "temperature") -> float:
+    """Return a temperature in K.
+
+    Args:
+        value_degC: in °C.
+        what: its name, for the error.
+
+    Raises:
+        TemperatureError: it lies below absolute zero or is not finite.
+    """
+    if not math.isfinite(value_degC) or value_degC < ABSOLUTE_ZERO_DEGC:
+        raise TemperatureError(what, value_degC)
+    return value_degC + ZERO_CELSIUS_K
+
+
+def temperature_fault(value_degC: float, *, surroundings: bool = False) -> str:
+    """Return why a value in °C is no temperature of a part or a melt (or of surroundings), or "" if it is one."""
+    if surroundings and value_degC > HOTTEST_SURROUNDINGS_DEGC:
+        beyond = f"is hotter than any surroundings (limit {HOTTEST_SURROUNDINGS_DEGC:g} degC)"
+    elif value_degC > HOTTEST_DEGC:
+        beyond = f"is hotter than any melt (limit {HOTTEST_DEGC:g} degC)"
+    elif value_degC < ABSOLUTE_ZERO_DEGC:
+        beyond = "lies below absolute zero"
+    else:
+        return ""
+    return f"{value_degC:g} degC {beyond}; check value and unit"
