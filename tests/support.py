@@ -93,6 +93,14 @@ def round_off(condition=1.0, scale=1.0, terms=1):
     return terms * np.finfo(float).eps * condition * scale
 
 
+def closure_condition(solver, result):
+    """Return condition number and size of what G is solved with: the energy's Hessian, scaled to a unit diagonal."""
+    energy = solver.energy
+    block = energy.hessian(energy.evaluate(result.configuration, result.commanded))[energy.free_block]
+    scale = 1.0 / np.sqrt(np.diagonal(block))
+    return np.linalg.cond(block * scale[:, None] * scale), len(block)
+
+
 def pose_gap(first, second):
     """Return distance (m) and angle (rad) between two poses."""
     angle = np.linalg.norm(pin.log3(first.rotation.T @ second.rotation))
