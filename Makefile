@@ -20,7 +20,8 @@ LOCKED := $(VENV)/.locked
 INSTALLED := $(VENV)/.installed
 
 CODE := pouring_robot $(if $(wildcard scripts/*.py),scripts)
-PYTEST_ARGS ?= -n auto
+# Each worker gets neighbouring tests, so that what they share is made once; who is done takes over from the other.
+PYTEST_ARGS ?= -n auto --dist worksteal
 DEMO := demo
 BENCHMARK_ARGS ?=
 
