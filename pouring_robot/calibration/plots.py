@@ -8,13 +8,12 @@ from pouring_robot.calibration.calibrate import Calibration
 from pouring_robot.calibration.lines import SEEN, parameter_lines
 from pouring_robot.estimation.measurement import FRAMES
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.report.page_parts import AFTER, BEFORE, GREY, HELD_OUT
-from pouring_robot.report.plots import new_figure, png_of
+from pouring_robot.report.plots import AFTER, BEFORE, GREY, HELD_OUT, new_figure, png_of
 
 _MOST_NAMES = 60
 
 
-def pictures(calibration: Calibration) -> list[tuple[str, bytes]]:
+def plots(calibration: Calibration) -> list[tuple[str, bytes]]:
     """Return titles and PNG files."""
     drawn = [
         ("Error of every row before and after; the held-out block is shaded", _residuals(calibration)),

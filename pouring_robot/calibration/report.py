@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import math
 from collections.abc import Iterable, Sequence
 
@@ -17,10 +16,10 @@ from pouring_robot.calibration.lines import (
     parameter_lines,
 )
 from pouring_robot.calibration.metrics import Misfit
-from pouring_robot.calibration.plots import pictures
+from pouring_robot.calibration.plots import plots
 from pouring_robot.calibration.summary import next_measurements, noise_floor, notes_of, warnings_of
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.report.page_parts import Row, html_page, html_picture, html_table
+from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Row, Table, html_page
 
 SHOWN, WIDTH = 6, 60
 """Combinations, and letters of each, shown on a terminal; the page shows all."""
@@ -182,49 +181,58 @@ def split_line(calibration: Calibration) -> str:
 
 def html_report(calibration: Calibration) -> str:
     """Return the report as one page without any outside file."""
-    text = html.escape
     lines = parameter_lines(calibration)
-    parts = [
-        "<h1>Calibration report</h1>",
-        f"<p class='lead'>{text(headline(calibration))}</p>",
-        *(f"<p class='warn'>{text(line)}</p>" for line in warnings_of(calibration)),
-        f"<p>{text(str(calibration.campaign.path))}: {text(split_line(calibration))}</p>",
-        "<h2>Error before and after</h2>",
-        html_table(GAP_HEAD, gap_rows(calibration)),
-        *(f"<p>{text(line)}</p>" for line in (*performance_lines(calibration), ladle_line(calibration))),
-        "<h2>What moved</h2>",
-        html_table(GROUP_HEAD, effect_rows(group_effects(calibration))) if lines else "",
-        *(f"<p>Note: {text(line)}.</p>" for line in notes_of(calibration)),
-        "<p>Combinations that move the target alike count as one:</p>" if lines else "",
-        html_table(COMBINATION_HEAD, combination_rows(combination_lines(calibration))) if lines else "<p>nothing</p>",
-        "<p>Each parameter by itself; where several act alike, tolerances share the movement out among them:</p>"
-        if lines
-        else "",
-        html_table(PARAMETER_HEAD, parameter_rows(line for line in lines if line.learnt >= SEEN)) if lines else "",
-        f"<p>{text(unseen_line(lines))}</p>",
-        "<h2>What to measure next</h2><ul>",
-        *(f"<li>{text(line)}</li>" for line in next_measurements(calibration)),
-        "</ul><h2>Pictures</h2>",
-        *(html_picture(title, png) for title, png in pictures(calibration)),
-        "<h2>Which combinations this campaign can tell apart</h2><ul>",
-        *(f"<li class='mono'>{text(line)}</li>" for line in group_lines(calibration)),
-        "</ul><h2>How groups were chosen</h2>",
-        html_table(
-            ("kept so far", "tried", "validation RMS / noise", "gain", "± 1σ", ""),
-            [
-                (
-                    " + ".join(step.kept) or "frames only",
-                    step.tried or "–",
-                    f"{step.rms:.3f}",
-                    f"{step.gain:+.4f}",
-                    f"{step.gain_error:.4f}",
-                    "kept" if step.accepted and step.tried else "",
-                )
-                for step in calibration.selection.steps
-            ],
-        ),
-        "<h2>Findings of the data checks</h2><ul>",
-        *(f"<li>{text(str(flag))}</li>" for flag in calibration.flags),
-        "</ul>",
+    seen = [line for line in lines if line.learnt >= SEEN]
+    notes = [Paragraph(f"Note: {line}.") for line in notes_of(calibration)]
+    moved: list[Block] = [*notes, Paragraph("nothing")]
+    if lines:
+        moved = [
+            Table(GROUP_HEAD, effect_rows(group_effects(calibration))),
+            *notes,
+            Paragraph("Combinations that move the target alike count as one:"),
+            Table(COMBINATION_HEAD, combination_rows(combination_lines(calibration))),
+            Paragraph(
+                "Each parameter by itself; where several act alike, tolerances share the movement out among them:"
+            ),
+            Table(PARAMETER_HEAD, parameter_rows(seen)),
+            Paragraph(unseen_line(lines)),
+        ]
+    blocks: list[Block] = [
+        Paragraph(headline(calibration), "lead"),
+        *(Paragraph(line, "warn") for line in warnings_of(calibration)),
+        Paragraph(f"{calibration.campaign.path}: {split_line(calibration)}"),
+        Heading("Error before and after"),
+        Table(GAP_HEAD, gap_rows(calibration)),
+        *(Paragraph(line) for line in (*performance_lines(calibration), ladle_line(calibration))),
+        Heading("What moved"),
+        *moved,
+        Heading("What to measure next"),
+        Lines(next_measurements(calibration)),
+        Heading("Pictures"),
+        *(Plot(title, png) for title, png in plots(calibration)),
+        Heading("Which combinations this campaign can tell apart"),
+        Lines(group_lines(calibration), mono=True),
+        Heading("How groups were chosen"),
+        Table(SELECTION_HEAD, selection_rows(calibration)),
+        Heading("Findings of the data checks"),
+        Lines([str(flag) for flag in calibration.flags]),
     ]
-    return html_page("Calibration report", parts)
+    return html_page("Calibration report", "Calibration report", blocks)
+
+
+SELECTION_HEAD = ("kept so far", "tried", "validation RMS / noise", "gain", "± 1σ", "")
+
+
+def selection_rows(calibration: Calibration) -> list[Row]:
+    """Return the table of the groups that were tried."""
+    return [
+        (
+            " + ".join(step.kept) or "frames only",
+            step.tried or "–",
+            f"{step.rms:.3f}",
+            f"{step.gain:+.4f}",
+            f"{step.gain_error:.4f}",
+            "kept" if step.accepted and step.tried else "",
+        )
+        for step in calibration.selection.steps
+    ]

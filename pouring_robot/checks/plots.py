@@ -12,12 +12,23 @@ from pouring_robot.checks.check import Examination
 from pouring_robot.checks.flags import Rows, outlier_rows
 from pouring_robot.io.files import write_whole
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.report.plots import png_of
+from pouring_robot.report.plots import (
+    BLUE,
+    DARK_GREY,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    draw_box,
+    new_figure,
+    png_of,
+)
 from pouring_robot.robot.pouring.layout import Layout
 
-# Okabe and Ito's colours, told apart by colour-blind readers too; vermilion is kept for what is wrong.
-_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#8C6D1F", "#000000")
-_WRONG, _BOX, _NOISE = "#D55E00", "#666666", "#999999"
+# Vermilion is kept for what is wrong.
+_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, "#8C6D1F", "#000000")
 _MOST_SESSIONS = 12
 
 
@@ -33,10 +44,7 @@ def write_picture(campaign: Campaign, found: Examination, layout: Layout, path: 
     Raises:
         OutputError: the file cannot be written.
     """
-    # No pyplot: it would look for a screen and keep figures alive.
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11.0, 9.5), dpi=120, layout="constrained")
+    figure = new_figure(11.0, 9.5, dpi=120)
     # The box is four times as high as wide, so that the first two sights keep its shape.
     sights_of = figure.subplot_mosaic("XYTT;MMMM", height_ratios=(1.6, 1.0), width_ratios=(1.0, 1.0, 1.2, 1.2))
     wrong = outlier_rows(found.flags)
@@ -51,7 +59,7 @@ def write_picture(campaign: Campaign, found: Examination, layout: Layout, path: 
         (sights_of["T"], "tilt over height", ("tilt", "°", tilt, tilts[0], tilts[1])),
     )
     for place, title, (name, unit, values, lower, upper) in sights:
-        _box(place, (lower, upper), (low[2], high[2]))
+        draw_box(place, (lower, upper), (low[2], high[2]))
         _points(place, campaign, values, z, wrong)
         place.set(title=title, xlabel=f"{name} [{unit}]", ylabel="z [mm]")
         place.grid(alpha=0.25)
@@ -63,13 +71,6 @@ def write_picture(campaign: Campaign, found: Examination, layout: Layout, path: 
     return write_whole(path, png_of(figure))
 
 
-def _box(place: Any, across: tuple[float, float], up: tuple[float, float]) -> None:
-    from matplotlib.patches import Rectangle
-
-    size = across[1] - across[0], up[1] - up[0]
-    place.add_patch(Rectangle((across[0], up[0]), *size, fill=False, edgecolor=_BOX, linestyle="--", label="workspace"))
-
-
 def _points(place: Any, campaign: Campaign, across: FloatArray, up: FloatArray, wrong: Rows) -> None:
     groups = _sessions(campaign)
     for index, (name, rows, colour) in enumerate(groups):
@@ -77,7 +78,7 @@ def _points(place: Any, campaign: Campaign, across: FloatArray, up: FloatArray, 
         size = min(16.0 + 14.0 * (len(groups) - 1 - index), 60.0)
         place.scatter(across[rows], up[rows], s=size, color=colour, alpha=0.75, linewidths=0, label=name)
     if wrong.size:
-        place.scatter(across[wrong], up[wrong], s=70, marker="x", color=_WRONG, label="flagged row", zorder=3)
+        place.scatter(across[wrong], up[wrong], s=70, marker="x", color=VERMILION, label="flagged row", zorder=3)
 
 
 def _sessions(campaign: Campaign) -> list[tuple[str, Rows, str]]:
@@ -88,7 +89,7 @@ def _sessions(campaign: Campaign) -> list[tuple[str, Rows, str]]:
         rows = np.array([i for i, session in enumerate(campaign.sessions) if session == name], dtype=np.intp)
         groups.append((f"session {name}"[:24], rows, _COLOURS[index % len(_COLOURS)]))
     rest = np.array([i for i, session in enumerate(campaign.sessions) if session not in shown], dtype=np.intp)
-    return [*groups, ("other sessions", rest, _NOISE)] if rest.size else groups
+    return [*groups, ("other sessions", rest, GREY)] if rest.size else groups
 
 
 def _misfit(place: Any, campaign: Campaign, found: Examination, wrong: Rows) -> None:
@@ -104,7 +105,7 @@ def _misfit(place: Any, campaign: Campaign, found: Examination, wrong: Rows) -> 
     _points(place, campaign, campaign.lines.astype(float), distance, wrong)
     sigma = campaign.metadata.sigma_position_m
     if sigma:
-        place.axhline(sigma * 1e3 * np.sqrt(3.0), color=_BOX, linestyle=":", linewidth=1.2)
+        place.axhline(sigma * 1e3 * np.sqrt(3.0), color=DARK_GREY, linestyle=":", linewidth=1.2)
         place.annotate(
             "noise", (1.0, sigma * 1e3 * np.sqrt(3.0)), xycoords=("axes fraction", "data"), ha="right", va="bottom"
         )

@@ -17,13 +17,9 @@ from pouring_robot.design.planning import MeasurementPlan, PlanQuality
 from pouring_robot.io.files import write_whole
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.report.plots import png_of
+from pouring_robot.report.plots import COLOURS, draw_box, new_figure, png_of
 from pouring_robot.robot.pouring.layout import Layout
 from pouring_robot.robot.pouring.names import LEGS
-
-# Okabe and Ito's colours, told apart by colour-blind readers too.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
-_BOX = "#666666"
 
 
 def plan_table(plan: MeasurementPlan) -> tuple[list[str], list[list[str]]]:
@@ -121,16 +117,14 @@ def write_picture(plan: MeasurementPlan, layout: Layout, path: Path | str) -> Pa
     Raises:
         OutputError: the file cannot be written.
     """
-    # No pyplot: it would look for a screen and keep figures alive.
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11.0, 10.5), dpi=120, layout="constrained")
+    figure = new_figure(11.0, 10.5, dpi=120)
     sights = figure.subplot_mosaic("XYTT;AABB", height_ratios=(1.4, 1.0), width_ratios=(1.0, 1.0, 1.2, 1.2))
     edge = np.array([1e3, 1e3, 1e3, math.degrees(1.0)])
     lower, upper = (corner * edge for corner in box(layout))
     poses = plan.poses * edge
     for key, axis, name in (("X", 0, "x [mm]"), ("Y", 1, "y [mm]"), ("T", 3, "tilt [°]")):
-        _frame(sights[key], (lower[axis], upper[axis]), (lower[2], upper[2]))
+        draw_box(sights[key], (lower[axis], upper[axis]), (lower[2], upper[2]))
+        sights[key].margins(0.12)
         across, up = _spread(poses[:, axis], poses[:, 2], upper[axis] - lower[axis], upper[2] - lower[2])
         _points(sights[key], plan, across, up)
         sights[key].set(xlabel=name, ylabel="z [mm]")
@@ -152,14 +146,6 @@ def write_picture(plan: MeasurementPlan, layout: Layout, path: Path | str) -> Pa
     return write_whole(path, png_of(figure))
 
 
-def _frame(place: Any, across: tuple[float, float], up: tuple[float, float]) -> None:
-    from matplotlib.patches import Rectangle
-
-    size = across[1] - across[0], up[1] - up[0]
-    place.add_patch(Rectangle((across[0], up[0]), *size, fill=False, edgecolor=_BOX, linestyle="--", label="workspace"))
-    place.margins(0.12)
-
-
 def _points(place: Any, plan: MeasurementPlan, across: FloatArray, up: FloatArray) -> None:
     """Draw poses, one colour for each load and temperature; those visited from both sides have a ring."""
     states = list(dict.fromkeys((c.payload_kg, c.leg_degC) for c in plan.conditions))
@@ -168,7 +154,7 @@ def _points(place: Any, plan: MeasurementPlan, across: FloatArray, up: FloatArra
         told = [f"{state[0]:g} kg"] if plan.request.loads_kg else []
         told += [f"{state[1]:g} °C"] if plan.request.leg_degC else []
         label = ", ".join(told) or "pose"
-        place.scatter(across[rows], up[rows], s=26, alpha=0.8, color=_COLOURS[k % len(_COLOURS)], label=label)
+        place.scatter(across[rows], up[rows], s=26, alpha=0.8, color=COLOURS[k % len(COLOURS)], label=label)
     both = [c.side < 0 for c in plan.conditions]
     if any(both):
         place.scatter(

@@ -6,14 +6,13 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.report.plots import new_figure, png_of, tidy
+from pouring_robot.report.plots import ASH, BRICK, MOSS, STEEL, new_figure, png_of, tidy
 from pouring_robot.robot.pouring.names import CHAINS
 from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.report import PoseHeat, ShiftHeat
 
-LEG_COLOURS = ("#2f6690", "#81b1d5", "#c8553d", "#e8a598")
-GREY = "#8a8a8a"
-_AXES = ("#2f6690", "#5b8e55", "#c8553d")
+_LEGS = (STEEL, "#81b1d5", BRICK, "#e8a598")
+_AXES = (STEEL, MOSS, BRICK)
 
 
 def draw_legs(panel: Axes, field: TemperatureField) -> None:
@@ -23,7 +22,7 @@ def draw_legs(panel: Axes, field: TemperatureField) -> None:
         order = np.argsort(field.leg_positions_m[k][inside])
         place, value = (a[k][inside][order] for a in (field.leg_positions_m / MM, field.leg_elements_degC))
         style = "--" if i % 2 == 0 else "-"
-        panel.plot(place, value, style, color=LEG_COLOURS[k], linewidth=1.8, label=f"leg {i}")
+        panel.plot(place, value, style, color=_LEGS[k], linewidth=1.8, label=f"leg {i}")
     panel.set_xlabel("from the upper U joint down, mm")
     panel.set_ylabel("°C")
     panel.legend(fontsize=9, frameon=False)
@@ -37,7 +36,7 @@ def draw_moves(panel: Axes, heat: PoseHeat) -> None:
         places = np.arange(len(values)) + 0.25 * (a - 1)
         bars = panel.bar(places, values, 0.22, color=_AXES[a], label=axis)
         panel.bar_label(bars, fmt="%+.2f", fontsize=8, padding=2)
-    panel.axhline(0.0, color=GREY, linewidth=0.8)
+    panel.axhline(0.0, color=ASH, linewidth=0.8)
     panel.set_xticks(range(len(heat.moved)), [name.replace("_", " ") for name in heat.moved])
     panel.set_ylabel("moved by heat alone, mm")
     panel.margins(y=0.12)
@@ -64,9 +63,9 @@ def shift_picture(shift: ShiftHeat, title: str) -> bytes:
     melt.set_ylabel("melt, °C")
     for k, i in enumerate(CHAINS):
         style = "--" if i % 2 == 0 else "-"
-        parts.plot(minutes, shift.leg_degC[:, k], style, color=LEG_COLOURS[k], linewidth=1.8, label=f"leg {i}")
+        parts.plot(minutes, shift.leg_degC[:, k], style, color=_LEGS[k], linewidth=1.8, label=f"leg {i}")
     parts.plot(minutes, shift.platform_degC, color="#4a4a4a", linewidth=1.8, label="platform")
-    parts.plot(minutes, shift.fixed_platform_degC, color=GREY, linewidth=1.2, label="fixed platform")
+    parts.plot(minutes, shift.fixed_platform_degC, color=ASH, linewidth=1.2, label="fixed platform")
     parts.set_ylabel("mean, °C")
     parts.legend(fontsize=8, frameon=False, ncols=6)
     end, lip = shift.moved
@@ -75,14 +74,14 @@ def shift_picture(shift: ShiftHeat, title: str) -> bytes:
         moved.plot(minutes, values, color=_AXES[a], linewidth=1.6, label=f"{axis} of {end.replace('_', ' ')}")
     sizes = [difference.distance_m / MM for difference in shift.moved[lip]]
     moved.plot(minutes, sizes, color="#4a4a4a", linewidth=1.6, linestyle=":", label=f"distance of {lip}")
-    moved.axhline(0.0, color=GREY, linewidth=0.8)
+    moved.axhline(0.0, color=ASH, linewidth=0.8)
     moved.set_ylabel("moved by heat alone, mm")
     moved.set_xlabel("min")
     moved.legend(fontsize=8, frameon=False, ncols=4)
     changes = [minutes[k] for k in range(1, len(minutes)) if shift.poses[k] != shift.poses[k - 1]]
     for panel in (melt, parts, moved):
         for time in changes:
-            panel.axvline(time, color=GREY, linewidth=0.8, linestyle="--")
+            panel.axvline(time, color=ASH, linewidth=0.8, linestyle="--")
         panel.margins(y=0.15)
         tidy(panel)
     figure.suptitle(title + ("; dashed: the pose changes" if changes else ""), fontsize=11)

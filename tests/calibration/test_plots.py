@@ -4,7 +4,7 @@ import io
 
 from PIL import Image
 
-from pouring_robot.calibration.plots import pictures
+from pouring_robot.calibration.plots import plots
 
 
 def colours(png):
@@ -14,10 +14,10 @@ def colours(png):
 
 
 def test_four_pictures_of_a_calibrated_robot(found):
-    drawn = pictures(found)
+    drawn = plots(found)
     assert [title.split(" ")[0] for title, _ in drawn] == ["Error", "Parameters", "How", "Correlation"]
     assert all(colours(png) > 30 for _, png in drawn)
 
 
 def test_two_of_one_left_alone(unchanged):
-    assert len(pictures(unchanged)) == 2
+    assert len(plots(unchanged)) == 2

@@ -14,7 +14,7 @@ from pouring_robot.diagnosis.report import export
 from pouring_robot.diagnosis.report.export import described, write_diagnosis
 from pouring_robot.diagnosis.report.left_over import left_over
 from pouring_robot.diagnosis.report.page import html_report
-from pouring_robot.diagnosis.report.plots import evidence_steps, pictures, rival_margins
+from pouring_robot.diagnosis.report.plots import evidence_steps, plots, rival_margins
 from pouring_robot.diagnosis.report.scene import ladle_scene, seen_rows
 from pouring_robot.diagnosis.report.sentences import headline
 from pouring_robot.diagnosis.report.signatures import in_fixed_platform, pose_platform_to_lip
@@ -62,9 +62,9 @@ def test_text_of_a_campaign_cannot_break_the_page(hot):
     assert "<script>" not in html_report(replace(hot, diagnosis=replace(hot.diagnosis, campaign=evil)))
 
 
-def test_pictures_are_pictures(hot, refused):
+def test_plots_are_pictures(hot, refused):
     for summary in (hot, refused):
-        drawn = pictures(summary)
+        drawn = plots(summary)
         assert len({title for title, _ in drawn}) == len(drawn) == 5
         for _, png in drawn:
             image = Image.open(io.BytesIO(png))
@@ -73,7 +73,7 @@ def test_pictures_are_pictures(hot, refused):
 
 
 def test_a_picture_is_the_same_twice(hot):
-    assert pictures(hot) == pictures(hot)
+    assert plots(hot) == plots(hot)
 
 
 def test_evidence_ends_where_the_hypothesis_is(hot):

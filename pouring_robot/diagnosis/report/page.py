@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import html
-
 from pouring_robot.diagnosis.parameters import NamedEffect
-from pouring_robot.diagnosis.report.plots import pictures
+from pouring_robot.diagnosis.report.plots import plots
 from pouring_robot.diagnosis.report.sentences import (
     figures_of,
     gap_sentence,
@@ -18,61 +16,53 @@ from pouring_robot.diagnosis.report.sentences import (
 from pouring_robot.diagnosis.report.summary import Summary, named_parameters
 from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.report.page_parts import html_page, html_picture, html_table
+from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
 
-_STYLE = (
-    "th:nth-child(2){text-align:left}h3{margin-bottom:.2rem}figcaption{color:#57606a;font-size:.9em}"
-    ".wide{font-size:.85em}"
-    "li.sub{list-style:none;color:#444}summary{cursor:pointer}"
-)
 _PARAMETER_HEAD = ("parameter", "value", "± 95 %", "unit", "")
 _MOST_OPEN = 14
 
 
 def html_report(summary: Summary) -> str:
     """Return the report as one page without any outside file."""
-    diagnosis, text = summary.diagnosis, html.escape
-    noise, sigma = diagnosis.noise, diagnosis.noise.position_m / MM
-    held = (
-        f"{int((~diagnosis.fitted).sum())} held out ({diagnosis.held_out_name})"
-        if diagnosis.held_out_name
-        else "none held out"
-    )
-    parts = [
-        "<h1>Diagnosis</h1>",
-        f"<p class='lead'><b>{text(headline(summary))}</b></p>",
-        f"<p class='lead'>{text(gap_sentence(summary))}</p>",
-        f"<p>{text(diagnosis.campaign.path.name)}: {int(diagnosis.fitted.sum())} rows fitted, {text(held)}, "
-        f"{diagnosis.outliers.size} left out as gross errors; noise {sigma:.3g} mm ({noise.position_source}). "
-        "Held-out rows chose and fitted nothing.</p>",
-        "<h2>Gap before and after</h2>",
-        html_table(*gap_table(summary)),
+    diagnosis = summary.diagnosis
+    first, *others = [Plot(title, png) for title, png in plots(summary)]
+    blocks: list[Block] = [
+        Paragraph(headline(summary), "headline"),
+        Paragraph(gap_sentence(summary), "lead"),
+        Paragraph(_rows_used(summary)),
+        Heading("Gap before and after"),
+        Table(*gap_table(summary)),
+        first,
     ]
-    shown = pictures(summary)
-    parts += [html_picture(title, png) for title, png in shown[:1]]
     for heading, lines in sections(summary, short=False):
-        parts.append(f"<h2>{text(heading[0].upper() + heading[1:])}</h2><ul>")
-        parts += [f"<li{' class=sub' if line[0] == ' ' else ''}>{text(line.strip())}</li>" for line in lines]
-        parts.append("</ul>")
+        blocks += [Heading(heading[0].upper() + heading[1:]), Lines(lines)]
     effects = (*summary.firm, *summary.nearest)
-    parts += ["<h2>Parameters</h2>"] if effects else []
+    blocks += [Heading("Parameters")] if effects else []
     for effect in effects:
-        parts += _effect(summary, effect)
-    parts.append("<h2>Pictures</h2>")
-    parts += [html_picture(title, png) for title, png in shown[1:]]
+        blocks += _effect(summary, effect)
+    blocks += [Heading("Pictures"), *others]
     suggested = sorted(summary.suggestion.measurements, key=lambda m: m.rank)
     if suggested:
-        parts += [
-            "<h2>Measurements that tell most</h2>",
-            f"<div class='wide'>{html_table(*_measurements(suggested))}</div>",
-        ]
-    parts += ["<h2>Findings of the data checks</h2><ul>"]
-    parts += [f"<li>{text(str(flag))}</li>" for flag in diagnosis.flags] or ["<li>nothing</li>"]
-    parts.append("</ul>")
-    return html_page(f"Diagnosis of {diagnosis.campaign.path.name}", parts, _STYLE)
+        blocks += [Heading("Measurements that tell most"), _measurements(suggested)]
+    blocks += [Heading("Findings of the data checks"), Lines([str(f) for f in diagnosis.flags] or ["nothing"])]
+    return html_page(f"Diagnosis of {diagnosis.campaign.path.name}", "Diagnosis", blocks)
 
 
-def _effect(summary: Summary, effect: NamedEffect) -> list[str]:
+def _rows_used(summary: Summary) -> str:
+    """Return which rows served for what, and how exact they are."""
+    diagnosis = summary.diagnosis
+    noise, sigma = diagnosis.noise, diagnosis.noise.position_m / MM
+    held = "none held out"
+    if diagnosis.held_out_name:
+        held = f"{int((~diagnosis.fitted).sum())} held out ({diagnosis.held_out_name})"
+    return (
+        f"{diagnosis.campaign.path.name}: {int(diagnosis.fitted.sum())} rows fitted, {held}, {diagnosis.outliers.size} "
+        f"left out as gross errors; noise {sigma:.3g} mm ({noise.position_source}). Held-out rows chose and fitted "
+        "nothing."
+    )
+
+
+def _effect(summary: Summary, effect: NamedEffect) -> list[Block]:
     """Return an effect with all its parameters, folded away where they are many or belong to no cause."""
     cause = effect.cause
     named = named_parameters(summary.diagnosis, effect)
@@ -96,18 +86,17 @@ def _effect(summary: Summary, effect: NamedEffect) -> list[str]:
     surely = f"probability {cause.probability:.4f}, log evidence {cause.evidence:.0f} nats{others}"
     words = f"{effect.story}; form '{plain(cause.form)}', {surely}"
     nearest = effect in summary.nearest
-    title = html.escape(f"{cause.effect} (only the nearest; not the cause)" if nearest else cause.effect)
-    table = html_table(_PARAMETER_HEAD, rows)
-    if nearest or len(rows) > _MOST_OPEN:
-        table = f"<details><summary>{len(rows)} parameters</summary>{table}</details>"
-    return [f"<h3>{title}</h3><p>{html.escape(words)}</p>", table]
+    title = f"{cause.effect} (only the nearest; not the cause)" if nearest else cause.effect
+    folded = f"{len(rows)} parameters" if nearest or len(rows) > _MOST_OPEN else ""
+    return [Heading(title, 3), Paragraph(words), Table(_PARAMETER_HEAD, rows, folded)]
 
 
-def _measurements(suggested: list[SuggestedMeasurement]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return heading and rows of what to measure next."""
-    head: tuple[str, ...] = ("rank", "pose and conditions", "hours later", "nats", "tells apart")
-    rows: list[tuple[str, ...]] = [
-        (str(m.rank), measurement_text(m), f"{m.hours_later:.1f}", f"{m.nats:.1f}", " / ".join(m.separates))
-        for m in suggested
-    ]
-    return head, rows
+def _measurements(suggested: list[SuggestedMeasurement]) -> Table:
+    """Return what to measure next."""
+    return Table(
+        ("rank", "pose and conditions", "hours later", "nats", "tells apart"),
+        [
+            (str(m.rank), measurement_text(m), f"{m.hours_later:.1f}", f"{m.nats:.1f}", " / ".join(m.separates))
+            for m in suggested
+        ],
+    )

@@ -20,16 +20,14 @@ from pouring_robot.inference.evidence import gain
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.report.page_parts import AFTER, BEFORE, GREY, HELD_OUT
-from pouring_robot.report.plots import new_figure, png_of
+from pouring_robot.report.plots import AFTER, BEFORE, COLOURS, GREY, HELD_OUT, new_figure, png_of
 
 _RESIDUAL_AXES = ("time_s", "weight_n", "truss_travel_m", "leg_rise_k", "platform_rise_k", "tilt_rad")
-_COLOURS = ("#0072B2", "#D55E00", "#009E73")
 _MOST_EFFECTS, _FEW_VALUES = 4, 6
 _NARROW = 4.0
 
 
-def pictures(summary: Summary) -> list[tuple[str, bytes]]:
+def plots(summary: Summary) -> list[tuple[str, bytes]]:
     """Return titles and PNG files, most important first."""
     makers: list[tuple[str, Callable[[Summary], bytes]]] = [
         ("The gap of each component, before and after (RMS, tracker's axes; logarithmic)", _gap),
@@ -121,7 +119,7 @@ def _signatures(summary: Summary) -> bytes:
         name = effect.cause.effect
         moved = summary.moved[name] / MM
         axis = known[name].axis(given)
-        for k, colour in enumerate(_COLOURS):
+        for k, colour in enumerate(COLOURS[:3]):
             axes.plot(axis.values, moved[:, k], ".", color=colour, markersize=5, label=COMPONENTS[k])
         axes.axhline(0.0, color="black", linewidth=0.5)
         axes.set(xlabel=axis.label, ylabel="moves the lip [mm]", title=f"{name}: {effect.story}")

@@ -9,7 +9,7 @@ import numpy as np
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.report.plots import png_of
+from pouring_robot.report.plots import new_figure, png_of
 from pouring_robot.sweeps.analysis.summary import Summary
 from pouring_robot.sweeps.analysis.tolerances import RankedParameter
 from pouring_robot.sweeps.store import SweepStore
@@ -20,11 +20,7 @@ _POINTS = 2000  # of each box at most: the picture shows no more
 
 def picture(store: SweepStore, summary: Summary, ranking: Sequence[RankedParameter]) -> bytes:
     """Return a PNG."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.0, 6.0), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(9.0, 6.0)
     shown = ranking[:_SHOWN]
     config = store.plan.config
     if config.study == "one_at_a_time":
@@ -40,7 +36,7 @@ def picture(store: SweepStore, summary: Summary, ranking: Sequence[RankedParamet
         left.set_xlabel("total Sobol index" if config.study == "sobol" else "share of the scatter, first order")
         _cumulative(right, summary)
     figure.suptitle(f"{config.study.replace('_', ' ')}, {config.kind.replace('_', ' ')}")
-    return png_of(figure, dpi=110)
+    return png_of(figure)
 
 
 def _name_rows(axes: Any, shown: Sequence[RankedParameter]) -> None:

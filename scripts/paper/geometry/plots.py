@@ -8,13 +8,12 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.report.plots import new_figure, png_of, tidy
+from pouring_robot.report.plots import ASH, BRICK, STEEL, new_figure, png_of, tidy
 from scripts.paper.geometry.comparison import axis_rows
 from scripts.paper.geometry.study import AXES, NOTHING_M, PILE_M, ErrorSamples, GeometryStudy
 
-_BLUE, _RED, _GREY = "#2f6690", "#c8553d", "#8a8a8a"
 _SMALL = {"fontsize": 9}
-_NOTE = {"color": _GREY, "fontsize": 8, "ha": "center"}
+_NOTE = {"color": ASH, "fontsize": 8, "ha": "center"}
 
 
 def box_plots(errors: ErrorSamples, title: str) -> bytes:
@@ -30,12 +29,12 @@ def box_plots(errors: ErrorSamples, title: str) -> bytes:
             whis=(0, 100),
             widths=0.6,
             patch_artist=True,
-            boxprops={"facecolor": "#c9dbe8", "edgecolor": _BLUE},
-            medianprops={"color": _RED, "linewidth": 1.6},
-            whiskerprops={"color": _BLUE},
-            capprops={"color": _BLUE},
+            boxprops={"facecolor": "#c9dbe8", "edgecolor": STEEL},
+            medianprops={"color": BRICK, "linewidth": 1.6},
+            whiskerprops={"color": STEEL},
+            capprops={"color": STEEL},
         )
-        panel.axhline(1.0, color=_GREY, linewidth=0.9, linestyle="--")
+        panel.axhline(1.0, color=ASH, linewidth=0.9, linestyle="--")
         panel.set_xticks(range(1, len(large.labels) + 1), large.labels, rotation=90 * (len(large.labels) > 9))
         panel.set_title(f"|Δ{axis}|", fontsize=11)
         panel.set_ylim(0.0, top)
@@ -57,19 +56,19 @@ def distributions(errors: ErrorSamples, labels: Sequence[str], title: str) -> by
             base = len(labels) - 1 - row
             panel.axhline(base, color="#dddddd", linewidth=0.6)
             if np.abs(values).max() < NOTHING_M / MM:
-                panel.plot([0.0], [base], "o", color=_GREY, markersize=3.5)
+                panel.plot([0.0], [base], "o", color=ASH, markersize=3.5)
                 panel.annotate("always 0", (0.0, base), (0, 5), textcoords="offset points", ha="center", fontsize=7.5)
                 continue
             density = np.histogram(values, bins)[0] / len(values)
             heights = 0.85 * density / density.max()
-            panel.stairs(base + heights, bins, baseline=base, fill=True, color=_BLUE, alpha=0.35)
-            panel.stairs(base + heights, bins, baseline=base, color=_BLUE, linewidth=0.9)
+            panel.stairs(base + heights, bins, baseline=base, fill=True, color=STEEL, alpha=0.35)
+            panel.stairs(base + heights, bins, baseline=base, color=STEEL, linewidth=0.9)
         if axis == "X":
             for place in (-PILE_M / MM, PILE_M / MM):
                 if low < place < high:
-                    panel.axvline(place, color=_RED, linewidth=0.9, linestyle="--")
+                    panel.axvline(place, color=BRICK, linewidth=0.9, linestyle="--")
                     label = f" {'−' if place < 0.0 else '+'}{abs(place):.4f}"
-                    panel.text(place, len(labels) + 0.05, label, color=_RED, ha="left", fontsize=8)
+                    panel.text(place, len(labels) + 0.05, label, color=BRICK, ha="left", fontsize=8)
         panel.set_title(f"Δ{axis}", fontsize=11)
         panel.set_xlabel("mm")
         panel.set_xlim(low, high)
@@ -93,9 +92,9 @@ def open_against_closed(study: GeometryStudy, title: str) -> bytes:
     for a, (panel, axis, ratio) in enumerate(zip(panels, AXES, axis_rows(study), strict=False)):
         before, after = (np.maximum(errors.mean_m[:, a] / MM, floor) for errors in (opened, closed))
         panel.hlines(rows, before, after, color="#cccccc", linewidth=1.4)
-        panel.plot(before, rows, "o", color=_BLUE, markersize=5, label="open branch", fillstyle="none")
-        panel.plot(after, rows, "o", color=_RED, markersize=5, label="closed chain")
-        panel.axvline(study.layout.accuracy_m / MM, color=_GREY, linewidth=0.9, linestyle="--")
+        panel.plot(before, rows, "o", color=STEEL, markersize=5, label="open branch", fillstyle="none")
+        panel.plot(after, rows, "o", color=BRICK, markersize=5, label="closed chain")
+        panel.axvline(study.layout.accuracy_m / MM, color=ASH, linewidth=0.9, linestyle="--")
         panel.set_xscale("log")
         panel.set_xlim(0.8 * floor, 60.0)
         panel.set_xticks([1e-3, 1e-2, 1e-1, 1.0, 10.0], ["≤0.001", "0.01", "0.1", "1", "10"])

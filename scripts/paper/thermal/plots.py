@@ -6,11 +6,9 @@ import numpy as np
 
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.report.plots import new_figure, png_of, tidy
-from pouring_robot.thermal.plots import GREY, draw_legs
+from pouring_robot.report.plots import ASH, BRICK, STEEL, new_figure, png_of, tidy
+from pouring_robot.thermal.plots import draw_legs
 from scripts.paper.thermal.study import ThermalStudy, contest, joint_of
-
-_BLUE, _RED = "#2f6690", "#c8553d"
 
 
 def lining_and_chains(study: ThermalStudy) -> bytes:
@@ -21,7 +19,7 @@ def lining_and_chains(study: ThermalStudy) -> bytes:
     layers = field.temperatures_K[field.nodes.lining] - ZERO_CELSIUS_K
     width = study.lining_m / MM / len(layers)
     places = [0.0, *((np.arange(len(layers)) + 0.5) * width), study.lining_m / MM]
-    wall.plot(places, [field.melt_K - ZERO_CELSIUS_K, *layers, field.shell_degC], "o-", color=_RED)
+    wall.plot(places, [field.melt_K - ZERO_CELSIUS_K, *layers, field.shell_degC], "o-", color=BRICK)
     wall.set_xlabel("from the melt outwards, mm of lining")
     wall.set_ylabel("°C")
     wall.set_title(f"ladle's wall: shell at {field.shell_degC:.0f} °C", fontsize=10)
@@ -40,9 +38,9 @@ def chains_with_radiation(study: ThermalStudy) -> bytes:
     draw_legs(legs, study.radiation[0])
     legs.set_title("first pose", fontsize=10)
     elements = np.concatenate([f.leg_elements_degC[f.between_joints > 0.0] for f in study.radiation])
-    all_poses.hist(elements, bins=np.arange(100.0, 560.0, 20.0), color=_BLUE, alpha=0.7)
+    all_poses.hist(elements, bins=np.arange(100.0, 560.0, 20.0), color=STEEL, alpha=0.7)
     for value in (300.0, 500.0):
-        all_poses.axvline(value, color=_RED, linewidth=1.0, linestyle="--")
+        all_poses.axvline(value, color=BRICK, linewidth=1.0, linestyle="--")
     all_poses.set_xlabel("°C; dashed: the paper's 300 and 500")
     all_poses.set_ylabel("leg elements, ten poses")
     for panel in (legs, all_poses):
@@ -59,10 +57,10 @@ def deformation(study: ThermalStudy) -> bytes:
     moved = study.hottest_melt / MM
     for k, (place, step) in enumerate(zip(places, moved, strict=True)):
         arrows.annotate(
-            "", place[[1, 2]] + 20.0 * step[[1, 2]], place[[1, 2]], arrowprops={"arrowstyle": "->", "color": _RED}
+            "", place[[1, 2]] + 20.0 * step[[1, 2]], place[[1, 2]], arrowprops={"arrowstyle": "->", "color": BRICK}
         )
         arrows.annotate(f"P{k + 1}", place[[1, 2]], (3, 3), textcoords="offset points", fontsize=8)
-    arrows.plot(places[:, 1], places[:, 2], "o", color=_BLUE, markersize=4)
+    arrows.plot(places[:, 1], places[:, 2], "o", color=STEEL, markersize=4)
     # Arrows do not count when the panel's limits are found; their ends do.
     arrows.plot(places[:, 1] + 20.0 * moved[:, 1], places[:, 2] + 20.0 * moved[:, 2], ",", alpha=0.0)
     arrows.set_xlabel("Y, mm")
@@ -70,11 +68,11 @@ def deformation(study: ThermalStudy) -> bytes:
     arrows.set_title("ten poses; moves of o drawn 20 times larger", fontsize=10)
     arrows.margins(0.2)
     bins = np.arange(0.0, 10.0, 0.25)
-    for values, colour, name in ((study.box_o_m, _BLUE, "o"), (study.box_lip_m, _RED, "lip")):
+    for values, colour, name in ((study.box_o_m, STEEL, "o"), (study.box_lip_m, BRICK, "lip")):
         sizes.hist(values / MM, bins=bins, color=colour, alpha=0.55, label=name)
     for value, name in ((3.0, "mean"), (9.0, "largest")):
-        sizes.axvline(value, color=GREY, linewidth=1.0, linestyle="--")
-        sizes.text(value, sizes.get_ylim()[1], f" paper's {name}", fontsize=8, color=GREY, va="top")
+        sizes.axvline(value, color=ASH, linewidth=1.0, linestyle="--")
+        sizes.text(value, sizes.get_ylim()[1], f" paper's {name}", fontsize=8, color=ASH, va="top")
     sizes.set_xlabel("moved by heat, mm")
     sizes.set_ylabel(f"poses of {len(study.box_o_m)} in the workspace")
     sizes.legend(fontsize=9, frameon=False)
@@ -112,12 +110,12 @@ def choice_of_sets(study: ThermalStudy) -> bytes:
     tree.set_title("fuzzy clustering", fontsize=10)
     chosen = set(selector.sensitive_.tolist())
     for k, name in enumerate(table.names):
-        colour = _RED if k in chosen else _BLUE
+        colour = BRICK if k in chosen else STEEL
         degrees.plot(selector.grey_degrees_[k], selector.vif_[k], "o", color=colour, markersize=6)
         degrees.annotate(
             name, (selector.grey_degrees_[k], selector.vif_[k]), (5, 4), textcoords="offset points", fontsize=8
         )
-    degrees.axhline(10.0, color=GREY, linewidth=1.0, linestyle="--")
+    degrees.axhline(10.0, color=ASH, linewidth=1.0, linestyle="--")
     degrees.set_yscale("log")
     degrees.set_xlabel("grey relational degree to temperature")
     degrees.set_ylabel("VIF against the set chosen first; dashed: 10")
@@ -137,9 +135,9 @@ def contest_picture(study: ThermalStudy, figure_number: int) -> bytes:
     for panel, (title, found) in zip(figure.subplots(1, 2, sharey=True), rows, strict=True):
         labels = [f"{name} alone" for name in found.sensitive] + ["P_end,\npaper's weights", "P_end,\nall sets"]
         values = [one[which] / MM for one in (*found.single, *found.joint.values())]
-        bars = panel.bar(labels, values, 0.6, color=[_BLUE] * len(found.single) + [_RED, _RED])
+        bars = panel.bar(labels, values, 0.6, color=[STEEL] * len(found.single) + [BRICK, BRICK])
         panel.bar_label(bars, fmt="%.4f", fontsize=8, padding=2)
-        panel.axhline(0.0, color=GREY, linewidth=0.8)
+        panel.axhline(0.0, color=ASH, linewidth=0.8)
         panel.set_title(title, fontsize=10)
         panel.margins(y=0.15)
         tidy(panel)
