@@ -9,9 +9,9 @@ from pouring_robot.calibration.calibrate import Calibration
 from pouring_robot.calibration.report import headline, html_report
 from pouring_robot.calibration.summary import calibration_figures, notes_of, warnings_of
 from pouring_robot.exceptions import DescriptionError, OutputError
-from pouring_robot.io.files import write_folder, write_whole
+from pouring_robot.io.files import check_folder, write_together
 from pouring_robot.robot.model import RobotModel, loops_file
-from pouring_robot.robot.pouring.description import write_urdf
+from pouring_robot.robot.pouring.description import urdf_files
 
 MODEL, FIGURES, REPORT, LOOPS = "calibrated.yaml", "calibration.json", "report.html", "loops.yaml"
 
@@ -29,19 +29,15 @@ def write_calibration(calibration: Calibration, folder: Path | str) -> list[Path
     Raises:
         OutputError: the folder cannot be written to.
     """
+    folder, model = check_folder(folder), described(calibration)
     try:
-        return write_folder(folder, lambda hidden: _fill(calibration, hidden), last=MODEL)
+        files = urdf_files(model.tree_urdf(), folder, {LOOPS: loops_file().read_bytes()})
     except DescriptionError as error:
         raise OutputError(folder, error.problem) from error
-
-
-def _fill(calibration: Calibration, folder: Path) -> None:
-    model = described(calibration)
-    model.save(folder / MODEL)
-    write_urdf(model.tree_urdf(), folder)
-    write_whole(folder / LOOPS, loops_file().read_bytes())
-    write_whole(folder / FIGURES, json.dumps(calibration_figures(calibration), indent=1, allow_nan=False) + "\n")
-    write_whole(folder / REPORT, html_report(calibration))
+    files[folder / FIGURES] = json.dumps(calibration_figures(calibration), indent=1, allow_nan=False) + "\n"
+    files[folder / REPORT] = html_report(calibration)
+    files[folder / MODEL] = model.file_text(folder)  # others may wait for it
+    return [path for path in write_together(files) if path.parent == folder]
 
 
 def described(calibration: Calibration) -> RobotModel:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import metadata_text
 from pouring_robot.exceptions import OutputError
-from pouring_robot.io.files import check_writable, write_together
+from pouring_robot.io.files import check_outputs, write_together
 from pouring_robot.io.tables import PARQUET_SUFFIXES
 
 # Digits written: a hundredth of the best tracker's noise.
@@ -32,7 +31,8 @@ def write_campaign(campaign: Campaign, path: Path | str, *, overwrite: bool = Fa
     """
     path = Path(path)
     files = campaign_contents(campaign, path)
-    write_all(files, overwrite=overwrite)
+    check_outputs(list(files), overwrite=overwrite)
+    write_together(files)
     table, metadata = files
     return table, metadata
 
@@ -48,30 +48,6 @@ def campaign_contents(campaign: Campaign, path: Path) -> dict[Path, bytes]:
         raise OutputError(path, "give the name of the table, such as campaign.csv; the YAML is written beside it")
     table = _parquet(campaign) if path.suffix.lower() in PARQUET_SUFFIXES else _csv(campaign).encode()
     return {path: table, beside: metadata_text(campaign.metadata).encode()}
-
-
-def refuse_existing(paths: list[Path], *, overwrite: bool) -> None:
-    """Find out before any work whether files can be written.
-
-    Raises:
-        OutputError: one is there already and ``overwrite`` is not set, it cannot be written, or two are the same.
-    """
-    for path in paths:
-        check_writable(path)
-        if path.exists() and not overwrite:
-            raise OutputError(path, "it is there already; choose another name, or say --overwrite")
-    if len({path.resolve() for path in paths}) < len(paths):
-        raise OutputError(paths[-1], "two outputs have the same file name; give each its own")
-
-
-def write_all(files: Mapping[Path, bytes], *, overwrite: bool = False) -> None:
-    """Write several files, all or none: if one fails, the others are put back as they were.
-
-    Raises:
-        OutputError: as :func:`refuse_existing`.
-    """
-    refuse_existing(list(files), overwrite=overwrite)
-    write_together(files)
 
 
 def _cells(campaign: Campaign) -> dict[str, list[str]]:

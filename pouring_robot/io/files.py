@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import secrets
-import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from pouring_robot.exceptions import OutputError
@@ -29,13 +29,13 @@ def write_whole(path: Path | str, content: bytes | str) -> Path:
         OutputError: the folder does not exist, may not be written to, or the target is a folder.
     """
     given = Path(path)
-    data = content.encode("utf-8") if isinstance(content, str) else content
     try:
         target = _target(given)
         if target.exists() and not target.is_file():
-            target.write_bytes(data)
-        else:
-            _replace(target, data)
+            target.write_bytes(_bytes(content))
+            return given
+        with _hidden(target, content) as hidden:
+            hidden.replace(target)
     except OSError as error:
         raise OutputError(given, f"{error.strerror or error}; choose a place you may write to") from error
     return given
@@ -44,10 +44,11 @@ def write_whole(path: Path | str, content: bytes | str) -> Path:
 def write_together(files: Mapping[Path, bytes | str]) -> list[Path]:
     """Write several files, all or none; folders that are missing are made.
 
-    If one fails, Ctrl-C included, new files and folders are removed and older files are put back as they were.
+    All are written beside their places before the first is put there. If anything fails, Ctrl-C included, new files
+    and folders are removed and older files are as they were.
 
     Args:
-        files: what each file shall hold; written in this order.
+        files: what each file shall hold; put in place in this order.
 
     Returns:
         The files, in order.
@@ -61,16 +62,20 @@ def write_together(files: Mapping[Path, bytes | str]) -> list[Path]:
     before: dict[Path, bytes | None] = {}
     made: list[Path] = []
     try:
-        for path, content in files.items():
-            made += _make_folder(path.parent)
-            before[path] = path.read_bytes() if path.is_file() else None
-            write_whole(path, content)
+        with ExitStack() as stack:
+            parts = {}
+            for path, content in files.items():
+                made += _make_folder(path.parent)
+                parts[path] = stack.enter_context(_hidden(_target(path), content))
+            for path, hidden in parts.items():
+                before[path] = path.read_bytes() if path.is_file() else None
+                hidden.replace(_target(path))
     except BaseException as error:
         for path, old in before.items():
             if old is not None:
                 write_whole(path, old)
-            elif path.is_file():
-                path.unlink()
+            else:
+                path.unlink(missing_ok=True)
         for folder in reversed(made):
             folder.rmdir()
         if isinstance(error, OSError):
@@ -94,20 +99,25 @@ def _make_folder(folder: Path) -> list[Path]:
     return made
 
 
-def _replace(target: Path, data: bytes) -> None:
-    """Write beside the target and put the result in its place; keep the mode of a file that was there."""
+@contextmanager
+def _hidden(target: Path, content: bytes | str) -> Iterator[Path]:
+    """Write content beside a target, with the mode of a file that is there; what is left in the end is removed."""
     # Not `tempfile`: its files are private to their owner, and a result should follow the user's umask.
     hidden = target.with_name(f".{target.name[:80]}.{secrets.token_hex(6)}.part")
     try:
         with hidden.open("xb") as stream:
-            stream.write(data)
+            stream.write(_bytes(content))
             stream.flush()
             os.fsync(stream.fileno())
         if target.exists():
             hidden.chmod(target.stat().st_mode & 0o7777)
-        hidden.replace(target)
+        yield hidden
     finally:
         hidden.unlink(missing_ok=True)
+
+
+def _bytes(content: bytes | str) -> bytes:
+    return content.encode("utf-8") if isinstance(content, str) else content
 
 
 def _target(given: Path) -> Path:
@@ -136,6 +146,20 @@ def check_writable(path: Path | str) -> None:
         raise OutputError(given, f"{error.strerror or error}; choose a place you may write to") from error
 
 
+def check_outputs(paths: Sequence[Path], *, overwrite: bool = True) -> None:
+    """Find out before the work whether several files can be written.
+
+    Raises:
+        OutputError: one cannot be, is there already and ``overwrite`` is not set, or two are the same.
+    """
+    for path in paths:
+        check_writable(path)
+        if path.exists() and not overwrite:
+            raise OutputError(path, "it is there already; choose another name, or say --overwrite")
+    if len({path.resolve() for path in paths}) < len(paths):
+        raise OutputError(paths[-1], "two outputs have the same file name; give each its own")
+
+
 def check_folder(folder: Path | str) -> Path:
     """Find out before the work whether results can be put into a folder, which may not be there yet.
 
@@ -154,43 +178,3 @@ def check_folder(folder: Path | str) -> Path:
     except OSError as error:
         raise OutputError(folder, f"{error.strerror or error}; choose a place you may write to") from error
     return folder
-
-
-def write_folder(folder: Path | str, fill: Callable[[Path], None], last: str = "") -> list[Path]:
-    """Write a folder of files: all of them or none.
-
-    Everything is made in a hidden folder beside the target first; a failure, Ctrl-C included, leaves the target as it
-    was. Files of an earlier run in it are replaced, others stay.
-
-    Args:
-        folder: made if it is not there.
-        fill: writes the files into the folder it is given.
-        last: name of the file that is put into place last, for others may wait for it.
-
-    Returns:
-        The files directly in the folder, as they stand there.
-
-    Raises:
-        OutputError: the folder cannot be written to.
-    """
-    folder = check_folder(folder)
-    hidden = folder.absolute().with_name(f".{folder.absolute().name[:80]}.{secrets.token_hex(6)}.part")
-    try:
-        hidden.mkdir()
-        fill(hidden)
-        return _move(hidden, folder, last)
-    except OSError as error:
-        raise OutputError(folder, f"{error.strerror or error}; choose a place you may write to") from error
-    finally:
-        shutil.rmtree(hidden, ignore_errors=True)
-
-
-def _move(hidden: Path, folder: Path, last: str) -> list[Path]:
-    """Put finished files into place one by one."""
-    folder.mkdir(exist_ok=True)
-    found = sorted(path.relative_to(hidden) for path in hidden.rglob("*") if path.is_file())
-    found.sort(key=lambda path: path.name == last)
-    for path in found:
-        (folder / path).parent.mkdir(exist_ok=True)
-        (hidden / path).replace(folder / path)
-    return [folder / path for path in found if path.parent == Path()]

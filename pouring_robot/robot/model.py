@@ -171,16 +171,19 @@ class RobotModel(StrictModel):
         Raises:
             OutputError: the place cannot be written to.
         """
-        path = Path(path)
+        return write_whole(path, self.file_text(Path(path).parent))
+
+    def file_text(self, folder: Path) -> str:
+        """Return what the model file says when it stands in a folder."""
         content: dict[str, Any] = {"format": self.format, "layout": self.layout}
         content |= self.model_dump(mode="json", exclude_defaults=True)
         if self.layouts_file:
-            content["layouts_file"] = os.path.relpath(self.layouts_path or "", path.parent)
+            content["layouts_file"] = os.path.relpath(self.layouts_path or "", folder)
         stream = io.StringIO()
         yaml = YAML()
         yaml.default_flow_style = None
         yaml.dump(content, stream)
-        return write_whole(path, stream.getvalue())
+        return stream.getvalue()
 
     @property
     def layouts_path(self) -> Path | None:

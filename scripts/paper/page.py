@@ -16,7 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from pouring_robot.exceptions import OutputError
-from pouring_robot.io.files import write_whole
+from pouring_robot.io.files import write_together
 from scripts.paper.claims import Claim
 
 _WIDTH = 120
@@ -97,8 +97,7 @@ class PaperReport(ABC):
 
 
 def _write_all(folder: Path, files: Mapping[str, str | bytes]) -> list[Path]:
-    make_folder(folder)
-    return [write_whole(folder / name, content) for name, content in files.items()]
+    return write_together({folder / name: content for name, content in files.items()})
 
 
 def make_folder(folder: Path) -> None:

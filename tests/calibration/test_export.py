@@ -1,10 +1,10 @@
 """What is written: whole, reloadable, and never silent about what it does not know."""
 
 import json
+import os
 
 import pytest
 
-from pouring_robot.calibration import export
 from pouring_robot.calibration.export import described, write_calibration
 from pouring_robot.exceptions import OutputError
 from pouring_robot.io.files import check_folder
@@ -50,7 +50,7 @@ def test_a_failure_leaves_the_folder_as_it_was(found, tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(export, "html_report", full)
+    monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OutputError, match="No space left"):
         write_calibration(found, tmp_path / "out")
     assert {path: path.read_bytes() for path in (tmp_path / "out").rglob("*") if path.is_file()} == before

@@ -1,6 +1,7 @@
 """The pages of a diagnosis: whole, self-contained, and they say what the figures say."""
 
 import io
+import os
 import re
 from dataclasses import replace
 
@@ -10,7 +11,6 @@ import pytest
 from PIL import Image
 
 from pouring_robot.diagnosis.diagnose import DiagnosisOptions, diagnose
-from pouring_robot.diagnosis.report import export
 from pouring_robot.diagnosis.report.export import described, write_diagnosis
 from pouring_robot.diagnosis.report.left_over import left_over
 from pouring_robot.diagnosis.report.page import html_report
@@ -156,7 +156,7 @@ def test_a_failure_leaves_the_folder_as_it_was(hot, tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(export, "html_report", full)
+    monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OutputError, match="No space left"):
         write_diagnosis(hot, tmp_path / "out")
     assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pouring_robot.exceptions import BadInputError, OutputError
-from pouring_robot.io.files import write_together, write_whole
+from pouring_robot.io.files import check_outputs, write_together, write_whole
 
 
 def test_writes_text_and_bytes_and_leaves_nothing_else(tmp_path):
@@ -92,12 +92,40 @@ def test_several_files_are_written_all_or_none(tmp_path, monkeypatch, error):
         patched.setattr(os, "fsync", fails_once_at_the_third)
         with pytest.raises(OutputError if isinstance(error, OSError) else KeyboardInterrupt):
             write_together(files)
-    assert len(calls) == 4  # the older file was written again
+    assert len(calls) == 3  # nothing was put in place yet
     assert (tmp_path / "old.txt").read_text() == "old"
     assert sorted(tmp_path.rglob("*")) == before
     assert write_together(files) == list(files)
     assert (tmp_path / "old.txt").read_text() == "new"
     assert (tmp_path / "a" / "b" / "c.txt").read_text() == "c"
+
+
+def test_files_that_were_put_in_place_are_taken_back(tmp_path, monkeypatch):
+    old, new = tmp_path / "old.txt", tmp_path / "new.txt"
+    old.write_text("old")
+    put, place = [], Path.replace
+
+    def fails_at_the_third(self, target):
+        put.append(target)
+        if len(put) == 3:
+            raise KeyboardInterrupt
+        return place(self, target)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "replace", fails_at_the_third)
+        with pytest.raises(KeyboardInterrupt):
+            write_together({old: "1", new: "2", tmp_path / "third.txt": "3"})
+    assert old.read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["old.txt"]
+
+
+def test_outputs_are_checked_before_the_work(tmp_path):
+    (tmp_path / "there").write_text("x")
+    check_outputs([tmp_path / "there", tmp_path / "new"])
+    with pytest.raises(OutputError, match="there already"):
+        check_outputs([tmp_path / "there"], overwrite=False)
+    with pytest.raises(OutputError, match="same file name"):
+        check_outputs([tmp_path / "a", tmp_path / "a"])
 
 
 def test_a_folder_that_cannot_be_made_is_one_line(tmp_path):

@@ -50,12 +50,13 @@ def simulate(
     """Measure a robot as built without having it: a campaign with noise, outliers and unknown frames."""
     from pouring_robot.campaign.plan import random_plan, read_plan
     from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
-    from pouring_robot.campaign.writer import campaign_contents, refuse_existing, write_all
+    from pouring_robot.campaign.writer import campaign_contents
+    from pouring_robot.io.files import check_outputs, write_together
 
     if (plan is None) == (random is None):
         raise BadInputError("give the poses by --plan FILE or by --random N, one of the two")
     outputs = [out, out.with_suffix(".yaml"), *([truth] if truth else [])]
-    refuse_existing(outputs, overwrite=overwrite)
+    check_outputs(outputs, overwrite=overwrite)
     robot = options.robot_of(model, layout)
     poses = read_plan(plan, robot) if plan is not None else random_plan(robot, random or 0, seed)
     settings = MeasurementOptions(
@@ -73,7 +74,7 @@ def simulate(
     files = campaign_contents(measured.campaign, out)
     if truth:
         files[truth] = measured.truth_text(model).encode()
-    write_all(files, overwrite=overwrite)
+    write_together(files)
     options.print_written(options.console(), files)
 
 

@@ -105,16 +105,11 @@ def refuse_unwritable(*paths: Path | None) -> None:
     """Find out before the work whether the outputs can be written.
 
     Raises:
-        OutputError: one of the places cannot be written to.
-        BadInputError: two outputs have the same place.
+        OutputError: one of the places cannot be written to, or two outputs have the same place.
     """
-    from pouring_robot.io.files import check_writable
+    from pouring_robot.io.files import check_outputs
 
-    given = [path for path in paths if path is not None]
-    for path in given:
-        check_writable(path)
-    if len({path.resolve() for path in given}) < len(given):
-        raise BadInputError("two outputs have the same file name; give each its own")
+    check_outputs([path for path in paths if path is not None])
 
 
 def print_json(content: Any) -> None:

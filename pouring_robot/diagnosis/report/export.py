@@ -11,9 +11,9 @@ from pouring_robot.diagnosis.report.scene import ladle_scene
 from pouring_robot.diagnosis.report.sentences import gap_sentence, headline
 from pouring_robot.diagnosis.report.summary import Summary
 from pouring_robot.exceptions import DescriptionError, OutputError
-from pouring_robot.io.files import write_folder, write_whole
+from pouring_robot.io.files import check_folder, write_together
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.viewer import write_html
+from pouring_robot.viewer.page import page as html_of
 
 FIGURES, MODEL, REPORT, LADLES = "diagnosis.json", "model.yaml", "report.html", "ladles.html"
 
@@ -33,21 +33,20 @@ def write_diagnosis(summary: Summary, folder: Path | str) -> list[Path]:
     Raises:
         OutputError: the folder cannot be written to.
     """
-    folder = Path(folder)
-
-    def fill(hidden: Path) -> None:
-        described(summary).save(hidden / MODEL)
-        write_whole(hidden / REPORT, html_report(summary))
+    folder = check_folder(folder)
+    files: dict[Path, bytes | str] = {
+        folder / MODEL: described(summary).file_text(folder),
+        folder / REPORT: html_report(summary),
+    }
+    try:
         scene = ladle_scene(summary)
         if scene is not None:
-            write_html(scene, hidden / LADLES)
-        figures = diagnosis_figures(summary, str(folder / MODEL))
-        write_whole(hidden / FIGURES, json.dumps(figures, indent=1, allow_nan=False) + "\n")
-
-    try:
-        return write_folder(folder, fill, last=FIGURES)
+            files[folder / LADLES] = html_of(scene)
     except DescriptionError as error:
         raise OutputError(folder, error.problem) from error
+    figures = diagnosis_figures(summary, str(folder / MODEL))
+    files[folder / FIGURES] = json.dumps(figures, indent=1, allow_nan=False) + "\n"
+    return write_together(files)
 
 
 def described(summary: Summary) -> RobotModel:

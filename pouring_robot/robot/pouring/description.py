@@ -159,11 +159,21 @@ def write_urdf(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
         DescriptionError: the URDF is not readable XML, or a mesh is missing.
         OutputError: the folder cannot be written; it is left as it was.
     """
+    files = urdf_files(urdf, folder, beside)
+    return write_together(files)[-1]
+
+
+def urdf_files(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = None) -> dict[Path, bytes | str]:
+    """Return what :func:`write_urdf` writes, by path; the URDF last.
+
+    Raises:
+        DescriptionError: the URDF is not readable XML, or a mesh is missing.
+    """
     try:
         root = etree.fromstring(urdf.encode())
     except etree.XMLSyntaxError as error:
         raise DescriptionError("URDF", f"line {error.lineno}: {error.msg}") from error
-    files: dict[Path, bytes] = {}
+    files: dict[Path, bytes | str] = {}
     for mesh in root.iter("mesh"):
         source = _mesh_path(mesh.get("filename", ""))
         try:
@@ -172,10 +182,10 @@ def write_urdf(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
             raise DescriptionError(source, f"cannot be read: {error.strerror}") from error
         mesh.set("filename", f"meshes/{source.name}")
     files |= {folder / name: content for name, content in (beside or {}).items()}
-    target = folder / f"{root.get('name', 'robot')}.urdf"
-    files[target] = etree.tostring(root, xml_declaration=True, encoding="utf-8") + b"\n"
-    write_together(files)
-    return target
+    files[folder / f"{root.get('name', 'robot')}.urdf"] = (
+        etree.tostring(root, xml_declaration=True, encoding="utf-8") + b"\n"
+    )
+    return files
 
 
 @functools.lru_cache(maxsize=64)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pouring_robot.io.files import write_whole
+from pouring_robot.io.files import write_together
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.report.result import Result
 from pouring_robot.sweeps.analysis.indices import SobolIndices, sobol_indices
@@ -89,11 +89,9 @@ class SweepReport(Result):
         """
         folder = self.store.folder
         text = json.dumps(self.figures(), indent=2, allow_nan=False) + "\n"
-        return (
-            write_whole(folder / SUMMARY, text),
-            write_whole(folder / RANKING, self._ranking_text()),
-            write_whole(folder / PICTURE, picture(self.store, self.summary, self.ranking)),
-        )
+        files: dict[Path, str | bytes] = {folder / SUMMARY: text, folder / RANKING: self._ranking_text()}
+        files[folder / PICTURE] = picture(self.store, self.summary, self.ranking)
+        return tuple(write_together(files))
 
     def _ranking_text(self) -> str:
         rows = [parameter.row() for parameter in self.ranking]
