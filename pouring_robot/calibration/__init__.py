@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-from pouring_robot.estimation.measurement import (
-    FRAME_PARAMETERS,
-    FRAMES,
-    MeasurementModel,
-    ModelledRows,
-    Prediction,
-    Unknowns,
-)
+from pouring_robot.estimation.frames import FRAME_PARAMETERS, FRAMES
+from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Prediction, Unknowns
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations, regressor, whiten
 
 __all__ = [

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import scipy.stats
+import scipy.special
 from numpy.typing import NDArray
 
 from pouring_robot.calibration.acceptance import Refusal, acceptable, row_scores
@@ -17,13 +17,13 @@ from pouring_robot.calibration.selection import Selection, select_groups
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, outlier_rows
-from pouring_robot.estimation.first_frames import first_frames
+from pouring_robot.estimation.frames import FRAMES
 from pouring_robot.estimation.identifiability import BaseParameters, base_parameters
-from pouring_robot.estimation.measurement import FRAMES, MeasurementModel, ModelledRows, Unknowns
+from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.noise import NoiseLevel, fit_with_noise, repeats, stated_noise
 from pouring_robot.estimation.priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor
-from pouring_robot.estimation.solver import Fit, FitOptions, identify
+from pouring_robot.estimation.solver import Fit, FitOptions, first_frames, identify
 from pouring_robot.estimation.splits import HoldOut, Rows, Split, split
 from pouring_robot.exceptions import CampaignError
 from pouring_robot.io.progress import Status, say_nothing
@@ -231,7 +231,7 @@ def _residual_noise(
 ) -> NoiseLevel:
     """Return the noise as what the richest model leaves over of the training rows."""
     train, seen = rows[parts.train], measured[parts.train]
-    start, _ = first_frames(train, seen)
+    start = first_frames(train, seen)
     _, found = fit_with_noise(train, seen, start, prior_std(rows.model.parameters, tolerances), noise, options)
     return found
 
@@ -247,7 +247,7 @@ def _fitted(
     """Return the rows as a choice of groups models them, where its fit to the training rows began, and that fit."""
     chosen = rows.with_model(rows.model.with_parameters(all_parameters(groups)))
     train, seen = chosen[parts.train], measured[parts.train]
-    start, _ = first_frames(train, seen)
+    start = first_frames(train, seen)
     prior = prior_std(chosen.model.parameters, tolerances)
     return chosen, start, identify(train, seen, start, prior, replace(options, curvature=True))
 
@@ -268,7 +268,7 @@ def _before(
 ) -> Unknowns:
     """Return the frames alone, fitted to the training rows with the present robot."""
     train, seen = frames_only[parts.train], measured[parts.train]
-    start, _ = first_frames(train, seen)
+    start = first_frames(train, seen)
     return identify(train, seen, start, prior_std((), tolerances), options).unknowns
 
 
@@ -278,7 +278,7 @@ def _inflation(fit: Fit) -> float:
     if freedom < 1.0:
         return 1.0
     ratio = fit.chi_square() / freedom
-    return float(np.sqrt(ratio)) if scipy.stats.chi2.sf(fit.chi_square(), freedom) < _SURE else 1.0
+    return float(np.sqrt(ratio)) if scipy.special.chdtrc(freedom, fit.chi_square()) < _SURE else 1.0
 
 
 def _rank_anywhere(seen: FloatArray, workspace: ModelledRows, start: Unknowns, measured: MeasuredPoses) -> int:

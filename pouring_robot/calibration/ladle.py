@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.estimation.measurement import FRAMES, MeasurementModel, ModelledRows, Unknowns
+from pouring_robot.estimation.frames import FRAMES
+from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -100,8 +101,8 @@ def ladle_uncertainty(
     turning = jacobian[:, 3:].copy()
     if not turned:
         turning[:, :, 6:FRAMES] = 0.0  # nothing is known of the target's attitude; the lip is held by the platform's
-    arm = pose_platform_to_lip.translation - unknowns.inner.translation
-    lever = np.einsum("ij,njk,k->ni", unknowns.outer.rotation, rotation, arm)
+    arm = pose_platform_to_lip.translation - unknowns.frames.T_end_target.translation
+    lever = np.einsum("ij,njk,k->ni", unknowns.frames.T_tracker_base.rotation, rotation, arm)
     lip = jacobian[:, :3] + np.cross(turning.transpose(0, 2, 1), lever[:, None, :]).transpose(0, 2, 1)
     return LadleUncertainty(poses[closed], _std(lip, covariance), _std(turning, covariance))
 

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 
 from pouring_robot.calibration.calibrate import Calibration
+from pouring_robot.estimation.frames import FRAMES
 from pouring_robot.estimation.identifiability import combination_text, robot_combinations
-from pouring_robot.estimation.measurement import FRAMES
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.poses import MM, MRAD
 

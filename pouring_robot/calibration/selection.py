@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pouring_robot.calibration.acceptance import mean_and_error
-from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
-from pouring_robot.estimation.solver import FitOptions, identify
+from pouring_robot.estimation.solver import FitOptions, first_frames, identify
 from pouring_robot.estimation.splits import Rows, Split
 from pouring_robot.exceptions import CalibrationError
 from pouring_robot.io.progress import Status, say_nothing
@@ -78,7 +77,7 @@ class _CrossValidation:
         rough = replace(options, step_tolerance=_ROUGH, max_evaluations=most, curvature=False)
         self.tolerances, self.options = tolerances, rough
         frames_only = rows.with_model(rows.model.with_parameters(()))
-        self._frames = [first_frames(frames_only[train], measured[train])[0] for train, _ in split.validations]
+        self._frames = [first_frames(frames_only[train], measured[train]) for train, _ in split.validations]
 
     def __call__(self, groups: Sequence[ParameterGroup]) -> FloatArray:
         """Return the mean squared whitened residual of each judged row, of position and rotation, shape (rows, 2)."""
@@ -86,7 +85,7 @@ class _CrossValidation:
         prior = prior_std(model.parameters, self.tolerances)
         scores = np.full((len(self.rows), 2), np.nan)
         for frames, (train, validation) in zip(self._frames, self.split.validations, strict=True):
-            start = Unknowns.zero(frames.outer, frames.inner, len(model.parameters))
+            start = Unknowns.zero(frames.frames, len(model.parameters))
             scores[validation] = self._fold(start, prior, model, train, validation)
         return np.asarray(scores[np.isfinite(scores).any(axis=1)])
 

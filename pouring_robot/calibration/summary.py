@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-import scipy.stats
+import scipy.special
 
 from pouring_robot.calibration.calibrate import Calibration
 from pouring_robot.calibration.lines import (
@@ -21,8 +21,8 @@ from pouring_robot.calibration.lines import (
     parameter_lines,
 )
 from pouring_robot.calibration.metrics import Misfit
+from pouring_robot.estimation.frames import FRAMES
 from pouring_robot.estimation.identifiability import observability
-from pouring_robot.estimation.measurement import FRAMES
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.metrics import without_nan
 
@@ -31,7 +31,7 @@ Figures = dict[str, Any]
 
 def noise_floor(calibration: Calibration) -> dict[str, float]:
     """Return what noise alone would leave: RMS of a coordinate, P95 of a length; NaN where nothing was measured."""
-    noise, factor = calibration.noise, math.sqrt(float(scipy.stats.chi2.ppf(0.95, 3)))
+    noise, factor = calibration.noise, math.sqrt(float(scipy.special.chdtri(3, 0.05)))
     rotation = noise.rotation_rad if noise.rotation_source != "none" else float("nan")
     return {
         "rms_mm": noise.position_m / MM,
@@ -167,8 +167,8 @@ def calibration_figures(calibration: Calibration) -> Figures:
         "selection": [dataclasses.asdict(step) for step in calibration.selection.steps],
         "parameters": [_line(line) for line in lines],
         "frames": {
-            "tracker_to_fixed_platform": _pose(fit.unknowns.outer),
-            "platform_to_target": _pose(fit.unknowns.inner),
+            "tracker_to_fixed_platform": _pose(fit.unknowns.frames.T_tracker_base),
+            "platform_to_target": _pose(fit.unknowns.frames.T_end_target),
         },
         "combinations": [_combination(line) for line in combination_lines(calibration)],
         "base_parameters": _base(calibration),

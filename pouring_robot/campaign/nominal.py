@@ -31,10 +31,18 @@ class PoseStack:
         return int(self.position_m.shape[0])
 
     @property
-    def known(self) -> NDArray[np.bool_]:
-        """Which rows hold a pose, (n,)."""
-        known = np.isfinite(self.position_m).all(axis=1) & np.isfinite(self.rotation).all(axis=(1, 2))
-        return np.asarray(known, dtype=np.bool_)
+    def complete(self) -> NDArray[np.bool_]:
+        """Which rows hold a whole pose, (n,)."""
+        complete = np.isfinite(self.position_m).all(axis=1) & np.isfinite(self.rotation).all(axis=(1, 2))
+        return np.asarray(complete, dtype=np.bool_)
+
+    def difference(self, expected: PoseStack) -> FloatArray:
+        """Return these poses minus others, (n, 6), in m and rad; NaN where either is missing.
+
+        The rotation part is the rotation vector that turns the expected axes into these; both parts in fixed axes.
+        """
+        turn = rotation_vectors(self.rotation @ np.swapaxes(expected.rotation, 1, 2))
+        return np.concatenate([self.position_m - expected.position_m, turn], axis=1)
 
     def inverse(self) -> PoseStack:
         """Return the inverse of every pose."""

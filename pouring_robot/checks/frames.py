@@ -130,7 +130,7 @@ class FrameChecks:
         beyond = np.zeros(len(drives), dtype=bool)
         for index, (low, high) in enumerate(self._limits()):
             beyond |= (drives[:, index] < low - _LIMIT_SLACK) | (drives[:, index] > high + _LIMIT_SLACK)
-        rows = np.flatnonzero(complete & (beyond | ~self.data.poses.known))
+        rows = np.flatnonzero(complete & (beyond | ~self.data.poses.complete))
         if rows.size:
             self.flags.append(
                 DataFlag(
@@ -196,7 +196,7 @@ class FrameChecks:
             "check order and signs of x, y and z in the tracker's export",
             places,
         )
-        complete = data.poses.known & np.isfinite(data.position_m).all(axis=1)
+        complete = data.poses.complete & np.isfinite(data.position_m).all(axis=1)
         affine, spread = affine_map(data.poses, data.position_m, complete)
         if spread > 1e-2 and np.linalg.det(affine) < 0.0:
             yield dataclasses.replace(data, position_m=data.position_m * np.array([-1.0, 1.0, 1.0])), flag
@@ -222,7 +222,7 @@ class FrameChecks:
 
     def _with_drives(self, drives: FloatArray, flag: DataFlag) -> Iterator[tuple[Comparison, DataFlag]]:
         poses = nominal_poses(self.kinematics, drives)
-        if poses.known.sum() >= max(FEWEST_ROWS, 0.8 * len(drives)):
+        if poses.complete.sum() >= max(FEWEST_ROWS, 0.8 * len(drives)):
             poses = poses.inverse() if self.data.inverted else poses
             yield dataclasses.replace(self.data, drives=drives, poses=poses), flag
 
@@ -236,7 +236,7 @@ class FrameChecks:
         sigma = self.campaign.metadata.sigma_rotation_rad or 0.0
 
         def misfit(candidate: FloatArray) -> float:
-            return robust_sigma(rotation_misfit(self.data.poses, rotation_matrices(candidate), frames))
+            return robust_sigma(rotation_misfit(self.data.poses, rotation_matrices(candidate), frames.frames))
 
         before = misfit(vectors)
         if before <= max(_SUSPECT_RAD, _SUSPECT_SIGMAS * sigma):

@@ -31,7 +31,7 @@ def check_rows(
     campaign: Campaign, kinematics: FourUPUKinematics, data: Comparison, fit: FrameFit
 ) -> Iterator[DataFlag]:
     """Yield outliers, unreachable poses and jumps, given data whose mistakes of units and frames are undone."""
-    rows = np.flatnonzero(data.poses.known & campaign.usable)
+    rows = np.flatnonzero(data.poses.complete & campaign.usable)
     if rows.size < _FEWEST or data.inverted:
         return
     score = outlier_scores(campaign, kinematics, data, fit)

@@ -55,7 +55,7 @@ def drive_errors(kinematics: FourUPUKinematics, poses: PoseStack, fit: FrameFit,
     """
     sensitivity = drive_sensitivity(kinematics, poses)
     position = residual[:, :3]
-    arm = poses.rotation @ fit.pose_platform_to_target.translation
+    arm = poses.rotation @ fit.frames.T_end_target.translation
     if residual.shape[1] == 3:
         lever = np.zeros((len(poses), 3, 4))
         lever[:, :, :3] = np.eye(3)

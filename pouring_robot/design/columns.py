@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from pouring_robot.design.parameters import PlannedParameter
-from pouring_robot.estimation.measurement import FRAMES, MeasurementModel, Unknowns
+from pouring_robot.estimation.frames import FRAMES, OuterFrames
+from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechanism
@@ -129,11 +130,11 @@ class Columns:
         modelled = self._model.at(command.drives, command.start)
         still, centre = pin.SE3.Identity(), np.array(self.robot.layout.ladle.centre_of_mass_m)
         at_target = pin.SE3(np.eye(3), np.asarray(target_m, dtype=float))
-        seen = modelled.linearise(Unknowns.zero(still, at_target, len(self.local)))
+        seen = modelled.linearise(Unknowns.zero(OuterFrames(still, at_target), len(self.local)))
         driven = modelled.with_model(self._drive_model)
-        unknowns = Unknowns.zero(still, at_target, len(self.drives))
+        unknowns = Unknowns.zero(OuterFrames(still, at_target), len(self.drives))
         drives = driven.linearise(unknowns)
-        lifted = driven.linearise(Unknowns.zero(still, pin.SE3(np.eye(3), centre), len(self.drives)))
+        lifted = driven.linearise(Unknowns.zero(OuterFrames(still, pin.SE3(np.eye(3), centre)), len(self.drives)))
         closed = seen.closed & drives.closed & lifted.closed
         parts = [seen.jacobian, drives.jacobian, lifted.jacobian]
         base, drive_columns, at_centre = (np.nan_to_num(part) for part in parts if part is not None)

@@ -38,8 +38,8 @@ from pouring_robot.design.parameters import (
 )
 from pouring_robot.design.request import PlanRequest
 from pouring_robot.design.result import MeasurementPlan, PlanQuality, UndeterminedError
+from pouring_robot.estimation.frames import FRAME_PARAMETERS, FRAMES
 from pouring_robot.estimation.identifiability import base_parameters
-from pouring_robot.estimation.measurement import FRAME_PARAMETERS, FRAMES
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray

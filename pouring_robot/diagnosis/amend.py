@@ -14,7 +14,8 @@ from pouring_robot.calibration.amend import amended_model
 from pouring_robot.diagnosis.diagnose import Diagnosis
 from pouring_robot.diagnosis.problem import BACKGROUND
 from pouring_robot.effects.base import EffectParameter
-from pouring_robot.estimation.measurement import FRAMES, MeasurementModel
+from pouring_robot.estimation.frames import FRAMES
+from pouring_robot.estimation.measurement import MeasurementModel
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel

@@ -1,6 +1,6 @@
 """Rows of a campaign as the robot predicts them, with local parameters changed row by row; linearised anywhere.
 
-    seen_i = T_tracker_to_fixed ∘ D(base_i) ∘ X(drives + dq_i, placements ∘ D(e_i)) ∘ T_platform_to_target
+    seen_i = T_tracker_base ∘ D(base_i) ∘ X(drives + dq_i, placements ∘ D(e_i)) ∘ T_end_target
 
 X closes the loops exactly; positions then count (1 + scale_i) times, about the tracker's own origin. The columns of an
 effect are the product of the Jacobian by local parameters with the changes that one unit of each parameter makes.
@@ -13,19 +13,18 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from pouring_robot.batch import BatchStart
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.effects.base import EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions, NominalRows, conditions_of
 from pouring_robot.effects.registry import all_effects
-from pouring_robot.estimation.first_frames import first_frames
-from pouring_robot.estimation.measurement import FRAMES, MeasurementModel, Prediction
+from pouring_robot.estimation.frames import FRAMES, OuterFrames
+from pouring_robot.estimation.measurement import MeasurementModel, Prediction
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
+from pouring_robot.estimation.solver import first_frames
 from pouring_robot.exceptions import BadInputError, DiagnosisError, closest
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import (
@@ -34,7 +33,6 @@ from pouring_robot.mechanism.parameters import (
     GeometricParameter,
     LocalParameter,
 )
-from pouring_robot.mechanism.rotations import skew
 from pouring_robot.robot.effect_stack import EffectEntry
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterCatalogue
@@ -52,25 +50,6 @@ def local_parameters(model: RobotModel) -> tuple[GeometricParameter, ...]:
 def channel_names(inside: Iterable[LocalParameter]) -> frozenset[str]:
     """Return the names of all that effects may change: local parameters, the fixed platform, the device's scale."""
     return frozenset((*(p.name for p in inside), *(f"base.{component}" for component in COMPONENTS), SCALE))
-
-
-@dataclass(frozen=True, eq=False)
-class Frames:
-    """The two frames nobody knows.
-
-    Attributes:
-        pose_tracker_to_fixed_platform: where the tracker sees the fixed platform.
-        pose_platform_to_target: where the target sits on the moving platform.
-    """
-
-    pose_tracker_to_fixed_platform: pin.SE3
-    pose_platform_to_target: pin.SE3
-
-    def moved(self, step: FloatArray) -> Frames:
-        """Return the frames displaced by the twelve unknowns of :data:`FRAME_PARAMETERS`, in m and rad."""
-        outer = pin.SE3(pin.exp3(step[3:6]), step[:3])
-        inner = pin.SE3(pin.exp3(step[9:12]), step[6:9])
-        return Frames(self.pose_tracker_to_fixed_platform * outer, inner * self.pose_platform_to_target)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,11 +137,9 @@ class CampaignRows:
         self._sites = {p.name: k for k, p in enumerate(self.measurement.engine.parameters)}
         self.measured = MeasuredPoses.from_campaign(campaign, noise.position_m, noise.rotation_rad)
         modelled = self.measurement.at(campaign.drives)
-        unknowns, _ = first_frames(modelled, self.measured)
-        offsets = model.drive_offset_values()
-        self._drives = campaign.drives + np.array([offsets.get(name, 0.0) for name in DRIVE_JOINTS])
+        self._drives = campaign.drives + self.measurement.drive_errors(None)
         self._start: BatchStart = modelled.start
-        self.frames = Frames(unknowns.pose_tracker_to_fixed_platform, unknowns.pose_platform_to_target)
+        self.frames = first_frames(modelled, self.measured).frames
         self.conditions = self._conditions()
         self._given = self._by_stack(model)
 
@@ -240,52 +217,35 @@ class CampaignRows:
                     total.placements[:, self._sites[name]] += value * change
         return total
 
-    def linearise(self, changes: RowChanges, frames: Frames) -> LinearRows:
+    def linearise(self, changes: RowChanges, frames: OuterFrames) -> LinearRows:
         """Close the loops with changes put in, and differentiate.
 
         Raises:
             DiagnosisError: with these changes a row does not close.
         """
-        prediction, place = self._predict(self._given + changes, frames)
-        equations = whiten(self.measured, prediction)
+        total, model = self._given + changes, self.measurement
+        seen = self._seen(total, frames)
+        equations = whiten(
+            self.measured, model.differentiated(seen, frames, model.parameters, total.placements, total.base)
+        )
         if equations.failed.size or equations.jacobian is None:
             raise DiagnosisError(
                 f"{equations.failed.size} rows do not close with the changes found",
                 "check the campaign with `pouring-robot campaign check`",
             )
-        along = np.zeros((len(self), 6))
-        along[:, :3] = place
+        # The device's scale stretches positions about the tracker's own origin.
+        place = (seen.position_m / (1.0 + total.scale[:, None]))[equations.rows, equations.components % 3]
         sigma = self.measured.sigma[equations.components]
-        scale = along[equations.rows, equations.components] / sigma
+        scale = np.where(equations.components < 3, place, 0.0) / sigma
         return LinearRows(equations.residual, -equations.jacobian, equations.rows, equations.components, scale, sigma)
 
-    def predicted(self, changes: RowChanges, frames: Frames) -> Prediction:
+    def predicted(self, changes: RowChanges, frames: OuterFrames) -> Prediction:
         """Close the loops with changes put in, and return what is seen of the rows; rows that do not close are NaN."""
-        return self._predict(self._given + changes, frames)[0]
+        return self._seen(self._given + changes, frames)
 
-    def _predict(self, changes: RowChanges, frames: Frames) -> tuple[Prediction, FloatArray]:
-        engine = self.measurement.engine
-        closure = engine.close(self._drives + changes.drives, self._start, changes.placements)
-        transfer = engine.transfer(closure, self.measurement.parameters, changes.placements)
-        outer, inner = frames.pose_tracker_to_fixed_platform, frames.pose_platform_to_target
-        turned = outer.rotation @ Rotation.from_rotvec(changes.base[:, 3:]).as_matrix()
-        lever = closure.rotation @ inner.translation
-        arm = closure.position + lever
-        place = outer.translation + changes.base[:, :3] @ outer.rotation.T + np.einsum("nij,nj->ni", turned, arm)
-        position = (1.0 + changes.scale[:, None]) * place
-        carried = turned @ closure.rotation
-        jacobian = np.zeros((len(self), 6, FRAMES + len(self.measurement.parameters)))
-        jacobian[:, :3, 0:3] = outer.rotation
-        jacobian[:, :3, 3:6] = -turned @ skew(arm)
-        jacobian[:, 3:, 3:6] = turned
-        jacobian[:, :3, 6:9] = carried
-        jacobian[:, :3, 9:12] = -carried @ skew(inner.translation)
-        jacobian[:, 3:, 9:12] = carried
-        matrix = transfer.matrix
-        jacobian[:, :3, FRAMES:] = turned @ (matrix[:, :3] - skew(lever) @ matrix[:, 3:])
-        jacobian[:, 3:, FRAMES:] = turned @ matrix[:, 3:]
-        seen = Prediction(position, carried @ inner.rotation, transfer.status, closure, jacobian)
-        return seen, place
+    def _seen(self, total: RowChanges, frames: OuterFrames) -> Prediction:
+        closure = self.measurement.engine.close(self._drives + total.drives, self._start, total.placements)
+        return Prediction.of(closure, frames, total.base, total.scale)
 
     @property
     def channels(self) -> frozenset[str]:

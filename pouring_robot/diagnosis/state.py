@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from pouring_robot.diagnosis.parameters import FoundParameter, found_parameters
 from pouring_robot.diagnosis.problem import Library, problem_at
-from pouring_robot.diagnosis.rows import CampaignRows, Frames, LinearRows
+from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.effects.base import EffectParameter
+from pouring_robot.estimation.frames import OuterFrames
 from pouring_robot.estimation.priors import FRAME_STD
 from pouring_robot.exceptions import DiagnosisError
 from pouring_robot.inference.explanations import Problem
@@ -40,7 +41,7 @@ class State:
 
     parameters: tuple[EffectParameter, ...]
     values: FloatArray
-    frames: Frames
+    frames: OuterFrames
     linear: LinearRows
     every_row: LinearRows
     problem: Problem
@@ -83,7 +84,7 @@ class Diagnoser:
             frames = frames.moved(_least_squares(linear.free, linear.residual))
         return self._state((), np.zeros(0), frames)
 
-    def _state(self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: Frames) -> State:
+    def _state(self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: OuterFrames) -> State:
         every_row = self.rows.linearise(self.rows.changes(parameters, values), frames)
         linear = every_row.of(self.fitted)
         added = self._signature(parameters, values, linear)

@@ -1,6 +1,6 @@
 """The measurement model: what the tracker sees of the robot as built, and how every unknown moves it.
 
-    Y = T_tracker_to_fixed ∘ D(base) ∘ X(drives, parameters) ∘ D(tool) ∘ T_platform_to_target
+    Y = T_tracker_base ∘ D(base) ∘ X(drives, parameters) ∘ D(tool) ∘ T_end_target
 
 X closes the loops of the present robot with its local parameters added; D(v, w) = SE3(exp(w), v). The unknowns stand
 in the order [base tx ty tz rx ry rz | tool tx ty tz rx ry rz | parameters], in m and rad. ``base`` displaces the fixed
@@ -24,28 +24,21 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pouring_robot.batch import BatchClosure, BatchEngine, BatchStart
-from pouring_robot.campaign.nominal import nominal_poses
+from pouring_robot.campaign.nominal import PoseStack, nominal_poses
+from pouring_robot.estimation.frames import FRAME_PARAMETERS, FRAMES, OuterFrames, displaced_columns
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import (
-    COMPONENTS,
     DriveParameter,
-    FrameParameter,
     GeometricParameter,
     LocalParameter,
     PlacementParameter,
 )
-from pouring_robot.mechanism.rotations import right_jacobian, skew
+from pouring_robot.mechanism.rotations import right_jacobian
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 
 BoolArray = NDArray[np.bool_]
-FRAME_PARAMETERS: tuple[FrameParameter, ...] = (
-    *(FrameParameter("base", component) for component in COMPONENTS),
-    *(FrameParameter("tool", component) for component in COMPONENTS),
-)
-"""The twelve unknowns of the two outer frames, first in every vector of unknowns."""
-FRAMES = len(FRAME_PARAMETERS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,19 +46,17 @@ class Unknowns:
     """A value for everything unknown.
 
     Attributes:
-        pose_tracker_to_fixed_platform: where the tracker is taken to see the fixed platform.
-        pose_platform_to_target: where the target is taken to sit on the moving platform.
+        start: the outer frames that displacements count from.
         values: displacements from there and parameter values, shape (12 + P,), in m and rad; see the module.
     """
 
-    pose_tracker_to_fixed_platform: pin.SE3
-    pose_platform_to_target: pin.SE3
+    start: OuterFrames
     values: FloatArray
 
     @classmethod
-    def zero(cls, outer: pin.SE3, inner: pin.SE3, parameters: int) -> Unknowns:
+    def zero(cls, frames: OuterFrames, parameters: int) -> Unknowns:
         """Return the given frames and all parameters zero."""
-        return cls(outer, inner, np.zeros(FRAMES + parameters))
+        return cls(frames, np.zeros(FRAMES + parameters))
 
     def at(self, values: FloatArray) -> Unknowns:
         """Return other values from the same frames."""
@@ -77,18 +68,13 @@ class Unknowns:
         return self.values[FRAMES:]
 
     @property
-    def outer(self) -> pin.SE3:
-        """The fixed platform in the tracker frame, its displacement included."""
-        return self.pose_tracker_to_fixed_platform * _displacement(self.values[:6])
-
-    @property
-    def inner(self) -> pin.SE3:
-        """The target on the moving platform, its displacement included."""
-        return _displacement(self.values[6:FRAMES]) * self.pose_platform_to_target
+    def frames(self) -> OuterFrames:
+        """The outer frames, their displacements included."""
+        return self.start.moved(self.values)
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction:
+class Prediction(PoseStack):
     """What the tracker should see of n rows; a row that does not close is NaN and has a status.
 
     Attributes:
@@ -100,11 +86,21 @@ class Prediction:
             tracker axes, per unit of each unknown; None where only the prediction was asked for.
     """
 
-    position_m: FloatArray
-    rotation: FloatArray
     status: NDArray[np.uint8]
     closure: BatchClosure
     jacobian: FloatArray | None = None
+
+    @classmethod
+    def of(
+        cls,
+        closure: BatchClosure,
+        frames: OuterFrames,
+        base: FloatArray | None = None,
+        scale: FloatArray | None = None,
+    ) -> Prediction:
+        """Return what closed loops look like from the tracker; displacements row by row as :meth:`OuterFrames.seen`."""
+        seen = frames.seen(PoseStack(closure.position, closure.rotation), base, scale)
+        return cls(seen.position_m, seen.rotation, closure.status, closure)
 
     @property
     def closed(self) -> BoolArray:
@@ -191,27 +187,61 @@ class MeasurementModel:
         """Return the displacement of every site for parameter values (P,): shape (sites, 6), in m and rad."""
         return np.asarray(self._twists @ values)
 
-    def drive_errors(self, values: FloatArray) -> FloatArray:
-        """Return what is added to the commanded drives for parameter values (P,): shape (4,), in m and rad."""
+    def drive_errors(self, values: FloatArray | None) -> FloatArray:
+        """Return what is added to the commanded drives for parameter values (P,): shape (4,), in m and rad.
+
+        None: what the present robot itself adds.
+        """
         offsets = self.model.drive_offset_values()
-        names = self.engine.structure.mechanism.loops.drives
-        return np.asarray(self._drives @ values + np.array([offsets.get(name, 0.0) for name in names]))
+        own = np.array([offsets.get(name, 0.0) for name in self.engine.structure.mechanism.loops.drives])
+        return own if values is None else np.asarray(self._drives @ values + own)
 
     def moved_parameters(self, errors: FloatArray) -> tuple[LocalParameter, ...]:
         """Return the parameters as twists on top of placements displaced by ``errors`` (sites, 6).
 
         exp(w + dw) turns by the right Jacobian of w, and dv is seen in the turned axes.
         """
+        maps = {
+            site: (pin.exp3(errors[site, 3:]).T, right_jacobian(errors[site, 3:]))
+            for site in np.flatnonzero(errors[:, 3:].any(axis=1)).tolist()
+        }
         moved: list[LocalParameter] = []
         for parameter, site in zip(self.parameters, self._sites.tolist(), strict=True):
-            if isinstance(parameter, PlacementParameter) and errors[site, 3:].any():
-                turn = errors[site, 3:]
-                linear = pin.exp3(turn).T @ np.array(parameter.twist[:3])
-                angular = right_jacobian(turn) @ np.array(parameter.twist[3:])
-                moved.append(replace(parameter, twist=tuple(np.r_[linear, angular].tolist())))
+            if isinstance(parameter, PlacementParameter) and site in maps:
+                linear, angular = maps[site]
+                twist = (*(linear @ parameter.twist[:3]).tolist(), *(angular @ parameter.twist[3:]).tolist())
+                moved.append(PlacementParameter(parameter.name, parameter.unit, parameter.joint, twist))
             else:
                 moved.append(parameter)
         return tuple(moved)
+
+    def differentiated(
+        self,
+        prediction: Prediction,
+        frames: OuterFrames,
+        parameters: Sequence[LocalParameter],
+        errors: FloatArray,
+        base: FloatArray | None = None,
+    ) -> Prediction:
+        """Return a prediction with its Jacobian by the frames at zero and by local parameters added.
+
+        Args:
+            prediction: as :meth:`Prediction.of` the same frames and base.
+            frames: the outer frames.
+            parameters: one a column after the frames, on top of the errors.
+            errors: displacement of every site, (sites * 6,) or row by row (n, sites * 6), in m and rad.
+            base: displacement of the fixed platform, row by row, (n, 6).
+
+        Returns:
+            Rows that are singular have status 1 and no Jacobian.
+        """
+        closure = prediction.closure
+        transfer = self.engine.transfer(closure, parameters, errors)
+        poses = PoseStack(closure.position, closure.rotation)
+        columns = frames.jacobian(poses, base), frames.carried(transfer.matrix, poses, base)
+        jacobian = np.concatenate(columns, axis=2)
+        jacobian[transfer.status != 0] = np.nan
+        return replace(prediction, jacobian=jacobian, status=transfer.status)
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,15 +277,14 @@ class ModelledRows:
         Raises:
             BadInputError: the number of values does not fit, or one is not finite.
         """
-        closure, _ = self._close(unknowns)
-        outer, inner = unknowns.outer, unknowns.inner
-        arm = closure.position + closure.rotation @ inner.translation
-        return Prediction(
-            outer.translation + arm @ outer.rotation.T,
-            outer.rotation @ closure.rotation @ inner.rotation,
-            closure.status,
-            closure,
-        )
+        model = self.model
+        if unknowns.values.shape != (FRAMES + len(model.parameters),) or not np.isfinite(unknowns.values).all():
+            raise BadInputError(
+                f"the unknowns must be {FRAMES + len(model.parameters)} finite values, not {unknowns.values.shape}"
+            )
+        errors = model.placement_errors(unknowns.parameters)
+        drives = self.drives + model.drive_errors(unknowns.parameters)
+        return Prediction.of(model.engine.close(drives, self.start, errors.ravel()), unknowns.frames)
 
     def linearise(self, unknowns: Unknowns) -> Prediction:
         """Return the same with the analytic Jacobian, exact at any residual of the loops.
@@ -268,40 +297,8 @@ class ModelledRows:
     def differentiate(self, unknowns: Unknowns, prediction: Prediction) -> Prediction:
         """Return a prediction for these unknowns with its Jacobian added; rows that are singular get status 1."""
         errors = self.model.placement_errors(unknowns.parameters)
-        closure = prediction.closure
         parameters = self.model.moved_parameters(errors)
-        transfer = self.model.engine.transfer(closure, parameters, errors.ravel())
-        outer, inner = unknowns.outer, unknowns.inner
-        jacobian = np.zeros((len(self), 6, FRAMES + len(parameters)))
-        arm = closure.rotation @ inner.translation
-        base_turn = outer.rotation @ right_jacobian(unknowns.values[3:6])
-        jacobian[:, :3, 0:3] = unknowns.pose_tracker_to_fixed_platform.rotation
-        jacobian[:, :3, 3:6] = -outer.rotation @ skew(closure.position + arm) @ right_jacobian(unknowns.values[3:6])
-        jacobian[:, 3:, 3:6] = base_turn
-        carried = outer.rotation @ closure.rotation
-        turn = unknowns.values[9:12]
-        left = right_jacobian(-turn)  # the left Jacobian of w is the right one of -w
-        lever = pin.exp3(turn) @ unknowns.pose_platform_to_target.translation
-        jacobian[:, :3, 6:9] = carried
-        jacobian[:, :3, 9:12] = -carried @ skew(lever) @ left
-        jacobian[:, 3:, 9:12] = carried @ left
-        matrix = transfer.matrix
-        shifted = matrix[:, :3] - skew(arm) @ matrix[:, 3:]
-        jacobian[:, :3, FRAMES:] = outer.rotation @ shifted
-        jacobian[:, 3:, FRAMES:] = outer.rotation @ matrix[:, 3:]
-        jacobian[transfer.status != 0] = np.nan
-        return replace(prediction, jacobian=jacobian, status=transfer.status)
-
-    def _close(self, unknowns: Unknowns) -> tuple[BatchClosure, FloatArray]:
-        model = self.model
-        if unknowns.values.shape != (FRAMES + len(model.parameters),) or not np.isfinite(unknowns.values).all():
-            raise BadInputError(
-                f"the unknowns must be {FRAMES + len(model.parameters)} finite values, not {unknowns.values.shape}"
-            )
-        errors = model.placement_errors(unknowns.parameters)
-        drives = self.drives + model.drive_errors(unknowns.parameters)
-        return model.engine.close(drives, self.start, errors.ravel()), errors
-
-
-def _displacement(twist: FloatArray) -> pin.SE3:
-    return pin.SE3(pin.exp3(np.asarray(twist[3:], dtype=float)), np.asarray(twist[:3], dtype=float))
+        found = self.model.differentiated(prediction, unknowns.frames, parameters, errors.ravel())
+        if found.jacobian is not None:
+            found.jacobian[:, :, :FRAMES] = found.jacobian[:, :, :FRAMES] @ displaced_columns(unknowns.values)
+        return found

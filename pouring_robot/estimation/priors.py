@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pouring_robot.estimation.measurement import FRAMES
+from pouring_robot.estimation.frames import FRAMES
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import GeometricParameter
 from pouring_robot.robot.tolerances import Tolerances

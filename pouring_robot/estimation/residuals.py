@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.campaign.nominal import rotation_matrices, rotation_vectors
+from pouring_robot.campaign.nominal import PoseStack, rotation_matrices
 from pouring_robot.estimation.measurement import BoolArray, Prediction
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
@@ -16,7 +16,7 @@ from pouring_robot.mechanism.rotations import inverse_right_jacobians
 
 
 @dataclass(frozen=True, eq=False)
-class MeasuredPoses:
+class MeasuredPoses(PoseStack):
     """What was measured of n rows, with its noise.
 
     Attributes:
@@ -26,8 +26,6 @@ class MeasuredPoses:
         sigma_rotation_rad: standard deviation of a rotation component about the tracker's axes, in rad.
     """
 
-    position_m: FloatArray
-    rotation: FloatArray
     sigma_position_m: float
     sigma_rotation_rad: float
 
@@ -59,10 +57,6 @@ class MeasuredPoses:
         position[~campaign.usable], rotation[~campaign.usable] = np.nan, np.nan
         return cls(position, rotation, sigma_position_m, sigma_rotation_rad)
 
-    def __len__(self) -> int:
-        """Return the number of rows."""
-        return len(self.position_m)
-
     def __getitem__(self, rows: NDArray[np.intp] | BoolArray) -> MeasuredPoses:
         """Return some rows, by index or mask."""
         return replace(self, position_m=self.position_m[rows], rotation=self.rotation[rows])
@@ -81,15 +75,6 @@ class MeasuredPoses:
         """Which components were measured, shape (n, 6)."""
         turned = np.asarray(np.isfinite(self.rotation).all(axis=(1, 2)))
         return np.concatenate([np.isfinite(self.position_m), np.repeat(turned[:, None], 3, axis=1)], axis=1)
-
-    def difference(self, prediction: Prediction) -> FloatArray:
-        """Return measured minus predicted, shape (n, 6), in m and rad; NaN where missing or not closed.
-
-        The rotation part is the rotation vector that turns the predicted axes into the measured ones; both parts in
-        the fixed axes of the tracker.
-        """
-        turn = rotation_vectors(self.rotation @ np.swapaxes(prediction.rotation, 1, 2))
-        return np.concatenate([self.position_m - prediction.position_m, turn], axis=1)
 
     def difference_jacobian(self, prediction: Prediction, difference: FloatArray) -> FloatArray:
         """Return the derivative of :meth:`difference` by the unknowns, shape (n, 6, 12 + P).

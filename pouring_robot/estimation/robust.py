@@ -6,7 +6,7 @@ import functools
 from typing import Literal
 
 import numpy as np
-import scipy.stats
+import scipy.special
 from numpy.typing import NDArray
 
 from pouring_robot.estimation.residuals import WhitenedEquations
@@ -14,12 +14,14 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 
 Loss = Literal["huber", "soft_l1", "linear"]
-_SOUND_SHARE = 0.99
+_INLIER_SHARE = 0.99
 
 
 @functools.cache
-def _bound(components: int) -> float:
-    return float(np.sqrt(scipy.stats.chi2.ppf(_SOUND_SHARE, components)))
+def _quantiles(share: float) -> FloatArray:
+    """Return what chi-square of 1 to 3 freedoms stays below with a probability, (4,); 1 in place of none."""
+    # Of scipy.special: importing scipy.stats takes longer than many a calibration.
+    return np.array([1.0, *(scipy.special.chdtri(k, 1.0 - share) for k in (1, 2, 3))])
 
 
 def _blocks(equations: WhitenedEquations) -> tuple[NDArray[np.intp], FloatArray, NDArray[np.intp]]:
@@ -33,7 +35,7 @@ def _blocks(equations: WhitenedEquations) -> tuple[NDArray[np.intp], FloatArray,
 def scatter(equations: WhitenedEquations) -> float:
     """Return the median size of the blocks over what noise makes it, at least 1."""
     _, squared, counts = _blocks(equations)
-    median = np.array([scipy.stats.chi2.ppf(0.5, k) if k else 1.0 for k in range(4)])
+    median = _quantiles(0.5)
     kept = counts > 0
     return max(1.0, float(np.sqrt(np.median(squared[kept] / median[counts[kept]])))) if kept.any() else 1.0
 
@@ -51,7 +53,7 @@ def robust_terms(equations: WhitenedEquations, loss: Loss, widened: float = 1.0)
     """
     blocks, squared, counts = _blocks(equations)
     length = counts.size
-    bound = widened * np.array([_bound(k) if k else 1.0 for k in range(4)])[counts]
+    bound = widened * np.sqrt(_quantiles(_INLIER_SHARE))[counts]
     size = np.sqrt(squared)
     if loss == "linear":
         cost, weight = squared, np.ones(length)

@@ -17,12 +17,31 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pouring_robot.campaign.nominal import PoseStack
+from pouring_robot.estimation.frames import fit_frames
 from pouring_robot.estimation.measurement import ModelledRows, Prediction, Unknowns
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations
 from pouring_robot.estimation.robust import Loss
 from pouring_robot.estimation.search import Search
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
+
+
+def first_frames(rows: ModelledRows, measured: MeasuredPoses) -> Unknowns:
+    """Return where to start: both outer frames fitted robustly to the present robot, all parameters zero.
+
+    Args:
+        rows: what was commanded.
+        measured: what was seen of the same rows.
+
+    Raises:
+        FrameFitError: too few rows have a pose and a complete position.
+    """
+    closure = rows.model.engine.close(rows.drives + rows.model.drive_errors(None), rows.start)
+    scale = measured.sigma_position_m / measured.sigma_rotation_rad
+    poses = PoseStack(closure.position, closure.rotation)
+    fit = fit_frames(poses, measured.position_m, measured.rotation, scale)
+    return Unknowns.zero(fit.frames, len(rows.model.parameters))
 
 
 @dataclass(frozen=True)
@@ -120,7 +139,7 @@ def identify(
     Args:
         rows: what was commanded.
         measured: what was seen.
-        start: frames near the answer (see ``first_frames.first_frames``); prior means are 0.
+        start: frames near the answer (see :func:`first_frames`); prior means are 0.
         prior_std: of all unknowns, shape (12 + P,), in m and rad.
         options: loss and limits.
 

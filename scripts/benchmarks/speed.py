@@ -26,11 +26,10 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.measurement import MeasurementModel
 from pouring_robot.estimation.priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses
-from pouring_robot.estimation.solver import Fit, identify
+from pouring_robot.estimation.solver import Fit, first_frames, identify
 from pouring_robot.exceptions import NoSolutionError, PouringRobotError
 from pouring_robot.io.files import check_writable, write_whole
 from pouring_robot.mechanism.arrays import FloatArray
@@ -297,7 +296,7 @@ def calibrations(setting: Setting, wanted: str, parameters: int, poses: int) -> 
 
         def run() -> Fit:
             rows = model.at(campaign.drives)
-            return identify(rows, measured, first_frames(rows, measured)[0], prior)
+            return identify(rows, measured, first_frames(rows, measured), prior)
 
         return watch.time(run) if watch else run()
 

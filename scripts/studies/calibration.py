@@ -24,19 +24,12 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.cli.shared.progress import stage_bars
-from pouring_robot.estimation.first_frames import first_frames
+from pouring_robot.estimation.frames import FRAME_PARAMETERS, FRAMES
 from pouring_robot.estimation.identifiability import BaseParameters, base_parameters, robot_combinations
-from pouring_robot.estimation.measurement import (
-    FRAME_PARAMETERS,
-    FRAMES,
-    BoolArray,
-    MeasurementModel,
-    ModelledRows,
-    Unknowns,
-)
+from pouring_robot.estimation.measurement import BoolArray, MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
-from pouring_robot.estimation.solver import Fit, FitOptions, identify
+from pouring_robot.estimation.solver import Fit, FitOptions, first_frames, identify
 from pouring_robot.estimation.splits import split
 from pouring_robot.exceptions import CalibrationError, PouringRobotError
 from pouring_robot.io.files import write_whole
@@ -208,7 +201,7 @@ def _run(
     rows = model.at(campaign.drives)
     train, seen = rows[parts.train], measured[parts.train]
     clock = time.perf_counter()
-    start, _ = first_frames(train, seen)
+    start = first_frames(train, seen)
     fit = identify(train, seen, start, prior_std(model.parameters, tolerances), FitOptions(curvature=True))
     seconds = time.perf_counter() - clock
     wrong = fit.unknowns.values[FRAMES:] - truth

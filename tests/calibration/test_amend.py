@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from pouring_robot.calibration.amend import amended_model
-from pouring_robot.estimation.measurement import FRAMES, Unknowns
+from pouring_robot.estimation.frames import FRAMES
+from pouring_robot.estimation.measurement import Unknowns
 from pouring_robot.exceptions import CalibrationError
 from pouring_robot.robot.model import RobotModel
-from tests.estimation.virtual import INNER, OUTER, Virtual, model_of
+from tests.estimation.virtual import TRUE_FRAMES, Virtual, model_of
 from tests.support import ACTUAL
 
 
@@ -17,7 +18,7 @@ def test_the_amended_model_predicts_what_the_parameters_do(drawing, present):
     virtual = Virtual(drawing, model, 6)
     expected = virtual.rows.predict(virtual.unknowns)
     amended = model_of(drawing, "drives", model=amended_model(present, model, virtual.truth))
-    seen = amended.at(virtual.rows.drives).predict(Unknowns.zero(OUTER, INNER, 4))
+    seen = amended.at(virtual.rows.drives).predict(Unknowns.zero(TRUE_FRAMES, 4))
     np.testing.assert_allclose(seen.position_m, expected.position_m, atol=1e-11)
     np.testing.assert_allclose(seen.rotation, expected.rotation, atol=1e-11)
 

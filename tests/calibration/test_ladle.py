@@ -5,16 +5,15 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.calibration.ladle import ladle_uncertainty, pose_platform_to_lip, workspace_rows
-from pouring_robot.estimation.first_frames import first_frames
-from pouring_robot.estimation.measurement import FRAMES
-from pouring_robot.estimation.solver import identify
+from pouring_robot.estimation.frames import FRAMES
+from pouring_robot.estimation.solver import first_frames, identify
 from tests.estimation.virtual import Virtual, model_of
 
 
 @pytest.fixture(scope="module")
 def fitted(drawing):
     virtual = Virtual(drawing, model_of(drawing, "geometry"), 120, seed=1)
-    start, _ = first_frames(virtual.rows, virtual.measured)
+    start = first_frames(virtual.rows, virtual.measured)
     return virtual, identify(virtual.rows, virtual.measured, start, virtual.prior)
 
 
@@ -30,7 +29,7 @@ def test_carried_covariance_is_the_scatter_of_draws(drawing, fitted):
     small = 1e-4 * fit.covariance  # small enough that first order holds
     rows, lip, found = uncertainty(drawing, virtual, small, fit.unknowns, turned=True)
     rows = rows[np.arange(0, len(rows), 9)]
-    target_to_lip = fit.unknowns.inner.inverse() * lip
+    target_to_lip = fit.unknowns.frames.T_end_target.inverse() * lip
     random = np.random.default_rng(0)
     draws = random.multivariate_normal(fit.unknowns.values, small, size=300, method="svd")
     seen = []

@@ -12,8 +12,9 @@ import pytest
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
-from pouring_robot.diagnosis.rows import CampaignRows, Frames
+from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects import LIBRARY, conditions
+from pouring_robot.estimation.frames import OuterFrames
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.robot.model import RobotModel
 from tests.rig.conditions import CENTRE_OF_MASS, GRAVITY, PITCH_M, REFERENCE_DEGC, SPAN_M, TARE_KG, plan
@@ -77,7 +78,7 @@ class Bench:
         self.campaign = self.measured(Errors.none(rows))
         self.rows = self.rows_of(self.campaign)
         # A faultless machine does not show where along the tilt axis the target sits, so the true frames are taken.
-        self.true_frames = Frames(*(pin.SE3(pin.exp3(f[3:]), f[:3]) for f in (BASE, TARGET)))
+        self.true_frames = OuterFrames(*(pin.SE3(pin.exp3(f[3:]), f[:3]) for f in (BASE, TARGET)))
         self.linear = self.rows.linearise(self.rows.unchanged(), self.true_frames)
 
     def measured(self, errors):

@@ -89,10 +89,10 @@ def test_deflections_are_those_of_a_closure_whose_drives_yield(bench, drawing, s
 
 def motion_of_platform(bench, row, seen):
     """Return by how much the platform's origin moves in the fixed platform where the target is seen to move."""
-    axes = bench.true_frames.pose_tracker_to_fixed_platform.rotation
+    axes = bench.true_frames.T_tracker_base.rotation
     shift, turn = axes.T @ seen[:3] * SIGMA_M, axes.T @ seen[3:] * SIGMA_RAD
     rotation = bench.rows.conditions.rotation[row]
-    return shift - np.cross(turn, rotation @ bench.true_frames.pose_platform_to_target.translation)
+    return shift - np.cross(turn, rotation @ bench.true_frames.T_end_target.translation)
 
 
 def test_gravity_is_the_standard_one():

@@ -24,19 +24,19 @@ def fit_of(robot, measured, **options):
 def test_recovers_what_the_tracker_sees_within_noise(drawing, seed, full):
     measured = measure(drawing, seed=seed, sigma_rotation_rad=SIGMA_RAD if full else None, outliers=5, lost=0.02)
     poses, fit = fit_of(drawing, measured)
-    seen = fit.predict(poses)
+    seen = fit.frames.seen(poses)
     outer, inner = measured.pose_tracker_to_fixed_platform, measured.pose_platform_to_target
     truth = [outer * pose * inner for pose in measured.actual_poses]
     error = seen.position_m - np.array([pose.translation for pose in truth])
     assert np.abs(error).max() < 2.5 * SIGMA_M
     assert fit.position_scale_m == pytest.approx(SIGMA_M, rel=0.25)
-    assert fit.pose_platform_to_target.translation[1] == 0.0
+    assert fit.frames.T_end_target.translation[1] == 0.0
     # The attitude of the tracker is known from positions alone; its place along y only with the target's.
-    turn = pin.log3(fit.pose_tracker_to_fixed_platform.rotation @ outer.rotation.T)
+    turn = pin.log3(fit.frames.T_tracker_base.rotation @ outer.rotation.T)
     assert np.linalg.norm(turn) < 1e-3
-    assert fit.pose_platform_to_target.translation[[0, 2]] == pytest.approx(inner.translation[[0, 2]], abs=4e-4)
+    assert fit.frames.T_end_target.translation[[0, 2]] == pytest.approx(inner.translation[[0, 2]], abs=4e-4)
     shift = outer.rotation @ np.array([0.0, inner.translation[1], 0.0])
-    assert np.linalg.norm(fit.pose_tracker_to_fixed_platform.translation - outer.translation - shift) < 2e-3
+    assert np.linalg.norm(fit.frames.T_tracker_base.translation - outer.translation - shift) < 2e-3
     if full:
         assert fit.rotation_scale_rad == pytest.approx(SIGMA_RAD, rel=0.25)
         rotations = np.array([pose.rotation for pose in truth])

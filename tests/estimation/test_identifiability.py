@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
+from pouring_robot.estimation.frames import FRAMES
 from pouring_robot.estimation.identifiability import RANK_TOLERANCE, base_parameters, observability, robot_combinations
-from pouring_robot.estimation.measurement import FRAMES, Unknowns
+from pouring_robot.estimation.measurement import Unknowns
 from pouring_robot.estimation.residuals import regressor
 from pouring_robot.exceptions import BadInputError
-from tests.estimation.virtual import INNER, OUTER, Virtual, model_of, reference_regressor
+from tests.estimation.virtual import TRUE_FRAMES, Virtual, model_of, reference_regressor
 
 
 def test_a_matrix_with_known_dependencies():
@@ -55,7 +56,7 @@ def test_groups_are_the_null_space_of_an_independent_regressor(drawing, wanted):
     """Differences of ClosureSolver over perturbed URDFs know nothing of the batch engine's Jacobian."""
     model = model_of(drawing, *wanted)
     virtual = Virtual(drawing, model, 14, seed=8)
-    zero = Unknowns.zero(OUTER, INNER, len(model.parameters))
+    zero = Unknowns.zero(TRUE_FRAMES, len(model.parameters))
     analytic = regressor(virtual.rows.linearise(zero), np.ones(6))
     independent = reference_regressor(drawing, model.model, model.parameters, virtual.rows.drives)
     np.testing.assert_allclose(analytic, independent, atol=2e-8)
@@ -75,7 +76,7 @@ def test_the_threshold_lies_in_a_wide_gap(drawing, wanted):
     """A rank ten times finer or coarser is the same one, so that round-off never decides it."""
     model = model_of(drawing, wanted)
     virtual = Virtual(drawing, model, 30, seed=4)
-    seen = regressor(virtual.rows.linearise(Unknowns.zero(OUTER, INNER, len(model.parameters))), np.ones(6))
+    seen = regressor(virtual.rows.linearise(Unknowns.zero(TRUE_FRAMES, len(model.parameters))), np.ones(6))
     found = [base_parameters(seen, model.names, tolerance=RANK_TOLERANCE * f) for f in (0.1, 1.0, 100.0)]
     assert len({one.rank for one in found}) == 1
     assert len({one.unseen for one in found}) == 1
@@ -84,7 +85,7 @@ def test_the_threshold_lies_in_a_wide_gap(drawing, wanted):
 def test_moving_along_a_hidden_direction_changes_nothing_and_along_a_base_it_does(drawing):
     model = model_of(drawing, "geometry")
     virtual = Virtual(drawing, model, 60)
-    zero = Unknowns.zero(OUTER, INNER, len(model.parameters))
+    zero = Unknowns.zero(TRUE_FRAMES, len(model.parameters))
     seen = virtual.rows.linearise(zero)
     found = base_parameters(regressor(seen, np.ones(6)), model.names, lead=model.names[:FRAMES])
     null_space = found.physical_null_space
@@ -99,7 +100,7 @@ def test_the_target_s_y_cannot_be_told_from_the_base_s(drawing):
     """The platform turns about y only, so that a target moved along y and a robot moved along y look alike."""
     model = model_of(drawing, "drives")
     virtual = Virtual(drawing, model, 40)
-    seen = virtual.rows.linearise(Unknowns.zero(OUTER, INNER, 4))
+    seen = virtual.rows.linearise(Unknowns.zero(TRUE_FRAMES, 4))
     found = base_parameters(regressor(seen, np.ones(6)), model.names, lead=model.names[:FRAMES])
     assert [group.texts() for group in found.groups] == [("base.ty + tool.ty",)]
     assert not found.unseen

@@ -4,11 +4,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pouring_robot.estimation.measurement import FRAMES, Unknowns
+from pouring_robot.estimation.frames import FRAMES
+from pouring_robot.estimation.measurement import Unknowns
 from pouring_robot.exceptions import BadInputError, UnknownJointError
 from pouring_robot.mechanism.parameters import DriveParameter, PayloadParameter, PlacementParameter
 from pouring_robot.robot.model import DriveOffset, RobotModel
-from tests.estimation.virtual import INNER, OUTER, Virtual, measured_poses, model_of, reference_poses
+from tests.estimation.virtual import INNER, OUTER, TRUE_FRAMES, Virtual, measured_poses, model_of, reference_poses
 from tests.support import crooked_model
 
 
@@ -62,7 +63,7 @@ def test_drive_offsets_of_the_model_come_on_top_of_the_command(drawing):
     offsets = {"leg1_s3": DriveOffset(offset_mm=0.7), "leg4_s5": DriveOffset(offset_mrad=-2.0)}
     model = model_of(drawing, "drives", model=RobotModel(drive_offsets=offsets))
     virtual = Virtual(drawing, model_of(drawing, "drives"), 5)
-    zero = Unknowns.zero(OUTER, INNER, 4)
+    zero = Unknowns.zero(TRUE_FRAMES, 4)
     with_offsets = model.at(virtual.rows.drives).predict(zero)
     same = virtual.rows.predict(zero.at(np.r_[np.zeros(FRAMES), 0.7e-3, 0.0, 0.0, -2e-3]))
     np.testing.assert_allclose(with_offsets.position_m, same.position_m, atol=1e-12)
@@ -103,6 +104,6 @@ def test_wrong_parameters_and_shapes_are_refused(drawing):
         model.at(np.zeros((3, 3)))
     rows = Virtual(drawing, model, 4).rows
     with pytest.raises(BadInputError, match="finite values"):
-        rows.predict(Unknowns.zero(OUTER, INNER, 3))
+        rows.predict(Unknowns.zero(TRUE_FRAMES, 3))
     with pytest.raises(BadInputError, match="finite values"):
-        rows.predict(Unknowns.zero(OUTER, INNER, 4).at(np.full(16, np.nan)))
+        rows.predict(Unknowns.zero(TRUE_FRAMES, 4).at(np.full(16, np.nan)))

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.noise import fit_with_noise, repeat_noise, repeats, stated_noise
 from pouring_robot.estimation.residuals import MeasuredPoses
+from pouring_robot.estimation.solver import first_frames
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, damaged
 from tests.estimation.virtual import SIGMA, Virtual, model_of
 
@@ -57,7 +57,7 @@ def test_noise_from_residuals_is_the_true_one(drawing, clean):
     virtual = Virtual(drawing, model_of(drawing, "drives"), 60)
     metadata = clean.campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
     unknown = stated_noise(dataclasses.replace(clean.campaign, metadata=metadata), np.arange(60))
-    start, _ = first_frames(virtual.rows, virtual.measured)
+    start = first_frames(virtual.rows, virtual.measured)
     fit, noise = fit_with_noise(virtual.rows, virtual.measured, start, virtual.prior, unknown)
     assert noise.position_m == pytest.approx(SIGMA, rel=0.15)
     assert noise.rotation_rad == pytest.approx(SIGMA, rel=0.15)

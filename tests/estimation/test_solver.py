@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from pouring_robot.estimation.first_frames import first_frames
-from pouring_robot.estimation.measurement import FRAMES, Unknowns
+from pouring_robot.estimation.frames import FRAMES
+from pouring_robot.estimation.measurement import Unknowns
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.estimation.robust import robust_terms, scatter
 from pouring_robot.estimation.search import Search
-from pouring_robot.estimation.solver import FitOptions, identify
+from pouring_robot.estimation.solver import FitOptions, first_frames, identify
 from pouring_robot.exceptions import BadInputError, CalibrationError
-from tests.estimation.virtual import INNER, OUTER, SIGMA, Virtual, model_of
+from tests.estimation.virtual import SIGMA, TRUE_FRAMES, Virtual, model_of
 
 
 def fitted(virtual, options=None, measured=None):
     measured = measured or virtual.measured
-    start, _ = first_frames(virtual.rows, measured)
+    start = first_frames(virtual.rows, measured)
     return identify(virtual.rows, measured, start, virtual.prior, options)
 
 
@@ -97,7 +97,7 @@ def test_covariance_is_the_scatter_of_repeated_fits(drawing):
     for seed in range(60):
         noise = np.random.default_rng(seed).normal(size=(40, 3)) * SIGMA
         measured = MeasuredPoses(seen.position_m + noise, np.full((40, 3, 3), np.nan), SIGMA, 1.0)
-        start = Unknowns.zero(OUTER, INNER, 4)
+        start = Unknowns.zero(TRUE_FRAMES, 4)
         fit = identify(virtual.rows, measured, start, virtual.prior)
         found.append(fit.unknowns.parameters)
     ratio = np.std(found, axis=0) / fit.std[FRAMES:]
@@ -106,7 +106,7 @@ def test_covariance_is_the_scatter_of_repeated_fits(drawing):
 
 def test_too_few_rows_and_wrong_priors_are_refused(drawing):
     virtual = Virtual(drawing, model_of(drawing, "drives"), 8)
-    start = Unknowns.zero(OUTER, INNER, 4)
+    start = Unknowns.zero(TRUE_FRAMES, 4)
     with pytest.raises(CalibrationError, match="only 4 of 4 rows"):
         identify(virtual.rows[np.arange(4)], virtual.measured[np.arange(4)], start, virtual.prior)
     for prior in (virtual.prior[1:], np.zeros(16), np.full(16, np.nan)):
@@ -119,7 +119,7 @@ def test_rows_that_do_not_close_are_left_out_and_named(drawing):
     drives = virtual.rows.drives.copy()
     drives[[3, 9], 0] = 4.0
     rows = virtual.model.at(drives)
-    start, _ = first_frames(rows, virtual.measured)
+    start = first_frames(rows, virtual.measured)
     fit = identify(rows, virtual.measured, start, virtual.prior)
     assert fit.failed.tolist() == [3, 9]
     assert fit.chi_square() / fit.freedom() == pytest.approx(1.0, abs=0.4)

@@ -4,7 +4,8 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.campaign.plan import random_plan
-from pouring_robot.estimation.measurement import FRAMES, MeasurementModel, Unknowns
+from pouring_robot.estimation.frames import FRAMES, OuterFrames
+from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
 from pouring_robot.estimation.priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -18,6 +19,7 @@ from pouring_robot.robot.tolerances import Tolerances
 SIGMA = 3e-5
 OUTER = pin.SE3(pin.exp3(np.array([0.4, -1.1, 2.0])), np.array([1.5, -2.0, 0.7]))
 INNER = pin.SE3(pin.exp3(np.array([-0.7, 0.3, 0.9])), np.array([0.11, 0.04, -0.06]))
+TRUE_FRAMES = OuterFrames(OUTER, INNER)
 
 
 def groups_of(drawing, *wanted):
@@ -37,7 +39,7 @@ class Virtual:
         self.model, self.prior = model, prior_std(model.parameters, Tolerances.load())
         self.truth = random.normal(size=len(model.parameters)) * self.prior[FRAMES:] * scale
         self.rows = model.at(random_plan(drawing, count, seed + 1).drives)
-        zero = Unknowns.zero(OUTER, INNER, len(self.truth))
+        zero = Unknowns.zero(TRUE_FRAMES, len(self.truth))
         self.unknowns = zero.at(np.r_[np.zeros(FRAMES), self.truth])
         seen = self.rows.predict(self.unknowns)
         position = seen.position_m + random.normal(size=(count, 3)) * sigma

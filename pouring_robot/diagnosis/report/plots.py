@@ -108,7 +108,7 @@ def _residuals(summary: Summary) -> bytes:
 def _residual_table(diagnosis: Diagnosis, *, of_after: bool) -> FloatArray:
     state = diagnosis.after if of_after else diagnosis.before
     table = table_of(state.every_row, len(diagnosis.rows))
-    return in_fixed_platform(table, state.frames.pose_tracker_to_fixed_platform.rotation)
+    return in_fixed_platform(table, state.frames.T_tracker_base.rotation)
 
 
 def _signatures(summary: Summary) -> bytes:

@@ -104,8 +104,8 @@ def _effect(summary: Summary, effect: NamedEffect) -> Figures:
 def _frames(diagnosis: Diagnosis) -> Figures:
     frames = diagnosis.after.frames
     pairs = {
-        "tracker_to_fixed_platform": frames.pose_tracker_to_fixed_platform,
-        "platform_to_target": frames.pose_platform_to_target,
+        "tracker_to_fixed_platform": frames.T_tracker_base,
+        "platform_to_target": frames.T_end_target,
     }
     return {
         name: {

@@ -16,7 +16,8 @@ import pinocchio as pin
 from pouring_robot.diagnosis.diagnose import Diagnosis
 from pouring_robot.diagnosis.report.signatures import pose_platform_to_lip
 from pouring_robot.diagnosis.report.summary import Summary
-from pouring_robot.diagnosis.rows import CampaignRows, Frames
+from pouring_robot.diagnosis.rows import CampaignRows
+from pouring_robot.estimation.frames import OuterFrames
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, PoseDifference
 from pouring_robot.robot.pouring.poses import PlatformPose
@@ -56,7 +57,7 @@ def seen_rows(summary: Summary) -> list[SeenRow]:
     """Return representative rows, the one farthest from the drawing first."""
     diagnosis = summary.diagnosis
     rows, state = diagnosis.rows, diagnosis.before if summary.refused else diagnosis.after
-    here = Frames(pin.SE3.Identity(), pin.SE3.Identity())
+    here = OuterFrames(pin.SE3.Identity(), pin.SE3.Identity())
     drawing = _drawing(diagnosis).predicted(rows.unchanged(), here)
     model = rows.predicted(rows.changes(state.parameters, state.values), here)
     whole = np.isfinite(rows.measured.position_m).all(axis=1) & drawing.closed & model.closed
@@ -82,9 +83,9 @@ def _drawing(diagnosis: Diagnosis) -> CampaignRows:
     return CampaignRows(diagnosis.rows.campaign, diagnosis.model.model_copy(update=bare), diagnosis.noise)
 
 
-def _measured(rows: CampaignRows, frames: Frames, row: int, rotation: FloatArray) -> pin.SE3:
+def _measured(rows: CampaignRows, frames: OuterFrames, row: int, rotation: FloatArray) -> pin.SE3:
     """Return the moving platform as measured, in the fixed platform."""
-    outer, inner = frames.pose_tracker_to_fixed_platform, frames.pose_platform_to_target
+    outer, inner = frames.T_tracker_base, frames.T_end_target
     turned = rows.measured.rotation[row]
     seen_turn = turned if np.isfinite(turned).all() else outer.rotation @ rotation @ inner.rotation
     seen = pin.SE3(seen_turn, rows.measured.position_m[row])

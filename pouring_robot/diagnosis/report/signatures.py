@@ -8,8 +8,9 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.diagnosis.diagnose import Diagnosis
-from pouring_robot.diagnosis.rows import Frames, LinearRows
+from pouring_robot.diagnosis.rows import LinearRows
 from pouring_robot.effects.base import EffectParameter
+from pouring_robot.estimation.frames import OuterFrames
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.model import RobotModel
 
@@ -31,7 +32,7 @@ def moved_at_lip(diagnosis: Diagnosis, parameters: Sequence[EffectParameter]) ->
     A constant part counts here, though the frames absorb it in the campaign.
     """
     rows, after = diagnosis.rows, diagnosis.after
-    frames = Frames(pin.SE3.Identity(), pose_platform_to_lip(diagnosis.model))
+    frames = OuterFrames(pin.SE3.Identity(), pose_platform_to_lip(diagnosis.model))
     chosen = {id(p) for p in parameters}
     kept = np.array([0.0 if id(p) in chosen else 1.0 for p in after.parameters])
     with_all = rows.predicted(rows.changes(after.parameters, after.values), frames)

@@ -140,7 +140,7 @@ def free_residuals(diagnosis: Diagnosis) -> FreeResiduals:
         component=linear.component,
         sigma=linear.tracker,
         absorbed=axes[:, values > 1e-10 * values.max(initial=0.0)],
-        axes=diagnosis.before.frames.pose_tracker_to_fixed_platform.rotation,
+        axes=diagnosis.before.frames.T_tracker_base.rotation,
         drives=np.column_stack([rows.channel(name, linear) for name in CHANNELS]),
         noise_known=not diagnosis.noise.from_residuals,
     )

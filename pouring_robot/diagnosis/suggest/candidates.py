@@ -163,7 +163,7 @@ class Prospect:
 def _together(campaign: Campaign, possible: Candidates, diagnosis: Diagnosis) -> Campaign:
     """Return a campaign with the possible measurements behind its rows, as the drawing predicts them."""
     n, frames = len(possible), diagnosis.after.frames
-    outer, inner = frames.pose_tracker_to_fixed_platform, frames.pose_platform_to_target
+    outer, inner = frames.T_tracker_base, frames.T_end_target
     seen = [outer * pose.to_se3() * inner for pose in possible.poses]
     arrays: dict[str, Any] = possible.arrays | {
         "drives": possible.drives,
