@@ -25,7 +25,7 @@ ARM_M = 0.5
 def drive_sensitivity(kinematics: FourUPUKinematics, poses: PoseStack) -> FloatArray:
     """Return ∂(q1, q2, q3, q4)/∂(x, y, z, tilt) of the nominal robot, (n, 4, 4), in m and rad.
 
-    q_i = |d_i| with d_i = p + R B_i - A_i, and q4 = tilt - psi_4 with psi_4 = atan2(-d_4x, -d_4z) (DESIGN §2).
+    q_i = |d_i| with d_i = p + R B_i - A_i, and q4 = tilt - psi_4 with psi_4 = atan2(-d_4x, -d_4z).
     """
     arms = np.einsum("nij,kj->nki", poses.rotation, kinematics.moving_centres_m)
     legs = poses.position_m[:, None] + arms - kinematics.fixed_centres_m

@@ -18,7 +18,8 @@ from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 
 LoopKind = Literal["6d", "3d"]
 
-# Legs of steel between yokes: stiff along, softer against turning; sqrt(k_rot / k_trans) = 0.03 m (DESIGN §2).
+# Legs of steel between yokes: stiff along, softer against turning. The pose hardly depends on their ratio, as long as
+# sqrt(k_rot / k_trans), here 0.03 m, is at most 0.1 m.
 DEFAULT_TRANSLATION_STIFFNESS = 1.0e8
 DEFAULT_ROTATION_STIFFNESS = 1.0e5
 

@@ -1,4 +1,4 @@
-"""A diagnosis in figures: ``diagnosis.json`` (DESIGN §7), and more keys where they serve. Units are in the names."""
+"""A diagnosis in figures: ``diagnosis.json``. Units are in the names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-r"""Denavit-Hartenberg description of one UPU chain, and how its errors displace joint placements (DESIGN §3).
+r"""Denavit-Hartenberg description of one UPU chain, and how its errors displace joint placements.
 
 The chain is a product of eight transforms O→0→1→…→6→o (modified convention, in which frame j lies on axis j; J. J.
 Craig, Introduction to Robotics, ch. 3):
@@ -103,11 +103,9 @@ class DHChain:
         twists[1] = twists[1] @ adjoint(inverse(transforms[2])).T
         return twists
 
-    def placement_twists(self, errors: FloatArray) -> FloatArray:
-        """Return the twist of the displaced joint per unit of each DH number; shape (8, 4, 6).
-
-        In the joint's placement frame as displaced by ``errors``, before the joint's own motion.
-        """
+    def placement_twists(self) -> FloatArray:
+        """Return the twist of the displaced joint, in its placement frame, per unit of each DH number; (8, 4, 6)."""
+        errors = np.zeros((8, 4))
         twists = self.site_twists(errors)
         twists[7] = -twists[7] @ adjoint(self.site_transforms(errors)[SEAT]).T
         carry = adjoint(inverse(self.after))[list(SITES)]

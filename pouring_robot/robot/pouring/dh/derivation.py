@@ -1,7 +1,6 @@
-r"""Reads the DH numbers of a chain off the loaded nominal robot; nothing is typed in (DESIGN §3).
+r"""Reads the DH numbers of a chain off the loaded nominal robot; nothing is typed in.
 
-Axis S_j is the z axis of frame j, and x_j is the common normal of S_j and S_{j+1}. S_0 is Z of the fixed platform, S_2
-to S_6 are the joints, S_o is z of the moving platform. Where the definition leaves a choice it is made as follows:
+Frames and axes are those of ``dh.chain``. Where the definition leaves a choice it is made as follows:
 
 * S_1 lies on S_2, with x_1 vertical and pointing down through the U-joint centre. So θ_2 is the joint's own value, d_1
   the way along S_1 to the centre, α_12 a turn about a vertical axis, α_01 a turn about x.

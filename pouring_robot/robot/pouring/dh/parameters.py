@@ -1,17 +1,13 @@
-"""The parameters of the DH table one by one: names, units, what they are on the machine, which drop out (DESIGN §3)."""
+"""The parameters of the DH table one by one: names, units, what they are on the machine, which drop out."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-
 from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.mechanism.parameters import PlacementParameter, Twist
-from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.pouring.dh.chain import ALPHA, SITES, SYMBOLS, TRANSFORMS, VARIABLES, A, D, DHChain
 
 Transform = Literal["O0", "01", "12", "23", "34", "45", "56", "6o"]
@@ -109,12 +105,12 @@ def chain_parameters(chain: DHChain, drives: Collection[str]) -> Iterable[DHPara
         chain: the chain.
         drives: names of the driven joints.
     """
-    twists = chain.placement_twists(np.zeros((8, 4)))
+    twists = chain.placement_twists() + 0.0
     variables = {place: chain.joints[k] for k, place in enumerate(VARIABLES)}
     for t, transform in enumerate(TRANSFORMS):
         for s, symbol in enumerate(SYMBOLS):
             joint = variables.get((t, s))
-            x, y, z, rx, ry, rz = (float(component) for component in twists[t, s] + 0.0)
+            x, y, z, rx, ry, rz = (float(component) for component in twists[t, s])
             role, reason = _role(t, s, joint, drives)
             yield DHParameter(
                 name=f"{symbol}_e{chain.number}_{transform if s in (A, ALPHA) else transform[1]}",
@@ -139,20 +135,3 @@ def _role(transform: int, symbol: int, joint: str | None, drives: Collection[str
     if transform == 0 and symbol in _CONVENTION:
         return "convention", "S_0 is by definition Z of the fixed platform, with the same origin"
     return "geometric", ""
-
-
-def printable_row(parameter: DHParameter) -> dict[str, str]:
-    """Return a parameter as texts for a table; lengths in mm, angles in degrees."""
-    length = parameter.unit == "m"
-    value = parameter.nominal / MM if length else math.degrees(parameter.nominal)
-    text = f"{value + 0.0:.4f}".rstrip("0").rstrip(".")
-    return {
-        "parameter": parameter.name,
-        "transform": f"{parameter.transform[0]}→{parameter.transform[1]}",
-        "nominal": f"{text} + {parameter.moves_with}" if parameter.moves_with else text,
-        "unit": "mm" if length else "deg",
-        "meaning": parameter.meaning,
-        "displaces": parameter.joint,
-        "role": parameter.role,
-        "drops out": parameter.reason,
-    }

@@ -1,4 +1,4 @@
-"""The DH table: 32 geometric parameters a chain, as the paper counts them, tied to the joints of the URDF (DESIGN §3).
+"""The DH table: 32 geometric parameters a chain, as the paper counts them, tied to the joints of the URDF.
 
     table = DHTable.from_mechanism(RobotModel().nominal_mechanism())
     placements = table.placement_errors({"alpha_e1_56": 4e-3, "a_e2_01": 2e-4})   # rad, m
@@ -29,7 +29,6 @@ from pouring_robot.robot.pouring.dh.parameters import (
     DHParameter,
     UnknownParameterError,
     chain_parameters,
-    printable_row,
 )
 
 __all__ = ["DHParameter", "DHTable", "NotUPUError", "UnknownParameterError"]
@@ -103,34 +102,18 @@ class DHTable:
             chosen = [p for p in self.parameters if drop_outs or not p.drops_out]
         return tuple(p for p in chosen if chain in (None, p.chain))
 
-    def chain_pose(
-        self,
-        chain: int,
-        joint_values: Mapping[str, float] | Sequence[float] | FloatArray,
-        errors: Mapping[str, float] | None = None,
-    ) -> pin.SE3:
-        """Return the pose of the moving platform o in the fixed platform O that one chain gives, its joints held.
+    def chain_poses(
+        self, chain: int, joint_values: Sequence[float] | FloatArray, errors: Mapping[str, float] | None = None
+    ) -> FloatArray:
+        """Return the poses of the moving platform o in the fixed platform O that one chain gives, its joints held.
 
         Args:
             chain: its number.
-            joint_values: values of its five URDF joints, by name or in order, in m and rad.
+            joint_values: values of its five URDF joints in order, in m and rad, shape (..., 5).
             errors: errors by parameter name, in m and rad; those of other chains do not count.
 
-        Raises:
-            UnknownParameterError: there is no parameter of a name.
-            BadInputError: there is no such chain, a joint value is missing, or a number is not finite.
-        """
-        if isinstance(joint_values, Mapping):
-            missing = [joint for joint in self._chain(chain).joints[:5] if joint not in joint_values]
-            if missing:
-                raise BadInputError(f"chain {chain}: no value is given for joint '{missing[0]}'")
-            joint_values = [joint_values[joint] for joint in self._chain(chain).joints[:5]]
-        return pin.SE3(self.chain_poses(chain, np.asarray(joint_values, dtype=float), errors))
-
-    def chain_poses(
-        self, chain: int, joint_values: FloatArray, errors: Mapping[str, float] | None = None
-    ) -> FloatArray:
-        """Return the same for arrays of joint values: shape (..., 5) gives homogeneous matrices (..., 4, 4).
+        Returns:
+            Homogeneous matrices, shape (..., 4, 4).
 
         Raises:
             UnknownParameterError: there is no parameter of a name.
@@ -141,7 +124,9 @@ class DHTable:
             raise BadInputError(
                 f"chain {chain} has five joints: give finite values of shape (..., 5), not {values.shape}"
             )
-        return self._chain(chain).poses(values, self._error_arrays(errors)[chain])
+        if chain not in self._chains:
+            raise BadInputError(f"there is no chain {chain}; the robot has {', '.join(map(str, self._chains))}")
+        return self._chains[chain].poses(values, self._error_arrays(errors)[chain])
 
     def placement_errors(self, errors: Mapping[str, float]) -> dict[str, PlacementError]:
         """Return the displaced joint placements that equal given DH errors, exactly and for all joint values.
@@ -205,49 +190,20 @@ class DHTable:
                     result[parameter.name] = float(value)
         return result
 
-    def twist_matrix(
-        self,
-        joints: Sequence[str] | None = None,
-        parameters: Sequence[DHParameter] | None = None,
-        errors: Mapping[str, float] | None = None,
-    ) -> FloatArray:
-        """Return the linear map from DH errors to joint displacements.
+    def twist_matrix(self, parameters: Sequence[DHParameter] | None = None) -> FloatArray:
+        """Return the linear map from small DH errors of the nominal robot to the displacements of :attr:`joints`.
 
         Args:
-            joints: rows, six each (tx ty tz rx ry rz; m, rad); default :attr:`joints`.
             parameters: columns; default :meth:`selection`.
-            errors: errors already present: the map is then the derivative there, of a further displacement on top of
-                the present placement. Default none.
 
         Returns:
-            Shape (6 · joints, parameters), in m or rad per m or rad.
-
-        Raises:
-            BadInputError: a parameter displaces a joint that is not among the rows.
-            UnknownParameterError: there is no parameter of a name in ``errors``.
+            Shape (6 · joints, parameters), in m or rad per m or rad; rows are tx ty tz rx ry rz of each joint.
         """
-        rows = {joint: k for k, joint in enumerate(self.joints if joints is None else joints)}
         columns = self.selection() if parameters is None else parameters
-        arrays = self._error_arrays(errors) if errors else None
-        twists = {n: c.placement_twists(arrays[n]) for n, c in self._chains.items()} if arrays else None
-        matrix = np.zeros((len(rows), 6, len(columns)))
+        matrix = np.zeros((len(self._sites), 6, len(columns)))
         for k, parameter in enumerate(columns):
-            if parameter.joint not in rows:
-                raise BadInputError(
-                    f"'{parameter.name}' displaces joint '{parameter.joint}', which is not among the rows"
-                )
-            twist = twists[parameter.chain][parameter.place] if twists else parameter.twist
-            matrix[rows[parameter.joint], :, k] = twist
+            matrix[self.joints.index(parameter.joint), :, k] = parameter.twist
         return matrix.reshape(-1, len(columns))
-
-    def rows(self) -> list[dict[str, str]]:
-        """Return the table for printing: one dictionary of texts a parameter; lengths in mm, angles in degrees."""
-        return [printable_row(parameter) for parameter in self.parameters]
-
-    def _chain(self, number: int) -> DHChain:
-        if number not in self._chains:
-            raise BadInputError(f"there is no chain {number}; the robot has {', '.join(map(str, self._chains))}")
-        return self._chains[number]
 
     def _error_arrays(self, errors: Mapping[str, float] | None) -> dict[int, FloatArray]:
         """Return the errors of each chain as an array (8, 4)."""
