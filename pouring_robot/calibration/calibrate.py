@@ -29,7 +29,7 @@ from pouring_robot.exceptions import CampaignError
 from pouring_robot.io.progress import Status, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.parameters import ParameterCatalogue, ParameterGroup, all_parameters
+from pouring_robot.robot.parameters import ParameterGroup, all_parameters
 from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.robot.tolerances import Tolerances
 
@@ -148,7 +148,7 @@ def calibrate(
     options, model = options or CalibrationOptions(), model or RobotModel()
     tolerances = options.tolerances or Tolerances.load()
     robot = PouringRobot(model)
-    candidates = ParameterCatalogue(robot.nominal_solver.mechanism).groups(options.parameters)
+    candidates = robot.parameters.groups(options.parameters)
     progress("checking the data")
     flags, left_out = _checked(campaign, robot)
     parts = split(campaign, left_out, options.hold_out)

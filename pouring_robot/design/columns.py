@@ -16,7 +16,6 @@ from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechanism
-from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.robot.pouring.layout import Layout
 from pouring_robot.robot.robot import PouringRobot
 
@@ -72,7 +71,7 @@ class Columns:
         nominal = robot.nominal_solver.mechanism
         self.robot, self.parameters = robot, tuple(parameters)
         self.local = [p.local for p in parameters if p.kind == "local"]
-        self.drives = drive_parameters(nominal)
+        self.drives = robot.parameters.drives
         # The drives may be among the parameters already; under names of their own they can stand twice.
         self._model = MeasurementModel(robot.model, self.local)
         self._drive_model = self._model.with_parameters(self.drives)

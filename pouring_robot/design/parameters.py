@@ -12,16 +12,15 @@ Beside the local parameters there are simple columns for what depends on how a p
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.parameters import GeometricParameter, drive_parameters
+from pouring_robot.mechanism.parameters import GeometricParameter
 from pouring_robot.robot.parameters import ParameterCatalogue, all_parameters
 from pouring_robot.robot.tolerances import Tolerances
 
-Kind = Literal["local", "backlash", "compliance", "expansion"]
+Condition = Literal["backlash", "compliance", "expansion"]
 DEFAULT_SETS = ("centres",)
 """Drives and U-joint centres: the errors that close exactly."""
 
@@ -35,13 +34,11 @@ SHOWN_UNITS: dict[str, tuple[str, float]] = {
 }
 
 
-# Backlash of a worn screw; a leg of 1e8 N/m and a tilt drive of 1e6 Nm/rad; steel.
-_USUAL: dict[tuple[Kind, str], float] = {
-    ("backlash", "m"): 1e-4,
-    ("backlash", "rad"): 2e-4,
-    ("compliance", "m/N"): 1e-8,
-    ("compliance", "rad/Nm"): 1e-6,
-    ("expansion", "1/K"): 1.2e-5,
+# Unit and order of size, by the drive's unit: a worn screw; a leg of 1e8 N/m, a tilt drive of 1e6 Nm/rad; steel.
+_CONDITIONS: dict[Condition, dict[str, tuple[str, float]]] = {
+    "backlash": {"m": ("m", 1e-4), "rad": ("rad", 2e-4)},
+    "compliance": {"m": ("m/N", 1e-8), "rad": ("rad/Nm", 1e-6)},
+    "expansion": {"m": ("1/K", 1.2e-5)},
 }
 
 
@@ -52,13 +49,13 @@ class PlannedParameter:
     Attributes:
         name: such as ``leg1_s1.tx``, ``alpha_e1_56``, ``drive.leg1_s3``, ``backlash.leg1_s3``.
         unit: ``m``, ``rad``, ``m/N``, ``rad/Nm`` or ``1/K``.
-        kind: which column it has.
+        kind: which column it has: ``local``, or the condition that shows it.
         local: the local parameter; of the other kinds, the drive.
     """
 
     name: str
     unit: str
-    kind: Kind
+    kind: Literal["local"] | Condition
     local: GeometricParameter
 
     @property
@@ -72,35 +69,26 @@ class PlannedParameter:
         return SHOWN_UNITS[self.unit][1]
 
 
-def local_parameters(nominal: ClosedChainMechanism, wanted: Sequence[str]) -> tuple[PlannedParameter, ...]:
-    """Return the local parameters of sets, groups and name patterns, as calibration knows them.
+def planned_parameters(
+    catalogue: ParameterCatalogue, wanted: Sequence[str], conditions: Collection[Condition] = ()
+) -> tuple[PlannedParameter, ...]:
+    """Return the parameters of sets, groups and name patterns, then those that only conditions show; see the module.
 
     Raises:
         BadInputError: a name or pattern matches nothing.
     """
-    chosen = all_parameters(ParameterCatalogue(nominal).groups(wanted))
-    return tuple(PlannedParameter(p.name, p.unit, "local", p) for p in chosen)
+    local = [PlannedParameter(p.name, p.unit, "local", p) for p in all_parameters(catalogue.groups(wanted))]
+    shown = [
+        PlannedParameter(f"{condition}.{drive.joint}", units[drive.unit][0], condition, drive)
+        for condition, units in _CONDITIONS.items()
+        for drive in catalogue.drives
+        if condition in conditions and drive.unit in units
+    ]
+    return (*local, *shown)
 
 
-def usual_size(parameter: PlannedParameter, tolerances: Tolerances) -> float:
-    """Return how large a parameter usually is, in its own unit: its tolerance; of a condition's, an order of size."""
+def expected_size(parameter: PlannedParameter, tolerances: Tolerances) -> float:
+    """Return how large a parameter may be, in its own unit: its tolerance; of a condition's, an order of size."""
     if parameter.kind == "local":
         return float(tolerances.std([parameter.local])[0])
-    return _USUAL[parameter.kind, parameter.unit]
-
-
-def condition_parameters(
-    nominal: ClosedChainMechanism, *, backlash: bool, compliance: bool, expansion: bool
-) -> tuple[PlannedParameter, ...]:
-    """Return the parameters that only show from both sides, under load or with heat; see the module."""
-    drives = drive_parameters(nominal)
-    chosen: list[PlannedParameter] = []
-    if backlash:
-        chosen += [PlannedParameter(f"backlash.{d.joint}", d.unit, "backlash", d) for d in drives]
-    if compliance:
-        units = {"m": "m/N", "rad": "rad/Nm"}
-        chosen += [PlannedParameter(f"compliance.{d.joint}", units[d.unit], "compliance", d) for d in drives]
-    if expansion:
-        legs = [d for d in drives if d.unit == "m"]
-        chosen += [PlannedParameter(f"expansion.{d.joint}", "1/K", "expansion", d) for d in legs]
-    return tuple(chosen)
+    return _CONDITIONS[parameter.kind][parameter.local.unit][1]

@@ -31,10 +31,10 @@ from pouring_robot.design.information import (
 )
 from pouring_robot.design.parameters import (
     DEFAULT_SETS,
+    Condition,
     PlannedParameter,
-    condition_parameters,
-    local_parameters,
-    usual_size,
+    expected_size,
+    planned_parameters,
 )
 from pouring_robot.design.request import PlanRequest
 from pouring_robot.design.result import MeasurementPlan, PlanQuality, UndeterminedError
@@ -97,14 +97,14 @@ class Planner:
             raise BadInputError(f"the ladle holds at most {most:g} kg of melt, not {max(self.request.loads_kg):g} kg")
 
     def _asked(self) -> tuple[PlannedParameter, ...]:
-        request, nominal = self.request, self.robot.nominal_solver.mechanism
-        chosen = local_parameters(nominal, request.parameters or DEFAULT_SETS)
-        return chosen + condition_parameters(
-            nominal,
-            backlash=request.both_sides > 0,
-            compliance=bool(request.loads_kg),
-            expansion=bool(request.leg_degC),
-        )
+        request = self.request
+        shown: dict[Condition, bool] = {
+            "backlash": request.both_sides > 0,
+            "compliance": bool(request.loads_kg),
+            "expansion": bool(request.leg_degC),
+        }
+        conditions = [condition for condition, asked in shown.items() if asked]
+        return planned_parameters(self.robot.parameters, request.parameters or DEFAULT_SETS, conditions)
 
     @functools.cached_property
     def states(self) -> tuple[Conditions, ...]:
@@ -135,14 +135,14 @@ class Planner:
         priors = self.request.priors
         for k, parameter in enumerate(parameters, start=self.nuisance):
             if priors is not None and parameter.kind == "local":
-                weights[k] = 1.0 / (usual_size(parameter, priors) * parameter.shown_factor)
+                weights[k] = 1.0 / (expected_size(parameter, priors) * parameter.shown_factor)
         return weights
 
     def _kept(self, asked: Sequence[PlannedParameter], rows: FloatArray) -> list[int]:
         """Return which parameters to plan for; refuse what may not be left out."""
         flat = rows.reshape(-1, rows.shape[-1])
         if self.request.reduced and self.request.priors is None:
-            sizes = np.array([usual_size(p, Tolerances.load()) * p.shown_factor for p in asked])
+            sizes = np.array([expected_size(p, Tolerances.load()) * p.shown_factor for p in asked])
             # All candidates count as one plan of the wanted size.
             share = math.sqrt(self.request.poses / len(self.poses) / rows.shape[1] / rows.shape[2])
             return telling(flat * share, self.nuisance, sizes)

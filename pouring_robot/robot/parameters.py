@@ -3,8 +3,7 @@
 A parameter is the offset of a drive (``drive.<joint>``), a component of a joint's placement error (``<joint>.tx``), or
 an error of the DH table (``alpha_e1_56``). Calibration, planning, sweeps and diagnosis choose from this one list.
 
-    catalogue = ParameterCatalogue(robot.nominal_solver.mechanism)
-    [p.name for p in catalogue.match("centres")]        # a set, a group, a name or a shell pattern
+    [p.name for p in robot.parameters.match("centres")]        # a set, a group, a name or a shell pattern
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -30,6 +31,9 @@ from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics, JointReach
 from pouring_robot.robot.pouring.layout import Layout, load_layout
 from pouring_robot.robot.pouring.poses import PlatformPose
+
+if TYPE_CHECKING:
+    from pouring_robot.robot.parameters import ParameterCatalogue
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +116,13 @@ class PouringRobot:
         self.nominal_solver = ClosureSolver(self.model.nominal_mechanism(), options=options)
         self.actual_solver = ClosureSolver(self.model.mechanism(), loads, options)
         self.kinematics = FourUPUKinematics(self.nominal_solver.mechanism)
+
+    @functools.cached_property
+    def parameters(self) -> ParameterCatalogue:
+        """Every geometric error of the drawing by name; its ``table`` is the DH table."""
+        from pouring_robot.robot.parameters import ParameterCatalogue
+
+        return ParameterCatalogue(self.nominal_solver.mechanism)
 
     @functools.cached_property
     def layout(self) -> Layout:

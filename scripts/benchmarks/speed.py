@@ -36,7 +36,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
 from pouring_robot.mechanism.energy import ClosureEnergy
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.parameters import ParameterCatalogue, all_parameters
+from pouring_robot.robot.parameters import all_parameters
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot, load_robot
 from pouring_robot.robot.tolerances import Tolerances
@@ -284,7 +284,7 @@ def calibrations(setting: Setting, wanted: str, parameters: int, poses: int) -> 
         poses: rows of a campaign.
     """
     drawing, tolerances = setting.drawing, Tolerances.load()
-    groups = ParameterCatalogue(drawing.nominal_solver.mechanism).groups((wanted,))
+    groups = drawing.parameters.groups((wanted,))
     model = MeasurementModel(RobotModel(), all_parameters(groups)[:parameters])
     study = StudyOptions(rows=poses)
     prior = prior_std(model.parameters, tolerances)

@@ -36,7 +36,7 @@ from pouring_robot.io.files import write_whole
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.parameters import ParameterCatalogue, all_parameters
+from pouring_robot.robot.parameters import all_parameters
 from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.robot.tolerances import Tolerances
 
@@ -151,7 +151,7 @@ def coverage_study(
     """
     options, tolerances = options or StudyOptions(), tolerances or Tolerances.load()
     drawing = PouringRobot()
-    groups = ParameterCatalogue(drawing.nominal_solver.mechanism).groups(options.parameters)
+    groups = drawing.parameters.groups(options.parameters)
     model = MeasurementModel(RobotModel(), all_parameters(groups))
     runs, failed = [], []
     for run in range(options.runs):

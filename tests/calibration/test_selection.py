@@ -7,7 +7,6 @@ from pouring_robot.calibration.selection import _judge, select_groups
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.estimation.splits import split
 from pouring_robot.exceptions import CalibrationError
-from pouring_robot.robot.parameters import ParameterCatalogue
 from pouring_robot.robot.tolerances import Tolerances
 from tests.estimation.virtual import SIGMA, Virtual, groups_of, model_of
 
@@ -55,7 +54,7 @@ def test_a_group_that_cannot_be_fitted_is_not_kept(case, drawing, monkeypatch):
 
 
 def test_candidates_come_from_the_catalogue(drawing):
-    catalogue = ParameterCatalogue(drawing.nominal_solver.mechanism)
+    catalogue = drawing.parameters
     assert [g.name for g in catalogue.groups(("centres",))] == ["drives", "fixed_centres", "moving_centres"]
 
 

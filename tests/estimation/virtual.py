@@ -12,7 +12,7 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureSolver
 from pouring_robot.mechanism.parameters import DriveParameter
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.parameters import ParameterCatalogue, all_parameters
+from pouring_robot.robot.parameters import all_parameters
 from pouring_robot.robot.pouring.description import PlacementError, perturb_urdf
 from pouring_robot.robot.tolerances import Tolerances
 
@@ -23,7 +23,7 @@ TRUE_FRAMES = OuterFrames(OUTER, INNER)
 
 
 def groups_of(drawing, *wanted):
-    return ParameterCatalogue(drawing.nominal_solver.mechanism).groups(wanted)
+    return drawing.parameters.groups(wanted)
 
 
 def model_of(drawing, *wanted, model=None, most=None):

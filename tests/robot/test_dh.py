@@ -8,8 +8,8 @@ from pouring_robot.exceptions import BadInputError, NoSolutionError, UnknownJoin
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.description import PlacementError, perturb_urdf
+from pouring_robot.robot.pouring.dh import DHTable, NotUPUError, UnknownParameterError
 from pouring_robot.robot.pouring.dh.chain import adjoint, inverse
-from pouring_robot.robot.pouring.dh.table import DHTable, NotUPUError, UnknownParameterError
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 
 LAYOUTS = ("paper", "wide")

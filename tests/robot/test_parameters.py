@@ -3,12 +3,12 @@
 import pytest
 
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.robot.parameters import SETS, ParameterCatalogue, all_parameters
+from pouring_robot.robot.parameters import SETS, all_parameters
 
 
 @pytest.fixture(scope="module")
 def catalogue(drawing):
-    return ParameterCatalogue(drawing.nominal_solver.mechanism)
+    return drawing.parameters
 
 
 @pytest.mark.parametrize("name", SETS)

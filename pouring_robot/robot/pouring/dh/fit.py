@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-import scipy.linalg
 
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.mechanism.arrays import FloatArray
@@ -51,6 +50,8 @@ def fit_errors(chain: DHChain, displacements: FloatArray, fitted: FloatArray, fr
     Raises:
         NoSolutionError: Newton's method does not settle; the displacements are no small errors.
     """
+    import scipy.linalg
+
     asked = chain.targets(displacements)
     errors, slides = np.zeros((8, 4)), np.tile(np.eye(4), (7, 1, 1))
     scales = np.tile([LENGTH_SCALE_M, ANGLE_SCALE_RAD], (8, 2))[fitted]

@@ -23,15 +23,13 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.robot.pouring.description import PlacementError
 from pouring_robot.robot.pouring.dh.chain import DHChain
-from pouring_robot.robot.pouring.dh.derivation import NotUPUError, dh_chain
+from pouring_robot.robot.pouring.dh.derivation import dh_chain
 from pouring_robot.robot.pouring.dh.fit import fit_errors
 from pouring_robot.robot.pouring.dh.parameters import (
     DHParameter,
     UnknownParameterError,
     chain_parameters,
 )
-
-__all__ = ["DHParameter", "DHTable", "NotUPUError", "UnknownParameterError"]
 
 
 class DHTable:
