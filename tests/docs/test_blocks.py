@@ -1,0 +1,142 @@
+"""What README and docs show is so: blocks run, output is as printed, links resolve, commands and paths exist."""
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pouring_robot.cli.app import main
+from tests.support import ROOT
+
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+WITH_BLOCKS = [page for page in PAGES if "```console" in page.read_text() or "```python" in page.read_text()]
+# Shown and not run here, with the reason; by a part of the command or the block.
+SLOW = {
+    "make demo": "makes an environment",
+    "make test": "runs all tests",
+    "python -m tests.rig": "feeds diagnose only",
+    "pouring-robot diagnose": "takes up to a minute; see tests/diagnosis",
+    "pouring-robot calibrate": "takes most of a minute; see tests/calibration",
+    "pouring-robot campaign plan": "takes half a minute; see tests/design",
+    "pouring-robot campaign simulate --plan plan.csv": "needs the plan",
+    "pouring-robot campaign check measured.csv": "needs the plan",
+    "pouring-robot pose --at-mm -100 20 -600 --tilt-deg 17 --model calibrated/calibrated.yaml": "needs the calibration",
+    "pouring-robot compensate examples/poses.csv": "warms five poses; see tests/cli",
+    "--after-min 30 --png heat.png": "follows the heat over time; see tests/cli",
+    "pouring-robot sweep examples/sweep.yaml": "takes two minutes; see tests/sweeps",
+    "found = calibrate(": "needs the campaign, and takes most of a minute",
+    "ErrorTable.read_csv(": "needs the paper's thermal study",
+}
+
+
+def fences(page: Path, *kinds: str) -> list[tuple[str, str]]:
+    """Return kind and text of the page's blocks of some kinds, in order."""
+    found = re.findall(r"^```(\w+)\n(.*?)^```$", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    return [(kind, text) for kind, text in found if kind in kinds]
+
+
+def commands(text: str) -> list[tuple[str, str]]:
+    """Return every command of a console block with the output that is shown for it."""
+    found = []
+    for part in re.split(r"^\$ ", text, flags=re.MULTILINE)[1:]:
+        command, _, output = part.partition("\n")
+        found.append((re.sub(r"\s+# .*$", "", command), output))
+    return found
+
+
+def why_slow(text: str) -> str | None:
+    """Return why a command or block is not run, or None."""
+    return next((why for part, why in SLOW.items() if part in text), None)
+
+
+def squeezed(text: str) -> str:
+    """Return a text with every run of white space as one blank."""
+    return " ".join(text.split())
+
+
+def assert_shown(shown: str, printed: str) -> None:
+    """Check that what is shown was printed, in order; a line of dots stands for anything."""
+    rest = squeezed(printed)
+    for run in re.split(r"^\.\.\.$", shown, flags=re.MULTILINE):
+        wanted = squeezed(run)
+        assert wanted in rest, f"not printed: {wanted}\nbut: {rest}"
+        rest = rest[rest.index(wanted) + len(wanted) :]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """An empty folder with the examples in it."""
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("page", WITH_BLOCKS, ids=lambda page: page.stem)
+def test_what_a_page_shows_is_what_happens(page, folder, capfd, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "120")
+    names = {}
+    for kind, text in fences(page, "console", "python", "csv"):
+        if kind == "csv":
+            (folder / "shift.csv").write_text(text)
+        elif kind == "python" and not why_slow(text):
+            exec(compile(text, page.name, "exec"), names)
+        for command, shown in commands(text) if kind == "console" else ():
+            if why_slow(command):
+                continue
+            program, *arguments = shlex.split(command)
+            capfd.readouterr()
+            if program == "pouring-robot":
+                assert main(arguments) == 0, command
+            else:
+                assert program == "python", command
+                subprocess.run([sys.executable, *arguments], check=True, env={"PYTHONPATH": str(ROOT)})
+            assert_shown(shown, capfd.readouterr().out)
+
+
+def test_every_reason_has_its_block():
+    shown = "\n".join(text for page in WITH_BLOCKS for _, text in fences(page, "console", "python"))
+    assert [start for start in SLOW if start not in shown] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_commands_and_options_mentioned_exist(page, capfd):
+    helped = {}
+    for line in re.findall(r"pouring-robot ((?:campaign )?[a-z]+[^`\n|]*)", page.read_text()):
+        names = re.match(r"(?:campaign )?[a-z]+", line)[0]
+        if names not in helped:
+            assert main([*names.split(), "--help"]) == 0, line
+            helped[names] = capfd.readouterr().out
+        assert [option for option in re.findall(r"--[\w-]+", line) if option not in helped[names]] == [], line
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_links_resolve(page):
+    for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text()):
+        if "://" in target:
+            continue
+        path, _, heading = target.partition("#")
+        other = (page.parent / path).resolve() if path else page
+        assert other.exists(), f"{page.name}: {target}"
+        if heading:
+            headings = re.findall(r"^#+ (.*)$", other.read_text(), flags=re.MULTILINE)
+            assert heading in [re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings], target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_paths_and_modules_mentioned_exist(page):
+    text = page.read_text() if page.stem != "CHANGELOG" else ""
+    for path in re.findall(
+        r"(?<!format: )\b((?:pouring_robot|robot_description|scripts|examples|tests)/[\w./-]*\w)", text
+    ):
+        assert (ROOT / path).exists(), f"{page.name}: {path}"
+
+
+def test_pages_are_on_the_map():
+    index = (ROOT / "docs" / "index.md").read_text()
+    assert [
+        page.name for page in (ROOT / "docs").glob("*.md") if page.name != "index.md" and page.name not in index
+    ] == []
