@@ -18,6 +18,7 @@ from typer.core import TyperGroup
 from pouring_robot import __version__
 from pouring_robot.cli.shared.options import group_of
 from pouring_robot.exceptions import PouringRobotError
+from pouring_robot.io.threads import one_blas_thread_from_the_start
 
 # In the order of the help page. Each stands in the module of its name, which is imported when it is asked for.
 _COMMANDS = (
@@ -85,6 +86,7 @@ def _complain(message: str) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code (0 done, 2 bad input, 3 no solution)."""
+    one_blas_thread_from_the_start()
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
         outcome = app(args=given or ["--help"], prog_name="pouring-robot", standalone_mode=False)

@@ -4,6 +4,7 @@ import os
 import pickle
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -17,6 +18,8 @@ from pouring_robot.batch import (
     SiteErrors,
     StarStructure,
 )
+from pouring_robot.batch.kernels.compiler import _Locator, outermost
+from pouring_robot.batch.kernels.samples import close_samples
 from pouring_robot.exceptions import (
     BadInputError,
     BatchClosureError,
@@ -24,6 +27,7 @@ from pouring_robot.exceptions import (
     UnknownJointError,
     UnsupportedMechanismError,
 )
+from pouring_robot.io.cache import CACHE_VARIABLE
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureOptions, ClosureSolver
 from pouring_robot.mechanism.loops import LoopsFile
@@ -544,5 +548,33 @@ def test_a_second_process_reads_the_kernels_from_disk(tmp_path):
         done = subprocess.run(run, env=environment, cwd=tmp_path, capture_output=True, text=True, check=True)
         return int(done.stdout)
 
-    # Only where no test has compiled them yet, the first process has to.
+    # Only where nobody has compiled them yet, the first process has to.
     assert hits() == 1 or hits() == 1
+
+
+def test_where_a_kernel_is_kept_says_nothing_of_the_checkout(tmp_path, monkeypatch):
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
+    places = [_Locator.from_function(close_samples.py_func, file) for file in ("/here/samples.py", "/there/samples.py")]
+    assert len({place.get_cache_path() for place in places}) == 1
+    assert Path(places[0].get_cache_path()).is_relative_to(tmp_path)
+    assert len({place.get_source_stamp() for place in places}) == 1
+
+
+def test_a_damaged_file_or_a_place_that_may_not_be_written_to_is_no_trouble(tmp_path, monkeypatch):
+    def add_one(x):
+        return x + 1.0
+
+    def hits():
+        kernel = outermost(add_one)
+        assert kernel(2.0) == 3.0
+        return sum(kernel.stats.cache_hits.values())
+
+    kept = tmp_path / "kept"
+    monkeypatch.setenv(CACHE_VARIABLE, str(kept))
+    kept.write_text("a file where the folder should be")
+    assert [hits(), hits()] == [0, 0]
+    kept.unlink()
+    assert [hits(), hits()] == [0, 1]
+    for ending in ("*.nbi", "*.nbc"):
+        next(kept.rglob(ending)).write_bytes(b"damaged")
+        assert [hits(), hits()] == [0, 1]

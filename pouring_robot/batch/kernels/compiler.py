@@ -1,18 +1,21 @@
-"""How the kernels are compiled, and kept on disk.
+"""How the kernels are compiled: once a machine, and again when a kernel's source changes.
 
-Only the outermost kernels are kept: each holds all it calls. Numba renews a kept kernel when its own file changes,
-but not when a file changes that it calls into. So the outermost kernels close over a stamp of all kernel sources,
-which is part of the key they are kept under.
+Only the outermost kernels are kept on disk: each holds all it calls. By itself Numba keeps a kernel beside its source
+file, renews it when that file changes, and does not look at files it calls into. Here it is kept in the cache folder of
+the package under a stamp of all kernel sources, so that every checkout and environment with the same sources shares it.
 """
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+
+from pouring_robot.io.cache import cache_folder, content_key
 
 # No Python object and no memory management inside kernels (_nrt): they get all arrays from outside. 'contract' lets
 # the compiler fuse a*b + c; NaN and infinity keep their meaning.
@@ -23,6 +26,58 @@ _INNER_OPTIONS = _OPTIONS | {"forceinline": True, "no_cpython_wrapper": True, "n
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
+def source_stamp() -> str:
+    """Return a name for the text of all kernels, of the arrays they are compiled for, and of the compiler."""
+    here = Path(__file__).parent
+    files = [*sorted(here.glob("*.py")), here.parent / "structure.py"]
+    return content_key([numba.__version__, repr(_OPTIONS), *(path.read_bytes() for path in files)])
+
+
+class _Locator(_CacheLocator):  # type: ignore[misc]
+    """Says where a kernel is kept, and what makes it stale; neither depends on where the package is installed."""
+
+    def __init__(self, folder: Path) -> None:
+        self._stamp = source_stamp()
+        self._path = str(folder / "kernels" / self._stamp)
+
+    def get_cache_path(self) -> str:
+        return self._path
+
+    def get_source_stamp(self) -> str:
+        return self._stamp
+
+    def get_disambiguator(self) -> str:
+        return "kernel"
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> _Locator | None:
+        del py_func, py_file
+        folder = cache_folder()
+        return None if folder is None else cls(folder)
+
+
+class _Impl(CompileResultCacheImpl):  # type: ignore[misc]
+    _locator_classes = (_Locator,)
+
+
+class _Cache(FunctionCache):  # type: ignore[misc]
+    """Numba's own, which also lives with a folder that cannot be read or written, and with a damaged file in it."""
+
+    _impl_class = _Impl
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # a damaged file may raise anything: forget what is kept, compile anew, same numbers
+            with suppress(OSError):
+                self.flush()
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        with suppress(OSError):
+            super().save_overload(sig, data)
+
+
 def compiled(function: Function) -> Function:
     """Compile a function that other kernels call; it becomes part of them."""
     return cast("Function", numba.njit(**_INNER_OPTIONS)(function))
@@ -30,17 +85,7 @@ def compiled(function: Function) -> Function:
 
 def outermost(function: Function) -> Function:
     """Compile a kernel that Python calls, and keep it on disk where there is a place that may be written."""
-    try:
-        return cast("Function", numba.njit(cache=True, **_OPTIONS)(function))
-    except RuntimeError:  # a read-only installation without a home: compiled anew in each process, same numbers
-        return cast("Function", numba.njit(**_OPTIONS)(function))
-
-
-def _stamp() -> int:
-    digest = hashlib.sha256()
-    for path in [*sorted(Path(__file__).parent.glob("*.py")), Path(__file__).parents[1] / "structure.py"]:
-        digest.update(path.read_bytes())
-    return int.from_bytes(digest.digest()[:7], "big")
-
-
-SOURCE_STAMP = _stamp()
+    kernel = numba.njit(**_OPTIONS)(function)
+    with suppress(RuntimeError):  # no place: compiled anew in each process, same numbers
+        kernel._cache = _Cache(function)
+    return cast("Function", kernel)

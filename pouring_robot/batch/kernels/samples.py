@@ -6,10 +6,9 @@ A sample's result depends on its own input only, never on the range or the threa
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from pouring_robot.batch.kernels.algebra import dot
-from pouring_robot.batch.kernels.compiler import SOURCE_STAMP, compiled, outermost
+from pouring_robot.batch.kernels.compiler import compiled, outermost
 from pouring_robot.batch.kernels.loops import SHIFT, TURN, displace, displace_one, residual_of, triple_at
 from pouring_robot.batch.kernels.newton import CLOSED, GAP_TOO_LARGE, NOT_FINITE, close_one
 from pouring_robot.batch.kernels.workspace import Room
@@ -106,53 +105,47 @@ def small_gaps(star: Star, room: Room, options: FloatArray) -> bool:
     return True
 
 
-def _with_stamp(stamp: int) -> Any:
-    @outermost
-    def close_samples(
-        star: Star,
-        room: Room,
-        axes: FloatArray,
-        first: int,
-        last: int,
-        drives: FloatArray,
-        start_position: FloatArray,
-        start_rotation: FloatArray,
-        start_joints: FloatArray,
-        errors: FloatArray,
-        single_site: IntArray,
-        options: FloatArray,
-        max_iterations: int,
-        position: FloatArray,
-        rotation: FloatArray,
-        joints: FloatArray,
-        residual: FloatArray,
-        iterations: IntArray,
-        status: IntArray,
-    ) -> None:
-        """Close samples ``first`` to ``last``; the last six arrays are written. See the engine's ``close``."""
-        chains, count = star.revolute.shape
-        for row in range(first, last if stamp else first):
-            code, steps = NOT_FINITE, 0
-            sound = load_state(star, room, start_position, start_rotation, start_joints, row)
-            sound = load_drives(star, room, drives, row) and sound
-            if place_errors(star, room, axes, errors, single_site, row, first) and sound:
-                code, steps, _ = close_one(star, room, options, max_iterations)
-            if code == CLOSED and not small_gaps(star, room, options):
-                code = GAP_TOO_LARGE
-            status[row], iterations[row] = code, steps
-            good = code == CLOSED
-            for c in range(3):
-                position[row, c] = room.platform[9 + c] if good else math.nan
-                for k in range(3):
-                    rotation[row, c, k] = room.platform[3 * c + k] if good else math.nan
-            for i in range(chains):
-                for k in range(count):
-                    joints[row, i, k] = room.joints[i * count + k] if good else math.nan
-                residual_of(room.gaps, i, residual, row)
-                for c in range(6):
-                    residual[row, i, c] = residual[row, i, c] if good else math.nan
-
-    return close_samples
-
-
-close_samples = _with_stamp(SOURCE_STAMP)
+@outermost
+def close_samples(
+    star: Star,
+    room: Room,
+    axes: FloatArray,
+    first: int,
+    last: int,
+    drives: FloatArray,
+    start_position: FloatArray,
+    start_rotation: FloatArray,
+    start_joints: FloatArray,
+    errors: FloatArray,
+    single_site: IntArray,
+    options: FloatArray,
+    max_iterations: int,
+    position: FloatArray,
+    rotation: FloatArray,
+    joints: FloatArray,
+    residual: FloatArray,
+    iterations: IntArray,
+    status: IntArray,
+) -> None:
+    """Close samples ``first`` to ``last``; the last six arrays are written. See the engine's ``close``."""
+    chains, count = star.revolute.shape
+    for row in range(first, last):
+        code, steps = NOT_FINITE, 0
+        sound = load_state(star, room, start_position, start_rotation, start_joints, row)
+        sound = load_drives(star, room, drives, row) and sound
+        if place_errors(star, room, axes, errors, single_site, row, first) and sound:
+            code, steps, _ = close_one(star, room, options, max_iterations)
+        if code == CLOSED and not small_gaps(star, room, options):
+            code = GAP_TOO_LARGE
+        status[row], iterations[row] = code, steps
+        good = code == CLOSED
+        for c in range(3):
+            position[row, c] = room.platform[9 + c] if good else math.nan
+            for k in range(3):
+                rotation[row, c, k] = room.platform[3 * c + k] if good else math.nan
+        for i in range(chains):
+            for k in range(count):
+                joints[row, i, k] = room.joints[i * count + k] if good else math.nan
+            residual_of(room.gaps, i, residual, row)
+            for c in range(6):
+                residual[row, i, c] = residual[row, i, c] if good else math.nan

@@ -16,12 +16,12 @@ Matrices of six output rows are stored column by column, so that a loop over row
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from pouring_robot.batch.kernels.algebra import Rotation, Triple, cross, product, turn, turn_back
-from pouring_robot.batch.kernels.compiler import SOURCE_STAMP, compiled, outermost
+from pouring_robot.batch.kernels.compiler import compiled, outermost
 from pouring_robot.batch.kernels.hessian import chain_columns, factorise, solve_platform
 from pouring_robot.batch.kernels.loops import (
     FORCE,
@@ -349,83 +349,78 @@ def branch_end(star: Star, room: Room, i: int) -> tuple[Rotation, Triple, Triple
     return r_a, offset, (a[0] - offset[0], a[1] - offset[1], a[2] - offset[2])
 
 
-def _with_stamp(stamp: int) -> tuple[Any, Any]:
-    @outermost
-    def transfer_samples(
-        star: Star,
-        room: Room,
-        work: TransferRoom,
-        axes: FloatArray,
-        first: int,
-        last: int,
-        position: FloatArray,
-        rotation: FloatArray,
-        joints: FloatArray,
-        errors: FloatArray,
-        single_site: IntArray,
-        columns: Columns,
-        matrix: FloatArray,
-        status: IntArray,
-    ) -> None:
-        """Write G (n, columns, 6) of closed samples ``first`` to ``last``; a sample not closed (NaN) gives NaN."""
-        for row in range(first, last if stamp else first):
+@outermost
+def transfer_samples(
+    star: Star,
+    room: Room,
+    work: TransferRoom,
+    axes: FloatArray,
+    first: int,
+    last: int,
+    position: FloatArray,
+    rotation: FloatArray,
+    joints: FloatArray,
+    errors: FloatArray,
+    single_site: IntArray,
+    columns: Columns,
+    matrix: FloatArray,
+    status: IntArray,
+) -> None:
+    """Write G (n, columns, 6) of closed samples ``first`` to ``last``; a sample not closed (NaN) gives NaN."""
+    for row in range(first, last):
+        status[row] = NOT_FINITE
+        sound = load_state(star, room, position, rotation, joints, row)
+        if place_errors(star, room, axes, errors, single_site, row, first) and sound:
+            _, residual = evaluate_room(star, room)
+            exact = residual >= _SECOND_ORDER_ABOVE
+            status[row] = SINGULAR
+            if factorise(star, room, exact, 0.0) and determined(star, room):
+                status[row] = CLOSED
+        if status[row] == CLOSED:
+            transfer_one(star, room, work, columns, matrix, row, exact)
+        else:
+            fill_row(matrix, row, math.nan)
+
+
+@outermost
+def branch_samples(
+    star: Star,
+    room: Room,
+    axes: FloatArray,
+    first: int,
+    last: int,
+    joints: FloatArray,
+    errors: FloatArray,
+    single_site: IntArray,
+    columns: Columns,
+    matrix: FloatArray,
+    status: IntArray,
+) -> None:
+    """Write the open branches' G (n, columns, 6) of samples ``first`` to ``last``.
+
+    A column is the twist of the end frame carried by its own chain alone, all joints held.
+    """
+    chains, count = star.revolute.shape
+    for row in range(first, last):
+        total = 0.0
+        for i in range(chains):
+            for k in range(count):
+                room.joints[i * count + k] = joints[row, i, k]
+                total += abs(joints[row, i, k])
+        if not (place_errors(star, room, axes, errors, single_site, row, first) and math.isfinite(total)):
             status[row] = NOT_FINITE
-            sound = load_state(star, room, position, rotation, joints, row)
-            if place_errors(star, room, axes, errors, single_site, row, first) and sound:
-                _, residual = evaluate_room(star, room)
-                exact = residual >= _SECOND_ORDER_ABOVE
-                status[row] = SINGULAR
-                if factorise(star, room, exact, 0.0) and determined(star, room):
-                    status[row] = CLOSED
-            if status[row] == CLOSED:
-                transfer_one(star, room, work, columns, matrix, row, exact)
-            else:
-                fill_row(matrix, row, math.nan)
-
-    @outermost
-    def branch_samples(
-        star: Star,
-        room: Room,
-        axes: FloatArray,
-        first: int,
-        last: int,
-        joints: FloatArray,
-        errors: FloatArray,
-        single_site: IntArray,
-        columns: Columns,
-        matrix: FloatArray,
-        status: IntArray,
-    ) -> None:
-        """Write the open branches' G (n, columns, 6) of samples ``first`` to ``last``.
-
-        A column is the twist of the end frame carried by its own chain alone, all joints held.
-        """
-        chains, count = star.revolute.shape
-        for row in range(first, last if stamp else first):
-            total = 0.0
-            for i in range(chains):
-                for k in range(count):
-                    room.joints[i * count + k] = joints[row, i, k]
-                    total += abs(joints[row, i, k])
-            if not (place_errors(star, room, axes, errors, single_site, row, first) and math.isfinite(total)):
-                status[row] = NOT_FINITE
-                fill_row(matrix, row, math.nan)
-                continue
-            status[row] = CLOSED
-            sines_cosines(room.joints, room.circle)
-            for i in range(chains):
-                r_a, offset, end = branch_end(star, room, i)
-                for k in range(count):
-                    site = i * (count + 1) + k
-                    write_branch_site(columns, site, matrix, row, 1.0, site_axes(room, i, k), arm_of(room, i, k, end))
-                arm = (-offset[0], -offset[1], -offset[2])
-                write_branch_site(columns, i * (count + 1) + count, matrix, row, -1.0, axes_from(r_a), arm)
-                for d in range(star.drives.shape[0]):
-                    if star.drives[d, 0] == i and columns.drives[d] >= 0:
-                        linear, angular = joint_twist(star, room, i, star.drives[d, 1], end)
-                        write_branch_column(matrix, row, columns.drives[d], 1.0, linear, angular)
-
-    return transfer_samples, branch_samples
-
-
-transfer_samples, branch_samples = _with_stamp(SOURCE_STAMP)
+            fill_row(matrix, row, math.nan)
+            continue
+        status[row] = CLOSED
+        sines_cosines(room.joints, room.circle)
+        for i in range(chains):
+            r_a, offset, end = branch_end(star, room, i)
+            for k in range(count):
+                site = i * (count + 1) + k
+                write_branch_site(columns, site, matrix, row, 1.0, site_axes(room, i, k), arm_of(room, i, k, end))
+            arm = (-offset[0], -offset[1], -offset[2])
+            write_branch_site(columns, i * (count + 1) + count, matrix, row, -1.0, axes_from(r_a), arm)
+            for d in range(star.drives.shape[0]):
+                if star.drives[d, 0] == i and columns.drives[d] >= 0:
+                    linear, angular = joint_twist(star, room, i, star.drives[d, 1], end)
+                    write_branch_column(matrix, row, columns.drives[d], 1.0, linear, angular)

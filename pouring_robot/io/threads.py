@@ -1,0 +1,49 @@
+"""The one place that decides how many threads the linear algebra takes: one.
+
+The package's matrices have tens to hundreds of rows. Threads of the BLAS that share such a product wait for each other
+far longer than they work: a calibration of a second takes four on two busy cores, with the same result to the last bit.
+What is worth sharing is shared by samples (:mod:`pouring_robot.batch`) or by processes.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+_VARIABLES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
+
+class _Shared:
+    """How many callers want one thread now, and what to put back when the last of them is done."""
+
+    lock = threading.Lock()
+    callers = 0
+    before: Any = None
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Keep the linear algebra to one thread inside a ``with`` block or a decorated function; may be nested."""
+    with _Shared.lock:
+        _Shared.callers += 1
+        if _Shared.callers == 1:
+            import scipy.linalg  # noqa: F401  (its BLAS is another one than NumPy's; what is not loaded is not limited)
+            from threadpoolctl import threadpool_limits
+
+            _Shared.before = threadpool_limits(limits=1, user_api="blas")
+    try:
+        yield
+    finally:
+        with _Shared.lock:
+            _Shared.callers -= 1
+            if _Shared.callers == 0:
+                _Shared.before.restore_original_limits()
+
+
+def one_blas_thread_from_the_start() -> None:
+    """Keep this process and its children to one thread, unless the user chose otherwise; call before NumPy."""
+    for name in _VARIABLES:
+        os.environ.setdefault(name, "1")
