@@ -27,6 +27,7 @@ from pouring_robot.estimation.solver import Fit, FitOptions, first_frames, ident
 from pouring_robot.estimation.splits import HoldOut, Rows, Split, split
 from pouring_robot.exceptions import CampaignError
 from pouring_robot.io.progress import Status, say_nothing
+from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterGroup, all_parameters
@@ -125,6 +126,7 @@ class Calibration:
         return Misfit.of((self.after if after else self.before)[np.setdiff1d(rows, self.left_out)])
 
 
+@one_blas_thread()
 def calibrate(
     campaign: Campaign,
     model: RobotModel | None = None,

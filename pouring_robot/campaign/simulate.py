@@ -20,6 +20,7 @@ from pouring_robot.campaign.plan import PosePlan
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.temperatures import REFERENCE_DEGC
+from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.pouring.names import DRIVE_JOINTS
 from pouring_robot.robot.robot import PouringRobot
@@ -106,6 +107,7 @@ class VirtualMeasurement:
         return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
 
+@one_blas_thread()
 def simulate_campaign(
     robot: PouringRobot,
     plan: PosePlan,

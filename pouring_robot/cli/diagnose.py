@@ -39,8 +39,6 @@ def diagnose(
     as_json: options.AsJson = False,
 ) -> None:
     """Find where model and measurement disagree, name the missing effect, amend the model, show the gap shrink."""
-    from threadpoolctl import threadpool_limits
-
     from pouring_robot.campaign.reader import read_campaign
     from pouring_robot.diagnosis.diagnose import DiagnosisOptions, exclude_ids
     from pouring_robot.diagnosis.diagnose import diagnose as run
@@ -61,9 +59,8 @@ def diagnose(
         except DiagnosisError as problem:
             raise DiagnosisError(f"{campaign}: {problem.problem}", problem.mend) from problem
         say("writing the report")
-        with threadpool_limits(limits=1, user_api="blas"):  # as in diagnose
-            summary = Summary.of(found)
-            written = write_diagnosis(summary, out)
+        summary = Summary.of(found)
+        written = write_diagnosis(summary, out)
     if as_json:
         options.print_figures(diagnosis_figures(summary, str(out / MODEL)), written)
         return

@@ -42,6 +42,7 @@ from pouring_robot.estimation.frames import FRAME_PARAMETERS, FRAMES
 from pouring_robot.estimation.identifiability import base_parameters
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
+from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.robot.tolerances import Tolerances
@@ -155,6 +156,7 @@ class Planner:
         if found.deficient:
             raise UndeterminedError(what, found, set(self._frame_names))
 
+    @one_blas_thread()
     def plan(self, progress: Progress = say_nothing) -> MeasurementPlan:
         """Return the best plan found.
 
@@ -225,6 +227,7 @@ class Planner:
                 here = scaled[nearest[0]]
         return ordered
 
+    @one_blas_thread()
     def quality(self, poses: FloatArray, conditions: Sequence[Conditions] | None = None) -> PlanQuality:
         """Return what any other plan would give, for the same parameters and noise.
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import examine
@@ -27,6 +26,7 @@ from pouring_robot.inference.decision import DEFAULT_THRESHOLDS, Judgement, Thre
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.search import DEFAULT_SEARCH, SearchOptions
 from pouring_robot.io.progress import Status, say_nothing
+from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import PouringRobot
 
@@ -100,6 +100,7 @@ class Diagnosis:
     notes: tuple[str, ...]
 
 
+@one_blas_thread()
 def diagnose(
     campaign: Campaign,
     model: RobotModel | None = None,
@@ -120,26 +121,21 @@ def diagnose(
         DiagnosisError: rows do not close.
         FrameFitError: too few rows have a pose and a position.
     """
-    # On matrices of this size threads of the linear algebra wait for each other far longer than they work.
-    with threadpool_limits(limits=1, user_api="blas"):
-        return _diagnosed(campaign, model or RobotModel(), options or DiagnosisOptions(), progress)
-
-
-def _diagnosed(campaign: Campaign, model: RobotModel, options: DiagnosisOptions, say: Status) -> Diagnosis:
+    model, options = model or RobotModel(), options or DiagnosisOptions()
     effects = chosen_effects(options.exclude)
-    say("checking the data")
+    progress("checking the data")
     flags = examine(campaign, PouringRobot(model)).flags
     errors = [flag for flag in flags if flag.severity == "error"]
     if errors:
         raise CampaignError(campaign.path, f"{errors[0].message}; {errors[0].mend}")
     wrong = outlier_rows(flags)
-    work = _Work(campaign, model, effects, options, say)
+    work = _Work(campaign, model, effects, options, progress)
     found = work.found(wrong)
     for _ in range(_OUTLIER_ROUNDS):
         more = _wrong_rows(found)
         if not more.size:
             break
-        say("leaving out rows that fit nothing")
+        progress("leaving out rows that fit nothing")
         found = work.found(np.union1d(found.outliers, found.sound[more]))
     return replace(found, flags=tuple(flags))
 

@@ -11,6 +11,7 @@ from typing import Any
 import pouring_robot
 from pouring_robot.exceptions import SweepWorkerError
 from pouring_robot.io.progress import Progress, say_nothing
+from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.sweeps.analysis.report import SweepReport, report
 from pouring_robot.sweeps.config import SweepConfig
 from pouring_robot.sweeps.plan import Chunk, ChunkResult, SweepPlan
@@ -55,6 +56,7 @@ def sweep(
     return report(store, progress)
 
 
+@one_blas_thread()
 def run_sweep(
     plan: SweepPlan,
     folder: Path | str,

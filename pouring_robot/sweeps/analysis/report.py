@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from pouring_robot.io.files import write_together
 from pouring_robot.io.progress import Progress, say_nothing
+from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.report.result import Result
 from pouring_robot.sweeps.analysis.indices import SobolIndices, sobol_indices
 from pouring_robot.sweeps.analysis.plots import picture
@@ -102,6 +103,7 @@ class SweepReport(Result):
         return stream.getvalue()
 
 
+@one_blas_thread()
 def report(store: SweepStore, progress: Progress = say_nothing) -> SweepReport:
     """Reduce, rank and allocate, as the sweep file asks.
 

@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse.linalg
 
 from pouring_robot.exceptions import ThermalSolutionError
+from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.thermal.network.circuit import Circuit
 
@@ -19,6 +20,7 @@ STEP_TOLERANCE_K = 1e-7
 _MAX_ITERATIONS = 60
 
 
+@one_blas_thread()
 def steady_temperatures(circuit: Circuit, melt_K: float, ambient_K: float) -> FloatArray:
     """Return the temperatures at which every node gives off what it takes up.
 

@@ -18,6 +18,7 @@ import scipy.sparse
 from scipy.integrate import solve_ivp
 
 from pouring_robot.exceptions import HistoryError, ThermalSolutionError
+from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.thermal.network.circuit import Circuit
 from pouring_robot.thermal.network.field import TemperatureField
@@ -74,6 +75,7 @@ class TransientResult:
         return self.fields[-1]
 
 
+@one_blas_thread()
 def simulate(
     network: ThermalNetwork,
     history: HeatHistory,
