@@ -11,6 +11,7 @@ from pouring_robot.design.columns import Conditions
 from pouring_robot.design.planning import MeasurementPlan, Planner
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.poses import MM, MRAD
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +45,16 @@ class Comparison:
     def ratio_worst(self) -> float:
         """The same of its place at the worst pose."""
         return self.planned_worst_m / float(np.median(self.random_worst_m))
+
+    def figures(self) -> dict[str, float]:
+        """Return the figures for JSON, mm and mrad."""
+        return {
+            "count": len(self.random_m),
+            "median_rms_mm": float(np.median(self.random_m)) / MM,
+            "median_rms_mrad": float(np.median(self.random_rad)) / MRAD,
+            "ratio_mm": self.ratio,
+            "ratio_mrad": self.ratio_rad,
+        }
 
 
 def compare_with_random(planner: Planner, plan: MeasurementPlan, count: int = 50, seed: int = 0) -> Comparison:

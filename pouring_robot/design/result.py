@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pouring_robot.campaign import columns
 from pouring_robot.design.columns import Conditions
 from pouring_robot.design.exchange import IntArray
 from pouring_robot.design.information import Criterion, observability_index
@@ -14,7 +18,14 @@ from pouring_robot.design.parameters import PlannedParameter
 from pouring_robot.design.request import PlanRequest
 from pouring_robot.estimation.identifiability import BaseParameters
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.files import write_whole
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.report.result import Result
+from pouring_robot.robot.pouring.names import LEGS
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class UndeterminedError(BadInputError):
@@ -95,9 +106,23 @@ class PlanQuality:
         names: tuple[Criterion, ...] = ("O1", "O2", "O3", "O4", "O5")
         return {name: float(observability_index(self.singular_values, name, self.poses)) for name in names}
 
+    def ladle_figures(self) -> dict[str, Any]:
+        """Return how well the pouring lip will be known, for JSON, in the units people use."""
+        by_axis = np.sqrt(np.mean(self.ladle_std**2, axis=0))
+        x, y, z, tilt = self.ladle_poses[int(np.argmax(self.ladle_position_std_m))].tolist()
+        return {
+            "frame": "ladle_lip",
+            "rms_mm": self.ladle_rms_m / MM,
+            "rms_mrad": self.ladle_rms_rad / MRAD,
+            "worst_mm": self.ladle_worst_m / MM,
+            "worst_at": {"x_mm": x / MM, "y_mm": y / MM, "z_mm": z / MM, "tilt_deg": math.degrees(tilt)},
+            "rms_by_axis_mm": dict(zip("xyz", (by_axis[:3] / MM).tolist(), strict=True)),
+            "rms_by_axis_mrad": dict(zip("xyz", (by_axis[3:] / MRAD).tolist(), strict=True)),
+        }
 
-@dataclass(frozen=True, eq=False)
-class MeasurementPlan:
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MeasurementPlan(Result):
     """A plan.
 
     Attributes:
@@ -121,3 +146,82 @@ class MeasurementPlan:
     quality: PlanQuality
     value: float
     start_values: tuple[float, ...]
+
+    @property
+    def headline(self) -> str:
+        """How many poses and measurements, and how well the pouring lip will then be known."""
+        return (
+            f"{self.request.poses} poses, {len(self.poses)} measurements, criterion {self.request.criterion}: the lip "
+            f"is then known to {self.quality.ladle_rms_m / MM:.3f} mm RMS, {self.quality.ladle_worst_m / MM:.3f} mm at "
+            "worst"
+        )
+
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        """Return headings and rows of the plan's file; conditions that are not planned have no column.
+
+        A sample is named after its pose; the second visit of a pose, from the other side, has a ``b``.
+        """
+        request = self.request
+        headings = ["sample", "x_mm", "y_mm", "z_mm", "tilt_deg"]
+        headings += list(columns.APPROACHES) if request.both_sides else []
+        headings += ["payload_kg"] if request.loads_kg else []
+        headings += [f"{leg}_degC" for leg in LEGS] if request.leg_degC else []
+        rows = []
+        for pose, visit, number in zip(self.poses.tolist(), self.conditions, self.pose_numbers.tolist(), strict=True):
+            x, y, z, tilt = pose
+            row = [f"{number}{'b' if visit.side < 0 else ''}", *(f"{value / MM:.1f}" for value in (x, y, z))]
+            row.append(f"{math.degrees(tilt):.2f}")
+            row += [str(visit.side)] * len(columns.APPROACHES) if request.both_sides else []
+            row += [f"{visit.payload_kg:g}"] if request.loads_kg else []
+            row += [f"{visit.leg_degC:g}"] * len(LEGS) if request.leg_degC else []
+            rows.append(row)
+        return headings, rows
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the rows by heading, in the order to measure."""
+        headings, rows = self.table()
+        return [
+            {name: cell if name == "sample" else float(cell) for name, cell in zip(headings, row, strict=True)}
+            for row in rows
+        ]
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the rows as the plan's file has them, in the order to measure."""
+        import pandas as pd
+
+        return pd.DataFrame(self.rows())
+
+    def csv(self) -> str:
+        """Return the plan's file as text, in the order to measure; every cell is a plain word or number."""
+        headings, rows = self.table()
+        return "".join(",".join(row) + "\n" for row in (headings, *rows))
+
+    def save(self, path: Path | str) -> Path:
+        """Write the plan's file, which ``campaign simulate`` reads, whole or not at all.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        return write_whole(path, self.csv())
+
+    def figures(self) -> dict[str, Any]:
+        """Return everything worth knowing about the plan, ready for JSON, in the units people use."""
+        request, noise = self.request, self.request.noise
+        return {
+            "criterion": request.criterion,
+            "value": self.value,
+            "poses": request.poses,
+            "rows": len(self.poses),
+            "seed": request.seed,
+            "sigma_mm": noise.position_m / MM,
+            "sigma_mrad": None if noise.rotation_rad is None else noise.rotation_rad / MRAD,
+            "priors": request.priors is not None,
+            "indices": self.quality.indices,
+            "parameters": [
+                {"name": p.name, "std": float(std * p.shown_factor), "unit": p.shown_unit}
+                for p, std in zip(self.parameters, self.quality.parameter_std, strict=True)
+            ],
+            "left_out": list(self.left_out),
+            "ladle": self.quality.ladle_figures(),
+            "plan": self.rows(),
+        }

@@ -21,8 +21,8 @@ from pouring_robot.design.information import (
     projected_singular_values,
     telling,
 )
-from pouring_robot.design.output import plan_figures, plan_text, write_picture
 from pouring_robot.design.planning import Conditions, Noise, Planner, PlanRequest, UndeterminedError
+from pouring_robot.design.plots import plot
 from pouring_robot.design.updates import log_determinants
 from pouring_robot.estimation.identifiability import observability
 from pouring_robot.exceptions import BadInputError
@@ -219,7 +219,7 @@ def test_each_criterion_is_best_in_its_own_index(robot, planner, plan, criterion
 
 def test_same_seed_same_plan(robot, plan):
     again = Planner(robot, PlanRequest(**SMALL)).plan()
-    assert plan_text(again) == plan_text(plan)
+    assert again.csv() == plan.csv()
     assert again.quality.parameter_std == pytest.approx(plan.quality.parameter_std, rel=1e-12)
 
 
@@ -400,7 +400,7 @@ def test_random_visits_have_the_same_effort(robot):
 
 def test_plan_file_is_what_simulate_reads(robot, visited, tmp_path):
     path = tmp_path / "plan.csv"
-    path.write_text(plan_text(visited), encoding="utf-8")
+    visited.save(path)
     read = read_plan(path, robot)
     got = np.array([[*p.position_m, p.tilt_rad] for p in read.poses])
     assert got == pytest.approx(visited.poses, abs=1e-12)
@@ -410,8 +410,10 @@ def test_plan_file_is_what_simulate_reads(robot, visited, tmp_path):
 
 
 def test_picture_and_figures(robot, visited, tmp_path):
-    assert write_picture(visited, robot.layout, tmp_path / "plan.png").stat().st_size > 20_000
-    figures = json.loads(json.dumps(plan_figures(visited), allow_nan=False))
+    assert len(plot(visited, robot.layout)) > 20_000
+    assert repr(visited) == f"<MeasurementPlan: {visited.headline}>"
+    assert visited.to_frame().x_mm.tolist() == [row["x_mm"] for row in visited.rows()]
+    figures = json.loads(json.dumps(visited.figures(), allow_nan=False))
     assert figures["rows"] == len(figures["plan"]) == 24
     assert {p["unit"] for p in figures["parameters"]} >= {"mm", "mrad", "µm/kN", "mrad/kNm", "1e-6/K"}
 

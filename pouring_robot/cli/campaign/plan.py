@@ -66,9 +66,9 @@ def plan(
     """Choose the poses that determine parameters best, and say how well, before a single measurement."""
     from pouring_robot.design.columns import Noise
     from pouring_robot.design.compare import compare_with_random
-    from pouring_robot.design.output import plan_figures, plan_table, plan_text, write_picture
     from pouring_robot.design.planning import Planner, PlanRequest
-    from pouring_robot.io.files import write_whole
+    from pouring_robot.design.plots import plot
+    from pouring_robot.io.files import write_together
     from pouring_robot.robot.tolerances import Tolerances
 
     if tolerances is not None and not priors:
@@ -94,14 +94,13 @@ def plan(
     with progress.stage_bars() as show:
         found = planner.plan(show)
     comparison = compare_with_random(planner, found, _COMPARED, seed)
-    written = [write_whole(out, plan_text(found))]
-    written += [write_picture(found, robot.layout, png)] if png else []
-    figures = plan_figures(found, comparison)
+    written = write_together({out: found.csv()} | ({png: plot(found, robot.layout)} if png else {}))
+    figures = found.figures() | {"random_plans": comparison.figures()}
     if as_json:
         options.print_figures(figures, written)
         return
     console = options.console()
-    console.print(plain_table(*plan_table(found), left=(0,), title="poses, in the order to measure them", wrap=True))
+    console.print(plain_table(*found.table(), left=(0,), title="poses, in the order to measure them", wrap=True))
     _print_expected(console, figures)
     options.print_written(console, written)
 
