@@ -77,14 +77,23 @@ def html_page(title: str, heading: str, blocks: Iterable[Block]) -> str:
         heading: of the page.
         blocks: its content, from top to bottom.
     """
-    return _templates().get_template("report.html.j2").render(title=title, heading=heading, blocks=list(blocks))
+    template = templates("pouring_robot.report").get_template("report.html.j2")
+    return template.render(title=title, heading=heading, blocks=list(blocks))
 
 
 @functools.cache
-def _templates() -> Environment:
+def templates(package: str) -> Environment:
+    """Return the templates of a package's folder ``templates``; what is put into them is escaped."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    loader = PackageLoader("pouring_robot.report")
-    found = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    found = Environment(
+        loader=PackageLoader(package),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
     found.filters["base64"] = lambda data: base64.b64encode(data).decode()
+    found.filters["css"] = lambda colour: ", ".join(str(round(255 * value)) for value in colour)
     return found

@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 import base64
-import html
 import json
 from importlib.resources import files
 from pathlib import Path
-from string import Template
 
 from pouring_robot.io.files import write_whole
+from pouring_robot.report.page import templates
 from pouring_robot.viewer.commands import ROOT, drawing_commands
-from pouring_robot.viewer.scene import Colour, Scene, Vector, exaggeration_text, labelled_arrows, legend
-
-
-class _PageTemplate(Template):
-    """Template whose placeholders cannot be taken for JavaScript or CSS."""
-
-    delimiter = "%%"
+from pouring_robot.viewer.scene import Scene, exaggeration_text, labelled_arrows, legend
 
 
 def write_html(scene: Scene, path: Path | str) -> Path:
@@ -53,11 +46,10 @@ def page(scene: Scene, *, live: bool = False) -> str:
     """
     commands = () if live else drawing_commands(scene)
     packed = [base64.b64encode(command).decode("ascii") for command in commands]
-    template = _PageTemplate(files("pouring_robot.viewer").joinpath("page.html").read_text(encoding="utf-8"))
-    return template.substitute(
+    return _filled(
+        "page.html.j2",
+        scene,
         connect="'self'" if live else "'none'",
-        title=html.escape(scene.title),
-        overlay=overlay(scene),
         commands=json.dumps(packed),
         viewer=_viewer_script(),
         root=ROOT,
@@ -67,44 +59,12 @@ def page(scene: Scene, *, live: bool = False) -> str:
 
 def overlay(scene: Scene) -> str:
     """Return the words of a page as an HTML fragment: title, legend with switches, table, scale, labels of arrows."""
-    rows = "".join(
-        f"<tr><th>{html.escape(what)}</th><td>{html.escape(figure)}</td></tr>" for what, figure in scene.caption
-    )
-    return (
-        f"<h1>{html.escape(scene.title)}</h1><ul>{_legend(scene)}</ul>"
-        + (f"<table>{rows}</table>" if rows else "")
-        + f"<p>{html.escape(exaggeration_text(scene))}</p>{_labels(scene)}"
-    )
+    return _filled("overlay.html.j2", scene)
 
 
-def _labels(scene: Scene) -> str:
-    """Return the words beside the tips of arrows; the page's script keeps them there."""
-    return "".join(
-        f'<span class="label" data-group="{html.escape(arrow.name)}"'
-        f' data-tail="{_numbers(arrow.start_m)}" data-tip="{_numbers(arrow.end_m)}"'
-        f' style="color: rgb({_css(arrow.colour)})">{html.escape(arrow.label)}</span>'
-        for arrow in labelled_arrows(scene)
-        if arrow.label
-    )
-
-
-def _legend(scene: Scene) -> str:
-    """Return a line with a switch for every robot and every arrow."""
-    return "".join(
-        f'<li><label><input type="checkbox" checked data-groups="{html.escape("/".join(entry.names))}">'
-        f'<span class="swatch{" arrow" if entry.is_arrow else ""}"'
-        f' style="background: rgba({_css(entry.colour)}, {entry.opacity:g})"></span>'
-        f"<span>{html.escape(entry.words)}</span></label></li>"
-        for entry in legend(scene)
-    )
-
-
-def _numbers(point: Vector) -> str:
-    return " ".join(repr(float(value)) for value in point)
-
-
-def _css(colour: Colour) -> str:
-    return ", ".join(str(round(255 * value)) for value in colour)
+def _filled(template: str, scene: Scene, **more: str) -> str:
+    words = {"legend": legend(scene), "scale": exaggeration_text(scene), "arrows": labelled_arrows(scene)}
+    return templates("pouring_robot.viewer").get_template(template).render(scene=scene, **words, **more)
 
 
 def _viewer_script() -> str:
