@@ -49,9 +49,7 @@ def pose_platform_to_lip(mechanism: ClosedChainMechanism) -> pin.SE3:
     Raises:
         UnknownFrameError: the robot has no lip.
     """
-    frames = mechanism.shared_model.frames
-    platform, lip = (frames[mechanism.frame_id(name)].placement for name in ("moving_platform", "ladle_lip"))
-    return platform.actInv(lip)
+    return mechanism.placement_on_end(mechanism.loops.working_frame)
 
 
 def workspace_poses(layout: Layout) -> list[PlatformPose]:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.campaign.columns import POSITION, ROTATION
+from pouring_robot.campaign.columns import DRIVES, LENGTH_DRIVES, POSITION, ROTATION
 from pouring_robot.campaign.data import Campaign, arrays_from
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.nominal import rotation_vectors
@@ -163,7 +163,7 @@ def _close(robot: PouringRobot, plan: PosePlan, path: Path, progress: Progress) 
     for row in range(len(plan)):
         drives = dict(zip(DRIVE_JOINTS, plan.drives[row].tolist(), strict=True))
         try:
-            actual.append(robot.forward(drives, near=plan.poses[row]).pose("fixed_platform", "moving_platform"))
+            actual.append(robot.forward(drives, near=plan.poses[row]).pose_base_to_end)
         except NoSolutionError as error:
             raise CampaignError(path, f"pose {row + 1} of the plan: {error}") from error
         progress("measuring", row + 1, len(plan))
@@ -207,7 +207,7 @@ def _campaign(
         ladle_centre_of_mass_m=ladle.centre_of_mass_m,
         reference_temperature_degC=REFERENCE_DEGC,
     )
-    drives = {f"q{k + 1}": plan.drives[:, k] for k in range(4)}
+    drives = dict(zip(DRIVES, plan.drives.T, strict=True))
     arrays: dict[str, Any] = arrays_from(drives | plan.conditions | measured)
     return Campaign(
         path=path,
@@ -215,7 +215,7 @@ def _campaign(
         lines=np.arange(2, len(plan) + 2),
         samples=plan.samples,
         sessions=plan.sessions,
-        headings={"session": "session", **{name: f"{name}_mm" for name in (*POSITION, "q1", "q2", "q3")}},
+        headings={"session": "session", **{name: f"{name}_mm" for name in (*POSITION, *LENGTH_DRIVES)}},
         ignored_columns=(),
         **arrays,
     )

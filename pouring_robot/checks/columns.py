@@ -233,7 +233,8 @@ def _temperatures(campaign: Campaign) -> Iterator[DataFlag]:
             FlagCode.NO_TEMPERATURES,
             Severity.NOTE,
             "there is no temperature in the campaign",
-            "effects of heat cannot be tested; record at least the legs and the platform (leg1_degC …, platform_degC)",
+            f"effects of heat cannot be tested; record at least the legs and the platform ({columns.PARTS[0]}_degC …, "
+            "platform_degC)",
         )
 
 

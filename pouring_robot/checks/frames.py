@@ -112,7 +112,7 @@ class FrameChecks:
 
     def _flag_drive_unit(self, name: str, mistake: str, median: float, factor: float) -> None:
         heading = self.campaign.heading(name)
-        unit = "rad" if name == "q4" else "m"
+        unit = "m" if name in columns.LENGTH_DRIVES else "rad"
         self.flags.append(
             DataFlag(
                 FlagCode.DRIVE_UNIT,

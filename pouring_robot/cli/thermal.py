@@ -13,6 +13,7 @@ from pouring_robot.cli.shared import heat_options, options
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.metrics import decimals
+from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 
 if TYPE_CHECKING:
@@ -204,7 +205,7 @@ def _shift_table(found: ShiftHeat) -> Table:
     shown = {
         "min": "time_min",
         "melt": "melt_degC",
-        **{f"leg {i}": f"leg{i}_degC" for i in range(1, 5)},
+        **{f"leg {i}": f"{leg}_degC" for i, leg in enumerate(LEGS, start=1)},
         "platform": "platform_degC",
         "fixed pl.": "fixed_platform_degC",
         "shell": "ladle_shell_degC",

@@ -15,7 +15,7 @@ from pouring_robot.estimation.frames import FRAMES, OuterFrames
 from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechanism
+from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.robot.pouring.layout import Layout
 from pouring_robot.robot.robot import PouringRobot
 
@@ -75,7 +75,7 @@ class Columns:
         # The drives may be among the parameters already; under names of their own they can stand twice.
         self._model = MeasurementModel(robot.model, self.local)
         self._drive_model = self._model.with_parameters(self.drives)
-        self._lip_m = frame_offset(nominal, "ladle_lip")
+        self._lip_m = nominal.placement_on_end(nominal.loops.working_frame).translation
 
     @property
     def unknowns(self) -> int:
@@ -158,15 +158,6 @@ class Columns:
                 warmth = conditions.leg_degC - REFERENCE_DEGC
                 rows[:, :, k] = column * (warmth * commanded[:, drive])[:, None]
         return rows
-
-
-def frame_offset(mechanism: ClosedChainMechanism, frame: str) -> FloatArray:
-    """Return the origin of a frame of the end body in the moving platform's axes, in m, shape (3,)."""
-    model = mechanism.shared_model
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, mechanism.neutral_configuration())
-    platform, wanted = (data.oMf[mechanism.frame_id(name)] for name in ("moving_platform", frame))
-    return np.array(platform.actInv(wanted).translation)
 
 
 def box(layout: Layout) -> tuple[FloatArray, FloatArray]:

@@ -8,10 +8,9 @@ from pouring_robot.effects.base import Effect, EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.robot.pouring.names import DRIVE_JOINTS
+from pouring_robot.robot.pouring.names import DRIVE_JOINTS, DRIVE_SYMBOLS
 
 CHANNELS = tuple(f"drive.{joint}" for joint in DRIVE_JOINTS)
-NAMES = ("l1", "l2", "l3", "theta46")
 UNITS = ("mm", "mm", "mm", "mrad")
 SI = (MM, MM, MM, MRAD)
 LEGS = (0, 1, 2)
@@ -23,7 +22,7 @@ _HOMES_M = (0.3, 0.4, 0.5)
 def of_drive(drive: int, name: str, prior_std: float, course: FloatArray, main: bool = True) -> EffectParameter:
     """Return a parameter that moves one drive along a course (n,), in its own unit."""
     changes = {CHANNELS[drive]: SI[drive] * course}
-    return EffectParameter(f"{NAMES[drive]}_{name}", UNITS[drive], prior_std, changes, main)
+    return EffectParameter(f"{DRIVE_SYMBOLS[drive]}_{name}", UNITS[drive], prior_std, changes, main)
 
 
 class DriveZeroOffset(Effect):
@@ -44,7 +43,7 @@ class DriveZeroOffset(Effect):
             if conditions.session.max() > 0
         ]
         offsets = [of_drive(k, "offset", 1.0, one) for k in range(4)]
-        forms = [Form("all", tuple(offsets)), *(Form(f"{NAMES[k]}_alone", (offsets[k],)) for k in range(4))]
+        forms = [Form("all", tuple(offsets)), *(Form(f"{DRIVE_SYMBOLS[k]}_alone", (offsets[k],)) for k in range(4))]
         if homing:
             forms += [Form(f"{form.name}_homed", (*form.parameters, *homing)) for form in forms]
         return tuple(forms)

@@ -10,6 +10,7 @@ import numpy as np
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
+from pouring_robot.robot.pouring.names import LEGS
 
 _KILO, _HOUR_S = 1e3, 3600.0
 
@@ -143,8 +144,8 @@ FACTS: dict[str, Facts] = {
     ),
     "leg_rise_k": Facts(
         lambda c: ("mean leg above reference [K]", _mean(c.leg_rise_k)),
-        ("leg1_degC", "leg2_degC", "leg3_degC", "leg4_degC"),
-        "the temperature of every leg (leg1_degC to leg4_degC)",
+        tuple(f"{leg}_degC" for leg in LEGS),
+        f"the temperature of every leg ({LEGS[0]}_degC to {LEGS[-1]}_degC)",
         "measure the same poses at two temperatures of the legs",
         _LEAST_RISE_K,
         lambda c: c.leg_rise_k,

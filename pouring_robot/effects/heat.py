@@ -8,6 +8,7 @@ from pouring_robot.effects.base import Effect, EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.drives import CHANNELS, LEGS
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.pouring.names import SEATS
 
 _PPM = 1e-6
 _USUAL_PPM = 12.0
@@ -62,8 +63,8 @@ class PlatformThermalExpansion(Effect):
 
         def grown(values: FloatArray, axes: str = "xyz") -> dict[str, FloatArray]:
             return {
-                f"leg{i + 1}_seat_mount.t{axis}": _PPM * values * centres[i, "xyz".index(axis)]
-                for i in range(4)
+                f"{seat}.t{axis}": _PPM * values * centre["xyz".index(axis)]
+                for seat, centre in zip(SEATS, centres, strict=True)
                 for axis in axes
             }
 

@@ -206,6 +206,15 @@ class ClosedChainMechanism:
         kind = self._model.joints[self.joint_id(joint)].shortname()
         return "m" if kind.startswith("JointModelP") and not kind.startswith("JointModelPlanar") else "rad"
 
+    def placement_on_end(self, frame: str) -> pin.SE3:
+        """Return where a frame that is rigid on the end body sits in the loops file's ``end_frame``.
+
+        Raises:
+            UnknownFrameError: there is no such frame.
+        """
+        end, wanted = (self._model.frames[self.frame_id(name)] for name in (str(self._loops.end_frame), frame))
+        return end.placement.actInv(wanted.placement)
+
     def frame_id(self, name: str) -> int:
         """Return Pinocchio's index of a frame.
 

@@ -11,6 +11,7 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.metrics import decimals
+from pouring_robot.robot.pouring.names import LEGS
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -173,7 +174,7 @@ def heat_figures(heated: HeatedRobot, state: WarmState) -> dict[str, Any]:
         return {"on": False}
     melt, ambient = heated.temperatures_degC
     found = state.field
-    computed = {f"leg{i}": float(value) for i, value in enumerate(found.leg_degC, start=1)}
+    computed = dict(zip(LEGS, found.leg_degC.tolist(), strict=True))
     computed |= {"platform": found.platform_degC, "fixed_platform": found.fixed_platform_degC}
     return {
         "on": True,

@@ -18,11 +18,7 @@ from pouring_robot.robot.model import RobotModel
 def pose_platform_to_lip(model: RobotModel) -> pin.SE3:
     """Return where the drawing has the frame that counts, the pouring lip, on the moving platform."""
     mechanism = model.nominal_mechanism()
-    shared, loops = mechanism.shared_model, mechanism.loops
-    data = shared.createData()
-    pin.framesForwardKinematics(shared, data, pin.neutral(shared))
-    platform, lip = (data.oMf[mechanism.frame_id(str(name))] for name in (loops.end_frame, loops.working_frame))
-    return platform.actInv(lip)
+    return mechanism.placement_on_end(mechanism.loops.working_frame)
 
 
 def moved_at_lip(diagnosis: Diagnosis, parameters: Sequence[EffectParameter]) -> FloatArray:

@@ -15,6 +15,7 @@ from pouring_robot.diagnosis.suggest.words import separating_words, untestable_w
 from pouring_robot.inference.discrimination import Prediction, choose, expected, total
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
+from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
 
@@ -23,7 +24,7 @@ RANDOM_SETS = 50
 _CANDIDATES = 75
 _LITTLE_NATS = 3.0
 _APPROACHES = ("approach_q1", "approach_q2", "approach_q3", "approach_q4")
-_LEGS = ("leg1_degC", "leg2_degC", "leg3_degC", "leg4_degC")
+_LEGS = tuple(f"{leg}_degC" for leg in LEGS)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,9 +17,9 @@ from pouring_robot.effects.conditions import Conditions
 from pouring_robot.inference.courses import separate, standardised
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
+from pouring_robot.robot.pouring.names import DRIVE_SYMBOLS
 
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
-DRIVES = ("l1", "l2", "l3", "theta46")
 POSE = "pose"
 _RANK = 1e-10
 _SOME, _MANY = 40, 80
@@ -145,7 +145,7 @@ class Term:
     @property
     def kind(self) -> tuple[str, bool, bool]:
         """What terms that belong together share: the condition, drive or ladle, and whether by pose."""
-        return self.condition, self.channel.name in DRIVES, self.by_pose
+        return self.condition, self.channel.name in DRIVE_SYMBOLS, self.by_pose
 
 
 def channels(data: FreeResiduals, count: int) -> tuple[list[Channel], list[Channel]]:
@@ -163,7 +163,7 @@ def channels(data: FreeResiduals, count: int) -> tuple[list[Channel], list[Chann
         ladle.append(_channel(data, count, COMPONENTS[k], k >= 3, column))
     if data.drives is None:
         return ladle, []
-    return ladle, [_channel(data, count, DRIVES[k], k == 3, data.drives[:, k]) for k in range(4)]
+    return ladle, [_channel(data, count, DRIVE_SYMBOLS[k], k == 3, data.drives[:, k]) for k in range(4)]
 
 
 def _channel(data: FreeResiduals, count: int, name: str, turning: bool, column: FloatArray) -> Channel:
@@ -196,9 +196,9 @@ def terms(given: Conditions, ladle: Sequence[Channel], drives: Sequence[Channel]
     if drives:
         found += _of_drives(given, drives)
     elif given.approach is not None:
-        for k, values in enumerate(given.approach.T):
+        for drive, values in zip(DRIVE_SYMBOLS, given.approach.T, strict=True):
             if np.ptp(values) > 0.0:
-                found += [Term(f"side of {DRIVES[k]}", channel, _centred(values[:, None]), values) for channel in ladle]
+                found += [Term(f"side of {drive}", channel, _centred(values[:, None]), values) for channel in ladle]
     return found
 
 

@@ -13,13 +13,14 @@ from pouring_robot.diagnosis.where.selection import Found, Selection
 from pouring_robot.diagnosis.where.terms import POSE, Channel, FreeResiduals, Term
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.pouring.names import DRIVE_SYMBOLS, DRIVE_WORDS
 
 _MONOTONE = 0.8
 _MINOR = 0.25
 _EXCLUDED = 0.4
 _QUIET_P = 0.02
 _WORTH_SAYING = ("load", "time", "melt temperature", "hall temperature", "platform temperature", "truss travel")
-_DRIVES = {"l1": "leg 1", "l2": "leg 2", "l3": "leg 3", "theta46": "the tilt drive"}
+_DRIVES = dict(zip(DRIVE_SYMBOLS, DRIVE_WORDS, strict=True))
 
 
 def size_text(size: float, turning: bool) -> str:

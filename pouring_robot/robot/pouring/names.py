@@ -12,5 +12,6 @@ SEATS = tuple(f"{leg}_seat_mount" for leg in LEGS)
 DRIVE_JOINTS = ("leg1_s3", "leg2_s3", "leg3_s3", "leg4_s5")
 """The driven joints, in the order of the controller."""
 DRIVE_SYMBOLS = ("l1", "l2", "l3", "theta46")
+DRIVE_WORDS = ("leg 1", "leg 2", "leg 3", "the tilt drive")
 DRIVE_COLUMNS = ("q1", "q2", "q3", "q4")
 """What a campaign calls the drives: the first three are lengths, the last is an angle."""
