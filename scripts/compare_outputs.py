@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import difflib
 import fnmatch
+import json
 import math
 import os
 import re
@@ -25,6 +26,8 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
+
+import yaml
 
 AT = "--at-mm -100 20 -600 --tilt-deg 17"
 ACTUAL = "--model examples/actual.yaml"
@@ -156,9 +159,18 @@ class Side:
             name = path.relative_to(self.folder)
             store = next((p for p in path.parents if p.suffix == ".zarr"), None)
             if store is None:
-                yield str(name), path.read_text(encoding="utf-8") if path.suffix in TEXTS else "is there"
+                yield str(name), _text(path) if path.suffix in TEXTS else "is there"
             elif path == store / "zarr.json":
                 yield str(store.relative_to(self.folder)), _arrays(store)
+
+
+def _text(path: Path) -> str:
+    """Return a text file; a YAML file one value a line, as where lines are broken depends on the length of numbers."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix not in {".yaml", ".yml"}:
+        return text
+    comments = [line for line in text.splitlines() if line.startswith("#")]
+    return "\n".join([*comments, json.dumps(yaml.safe_load(text), indent=1, default=str)])
 
 
 def _arrays(store: Path) -> str:

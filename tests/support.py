@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.robot.model import JointPlacement, RobotModel
+from pouring_robot.robot.pouring.description import PlacementError, perturb_urdf
 from pouring_robot.robot.pouring.poses import PlatformPose
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -50,6 +52,16 @@ def crooked_model(seed, axis_mrad, centre_mm=0.5, layout="paper"):
         placements[f"leg{leg}_s4"] = draw(0.0, axis_mrad)
         placements[f"leg{leg}_seat_mount"] = draw(centre_mm, axis_mrad)
     return RobotModel(layout=layout, joint_placements=placements)
+
+
+def placement_error(numbers):
+    """Return six numbers (m, rad) as the error of a placement."""
+    return PlacementError(tuple(map(float, numbers[:3])), tuple(map(float, numbers[3:])))
+
+
+def perturbed(mechanism, placements):
+    """Return a mechanism whose URDF holds errors: a :class:`PlacementError` by joint."""
+    return ClosedChainMechanism(perturb_urdf(mechanism.urdf, placements), mechanism.loops)
 
 
 def oracle_cases():

@@ -34,10 +34,9 @@ from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.parameters import DriveParameter, PayloadParameter, PlacementParameter
 from pouring_robot.mechanism.transfer import open_branch_transfer
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pouring.description import PlacementError, perturb_urdf
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.poses import PlatformPose
-from tests.support import BOX_LOWER, BOX_UPPER, ROOT, planar_urdf
+from tests.support import BOX_LOWER, BOX_UPPER, ROOT, perturbed, placement_error, planar_urdf
 
 SITES, PARAMETERS = 24, 144
 # Up to 2 mm and 4 mrad in every component of every placement at once.
@@ -70,11 +69,10 @@ def errors_of(spread, count, seed):
     return np.random.default_rng(seed).uniform(-1.0, 1.0, size=(count, PARAMETERS)) * spread
 
 
-def perturbed(mechanism, engine, errors):
+def as_built(mechanism, engine, errors):
     """Return the mechanism whose URDF holds the errors of one sample, shape (sites * 6,)."""
-    sites = zip(engine.structure.site_joints, errors.reshape(-1, 6).tolist(), strict=True)
-    placements = {name: PlacementError(tuple(e[:3]), tuple(e[3:])) for name, e in sites}
-    return ClosedChainMechanism(perturb_urdf(mechanism.urdf, placements), mechanism.loops)
+    sites = zip(engine.structure.site_joints, errors.reshape(-1, 6), strict=True)
+    return perturbed(mechanism, {name: placement_error(e) for name, e in sites})
 
 
 def closed_one_at_a_time(mechanism, kinematics, command, sample):
@@ -106,13 +104,13 @@ def test_it_equals_the_one_at_a_time_solver(robots, layout, spread):
     batch = engine.close(command.drives, command.start, errors).require_all()
     names, stopped = [name for chain in engine.structure.joint_names for name in chain], 0
     for sample in range(30):
-        as_built = perturbed(mechanism, engine, errors[sample])
+        robot = as_built(mechanism, engine, errors[sample])
         try:
-            result = closed_one_at_a_time(as_built, kinematics, command, sample)
+            result = closed_one_at_a_time(robot, kinematics, command, sample)
         except ClosureError:  # a narrow valley that only the batch engine's search gets through
             stopped += 1
             values = dict(zip(names, batch.joints[sample].ravel().tolist(), strict=True))
-            result = ClosureSolver(as_built).solve(values, as_built.neutral_configuration())
+            result = ClosureSolver(robot).solve(values, robot.neutral_configuration())
         assert difference_of(batch, sample, result) < 1e-12
     assert stopped <= (1 if spread is FULL_ERRORS else 0)
 
@@ -120,8 +118,8 @@ def test_it_equals_the_one_at_a_time_solver(robots, layout, spread):
 def test_a_mechanism_that_is_displaced_already_equals_the_errors_given(paper):
     engine, kinematics = paper
     command, errors = command_of(kinematics, 20, seed=5), errors_of(FULL_ERRORS, 1, seed=6)[0]
-    as_built = BatchEngine(perturbed(engine.structure.mechanism, engine, errors))
-    one = as_built.close(command.drives, command.start).require_all()
+    displaced_already = BatchEngine(as_built(engine.structure.mechanism, engine, errors))
+    one = displaced_already.close(command.drives, command.start).require_all()
     other = engine.close(command.drives, command.start, errors).require_all()
     np.testing.assert_allclose(one.position, other.position, rtol=0, atol=1e-12)
     np.testing.assert_allclose(one.residual, other.residual, rtol=0, atol=1e-12)
@@ -259,7 +257,7 @@ def test_the_transfer_matrix_equals_differences_of_perturbed_urdfs(paper):
     for p in range(0, PARAMETERS, 7):
         poses = []
         for k in (-1, 1):
-            changed = perturbed(mechanism, engine, on_top(errors, p, k * STEP))
+            changed = as_built(mechanism, engine, on_top(errors, p, k * STEP))
             poses.append(closed_one_at_a_time(changed, kinematics, command, 0).pose_base_to_end)
         turn = pin.log3(poses[1].rotation @ poses[0].rotation.T)
         expected = np.r_[poses[1].translation - poses[0].translation, turn] / (2.0 * STEP)
@@ -290,7 +288,7 @@ def test_open_branches_equal_differences_of_pinocchios_kinematics(paper):
 
     def carried(errors, leg, joints):
         """Return the platform's pose as chain ``leg`` alone carries it."""
-        changed = perturbed(mechanism, engine, errors)
+        changed = as_built(mechanism, engine, errors)
         values = dict(zip(names, joints.ravel(), strict=True))
         data = changed.copy_model().createData()
         configuration = changed.with_joint_values(changed.neutral_configuration(), values)

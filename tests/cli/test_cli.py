@@ -14,7 +14,6 @@ import psutil
 import pytest
 
 import pouring_robot
-from pouring_robot.cli.app import main
 from pouring_robot.exceptions import SingularPoseError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureSolver
@@ -27,19 +26,6 @@ from tests.support import ACTUAL, ROOT, pose_gap
 
 POSES = ROOT / "examples" / "poses.csv"
 AT = ["--at-mm", "-100", "20", "-600", "--tilt-deg", "17"]
-
-
-@pytest.fixture
-def run(capfd, tmp_path, monkeypatch):
-    """Run a command in an empty folder; return exit code, standard output and standard error."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        code = main([str(argument) for argument in arguments])
-        printed = capfd.readouterr()
-        return code, printed.out, printed.err
-
-    return call
 
 
 # --- what it says -------------------------------------------------------------------------------------

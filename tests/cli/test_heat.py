@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pouring_robot.cli.app import main
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
@@ -21,18 +20,6 @@ SHIFT = (
     "time_min,melt_degC,ambient_degC,x_mm,y_mm,z_mm,tilt_deg\n0,1650,20,-100,0,-800,-20\n20,1680,20,-100,0,-800,-20\n"
     "30,1700,22,-60,20,-500,50\n60,400,22,-60,20,-500,50\n"
 )
-
-
-@pytest.fixture
-def run(capfd, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        code = main([str(argument) for argument in arguments])
-        printed = capfd.readouterr()
-        return code, printed.out, printed.err
-
-    return call
 
 
 @pytest.fixture

@@ -8,13 +8,12 @@ from pouring_robot.estimation.frames import FRAMES, OuterFrames
 from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
 from pouring_robot.estimation.priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureSolver
 from pouring_robot.mechanism.parameters import DriveParameter
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import all_parameters
-from pouring_robot.robot.pouring.description import PlacementError, perturb_urdf
 from pouring_robot.robot.tolerances import Tolerances
+from tests.support import perturbed, placement_error
 
 SIGMA = 3e-5
 OUTER = pin.SE3(pin.exp3(np.array([0.4, -1.1, 2.0])), np.array([1.5, -2.0, 0.7]))
@@ -56,8 +55,7 @@ def reference_poses(model, parameters, values, drives, start):
             offsets[parameter.joint] = offsets.get(parameter.joint, 0.0) + value
         else:
             errors[parameter.joint] = errors.get(parameter.joint, np.zeros(6)) + value * np.array(parameter.twist)
-    placed = {j: PlacementError(tuple(e[:3].tolist()), tuple(e[3:].tolist())) for j, e in errors.items()}
-    mechanism = ClosedChainMechanism(perturb_urdf(model.urdf(), placed), model.loops())
+    mechanism = perturbed(model.mechanism(), {joint: placement_error(e) for joint, e in errors.items()})
     solver = ClosureSolver(mechanism)
     poses = []
     for row, configuration in zip(drives, start, strict=True):

@@ -21,7 +21,7 @@ from pouring_robot.mechanism.parameters import (
 from pouring_robot.mechanism.transfer import closed_chain_transfer, open_branch_transfer
 from pouring_robot.robot.pouring.description import PlacementError, perturb_urdf
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
-from tests.support import closure_condition, round_off
+from tests.support import closure_condition, placement_error, round_off
 
 CHAIN_JOINTS = [f"leg{i}_s{k}" for i in (1, 2, 3, 4) for k in (1, 2, 3, 4, 5)]
 JOINTS = [*CHAIN_JOINTS, *(f"leg{i}_seat_mount" for i in (1, 2, 3, 4))]
@@ -54,7 +54,7 @@ class Case:
         urdf, loads, drives = self.urdf, self.loads, dict(self.drives)
         if isinstance(parameter, PlacementParameter):
             twist = step * np.array(parameter.twist)
-            urdf = perturb_urdf(urdf, {parameter.joint: PlacementError(tuple(twist[:3]), tuple(twist[3:]))})
+            urdf = perturb_urdf(urdf, {parameter.joint: placement_error(twist)})
         elif isinstance(parameter, DriveParameter):
             drives[parameter.joint] += step
         elif isinstance(parameter, PayloadParameter):
@@ -158,8 +158,9 @@ def test_open_branch_is_the_chain_alone_with_its_joints_held(layout):
         poses = []
         for sign in (1.0, -1.0):
             twist = sign * STEP * np.array(parameter.twist)
-            error = PlacementError(tuple(twist[:3]), tuple(twist[3:]))
-            poses.append(platform_along_chain(perturb_urdf(case.urdf, {parameter.joint: error}), chain))
+            poses.append(
+                platform_along_chain(perturb_urdf(case.urdf, {parameter.joint: placement_error(twist)}), chain)
+            )
         rotation = pin.log3(poses[0].rotation @ poses[1].rotation.T)
         numeric = np.concatenate([poses[0].translation - poses[1].translation, rotation]) / (2.0 * STEP)
         np.testing.assert_allclose(matrix[:, k], numeric, atol=1e-8, err_msg=parameter.name)

@@ -13,10 +13,8 @@ import pytest
 from typer.testing import CliRunner
 
 from pouring_robot.exceptions import BadInputError, OutputError, UnknownLayoutError
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureSolver
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pouring.description import perturb_urdf
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.poses import PlatformPose
 from scripts.paper.geometry import shape_claims as shapes
@@ -25,6 +23,7 @@ from scripts.paper.geometry.closure import rotation_vectors
 from scripts.paper.geometry.comparison import axis_rows
 from scripts.paper.geometry.report import GeometryReport
 from scripts.paper.geometry.study import AXES, error_size, run_study
+from tests.support import perturbed
 
 POSES, SEED = 400, 5
 SCRIPT = Path(__file__).parents[2] / "scripts" / "reproduce_paper.py"
@@ -102,7 +101,7 @@ def test_closed_chain_equals_the_one_at_a_time_solver(paper, name):
     kinematics = FourUPUKinematics(nominal)
     parameter = study.table[name]
     moved = study.table.placement_errors({name: error_size(parameter)})
-    solver = ClosureSolver(ClosedChainMechanism(perturb_urdf(nominal.urdf, moved), nominal.loops))
+    solver = ClosureSolver(perturbed(nominal, moved))
     row = study.closed_chain.parameters.index(parameter)
     for k in (0, 7, 40):
         pose = PlatformPose(tuple(study.command.start.position[k]), float(study.command.poses[k, 3]))

@@ -7,10 +7,11 @@ import pytest
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnknownJointError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pouring.description import PlacementError, perturb_urdf
+from pouring_robot.robot.pouring.description import PlacementError
 from pouring_robot.robot.pouring.dh import DHTable, NotUPUError, UnknownParameterError
 from pouring_robot.robot.pouring.dh.chain import adjoint, inverse
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
+from tests.support import perturbed
 
 LAYOUTS = ("paper", "wide")
 CHAINS = (1, 2, 3, 4)
@@ -97,10 +98,6 @@ def random_placements(rng, table, size=5e-3):
         joint: PlacementError(tuple(rng.uniform(-size, size, 3)), tuple(rng.uniform(-size, size, 3)))
         for joint in table.joints
     }
-
-
-def perturbed(nominal, placements):
-    return ClosedChainMechanism(perturb_urdf(nominal.urdf, placements), nominal.loops)
 
 
 def homogeneous(placement):

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from pouring_robot.exceptions import BadInputError, NoSolutionError, PouringRobotError, UnreachablePoseError
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureSolver
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pouring.description import PlacementError, perturb_urdf
+from pouring_robot.robot.pouring.description import PlacementError
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics, JointReach
 from pouring_robot.robot.pouring.poses import PlatformPose
-from tests.support import BOX_LOWER, BOX_UPPER, pose_gap, random_poses
+from tests.support import BOX_LOWER, BOX_UPPER, perturbed, pose_gap, random_poses
 
 # U-joint centres in m.
 CENTRES = {
@@ -160,8 +159,8 @@ def test_forward_needs_one_value_for_each_drive(drawing):
 
 
 def test_forward_needs_legs_in_common_planes(drawing):
-    urdf = perturb_urdf(drawing.model.nominal_urdf(), {"leg2_s1": PlacementError((0.01, 0.0, 0.0))})
-    kinematics = FourUPUKinematics(ClosedChainMechanism(urdf, drawing.model.loops()))
+    displaced_joint = {"leg2_s1": PlacementError((0.01, 0.0, 0.0))}
+    kinematics = FourUPUKinematics(perturbed(drawing.nominal_solver.mechanism, displaced_joint))
     drives = drawing.kinematics.inverse(PlatformPose((-0.1, 0.0, -0.6), 0.0))
     with pytest.raises(NoSolutionError, match="common planes"):
         kinematics.forward(drives)

@@ -3,10 +3,9 @@
 import numpy as np
 
 from pouring_robot.exceptions import ClosureError
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureSolver
-from pouring_robot.robot.pouring.description import PlacementError, perturb_urdf
 from pouring_robot.sweeps.evaluation import Platforms
+from tests.support import perturbed, placement_error
 
 
 class OneAtATime:
@@ -16,13 +15,8 @@ class OneAtATime:
         self.mechanism, self.joints = mechanism, joints
 
     def solver(self, errors):
-        placements = {
-            joint: PlacementError(tuple(row[:3].tolist()), tuple(row[3:].tolist()))
-            for joint, row in zip(self.joints, errors, strict=True)
-            if row.any()
-        }
-        urdf = perturb_urdf(self.mechanism.urdf, placements)
-        return ClosureSolver(ClosedChainMechanism(urdf, self.mechanism.loops))
+        placements = {joint: placement_error(row) for joint, row in zip(self.joints, errors, strict=True) if row.any()}
+        return ClosureSolver(perturbed(self.mechanism, placements))
 
     def platforms(self, poses, placement_errors, drive_errors):
         shape = (len(placement_errors), len(poses))
