@@ -58,7 +58,7 @@ def calibrate(
     check_folder(out)
     present = RobotModel.load(model) if model else RobotModel()
     if model:
-        options.say_left_out(present, model)
+        options.say_left_out(present, model, warm=True)
     data = read_campaign(campaign)
     chosen = CalibrationOptions(
         parameters=tuple(parameters or ("geometry",)),

@@ -72,15 +72,16 @@ def compensate(
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 
     heated = HeatedRobot(robot, heat)
-    found = []
-    with progress.progress_bar("compensating", len(wanted)) as step:
+    found: list[Compensation] = []
+    with progress.stage_bars() as show:
         for line, pose in wanted.items():
             try:
-                found.append(step(compensated(heated, pose, frame)))
+                found.append(compensated(heated, pose, frame))
             except NoSolutionError as error:
                 if poses is None:
                     raise
                 raise PathPoseError(poses, line, error) from error
+            show("compensating", len(found), len(wanted))
     written = [write_whole(out, commands_csv(found))] if out else []
     if as_json:
         rows = [compensation_figures(one) | {"heat": heat_options.heat_figures(heated, one.state)} for one in found]

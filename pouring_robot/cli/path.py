@@ -44,9 +44,10 @@ def path(
     robot = options.robot_of(model, layout, warm=True)
     heat = heat_options.heat_of(robot, melt_degC, ambient_degC, steady, after_min, cold)
     heated = heat_options.heated_of(robot, heat)
-    found, rows = [], []
+    found: list[heat_options.Warmth] = []
+    rows = []
     with progress.stage_bars() as show:
-        for done, (line, pose) in enumerate(commanded.items(), start=1):
+        for line, pose in commanded.items():
             try:
                 one = heat_options.Warmth.of(robot, heated, pose)
                 found.append(one)
@@ -54,7 +55,7 @@ def path(
                     rows.append(location_figures(one.location, one.robot.dexterity(one.location)) | one.figures())
             except NoSolutionError as error:
                 raise PathPoseError(poses, line, error) from error
-            show("closing", done, len(commanded))
+            show("closing", len(found), len(commanded))
     locations = [one.location for one in found]
     notes = lines.location_notes(robot, html, png, model_file=model is not None)
     written = lines.write_drawings(locations, html, png, exaggerate, warm=heated is not None)

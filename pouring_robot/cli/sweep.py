@@ -41,7 +41,6 @@ def sweep(
         raise BadInputError("give --workers or --scheduler, not both: the cluster has workers of its own")
     plan = SweepPlan.load(config)
     if plan.config.model is not None:
-        options.say_taken_cold(plan.model, plan.config.model)
         options.say_left_out(plan.model, plan.config.model)
     done, total = 0, 0
     with progress.stage_bars() as show:

@@ -79,24 +79,18 @@ def robot_of(model: Path | None, layout: str | None, *, warm: bool = False) -> P
     if model is None:
         return PouringRobot(RobotModel(layout=layout) if layout else None)
     found = RobotModel.load(model)
-    if not warm:
-        say_taken_cold(found, model)
-    say_left_out(found, model)
+    say_left_out(found, model, warm=warm)
     return PouringRobot(found)
 
 
-def say_taken_cold(model: RobotModel, file: Path | str) -> None:
-    """Say on standard error that a command leaves out the heat that a model file tells of."""
-    if model.heat is not None:
+def say_left_out(model: RobotModel, file: Path | str, *, warm: bool = False) -> None:
+    """Say on standard error what a command leaves out of a model: heat, and effects that only a campaign tells of."""
+    if model.heat is not None and not warm:
         print(f"note: this command takes the robot cold; the heat section of {file} is left out", file=sys.stderr)
-
-
-def say_left_out(model: RobotModel, file: Path | str) -> None:
-    """Say on standard error which effects of a model depend on conditions that only a campaign tells of."""
-    effects = dict.fromkeys(entry.effect for entry in model.effects if not entry.placed)
+    effects = ", ".join(dict.fromkeys(entry.effect for entry in model.effects if not entry.placed))
     if effects:
         print(
-            f"note: this command does not apply the effects of {file} that depend on conditions: {', '.join(effects)}",
+            f"note: this command does not apply the effects of {file} that depend on conditions: {effects}",
             file=sys.stderr,
         )
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from pouring_robot.io.progress import Progress, Status
-
-Result = TypeVar("Result")
 
 
 @contextmanager
@@ -42,26 +40,6 @@ def stage_bars() -> Iterator[Progress]:
             bars.update(tasks[stage], completed=done, total=total)
 
         yield show
-
-
-@contextmanager
-def progress_bar(what: str, total: int) -> Iterator[Callable[[Result], Result]]:
-    """Show one bar.
-
-    Yields:
-        A function that counts one step done and returns what it is given.
-    """
-    with stage_bars() as show:
-        done = 0
-        show(what, done, total)
-
-        def step(result: Result) -> Result:
-            nonlocal done
-            done += 1
-            show(what, done, total)
-            return result
-
-        yield step
 
 
 @contextmanager
