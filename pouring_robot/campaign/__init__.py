@@ -5,20 +5,15 @@ Reading and writing the two files of a campaign, plans of poses, and measuring a
 
 from __future__ import annotations
 
-from pouring_robot.campaign.blocks import Block, BlockKind
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses, planar_poses, rotation_matrices, rotation_vectors
 from pouring_robot.campaign.plan import PosePlan, random_plan, read_plan
-from pouring_robot.campaign.reader import read_campaign
 from pouring_robot.campaign.simulate import MeasurementOptions, VirtualMeasurement, simulate_campaign
-from pouring_robot.campaign.writer import write_campaign
 from pouring_robot.robot.pouring.names import DRIVE_JOINTS
 
 __all__ = [
     "DRIVE_JOINTS",
-    "Block",
-    "BlockKind",
     "Campaign",
     "CampaignMetadata",
     "MeasurementOptions",
@@ -28,10 +23,8 @@ __all__ = [
     "nominal_poses",
     "planar_poses",
     "random_plan",
-    "read_campaign",
     "read_plan",
     "rotation_matrices",
     "rotation_vectors",
     "simulate_campaign",
-    "write_campaign",
 ]

@@ -5,7 +5,7 @@ Inside, values are in m, rad, kg and s, and temperatures in °C, as the names of
 
 from __future__ import annotations
 
-from pouring_robot.io.quantities import Quantity
+from pouring_robot.io.quantities import Quantity, QuantityTable
 from pouring_robot.robot.pouring.names import DRIVE_COLUMNS, LEGS
 
 DRIVES = DRIVE_COLUMNS
@@ -45,3 +45,16 @@ PLAN = (
     *CONDITIONS,
 )
 """Columns of a pose plan: the poses to command, and optional conditions."""
+
+
+def sessions_of(table: QuantityTable) -> tuple[str, ...]:
+    """Return the session of each row; all "1" without a column.
+
+    Raises:
+        CampaignError: a cell of the column is empty.
+    """
+    sessions = table.labels.get("session", ("1",) * len(table))
+    if "" in sessions:
+        problem = "the session is missing; name one in every row, or leave the column out"
+        raise table.fault(problem, sessions.index(""), "session")
+    return sessions

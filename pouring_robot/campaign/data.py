@@ -12,10 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.campaign import columns
-from pouring_robot.campaign.blocks import Block, BlockKind, region_blocks, session_blocks, time_blocks
-from pouring_robot.campaign.metadata import CampaignMetadata
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.campaign.metadata import CampaignMetadata, metadata_path, read_metadata
+from pouring_robot.campaign.writer import campaign_files
+from pouring_robot.exceptions import BadInputError, CampaignError
+from pouring_robot.io.files import check_outputs, write_together
+from pouring_robot.io.quantities import read_quantities
 from pouring_robot.mechanism.arrays import FloatArray, read_only
+from pouring_robot.report.result import Result
 from pouring_robot.robot.pouring.names import DRIVE_JOINTS, LEGS
 
 if TYPE_CHECKING:
@@ -24,8 +27,8 @@ if TYPE_CHECKING:
 BoolArray: TypeAlias = NDArray[np.bool_]
 
 
-@dataclass(frozen=True, eq=False)
-class Campaign:
+@dataclass(frozen=True, eq=False, repr=False)
+class Campaign(Result):
     """n static poses in SI units; temperatures in °C as their names say. Arrays are read-only.
 
     Missing cells are NaN. An array is None when no column of it was in the file (or every cell of them is empty).
@@ -93,6 +96,68 @@ class Campaign:
             if np.shape(values) != shape:
                 raise BadInputError(f"'{name}' of the campaign must have shape {shape}, not {np.shape(values)}")
             object.__setattr__(self, name, read_only(np.array(values, dtype=np.float64)))
+
+    @classmethod
+    def read(cls, path: Path | str) -> Campaign:
+        """Read a campaign: a CSV, Parquet or Excel table with units on its headings, and the YAML of the same stem.
+
+        Empty cells become NaN. What is wrong with the *values* is the business of
+        :func:`pouring_robot.checks.check.check_campaign`; here only what cannot be understood is refused.
+
+        Raises:
+            CampaignError: the table or the YAML file is missing, a heading is misspelt, has a wrong unit or stands
+                twice, a required column is missing, or a cell is no number; names file, line and column.
+            CampaignFileError: a key or value of the YAML file is wrong; names line and key.
+        """
+        path = Path(path)
+        table = read_quantities(path, columns.CAMPAIGN, "q1_mm", CampaignError)
+        metadata = read_metadata(metadata_path(path))
+        arrays = arrays_from(table.numbers)
+        drives, position = arrays.pop("drives"), arrays.pop("position_m")
+        if drives is None or position is None:  # the reader of tables has made sure of both
+            raise CampaignError(path, "holds no drives or no positions")
+        return cls(
+            path=path,
+            metadata=metadata,
+            lines=table.table.lines,
+            samples=table.labels.get("sample", ("",) * len(table)),
+            sessions=columns.sessions_of(table),
+            headings=table.headings,
+            ignored_columns=table.unknown,
+            drives=drives,
+            position_m=position,
+            **arrays,
+        )
+
+    def save(self, path: Path | str, *, overwrite: bool = False) -> tuple[Path, Path]:
+        """Write the table (CSV, or Parquet by its suffix) and the YAML of the same stem, both or neither.
+
+        Returns:
+            The two files.
+
+        Raises:
+            OutputError: a file is there already and ``overwrite`` is not set, or it cannot be written.
+        """
+        files = self.contents(Path(path))
+        check_outputs(list(files), overwrite=overwrite)
+        write_together(files)
+        table, metadata = files
+        return table, metadata
+
+    def contents(self, path: Path) -> dict[Path, bytes]:
+        """Return what the two files of the campaign would hold, by path.
+
+        Raises:
+            OutputError: the suffix is that of the YAML file.
+        """
+        return campaign_files(path, self.quantity, self.samples, self.sessions, self.metadata)
+
+    @property
+    def headline(self) -> str:
+        """What is in it, in one line."""
+        sessions = len(set(self.sessions))
+        kind = "full poses" if self.full_pose else "positions"
+        return f"{len(self)} {kind} in {sessions} session{'s' if sessions > 1 else ''}, {self.path.name}"
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -171,28 +236,6 @@ class Campaign:
         changed["samples"] = tuple(self.samples[i] for i in chosen)
         changed["sessions"] = tuple(self.sessions[i] for i in chosen)
         return dataclasses.replace(self, **changed)
-
-    def blocks(self, kind: BlockKind, count: int = 5) -> tuple[Block, ...]:
-        """Return whole blocks of rows to hold out: every usable row is in exactly one.
-
-        Args:
-            kind: ``session`` (one block a session), ``time`` (stretches of equal length in order of time; of rows
-                where no time is known) or ``region`` (neighbours in drive space; repeats of a pose stay together).
-            count: number of blocks by time or region; less come where the rows do not allow as many.
-
-        Raises:
-            BadInputError: the kind is unknown or the count below 2.
-        """
-        if count < 2:
-            raise BadInputError(f"a split needs at least 2 blocks, not {count}")
-        rows = np.flatnonzero(self.usable)
-        if kind == "session":
-            return session_blocks(rows, self.sessions)
-        if kind == "time":
-            return time_blocks(rows, self.time_s, count)
-        if kind == "region":
-            return region_blocks(rows, self.drives, count)
-        raise BadInputError(f"blocks are by session, time or region, not by '{kind}'")
 
     def to_frame(self) -> pandas.DataFrame:
         """Return the rows as a pandas data frame with canonical headings (SI units, °C), a valid campaign table."""

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from pouring_robot.campaign import columns
-from pouring_robot.campaign.reader import sessions_of
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
 from pouring_robot.io.quantities import read_quantities
 from pouring_robot.io.temperatures import REFERENCE_DEGC
@@ -75,7 +74,7 @@ def read_plan(path: Path | str, robot: PouringRobot) -> PosePlan:
     commanded_drives = np.array(drives)
     samples = table.labels.get("sample", tuple(str(i) for i in range(len(poses))))
     return PosePlan(
-        tuple(poses), commanded_drives, samples, sessions_of(table), _approaches(commanded_drives) | conditions
+        tuple(poses), commanded_drives, samples, columns.sessions_of(table), _approaches(commanded_drives) | conditions
     )
 
 

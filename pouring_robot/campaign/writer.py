@@ -1,94 +1,78 @@
-"""Writing a campaign: its table and the YAML beside it, both or neither."""
+"""The files of a campaign: its table as CSV or Parquet, and the YAML beside it."""
 
 from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from pouring_robot.campaign import columns
-from pouring_robot.campaign.data import Campaign
-from pouring_robot.campaign.metadata import metadata_text
+from pouring_robot.campaign.metadata import CampaignMetadata, metadata_text
 from pouring_robot.exceptions import OutputError
-from pouring_robot.io.files import check_outputs, write_together
 from pouring_robot.io.tables import PARQUET_SUFFIXES
+from pouring_robot.mechanism.arrays import FloatArray
 
 # Digits written: a hundredth of the best tracker's noise.
 _DIGITS = {"length": 6, "angle": 10, "mass": 3, "temperature": 3, "time": 3, "sign": 0}
+Cells = Mapping[str, list[str]]
 _WRITTEN_IN_MM = (*columns.LENGTH_DRIVES, *columns.POSITION)
 
 
-def write_campaign(campaign: Campaign, path: Path | str, *, overwrite: bool = False) -> tuple[Path, Path]:
-    """Write the table (CSV, or Parquet by its suffix) and the YAML of the same stem.
+def campaign_files(
+    path: Path,
+    quantity: Callable[[str], FloatArray | None],
+    samples: Sequence[str],
+    sessions: Sequence[str],
+    metadata: CampaignMetadata,
+) -> dict[Path, bytes]:
+    """Return what the two files of a campaign hold, by path: the table, and the YAML beside it.
 
-    Returns:
-        The two files.
-
-    Raises:
-        OutputError: a file is there already and ``overwrite`` is not set, or it cannot be written.
-    """
-    path = Path(path)
-    files = campaign_contents(campaign, path)
-    check_outputs(list(files), overwrite=overwrite)
-    write_together(files)
-    table, metadata = files
-    return table, metadata
-
-
-def campaign_contents(campaign: Campaign, path: Path) -> dict[Path, bytes]:
-    """Return what the two files of a campaign would hold, by path.
+    Args:
+        path: of the table; its suffix says whether it is CSV or Parquet.
+        quantity: gives the values (n,) of a quantity by name, in SI units and °C, or None.
+        samples: n names.
+        sessions: n sessions.
+        metadata: what holds for all rows.
 
     Raises:
         OutputError: the suffix is that of the YAML file.
     """
-    beside = path.with_suffix(".yaml")
     if path.suffix.lower() in (".yaml", ".yml"):
         raise OutputError(path, "give the name of the table, such as campaign.csv; the YAML is written beside it")
-    table = _parquet(campaign) if path.suffix.lower() in PARQUET_SUFFIXES else _csv(campaign).encode()
-    return {path: table, beside: metadata_text(campaign.metadata).encode()}
+    cells = {"sample": list(samples)} if any(samples) else {}
+    for column in columns.CAMPAIGN:
+        values = None if column.kind == "label" else quantity(column.name)
+        if column.name == "session":
+            cells["session"] = list(sessions)
+        elif values is not None:
+            millimetres = column.name in _WRITTEN_IN_MM
+            digits = _DIGITS[column.kind]
+            scaled = np.round(values * 1e3 if millimetres else values, digits) + 0.0
+            heading = f"{column.name}_mm" if millimetres else column.canonical
+            cells[heading] = ["" if np.isnan(value) else f"{value:.{digits}f}" for value in scaled]
+    table = _parquet(cells) if path.suffix.lower() in PARQUET_SUFFIXES else _csv(cells)
+    return {path: table, path.with_suffix(".yaml"): metadata_text(metadata).encode()}
 
 
-def _cells(campaign: Campaign) -> dict[str, list[str]]:
-    """Return the cells of every column by heading, in the units of the contract; missing ones are empty."""
-    cells: dict[str, list[str]] = {}
-    for quantity in columns.CAMPAIGN:
-        if quantity.name == "sample":
-            if any(campaign.samples):
-                cells["sample"] = list(campaign.samples)
-            continue
-        if quantity.name == "session":
-            cells["session"] = list(campaign.sessions)
-            continue
-        values = campaign.quantity(quantity.name)
-        if values is None:
-            continue
-        millimetres = quantity.name in _WRITTEN_IN_MM
-        heading = f"{quantity.name}_mm" if millimetres else quantity.canonical
-        digits = _DIGITS[quantity.kind]
-        scaled = np.round(values * 1e3 if millimetres else values, digits) + 0.0
-        cells[heading] = ["" if np.isnan(value) else f"{value:.{digits}f}" for value in scaled]
-    return cells
-
-
-def _csv(campaign: Campaign) -> str:
-    cells = _cells(campaign)
+def _csv(cells: Cells) -> bytes:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(cells)
     writer.writerows(zip(*cells.values(), strict=True))
-    return stream.getvalue()
+    return stream.getvalue().encode()
 
 
-def _parquet(campaign: Campaign) -> bytes:
+def _parquet(cells: Cells) -> bytes:
     import pyarrow
     import pyarrow.parquet
 
     labels = ("sample", "session")
     content = {
-        heading: cells if heading in labels else [float(cell) if cell else None for cell in cells]
-        for heading, cells in _cells(campaign).items()
+        heading: column if heading in labels else [float(cell) if cell else None for cell in column]
+        for heading, column in cells.items()
     }
     stream = io.BytesIO()
     pyarrow.parquet.write_table(pyarrow.table(content), stream)

@@ -49,7 +49,7 @@ def calibrate(
     from pouring_robot.calibration.calibrate import calibrate as run
     from pouring_robot.calibration.export import write_calibration
     from pouring_robot.calibration.summary import calibration_figures
-    from pouring_robot.campaign.reader import read_campaign
+    from pouring_robot.campaign.data import Campaign
     from pouring_robot.estimation.solver import FitOptions
     from pouring_robot.io.files import check_folder
     from pouring_robot.robot.model import RobotModel
@@ -59,7 +59,7 @@ def calibrate(
     present = RobotModel.load(model) if model else RobotModel()
     if model:
         options.say_left_out(present, model, warm=True)
-    data = read_campaign(campaign)
+    data = Campaign.read(campaign)
     chosen = CalibrationOptions(
         parameters=tuple(parameters or ("geometry",)),
         tolerances=Tolerances.load(tolerances),

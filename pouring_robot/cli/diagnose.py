@@ -39,7 +39,7 @@ def diagnose(
     as_json: options.AsJson = False,
 ) -> None:
     """Find where model and measurement disagree, name the missing effect, amend the model, show the gap shrink."""
-    from pouring_robot.campaign.reader import read_campaign
+    from pouring_robot.campaign.data import Campaign
     from pouring_robot.diagnosis.diagnose import DiagnosisOptions, exclude_ids
     from pouring_robot.diagnosis.diagnose import diagnose as run
     from pouring_robot.diagnosis.report.export import FIGURES, MODEL, write_diagnosis
@@ -53,7 +53,7 @@ def diagnose(
     chosen = DiagnosisOptions(exclude=exclude_ids(exclude or ()), hold_out=hold_out)
     with progress.status() as say:
         say("reading")
-        data = read_campaign(campaign)
+        data = Campaign.read(campaign)
         try:
             found = run(data, present, chosen, say)
         except DiagnosisError as problem:

@@ -23,7 +23,7 @@ from rich.progress import track
 
 from pouring_robot.calibration.calibrate import CalibrationOptions, calibrate
 from pouring_robot.calibration.summary import noise_floor
-from pouring_robot.campaign.reader import read_campaign
+from pouring_robot.campaign.data import Campaign
 from pouring_robot.exceptions import BadInputError, PouringRobotError
 from pouring_robot.io.files import check_writable, write_whole
 
@@ -91,7 +91,7 @@ def run_case(folder: Path) -> Case:
     truth = folder / "truth.json"
     began = time.perf_counter()
     try:
-        found = calibrate(read_campaign(folder / "campaign.csv"), None, CalibrationOptions())
+        found = calibrate(Campaign.read(folder / "campaign.csv"), None, CalibrationOptions())
     except PouringRobotError as error:
         return Case(folder.name, _kind(truth), refused=str(error), seconds=time.perf_counter() - began)
     before, after = (found.misfit(found.split.test, after=a) for a in (False, True))

@@ -9,7 +9,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from pouring_robot.campaign.writer import write_campaign
 from pouring_robot.cli import app
 from pouring_robot.cli.app import main
 from tests.campaign.test_fuzz import damages, spoil
@@ -22,7 +21,7 @@ FILES = {"calibrated.yaml", "calibration.json", "loops.yaml", "pouring_robot.urd
 def sound(tmp_path_factory, clean):
     """Return the bytes of a sound table and its YAML."""
     folder = tmp_path_factory.mktemp("sound")
-    write_campaign(clean.campaign.subset(range(24)), folder / "c.csv")
+    clean.campaign.subset(range(24)).save(folder / "c.csv")
     return (folder / "c.csv").read_bytes(), (folder / "c.yaml").read_bytes()
 
 

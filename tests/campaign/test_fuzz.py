@@ -8,9 +8,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import read_plan
-from pouring_robot.campaign.reader import read_campaign
-from pouring_robot.campaign.writer import write_campaign
 from pouring_robot.checks.check import examine
 from pouring_robot.checks.summary import campaign_figures
 from pouring_robot.exceptions import BadInputError
@@ -41,8 +40,8 @@ def sound(tmp_path_factory, clean):
     """Return bytes of a sound table, CSV and Parquet, and of its YAML file."""
     folder = tmp_path_factory.mktemp("sound")
     campaign = clean.campaign.subset(range(25))
-    write_campaign(campaign, folder / "c.csv")
-    write_campaign(campaign, folder / "p.parquet")
+    campaign.save(folder / "c.csv")
+    campaign.save(folder / "p.parquet")
     return {path.suffix: path.read_bytes() for path in folder.iterdir()}
 
 
@@ -68,7 +67,7 @@ def examine_files(drawing, table, metadata, suffix):
         path.write_bytes(table)
         path.with_suffix(".yaml").write_bytes(metadata)
         try:
-            campaign = read_campaign(path)
+            campaign = Campaign.read(path)
         except BadInputError as error:
             assert "\n" not in str(error)
             assert path.stem in str(error)

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from pouring_robot.campaign.reader import read_campaign
-from pouring_robot.campaign.writer import write_campaign
+from pouring_robot.campaign.data import Campaign
 from pouring_robot.exceptions import BadInputError, CampaignError, CampaignFileError
 from tests.campaign.simulated import write_text
 
@@ -14,7 +13,7 @@ ROW = "a,1,5.0,550.5,553.7,706.2,-0.0859,1.5,2.5,3.5"
 
 def test_reads_si_units_missing_cells_and_lines(tmp_path):
     path = write_text(tmp_path, HEADER, [ROW, "", "b,2,,550.5,553.7,706.2,-0.0859,1.5,,nan"])
-    campaign = read_campaign(path)
+    campaign = Campaign.read(path)
     assert len(campaign) == 2
     assert campaign.lines.tolist() == [2, 4]
     assert campaign.samples == ("a", "b")
@@ -68,14 +67,14 @@ def test_every_unit_gives_the_same_si_value(tmp_path, name, unit):
     value, units = UNITS[name]
     cells = {key: number for key, number in BASE.items() if key.rpartition("_")[0] != name}
     cells[f"{name}_{unit}"] = value * units[unit]
-    campaign = read_campaign(write_text(tmp_path, ",".join(cells), [",".join(map(repr, map(float, cells.values())))]))
+    campaign = Campaign.read(write_text(tmp_path, ",".join(cells), [",".join(map(repr, map(float, cells.values())))]))
     assert campaign.quantity(name)[0] == pytest.approx(value, rel=1e-15)
     assert campaign.heading(name) == f"{name}_{unit}"
 
 
 def test_temperatures_in_kelvin(tmp_path):
     cells = {key: value for key, value in BASE.items() if key != "leg1_degC"} | {"leg1_K": 353.15}
-    campaign = read_campaign(write_text(tmp_path, ",".join(cells), [",".join(map(str, cells.values()))]))
+    campaign = Campaign.read(write_text(tmp_path, ",".join(cells), [",".join(map(str, cells.values()))]))
     assert campaign.leg_degC[0, 0] == pytest.approx(80.0, abs=1e-12)
     assert np.isnan(campaign.leg_degC[0, 1:]).all()
 
@@ -108,7 +107,7 @@ def test_temperatures_in_kelvin(tmp_path):
 def test_names_file_line_and_column(tmp_path, header, row, words):
     path = write_text(tmp_path, header, [row] if row else [])
     with pytest.raises(CampaignError) as caught:
-        read_campaign(path)
+        Campaign.read(path)
     message = str(caught.value)
     assert "c.csv" in message
     assert "\n" not in message
@@ -118,7 +117,7 @@ def test_names_file_line_and_column(tmp_path, header, row, words):
 
 
 def test_a_column_of_ones_own_is_left_out_and_told(tmp_path):
-    campaign = read_campaign(write_text(tmp_path, HEADER + ",operator", [ROW + ",Kim"]))
+    campaign = Campaign.read(write_text(tmp_path, HEADER + ",operator", [ROW + ",Kim"]))
     assert campaign.ignored_columns == ("operator",)
 
 
@@ -137,7 +136,7 @@ def test_a_column_of_ones_own_is_left_out_and_told(tmp_path):
 def test_names_the_fault_of_the_yaml_file(tmp_path, text, words):
     path = write_text(tmp_path, HEADER, [ROW], text)
     with pytest.raises(CampaignFileError) as caught:
-        read_campaign(path)
+        Campaign.read(path)
     assert "c.yaml" in str(caught.value)
     assert "\n" not in str(caught.value)
     for word in words:
@@ -159,8 +158,8 @@ truss: {span_m: 6}
 ladle: {tare_kg: 180, centre_of_mass_m: [0.05, 0, -0.25]}
 reference_temperature_degC: 20
 """
-    one = read_campaign(write_text(tmp_path, HEADER, [ROW], first, "one")).metadata
-    two = read_campaign(write_text(tmp_path, HEADER, [ROW], second, "two")).metadata
+    one = Campaign.read(write_text(tmp_path, HEADER, [ROW], first, "one")).metadata
+    two = Campaign.read(write_text(tmp_path, HEADER, [ROW], second, "two")).metadata
     assert one.model_dump(exclude={"reference_temperature_degC"}) == two.model_dump(
         exclude={"reference_temperature_degC"}
     )
@@ -171,15 +170,15 @@ def test_says_that_the_yaml_is_missing(tmp_path):
     path = write_text(tmp_path, HEADER, [ROW])
     path.with_suffix(".yaml").unlink()
     with pytest.raises(CampaignError, match=r"c\.yaml .* is missing"):
-        read_campaign(path)
+        Campaign.read(path)
     path.with_suffix(".yml").write_text("robot: mine\n")
-    assert read_campaign(path).metadata.robot == "mine"
+    assert Campaign.read(path).metadata.robot == "mine"
 
 
 def test_parquet_equals_csv(tmp_path, real):
     for name in ("a.csv", "b.parquet"):
-        write_campaign(real.campaign, tmp_path / name)
-    one, two = (read_campaign(tmp_path / name) for name in ("a.csv", "b.parquet"))
+        real.campaign.save(tmp_path / name)
+    one, two = (Campaign.read(tmp_path / name) for name in ("a.csv", "b.parquet"))
     assert one.metadata == two.metadata
     assert one.sessions == two.sessions
     assert one.samples == two.samples
@@ -187,14 +186,14 @@ def test_parquet_equals_csv(tmp_path, real):
 
 
 def test_a_frame_of_pandas_is_a_campaign_again(tmp_path, real):
-    write_campaign(real.campaign, tmp_path / "a.csv")
-    first = read_campaign(tmp_path / "a.csv")
+    real.campaign.save(tmp_path / "a.csv")
+    first = Campaign.read(tmp_path / "a.csv")
     first.to_frame().to_csv(tmp_path / "b.csv", index=False)
     (tmp_path / "b.yaml").write_bytes((tmp_path / "a.yaml").read_bytes())
-    assert read_campaign(tmp_path / "b.csv").to_frame().equals(first.to_frame())
+    assert Campaign.read(tmp_path / "b.csv").to_frame().equals(first.to_frame())
 
 
-def test_subset_and_blocks(real):
+def test_subset(real):
     campaign = real.campaign
     part = campaign.subset([5, 3])
     assert part.lines.tolist() == [7, 5]
@@ -203,20 +202,3 @@ def test_subset_and_blocks(real):
     for wrong in ([], [len(campaign)], [0.5]):
         with pytest.raises(BadInputError):
             campaign.subset(wrong)
-    for kind, count in (("time", 5), ("region", 5), ("session", 1)):
-        blocks = campaign.blocks(kind)
-        assert len(blocks) == count
-        together = np.concatenate([block.rows for block in blocks])
-        assert sorted(together.tolist()) == list(range(len(campaign)))
-    assert [block.rows.size for block in campaign.blocks("time", 4)] == [20, 20, 20, 20]
-    with pytest.raises(BadInputError):
-        campaign.blocks("colour")
-    with pytest.raises(BadInputError):
-        campaign.blocks("time", 1)
-
-
-def test_repeats_of_a_pose_stay_in_one_region(real):
-    campaign = real.campaign
-    twice = campaign.subset(np.concatenate([np.arange(40), np.arange(40)]))
-    for block in twice.blocks("region", 6):
-        assert {int(row) % 40 for row in block.rows} == {int(row) for row in block.rows if row < 40}

@@ -7,10 +7,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import random_plan, read_plan
-from pouring_robot.campaign.reader import read_campaign
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
-from pouring_robot.campaign.writer import write_campaign
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import outlier_rows
 from pouring_robot.exceptions import BadInputError, CampaignError, OutputError
@@ -22,8 +21,8 @@ PLAN = "x_mm,y_mm,z_mm,tilt_deg,session,payload_kg\n-100,0,-600,10,a,300\n-110,1
 @pytest.mark.parametrize("full", [True, False])
 def test_round_trip_simulate_read_check(tmp_path, as_built, full):
     measured = measure(as_built, count=70, seed=21, outliers=3, lost=0.01, sigma_rotation_rad=5e-5 if full else None)
-    write_campaign(measured.campaign, tmp_path / "c.csv")
-    campaign = read_campaign(tmp_path / "c.csv")
+    measured.campaign.save(tmp_path / "c.csv")
+    campaign = Campaign.read(tmp_path / "c.csv")
     assert campaign.full_pose is full
     for name in ("drives", "position_m", "approach", "time_s", "payload_kg", "leg_degC", "platform_degC"):
         np.testing.assert_allclose(getattr(campaign, name), getattr(measured.campaign, name), atol=1e-6, err_msg=name)
@@ -136,18 +135,18 @@ def test_writes_both_files_or_none(tmp_path, clean, monkeypatch):
 
     monkeypatch.setattr(os, "fsync", fails_second)
     with pytest.raises(OutputError, match="No space"):
-        write_campaign(clean.campaign, path)
+        clean.campaign.save(path)
     assert list(tmp_path.iterdir()) == []
     path.write_text("old")
     calls.clear()
     with pytest.raises(OutputError, match="--overwrite"):
-        write_campaign(clean.campaign, path)
+        clean.campaign.save(path)
     with pytest.raises(OutputError, match="No space"):
-        write_campaign(clean.campaign, path, overwrite=True)
+        clean.campaign.save(path, overwrite=True)
     assert path.read_text() == "old"
     assert [entry.name for entry in tmp_path.iterdir()] == ["c.csv"]
     with pytest.raises(OutputError, match="beside it"):
-        write_campaign(clean.campaign, tmp_path / "c.yaml")
+        clean.campaign.save(tmp_path / "c.yaml")
 
 
 def test_truth_is_json(real):

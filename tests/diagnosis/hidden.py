@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pouring_robot.campaign.reader import read_campaign
+from pouring_robot.campaign.data import Campaign
 from tests.rig import Wanted, make_campaign, write_case
 
 NOTHING: tuple[Wanted, ...] = ()
@@ -18,7 +18,7 @@ def campaign(folder, wanted, *, seed=5, rows=70, kind="single", **how):
     """Write a campaign and read it back; sound data, full poses, one session."""
     how = {"sessions": 1, "background": False, "full_pose": True, "spoilt": False} | how
     made = make_campaign(kind, seed, wanted=wanted, rows=rows, **how)
-    return read_campaign(write_case(folder, made) / "campaign.csv")
+    return Campaign.read(write_case(folder, made) / "campaign.csv")
 
 
 STEP_M = 1e-3

@@ -4,7 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from pouring_robot.campaign.reader import read_campaign
+from pouring_robot.campaign.data import Campaign as MeasuredCampaign
 from tests.rig import Campaign, write_case
 from tests.rig.campaign import cells_of, frames_of, settings_of
 from tests.rig.conditions import CENTRE_OF_MASS, GRAVITY, TARE_KG, Scene, plan
@@ -48,7 +48,7 @@ class Machine:
         quaternion = product(from_vector(rng.normal(0.0, SIGMA_RAD, position.shape)), quaternion)
         cells = cells_of(scene, position, to_vector(quaternion), [], rng)
         write_case(folder, Campaign(cells, settings_of(SIGMA_M, SIGMA_RAD), {}))
-        return read_campaign(folder / "campaign.csv")
+        return MeasuredCampaign.read(folder / "campaign.csv")
 
     def with_more(self, suggestions):
         """Return the scene with suggested measurements behind it."""

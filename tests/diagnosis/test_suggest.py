@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from pouring_robot.campaign.reader import read_campaign
+from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.diagnosis.problem import Library
 from pouring_robot.diagnosis.rows import CampaignRows
@@ -159,7 +159,7 @@ def test_same_seed_same_suggestion(confounded):
 )
 def test_every_verdict_has_something_to_tell_apart(kind, turn, verdict, tmp_path):
     campaign = make_campaign(kind, 4, rows=70, turn=turn, background=False, full_pose=True)
-    diagnosis = diagnose(read_campaign(write_case(tmp_path, campaign) / "campaign.csv"))
+    diagnosis = diagnose(Campaign.read(write_case(tmp_path, campaign) / "campaign.csv"))
     assert diagnosis.judgement.verdict == verdict
     found = suggest_measurements(diagnosis)
     assert found.measurements and found.separations

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pouring_robot.campaign.reader import read_campaign
+from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.diagnose import Diagnosis, DiagnosisOptions, diagnose
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.parameters import FoundParameter
@@ -180,7 +180,7 @@ def test_lines_of_gross_errors_are_those_of_the_file(tmp_path):
     cells[place] = f"{float(cells[place]) + 25.0:.4f}"
     lines[29] = ",".join(cells)
     (tmp_path / "campaign.csv").write_text("\n".join(lines) + "\n")
-    summary = Summary.of(diagnose(read_campaign(data.path)))
+    summary = Summary.of(diagnose(Campaign.read(data.path)))
     assert diagnosis_figures(summary, "m")["rows"]["left_out_lines"] == [30]
     assert "left out as gross errors: line 30" in note_lines(summary)
 

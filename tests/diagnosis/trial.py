@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from pouring_robot.campaign.reader import read_campaign
+from pouring_robot.campaign.data import Campaign as MeasuredCampaign
 from pouring_robot.diagnosis.diagnose import Diagnosis, DiagnosisOptions, diagnose
 from pouring_robot.exceptions import PouringRobotError
 from tests.rig import Campaign, write_case
@@ -212,7 +212,7 @@ def trial_of(folder: Path, name: str, truth: dict[str, Any], excluded: str = "")
     }
     started = time.perf_counter()
     try:
-        campaign = read_campaign(folder / "campaign.csv")
+        campaign = MeasuredCampaign.read(folder / "campaign.csv")
         started = time.perf_counter()
         found = diagnose(campaign, options=DiagnosisOptions(exclude=(excluded,) if excluded else ()))
     except PouringRobotError as problem:

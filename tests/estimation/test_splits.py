@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from pouring_robot.estimation.splits import split
-from pouring_robot.exceptions import CalibrationError
+from pouring_robot.estimation.splits import blocks, split
+from pouring_robot.exceptions import BadInputError, CalibrationError
 from tests.campaign.simulated import damaged
 
 NONE = np.zeros(0, dtype=np.intp)
@@ -46,3 +46,24 @@ def test_measurements_play_no_part(clean):
 def test_too_few_rows_are_refused(clean):
     with pytest.raises(CalibrationError, match="held-out blocks by region need"):
         split(clean.campaign.subset(range(12)), NONE)
+
+
+def test_blocks_are_whole(real):
+    campaign = real.campaign
+    for kind, count in (("time", 5), ("region", 5), ("session", 1)):
+        found = blocks(campaign, kind)
+        assert len(found) == count
+        together = np.concatenate([block.rows for block in found])
+        assert sorted(together.tolist()) == list(range(len(campaign)))
+    assert [block.rows.size for block in blocks(campaign, "time", 4)] == [20, 20, 20, 20]
+    with pytest.raises(BadInputError):
+        blocks(campaign, "colour")
+    with pytest.raises(BadInputError):
+        blocks(campaign, "time", 1)
+
+
+def test_repeats_of_a_pose_stay_in_one_region(real):
+    campaign = real.campaign
+    twice = campaign.subset(np.concatenate([np.arange(40), np.arange(40)]))
+    for block in blocks(twice, "region", 6):
+        assert {int(row) % 40 for row in block.rows} == {int(row) for row in block.rows if row < 40}

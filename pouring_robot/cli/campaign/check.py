@@ -21,13 +21,13 @@ def check(
     png: options.PngFile = None,
 ) -> None:
     """Say what is in a campaign and what is wrong with its data, before any fit."""
-    from pouring_robot.campaign.reader import read_campaign
+    from pouring_robot.campaign.data import Campaign
     from pouring_robot.checks.check import examine
     from pouring_robot.checks.plots import write_picture
     from pouring_robot.checks.summary import campaign_figures
 
     options.refuse_unwritable(png)
-    campaign = read_campaign(file)
+    campaign = Campaign.read(file)
     robot = options.robot_of(model, layout)
     found = examine(campaign, robot)
     figures = campaign_figures(campaign, found)

@@ -50,7 +50,6 @@ def simulate(
     """Measure a robot as built without having it: a campaign with noise, outliers and unknown frames."""
     from pouring_robot.campaign.plan import random_plan, read_plan
     from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
-    from pouring_robot.campaign.writer import campaign_contents
     from pouring_robot.io.files import check_outputs, write_together
 
     if (plan is None) == (random is None):
@@ -71,7 +70,7 @@ def simulate(
     )
     with progress.stage_bars() as show:
         measured = simulate_campaign(robot, poses, settings, path=out, progress=show)
-    files = campaign_contents(measured.campaign, out)
+    files = measured.campaign.contents(out)
     if truth:
         files[truth] = measured.truth_text(model).encode()
     write_together(files)
