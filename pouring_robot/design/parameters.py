@@ -47,7 +47,7 @@ class PlannedParameter:
     """One number that a plan is to determine.
 
     Attributes:
-        name: such as ``leg1_s1.tx``, ``alpha_e1_56``, ``drive.leg1_s3``, ``backlash.leg1_s3``.
+        name: of the catalogue, or ``<condition>.<drive>``.
         unit: ``m``, ``rad``, ``m/N``, ``rad/Nm`` or ``1/K``.
         kind: which column it has: ``local``, or the condition that shows it.
         local: the local parameter; of the other kinds, the drive.

@@ -26,7 +26,7 @@ class PlacementParameter:
     """Displaces the placement of one joint, fixed or moving, before the joint's own motion.
 
     Attributes:
-        name: such as ``leg1_s1.tx``.
+        name: ``<joint>.<component>``, such as ``elbow.tx``.
         unit: ``m`` or ``rad``.
         joint: the URDF joint that is displaced.
         twist: displacement per unit, (linear, angular) in the joint's present placement, m and rad.
@@ -52,7 +52,7 @@ class DriveParameter:
 
     @property
     def name(self) -> str:
-        """Such as ``drive.leg1_s3``."""
+        """``drive.<joint>``."""
         return f"drive.{self.joint}"
 
 
@@ -70,7 +70,7 @@ class StiffnessParameter:
 
     @property
     def name(self) -> str:
-        """Such as ``stiffness.leg1_s3``."""
+        """``stiffness.<joint>``."""
         return f"stiffness.{self.joint}"
 
 

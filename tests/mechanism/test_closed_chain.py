@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownFrameError, UnknownJointError
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism, release_joints
+from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechanism, release_joints
 from pouring_robot.mechanism.closure import ClosureSolver
 from pouring_robot.mechanism.loops import LoopsFile
 from tests.support import planar_urdf, pose_gap, random_poses
@@ -31,6 +31,18 @@ def test_columns_of_the_robot(drawing):
     assert mechanism.closing_columns.size == 26
     locked = {model.idx_vs[model.getJointId(name)] for name in ("truss_travel", "trolley_travel")}
     assert not locked & set(mechanism.closing_columns.tolist())
+
+
+def test_a_frame_on_the_end_body_sits_where_any_configuration_has_it(drawing):
+    mechanism = drawing.nominal_solver.mechanism
+    model, data = mechanism.copy_model(), mechanism.copy_model().createData()
+    step = np.random.default_rng(1).normal(size=model.nv)
+    pin.framesForwardKinematics(model, data, pin.integrate(model, pin.neutral(model), step))
+    end, lip = (data.oMf[mechanism.frame_id(name)] for name in ("moving_platform", "ladle_lip"))
+    assert mechanism.placement_on_end("ladle_lip").isApprox(end.actInv(lip), 1e-12)
+    assert model.gravity.linear.tolist() == [0.0, 0.0, -GRAVITY_M_S2]
+    with pytest.raises(UnknownFrameError):
+        mechanism.placement_on_end("ladle_lips")
 
 
 def test_release_turns_only_the_named_joint():

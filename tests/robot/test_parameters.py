@@ -1,9 +1,11 @@
-"""Parameter sets: every name is found, none stands twice, and misspelt ones are met with the nearest."""
+"""The catalogue: every name is found, none stands twice, and misspelt ones are met with the nearest."""
 
 import pytest
 
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import SETS, all_parameters
+from pouring_robot.robot.pouring.names import CHAIN_JOINTS, DRIVE_JOINTS, SEATS
 
 
 @pytest.fixture(scope="module")
@@ -35,3 +37,27 @@ def test_unknown_names_are_refused_with_a_hint(catalogue, name, words):
         catalogue.groups((name,))
     with pytest.raises(BadInputError, match="name the parameters"):
         catalogue.groups(())
+
+
+def test_a_set_is_found_like_a_name(catalogue):
+    found = [p.name for p in catalogue.match("centres")]
+    assert found == [p.name for p in all_parameters(catalogue.groups(("centres",)))]
+    assert {p.kind for p in catalogue.match("centres")} == {"leg_drive_offset", "tilt_drive_offset", "joint_centre"}
+    assert catalogue.match("alpha_e1_56")[0].kind == "joint_axis"
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [("d_e1_4", "it is drive.leg1_s3"), ("theta_e2_3", "passive joint 'leg2_s2' takes it up"), ("d_e1_0", "origin")],
+)
+def test_what_measurements_cannot_show_is_refused_with_the_reason(catalogue, name, reason):
+    assert catalogue.match(name)[0].hidden_by
+    with pytest.raises(BadInputError, match=f"'{name}' cannot be identified: .*{reason}"):
+        catalogue.groups((name,))
+
+
+def test_names_are_those_of_the_description(catalogue):
+    mechanism = RobotModel().nominal_mechanism()
+    assert mechanism.loops.drives == DRIVE_JOINTS
+    chains = [joints for chain, seat in zip(CHAIN_JOINTS, SEATS, strict=True) for joints in (*chain, seat)]
+    assert list(catalogue.table.joints) == chains
