@@ -343,3 +343,23 @@ class ThermalSolutionError(NoSolutionError):
         """Keep the reason."""
         self.problem = problem
         super().__init__(f"no temperatures found: {problem}; check the thermal properties")
+
+
+class CompensationError(NoSolutionError):
+    """No drive values bring the ladle to a pose.
+
+    Attributes:
+        wanted: the pose: x, y, z in mm and tilt in deg.
+        left_m: how far off the last step left it, in m; ``left_rad`` its tilt, in rad.
+        steps: taken.
+    """
+
+    def __init__(self, wanted: tuple[float, float, float, float], left_m: float, left_rad: float, steps: int) -> None:
+        """Keep the figures."""
+        self.wanted, self.left_m, self.left_rad, self.steps = wanted, left_m, left_rad, steps
+        x, y, z, tilt = wanted
+        super().__init__(
+            f"no drive values found for x {x:g}, y {y:g}, z {z:g} mm, tilt {tilt:g} deg: after {steps} steps the "
+            f"ladle is {left_m * 1e3:.3g} mm and {left_rad * 1e3:.3g} mrad off; choose a pose further from a "
+            "singularity"
+        )

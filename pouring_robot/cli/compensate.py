@@ -17,7 +17,8 @@ from pouring_robot.robot.pose_table import read_pose_lines
 from pouring_robot.robot.pouring.poses import PlatformPose
 
 if TYPE_CHECKING:
-    from pouring_robot.compensation.compensate import Compensation
+    from pouring_robot.compensation.result import Compensation
+    from pouring_robot.robot.robot import PouringRobot
 
 PosesFile = Annotated[
     Path | None,
@@ -67,7 +68,7 @@ def compensate(
     _check_frame(robot.nominal_solver.mechanism.loops.reported_frames, frame)
     heat = heat_options.heat_of(robot, melt_degC, ambient_degC, steady, after_min, cold)
     from pouring_robot.compensation.compensate import compensate as compensated
-    from pouring_robot.compensation.table import commands_csv, compensation_figures, is_outside
+    from pouring_robot.compensation.result import commands_csv
     from pouring_robot.io.files import write_whole
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 
@@ -84,7 +85,7 @@ def compensate(
             show("compensating", len(found), len(wanted))
     written = [write_whole(out, commands_csv(found))] if out else []
     if as_json:
-        rows = [compensation_figures(one) | {"heat": heat_options.heat_figures(heated, one.state)} for one in found]
+        rows = [one.figures() | {"heat": heat_options.heat_figures(heated, one.state)} for one in found]
         options.print_json({"layout": robot.model.layout, "poses": rows, "written": [str(file) for file in written]})
         return
     console = options.console()
@@ -96,7 +97,7 @@ def compensate(
         console.print(sentence)
     if robot.model.is_drawing and heat is None:
         console.print("note: the drawing, cold, needs no compensation; give --model, --melt-degC or both")
-    outside = [str(i) for i, one in enumerate(found, start=1) if is_outside(robot.layout, one.wanted)]
+    outside = [str(i) for i, one in enumerate(found, start=1) if _is_outside(robot, one.wanted)]
     if outside:
         console.print(f"note: outside the workspace box: pose {', '.join(outside)}")
     for file in written:
@@ -106,6 +107,11 @@ def compensate(
 def _check_frame(known: Sequence[str], frame: str | None) -> None:
     if frame is not None and frame not in known:
         raise UnknownFrameError(frame, known)
+
+
+def _is_outside(robot: PouringRobot, pose: PlatformPose) -> bool:
+    shift_m, turn_rad = robot.outside_workspace(pose)
+    return bool(shift_m.any()) or turn_rad > 0.0
 
 
 def _commands_table(found: Sequence[Compensation]) -> Table:

@@ -95,14 +95,14 @@ def thermal(
         melt, ambient = heated.temperatures_degC
         when = "steady" if heat.after_min is None else f"after {heat.after_min:g} min"
         title = f"melt {melt:g}, surroundings {ambient:g} °C, {when}; {kind}; layout {robot.model.layout}"
-    written = [write_whole(csv, found.csv())] if csv else []
+    written = [found.save(csv)] if csv else []
     if png:
         from pouring_robot.thermal.plots import pose_picture, shift_picture
 
         picture = pose_picture(drawn, title) if isinstance(drawn, PoseHeat) else shift_picture(drawn, title)
         written.append(write_whole(png, picture))
     if as_json:
-        content = found.figures() if isinstance(found, PoseHeat) else {"rows": list(found.rows())}
+        content = found.figures()
         measured = {"measured_degC": heat.measured_degC} if heat.measured_degC else {}
         names = {"layout": robot.model.layout, "radiation": not conduction_only, "written": list(map(str, written))}
         options.print_json(content | measured | names)
@@ -217,7 +217,7 @@ def _shift_table(found: ShiftHeat) -> Table:
     }
     for name in shown:
         table.add_column(name, justify="right")
-    for row in found.rows():
+    for row in found.to_frame().to_dict("records"):
         cells = []
         for column in shown.values():
             digits = 3 if column.endswith("_mm") else (0 if column == "melt_degC" else 1)

@@ -14,14 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.exceptions import ClosureError, NoSolutionError, SingularPoseError, UnreachablePoseError
+from pouring_robot.compensation.result import Compensation
+from pouring_robot.exceptions import ClosureError, CompensationError, SingularPoseError, UnreachablePoseError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure import ClosureResult
 from pouring_robot.mechanism.parameters import drive_parameters
-from pouring_robot.mechanism.poses import MM, PoseDifference
+from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmState
+from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from pouring_robot.thermal.expansion.warm_robot import WarmRobot
 
 TOLERANCE = 1e-11
@@ -29,63 +30,20 @@ TOLERANCE = 1e-11
 _MOST_STEPS = 25
 
 
-class CompensationError(NoSolutionError):
-    """No drive values bring the ladle to a pose.
-
-    Attributes:
-        wanted: the pose; ``left_m`` and ``left_rad``: what the last step left.
-    """
-
-    def __init__(self, wanted: PlatformPose, left_m: float, left_rad: float) -> None:
-        """Keep the figures."""
-        self.wanted, self.left_m, self.left_rad = wanted, left_m, left_rad
-        x, y, z, tilt = wanted.to_mm_deg()
-        super().__init__(
-            f"no drive values found for x {x:g}, y {y:g}, z {z:g} mm, tilt {tilt:g} deg: after {_MOST_STEPS} steps the "
-            f"ladle is {left_m / MM:.3g} mm and {left_rad * 1e3:.3g} mrad off; choose a pose further from a singularity"
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Compensation:
-    """What to command, and what it leads to. Differences are actual minus wanted, in the fixed platform.
-
-    Attributes:
-        wanted: the pose wanted.
-        frame: the frame whose position is brought there.
-        drives: drive values to command, in m and rad.
-        command: the pose of the drawing with these drive values: what to ask a controller for that knows the drawing.
-        before: of the frame, if the wanted pose itself were commanded.
-        left: of the frame, with ``drives``.
-        left_at_lip: of the lip, with ``drives``: what the two rotations do there.
-        left_tilt_rad: what is left of the tilt.
-        steps: Newton steps taken in all.
-        state: temperatures, warm robot and closure with ``drives``.
-    """
-
-    wanted: PlatformPose
-    frame: str
-    drives: dict[str, float]
-    command: PlatformPose
-    before: PoseDifference
-    left: PoseDifference
-    left_at_lip: PoseDifference
-    left_tilt_rad: float
-    steps: int
-    state: WarmState
-
-    @property
-    def uncontrolled_rad(self) -> tuple[float, float]:
-        """The two rotations that cannot be commanded: about x and about z, in rad."""
-        return float(self.left.rotation_rad[0]), float(self.left.rotation_rad[2])
-
-
 @dataclass
 class _Search:
-    """Newton's way to one pose; counts its steps over all turns of temperature."""
+    """Newton's way to one pose; counts its steps over all turns of temperature.
 
-    heated: HeatedRobot
+    Attributes:
+        wanted: the pose wanted; ``target`` that of the frame in the drawing then, in the fixed platform.
+        start: configuration near which to begin.
+        frame: the frame that is brought there.
+        drives: drive values found last, in m and rad.
+    """
+
     wanted: PlatformPose
+    target: pin.SE3
+    start: FloatArray
     frame: str
     drives: dict[str, float]
     steps: int = 0
@@ -101,9 +59,8 @@ class _Search:
             SingularPoseError: the drives do not command the four freedoms here.
             ClosureError: the loops do not close on the way.
         """
-        start = self.heated.robot.kinematics.configuration(self.wanted)
-        prismatic = [warm.actual_solver.mechanism.unit_of(name) == "m" for name in self.drives]
-        best = np.inf
+        longest = np.array([0.1 if warm.actual_solver.mechanism.unit_of(name) == "m" else 0.3 for name in self.drives])
+        start, best = self.start, np.inf
         first: ClosureResult | None = None
         for _ in range(_MOST_STEPS):
             result = warm.actual_solver.solve(warm.actual_drives(self.drives), start)
@@ -114,22 +71,20 @@ class _Search:
             if size < TOLERANCE or (size < 100.0 * TOLERANCE and size > 0.5 * best):
                 return first, result
             best = min(best, size)
-            step = -_solved(_four_rows(warm, result, self.frame), left)
-            largest = max(float(np.abs(step[k])) / (0.1 if prismatic[k] else 0.3) for k in range(len(step)))
-            step /= max(1.0, largest)
+            step = -_solved(_drives_to_freedoms(warm, result, self.frame), left)
+            step /= max(1.0, float((np.abs(step) / longest).max()))
             # The actual drive is the commanded one, grown with its leg: its derivative is 1 + strain, taken as 1.
             self.drives = {name: value + float(d) for (name, value), d in zip(self.drives.items(), step, strict=True)}
             start = result.configuration
             self.steps += 1
-        raise CompensationError(self.wanted, float(np.linalg.norm(left[:3])), abs(float(left[3])))
+        miss_m, miss_rad = float(np.linalg.norm(left[:3])), abs(float(left[3]))
+        raise CompensationError(self.wanted.to_mm_deg(), miss_m, miss_rad, _MOST_STEPS)
 
     def left(self, result: ClosureResult) -> FloatArray:
         """Return what is missing: x, y, z of the frame in m and the platform's tilt in rad, actual minus wanted."""
-        loops = result.mechanism.loops
-        place = result.pose(loops.base_frame, self.frame).translation
+        place = result.pose(result.mechanism.loops.base_frame, self.frame).translation
         tilt = PlatformPose.from_se3(result.pose_base_to_end).tilt_rad - self.wanted.tilt_rad
-        wanted = _wanted_pose(self.heated, self.wanted, self.frame).translation
-        return np.array([*(place - wanted), tilt])
+        return np.array([*(place - self.target.translation), tilt])
 
 
 def compensate(heated: HeatedRobot, wanted: PlatformPose, frame: str | None = None) -> Compensation:
@@ -154,8 +109,9 @@ def compensate(heated: HeatedRobot, wanted: PlatformPose, frame: str | None = No
     frame = frame or loops.end_frame or ""
     values = kinematics.joint_values(wanted)
     commanded = {name: values[name] for name in loops.drives}
+    start = kinematics.configuration(wanted)
     try:
-        search = _Search(heated, wanted, frame, dict(commanded))
+        search = _Search(wanted, _target(heated, wanted, frame), start, frame, dict(commanded))
         state = heated.settle(wanted, search.close)
         result = state.result
         kinematics.refuse_beyond_limits(search.drives)
@@ -166,33 +122,29 @@ def compensate(heated: HeatedRobot, wanted: PlatformPose, frame: str | None = No
         if reach.margin < 0.0:
             raise UnreachablePoseError(reach.joint, reach.value, reach.lower, reach.upper, reach.unit) from problem
         raise
-    uncorrected = _uncorrected(heated, wanted, commanded)
+
+    def uncorrected(warm: WarmRobot) -> tuple[ClosureResult, ClosureResult]:
+        closed = warm.actual_solver.solve(warm.actual_drives(commanded), start)
+        return closed, closed
+
+    def difference(closed: ClosureResult, name: str) -> PoseDifference:
+        return PoseDifference.between(_target(heated, wanted, name), closed.pose(loops.base_frame, name))
+
     return Compensation(
         wanted=wanted,
         frame=frame,
         drives=search.drives,
         command=kinematics.forward(search.drives, near=wanted),
-        before=_difference(heated, wanted, uncorrected, frame),
-        left=_difference(heated, wanted, result, frame),
-        left_at_lip=_difference(heated, wanted, result, loops.working_frame),
+        before=difference(heated.settle(wanted, uncorrected).result, frame),
+        left=difference(result, frame),
+        left_at_lip=difference(result, loops.working_frame),
         left_tilt_rad=float(search.left(result)[3]),
         steps=search.steps,
         state=state,
     )
 
 
-def _uncorrected(heated: HeatedRobot, wanted: PlatformPose, commanded: dict[str, float]) -> ClosureResult:
-    """Return the closure if the wanted pose itself is commanded, with the temperatures that this brings."""
-    start = heated.robot.kinematics.configuration(wanted)
-
-    def close(warm: WarmRobot) -> tuple[ClosureResult, ClosureResult]:
-        result = warm.actual_solver.solve(warm.actual_drives(commanded), start)
-        return result, result
-
-    return heated.settle(wanted, close).result
-
-
-def _wanted_pose(heated: HeatedRobot, wanted: PlatformPose, frame: str) -> pin.SE3:
+def _target(heated: HeatedRobot, wanted: PlatformPose, frame: str) -> pin.SE3:
     """Return the pose of a frame of the moving platform, in the fixed platform, in the drawing."""
     mechanism = heated.robot.kinematics.mechanism
     data = mechanism.thread_data()
@@ -201,12 +153,7 @@ def _wanted_pose(heated: HeatedRobot, wanted: PlatformPose, frame: str) -> pin.S
     return wanted.to_se3() * end.actInv(tip)
 
 
-def _difference(heated: HeatedRobot, wanted: PlatformPose, result: ClosureResult, frame: str) -> PoseDifference:
-    actual = result.pose(result.mechanism.loops.base_frame, frame)
-    return PoseDifference.between(_wanted_pose(heated, wanted, frame), actual)
-
-
-def _four_rows(warm: WarmRobot, result: ClosureResult, frame: str) -> FloatArray:
+def _drives_to_freedoms(warm: WarmRobot, result: ClosureResult, frame: str) -> FloatArray:
     """Return how x, y, z of a frame and the platform's tilt follow the drives, shape (4, 4).
 
     The tilt is atan2(c_x, c_z) of the platform's third axis c, which turns as ω × c.

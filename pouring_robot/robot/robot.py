@@ -173,22 +173,25 @@ class PouringRobot:
         """
         drives = self.kinematics.inverse(pose)
         start = self.kinematics.configuration(pose)
-        lower, upper = self.layout.position_lower_m, self.layout.position_upper_m
-        position = np.array(pose.position_m)
-        outside = np.maximum(lower - position, 0.0) + np.maximum(position - upper, 0.0)
-        tilt_lower, tilt_upper = self.layout.tilt_lower_rad, self.layout.tilt_upper_rad
-        # A box limit typed in mm or degrees must not count as outside by round-off.
-        outside[outside < 1e-9] = 0.0
-        tilt_outside = max(tilt_lower - pose.tilt_rad, pose.tilt_rad - tilt_upper, 0.0)
+        outside_m, outside_rad = self.outside_workspace(pose)
         return LadleLocation(
             commanded=pose,
             drives=drives,
             nominal=self.nominal_solver.solve(drives, start),
             actual=self._closed_as_built(drives, start),
             reach=self.kinematics.reach(self.kinematics.joint_values(pose)),
-            outside_workspace_m=outside,
-            outside_workspace_rad=tilt_outside if tilt_outside > 1e-9 else 0.0,
+            outside_workspace_m=outside_m,
+            outside_workspace_rad=outside_rad,
         )
+
+    def outside_workspace(self, pose: PlatformPose) -> tuple[FloatArray, float]:
+        """Return by how far a pose leaves the workspace box: per axis, shape (3,), in m, and in tilt, in rad."""
+        layout, position = self.layout, np.array(pose.position_m)
+        below, above = layout.position_lower_m - position, position - layout.position_upper_m
+        shift = np.maximum(below, 0.0) + np.maximum(above, 0.0)
+        turn = max(layout.tilt_lower_rad - pose.tilt_rad, pose.tilt_rad - layout.tilt_upper_rad, 0.0)
+        # A box limit typed in mm or degrees must not count as outside by round-off.
+        return np.where(shift < 1e-9, 0.0, shift), turn if turn > 1e-9 else 0.0
 
     def drive_jacobians(self, location: LadleLocation) -> DriveJacobians:
         """Return the Jacobians of the actual robot at a location."""

@@ -58,21 +58,21 @@ def shift_picture(shift: ShiftHeat, title: str) -> bytes:
     """Draw melt, parts and deformation over time."""
     figure = new_figure(10.0, 7.0)
     melt, parts, moved = figure.subplots(3, 1, sharex=True, height_ratios=(1.0, 2.0, 2.0))
-    minutes = shift.times_s / 60.0
-    melt.plot(minutes, shift.melt_degC, color="#8f2d16", linewidth=1.8)
+    table, (end, lip) = shift.to_frame(), shift.moved
+    minutes = table["time_min"]
+    melt.plot(minutes, table["melt_degC"], color="#8f2d16", linewidth=1.8)
     melt.set_ylabel("melt, °C")
     for k, i in enumerate(CHAINS):
         style = "--" if i % 2 == 0 else "-"
-        parts.plot(minutes, shift.leg_degC[:, k], style, color=_LEGS[k], linewidth=1.8, label=f"leg {i}")
-    parts.plot(minutes, shift.platform_degC, color="#4a4a4a", linewidth=1.8, label="platform")
-    parts.plot(minutes, shift.fixed_platform_degC, color=ASH, linewidth=1.2, label="fixed platform")
+        parts.plot(minutes, table[f"leg{i}_degC"], style, color=_LEGS[k], linewidth=1.8, label=f"leg {i}")
+    parts.plot(minutes, table["platform_degC"], color="#4a4a4a", linewidth=1.8, label="platform")
+    parts.plot(minutes, table["fixed_platform_degC"], color=ASH, linewidth=1.2, label="fixed platform")
     parts.set_ylabel("mean, °C")
     parts.legend(fontsize=8, frameon=False, ncols=6)
-    end, lip = shift.moved
-    for a, axis in enumerate("xyz"):
-        values = [difference.translation_m[a] / MM for difference in shift.moved[end]]
-        moved.plot(minutes, values, color=_AXES[a], linewidth=1.6, label=f"{axis} of {end.replace('_', ' ')}")
-    sizes = [difference.distance_m / MM for difference in shift.moved[lip]]
+    for axis, colour in zip("xyz", _AXES, strict=True):
+        values, label = table[f"{end}_moved_{axis}_mm"], f"{axis} of {end.replace('_', ' ')}"
+        moved.plot(minutes, values, color=colour, linewidth=1.6, label=label)
+    sizes = table[f"{lip}_moved_mm"]
     moved.plot(minutes, sizes, color="#4a4a4a", linewidth=1.6, linestyle=":", label=f"distance of {lip}")
     moved.axhline(0.0, color=ASH, linewidth=0.8)
     moved.set_ylabel("moved by heat alone, mm")

@@ -1,4 +1,4 @@
-"""What a melt does to a robot, as figures and as CSV: temperatures and deformation at a pose, and over a shift.
+"""What a melt does to a robot: temperatures and deformation at a pose, and over a shift, as results with tables.
 
 Deformation is that of the drawing: heat alone, no geometric errors.
 """
@@ -6,16 +6,16 @@ Deformation is that of the drawing: heat alone, no geometric errors.
 # ruff: noqa: N815 - units keep their capitals: K, W, degC
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pouring_robot.io.files import write_whole
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
+from pouring_robot.report.result import Result
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.metrics import difference_figures
 from pouring_robot.robot.pouring.names import CHAINS
@@ -24,11 +24,14 @@ from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.thermal.expansion.bending import LegBending
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
-from pouring_robot.thermal.expansion.warm_robot import solve_heated
+from pouring_robot.thermal.expansion.warm_robot import WarmRobot, drawing_of
 from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.network.history import HeatHistory, Placed, PoseSchedule
 from pouring_robot.thermal.network.robot_network import ThermalNetwork
 from pouring_robot.thermal.network.transient import simulate
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -50,50 +53,48 @@ class PartTemperature:
     across_K: float | None = None
     growth_m: float | None = None
 
+    def figures(self) -> dict[str, float | None]:
+        """Return its figures with units in the names."""
+        growth = None if self.growth_m is None else self.growth_m / MM
+        return {
+            "mean_degC": self.mean_degC,
+            "hottest_degC": self.hottest_degC,
+            "across_K": self.across_K,
+            "growth_mm": growth,
+        }
+
 
 def part_temperatures(
     robot: PouringRobot, field: TemperatureField, expansion: ThermalExpansion
 ) -> list[PartTemperature]:
     """Return every part's temperatures and growth."""
-    lengths, counted = field.exposure.lengths_m, field.between_joints > 0.0
-    rows = []
+    lengths, counted, kinematics = field.exposure.lengths_m, field.between_joints > 0.0, robot.kinematics
+    parts = []
     for k, i in enumerate(CHAINS):
         hottest = float(field.leg_elements_degC[k][counted[k]].max())
         across, growth = float(field.leg_difference_K[k]), float(expansion.leg_strain[k] * lengths[k])
-        rows.append(PartTemperature(f"leg{i}", float(field.leg_degC[k]), hottest, across, growth))
-    for name, mean, elements, strain, centres in (
-        (
-            "platform",
-            field.platform_degC,
-            field.platform_elements_degC,
-            expansion.platform_strain,
-            robot.kinematics.moving_centres_m,
-        ),
-        (
-            "fixed_platform",
-            field.fixed_platform_degC,
-            field.fixed_platform_elements_degC,
-            expansion.fixed_platform_strain,
-            robot.kinematics.fixed_centres_m,
-        ),
-    ):
-        growth = strain * float(np.abs(centres).max())
-        rows.append(PartTemperature(name, mean, float(elements.max()), None, growth))
+        parts.append(PartTemperature(f"leg{i}", float(field.leg_degC[k]), hottest, across, growth))
+    growth = expansion.platform_strain * float(np.abs(kinematics.moving_centres_m).max())
+    hottest = float(field.platform_elements_degC.max())
+    parts.append(PartTemperature("platform", field.platform_degC, hottest, None, growth))
+    growth = expansion.fixed_platform_strain * float(np.abs(kinematics.fixed_centres_m).max())
+    hottest = float(field.fixed_platform_elements_degC.max())
+    parts.append(PartTemperature("fixed_platform", field.fixed_platform_degC, hottest, None, growth))
     if field.cladding_degC.size:
-        rows.append(PartTemperature("cladding", float(field.cladding_degC.mean()), float(field.cladding_degC.max())))
-    rows.append(PartTemperature("ladle_shell", field.shell_degC, field.shell_degC))
-    return rows
+        parts.append(PartTemperature("cladding", float(field.cladding_degC.mean()), float(field.cladding_degC.max())))
+    parts.append(PartTemperature("ladle_shell", field.shell_degC, field.shell_degC))
+    return parts
 
 
-@dataclass(frozen=True, eq=False)
-class PoseHeat:
+@dataclass(frozen=True, eq=False, repr=False)
+class PoseHeat(Result):
     """A pose under heat.
 
     Attributes:
         pose: the commanded pose.
         field: temperatures.
         parts: by part, and how much each grows.
-        moved: by how much heat alone moves each reported frame.
+        moved: by how much heat alone moves each reported frame; the last is the lip.
         bending: of the legs.
         lever_m: distance of the lip from the tilt axis, by which bending's tilt error counts.
         accuracy_m: required of the robot.
@@ -118,20 +119,59 @@ class PoseHeat:
         Raises:
             NoSolutionError: the warm drawing cannot take the pose, or no temperatures are found.
         """
-        found = heated.locate(pose)
-        field, robot = found.state.field, heated.robot
+        state = heated.locate(pose)
+        field, robot, location = state.field, heated.robot, state.location
         if field is None:
             raise ValueError("a cold robot has no temperatures")
-        moved = {frame: found.location.difference(frame) for frame in found.location.loops.reported_frames}
-        lip = found.location.nominal.pose(found.location.loops.end_frame or "", found.location.loops.working_frame)
+        loops = location.loops
+        moved = {frame: location.difference(frame) for frame in loops.reported_frames}
+        lip = location.nominal.pose(loops.end_frame or "", loops.working_frame)
         lever = float(np.hypot(lip.translation[0], lip.translation[2]))
-        parts = part_temperatures(robot, field, found.state.robot.expansion)
+        parts = part_temperatures(robot, field, state.robot.expansion)
         return cls(pose, field, parts, moved, LegBending.of(field), lever, robot.layout.accuracy_m)
+
+    @property
+    def headline(self) -> str:
+        """How warm the legs are and how far that moves the lip, on one line."""
+        legs = ", ".join(f"{value:.0f}" for value in self.field.leg_degC)
+        frame, lip = list(self.moved.items())[-1]
+        return f"legs at {legs} degC; heat alone moves '{frame}' by {lip.distance_m / MM:.3f} mm"
 
     @property
     def bending_matters(self) -> bool:
         """Whether bending of leg 4 moves the lip by more than a tenth of the required accuracy."""
         return self.bending.matters(self.lever_m, self.accuracy_m)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return one row a part."""
+        import pandas as pd
+
+        return pd.DataFrame([{"part": one.part, **one.figures()} for one in self.parts])
+
+    def elements(self) -> pd.DataFrame:
+        """Return one row an element of legs and platforms: where it is (NaN in platforms) and how warm."""
+        import pandas as pd
+
+        field = self.field
+        rods = ["moving_rod"] * field.grid.moving + ["fixed_rod"] * field.grid.fixed
+        rows: list[tuple[str, str, float, float]] = []
+        for k, i in enumerate(CHAINS):
+            values = zip(rods, field.leg_positions_m[k] / MM, field.leg_elements_degC[k], strict=True)
+            rows += [(f"leg{i}", rod, place, value) for rod, place, value in values]
+        platforms = {"platform": field.platform_elements_degC, "fixed_platform": field.fixed_platform_elements_degC}
+        for part, cells in platforms.items():
+            rows += [(part, f"cell_{n}", np.nan, value) for n, value in enumerate(cells, start=1)]
+        return pd.DataFrame(rows, columns=["part", "element", "from_upper_joint_mm", "temperature_degC"])
+
+    def save(self, path: Path | str) -> Path:
+        """Write every element as CSV.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        table = self.elements()
+        table["from_upper_joint_mm"] = table["from_upper_joint_mm"].map("{:.6g}".format, na_action="ignore")
+        return write_whole(path, table.to_csv(index=False, float_format="%.6f", lineterminator="\n"))
 
     def figures(self) -> dict[str, Any]:
         """Return everything, ready for JSON."""
@@ -139,15 +179,7 @@ class PoseHeat:
         balance = self.field.balance
         return {
             "pose": {"x_mm": x, "y_mm": y, "z_mm": z, "tilt_deg": tilt},
-            "parts": {
-                row.part: {
-                    "mean_degC": row.mean_degC,
-                    "hottest_degC": row.hottest_degC,
-                    "across_K": row.across_K,
-                    "growth_mm": None if row.growth_m is None else row.growth_m / MM,
-                }
-                for row in self.parts
-            },
+            "parts": {one.part: one.figures() for one in self.parts},
             "moved": {frame: difference_figures(difference) for frame, difference in self.moved.items()},
             "heat_W": {
                 "from_melt_by_contact": balance.melt_conduction_W,
@@ -163,45 +195,24 @@ class PoseHeat:
             },
         }
 
-    def csv(self) -> str:
-        """Return one row an element of the legs and platforms: where it is and how warm."""
-        rows: list[list[Any]] = []
-        field = self.field
-        for k, i in enumerate(CHAINS):
-            rods = ["moving_rod"] * field.grid.moving + ["fixed_rod"] * field.grid.fixed
-            values = zip(rods, field.leg_positions_m[k], field.leg_elements_degC[k], strict=True)
-            rows += [[f"leg{i}", rod, f"{place / MM:.6g}", f"{value:.6f}"] for rod, place, value in values]
-        for name, elements in (
-            ("platform", field.platform_elements_degC),
-            ("fixed_platform", field.fixed_platform_elements_degC),
-        ):
-            rows += [[name, f"cell_{n}", "", f"{value:.6f}"] for n, value in enumerate(elements, start=1)]
-        return _csv(["part", "element", "from_upper_joint_mm", "temperature_degC"], rows)
 
-
-@dataclass(frozen=True, eq=False)
-class ShiftHeat:
-    """Temperatures and deformation over time. Arrays have k rows, one a time.
+@dataclass(frozen=True, eq=False, repr=False)
+class ShiftHeat(Result):
+    """Temperatures and deformation over time; k entries, one a time.
 
     Attributes:
         times_s: shape (k,).
-        melt_degC, ambient_degC: shape (k,).
-        leg_degC: mean of each leg, shape (k, 4).
-        platform_degC, fixed_platform_degC, shell_degC, hottest_degC: shape (k,); the last over all leg elements.
-        moved: by how much heat alone moves end frame and lip, at the pose held, by frame, k entries each.
+        history: melt and ambient temperature.
+        fields: temperatures.
         poses: the pose held at each time.
+        moved: by how much heat alone moves end frame and lip, at the pose held, by frame.
     """
 
     times_s: FloatArray
-    melt_degC: FloatArray
-    ambient_degC: FloatArray
-    leg_degC: FloatArray
-    platform_degC: FloatArray
-    fixed_platform_degC: FloatArray
-    shell_degC: FloatArray
-    hottest_degC: FloatArray
-    moved: dict[str, list[PoseDifference]]
+    history: HeatHistory
+    fields: list[TemperatureField]
     poses: list[PlatformPose]
+    moved: dict[str, list[PoseDifference]]
 
     @classmethod
     def of(
@@ -233,59 +244,66 @@ class ShiftHeat:
         frames = (loops.end_frame or "", loops.working_frame)
         moved: dict[str, list[PoseDifference]] = {frame: [] for frame in frames}
         for pose, field in zip(held, found, strict=True):
-            warm = solve_heated(robot, ThermalExpansion.from_field(field, measured_degC), pose)
+            warm = WarmRobot(robot, ThermalExpansion.from_field(field, measured_degC), pose).solve()
             cold = robot.nominal_solver.solve(robot.kinematics.inverse(pose), robot.kinematics.configuration(pose))
             for frame in frames:
                 nominal, actual = (result.pose(loops.base_frame, frame) for result in (cold, warm))
                 moved[frame].append(PoseDifference.between(nominal, actual))
-        ambient = np.interp(times_s, history.times_s, history.ambient_degC)
-        return cls(
-            times_s,
-            np.interp(times_s, history.times_s, history.melt_degC),
-            ambient,
-            np.array([field.leg_degC for field in found]),
-            np.array([field.platform_degC for field in found]),
-            np.array([field.fixed_platform_degC for field in found]),
-            np.array([field.shell_degC for field in found]),
-            np.array([field.leg_elements_degC.max() for field in found]),
-            moved,
-            held,
-        )
+        return cls(times_s, history, list(found), held, moved)
 
     def only(self, times_s: FloatArray) -> ShiftHeat:
         """Return the same at some of its times."""
         kept = np.flatnonzero(np.isin(self.times_s, times_s))
-        arrays = {f.name: getattr(self, f.name)[kept] for f in fields(self) if f.name not in ("moved", "poses")}
+        fields, poses = [self.fields[k] for k in kept], [self.poses[k] for k in kept]
         moved = {frame: [values[k] for k in kept] for frame, values in self.moved.items()}
-        return replace(self, **arrays, moved=moved, poses=[self.poses[k] for k in kept])
+        return replace(self, times_s=self.times_s[kept], fields=fields, poses=poses, moved=moved)
 
-    def rows(self) -> Iterator[dict[str, float]]:
+    @property
+    def headline(self) -> str:
+        """How warm the legs get and how far that moves the lip at most, on one line."""
+        frame, lip = list(self.moved.items())[-1]
+        hottest = max(float(field.leg_degC.max()) for field in self.fields)
+        farthest = max(difference.distance_m for difference in lip) / MM
+        hours = (self.times_s[-1] - self.times_s[0]) / 3600.0
+        return f"{hours:.3g} h: legs up to {hottest:.0f} degC; heat alone moves '{frame}' by up to {farthest:.3f} mm"
+
+    def to_frame(self) -> pd.DataFrame:
         """Return one row a time, with units in the names."""
-        end, lip = self.moved
-        for k, time in enumerate(self.times_s):
-            x, y, z, tilt = self.poses[k].to_mm_deg()
-            row = {"time_min": float(time) / 60.0, "melt_degC": self.melt_degC[k], "ambient_degC": self.ambient_degC[k]}
-            row |= {"x_mm": x, "y_mm": y, "z_mm": z, "tilt_deg": tilt}
-            row |= {f"leg{i}_degC": self.leg_degC[k, i - 1] for i in CHAINS}
-            row |= {"platform_degC": self.platform_degC[k], "fixed_platform_degC": self.fixed_platform_degC[k]}
-            row |= {"ladle_shell_degC": self.shell_degC[k], "hottest_leg_element_degC": self.hottest_degC[k]}
-            for name, value in zip("xyz", self.moved[end][k].translation_m, strict=True):
-                row[f"{end}_moved_{name}_mm"] = value / MM
-            row[f"{end}_moved_mm"] = self.moved[end][k].distance_m / MM
-            row[f"{lip}_moved_mm"] = self.moved[lip][k].distance_m / MM
-            row["tilt_moved_mrad"] = float(self.moved[end][k].rotation_rad[1]) / MRAD
-            yield {name: float(value) for name, value in row.items()}
+        import pandas as pd
 
-    def csv(self) -> str:
-        """Return one row a time."""
-        rows = list(self.rows())
-        return _csv(list(rows[0]), [[f"{value:.9g}" for value in row.values()] for row in rows])
+        (end, at_end), (lip, at_lip) = self.moved.items()
+        history, fields = self.history, self.fields
+        columns: dict[str, Any] = {
+            "time_min": self.times_s / 60.0,
+            "melt_degC": np.interp(self.times_s, history.times_s, history.melt_degC),
+            "ambient_degC": np.interp(self.times_s, history.times_s, history.ambient_degC),
+        }
+        poses = np.array([pose.to_mm_deg() for pose in self.poses])
+        columns |= dict(zip(("x_mm", "y_mm", "z_mm", "tilt_deg"), poses.T, strict=True))
+        legs = np.array([field.leg_degC for field in fields])
+        columns |= {f"leg{i}_degC": legs[:, k] for k, i in enumerate(CHAINS)}
+        columns["platform_degC"] = [field.platform_degC for field in fields]
+        columns["fixed_platform_degC"] = [field.fixed_platform_degC for field in fields]
+        columns["ladle_shell_degC"] = [field.shell_degC for field in fields]
+        columns["hottest_leg_element_degC"] = [field.leg_elements_degC.max() for field in fields]
+        for k, axis in enumerate("xyz"):
+            columns[f"{end}_moved_{axis}_mm"] = [difference.translation_m[k] / MM for difference in at_end]
+        columns[f"{end}_moved_mm"] = [difference.distance_m / MM for difference in at_end]
+        columns[f"{lip}_moved_mm"] = [difference.distance_m / MM for difference in at_lip]
+        columns["tilt_moved_mrad"] = [difference.rotation_rad[1] / MRAD for difference in at_end]
+        return pd.DataFrame(columns)
 
+    def save(self, path: Path | str) -> Path:
+        """Write one row a time as CSV.
 
-def drawing_of(robot: PouringRobot) -> PouringRobot:
-    """Return the robot of the drawing of the same layout: no geometric errors, no drive offsets, no loads."""
-    bare = robot.model.model_copy(update={"joint_placements": {}, "drive_offsets": {}})
-    return PouringRobot(bare, options=robot.actual_solver.options)
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        return write_whole(path, self.to_frame().to_csv(index=False, float_format="%.9g", lineterminator="\n"))
+
+    def figures(self) -> dict[str, Any]:
+        """Return every row, ready for JSON."""
+        return {"rows": self.to_frame().to_dict("records")}
 
 
 def heated_drawing(robot: PouringRobot, heat: HeatSection, *, radiation: bool = True) -> HeatedRobot:
@@ -300,11 +318,3 @@ def heated_drawing(robot: PouringRobot, heat: HeatSection, *, radiation: bool = 
 
 def _as_pose(place: Placed) -> PlatformPose:
     return place if isinstance(place, PlatformPose) else PlatformPose.from_se3(place.pose_base_to_end)
-
-
-def _csv(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
-    return stream.getvalue()

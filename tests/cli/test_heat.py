@@ -38,8 +38,7 @@ def test_a_warm_pose_as_json_says_what_the_library_says(run, as_built):
     figures = json.loads(out)
     heated = HeatedRobot(as_built, HeatSection(melt_degC=1700.0))
     found = heated.locate(POSE)
-    for frame in ("moving_platform", "ladle_lip"):
-        shares = heated.shares(found, frame)
+    for frame, shares in heated.shares(found, ("moving_platform", "ladle_lip")).items():
         assert figures["frames"][frame]["error"]["translation_mm"] == pytest.approx(shares.together.translation_m * 1e3)
         for name in ("geometry", "heat", "together"):
             said = figures["shares"][frame][name]["translation_mm"]
@@ -47,7 +46,7 @@ def test_a_warm_pose_as_json_says_what_the_library_says(run, as_built):
         left = figures["shares"][frame]["not_the_sum_by"]
         assert left["distance_mm"] == pytest.approx(np.linalg.norm(shares.remainder_m) * 1e3, abs=1e-6)
         assert left["distance_mm"] > 1e-3
-    assert figures["heat"]["computed_degC"]["leg3"] == pytest.approx(found.state.field.leg_degC[2], abs=1e-6)
+    assert figures["heat"]["computed_degC"]["leg3"] == pytest.approx(found.field.leg_degC[2], abs=1e-6)
     assert figures["heat"]["after_min"] is None
 
 
@@ -191,7 +190,7 @@ def test_thermal_at_a_pose(run, tmp_path, drawing):
     for words in ("steady", "leg4", "ladle_lip", "from the melt", "bending"):
         assert words in out
     rows = list(csv.DictReader((tmp_path / "t.csv").open(encoding="utf-8")))
-    field = HeatedRobot(drawing, HeatSection()).locate(POSE).state.field
+    field = HeatedRobot(drawing, HeatSection()).locate(POSE).field
     legs = [float(row["temperature_degC"]) for row in rows if row["part"].startswith("leg")]
     assert legs == pytest.approx(field.leg_elements_degC.ravel().tolist(), abs=1e-4)
     assert Image.open(tmp_path / "t.png").width > 800
@@ -322,7 +321,7 @@ def test_the_picture_of_a_shift_shows_curves_between_the_rows(run, tmp_path, mon
     code, out, _ = run("thermal", "--history", "h.csv", *AT, "--png", "x.png", "--json")
     rows, picture = json.loads(out)["rows"], drawn[0]
     assert code == 0 and [row["time_min"] for row in rows] == [0.0, 60.0]
-    halfway = float(np.interp(1800.0, picture.times_s, picture.leg_degC[:, 0]))
+    halfway = float(np.interp(1800.0, picture.times_s, picture.to_frame()["leg1_degC"]))
     assert halfway > 20.0 + 0.7 * (rows[-1]["leg1_degC"] - 20.0)  # a straight line would be at half
 
 

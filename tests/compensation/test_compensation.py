@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from pouring_robot.compensation.compensate import compensate
-from pouring_robot.compensation.table import commands_csv, is_outside
-from pouring_robot.exceptions import UnknownFrameError, UnreachablePoseError
+from pouring_robot.compensation.result import commands_csv
+from pouring_robot.exceptions import CompensationError, UnknownFrameError, UnreachablePoseError
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import DriveOffset, RobotModel
 from pouring_robot.robot.pouring.poses import PlatformPose
@@ -147,8 +147,20 @@ def test_the_commands_as_csv(hot):
 
 
 def test_outside_the_box(drawing):
-    layout = drawing.layout
-    assert not is_outside(layout, POSE)
-    assert not is_outside(layout, PlatformPose(tuple(BOX_UPPER[:3].tolist()), float(BOX_UPPER[3])))
-    assert is_outside(layout, PlatformPose((-0.100, 0.051, -0.600), 0.3))
-    assert is_outside(layout, PlatformPose((-0.100, 0.0, -0.600), 1.2))
+    for pose in (POSE, PlatformPose(tuple(BOX_UPPER[:3].tolist()), float(BOX_UPPER[3]))):
+        shift, turn = drawing.outside_workspace(pose)
+        assert not shift.any() and turn == 0.0
+    assert drawing.outside_workspace(PlatformPose((-0.100, 0.051, -0.600), 0.3))[0] == pytest.approx([0.0, 1e-3, 0.0])
+    assert drawing.outside_workspace(PlatformPose((-0.100, 0.0, -0.600), 1.2))[1] == pytest.approx(1.2 - BOX_UPPER[3])
+
+
+def test_a_search_that_fails_says_its_figures():
+    error = CompensationError((1.0, 2.0, -600.0, 10.0), 1e-3, 2e-3, 25)
+    assert (error.exit_code, error.left_m, error.steps) == (3, 1e-3, 25)
+    assert "z -600 mm, tilt 10 deg: after 25 steps the ladle is 1 mm and 2 mrad off" in str(error)
+
+
+def test_a_result_is_told_on_one_line(hot):
+    found = compensate(hot, POSE)
+    assert repr(found).startswith("<Compensation: 'moving_platform' ") and "\n" not in repr(found)
+    assert found.to_frame()["q1_mm"][0] == pytest.approx(found.drives["leg1_s3"] * 1e3)

@@ -50,14 +50,14 @@ def test_poses_are_the_papers(drawing):
 
 def test_error_sets_are_where_the_warm_drawing_is(study, drawing):
     from pouring_robot.thermal.expansion.growth import ThermalExpansion
-    from pouring_robot.thermal.expansion.warm_robot import solve_heated
+    from pouring_robot.thermal.expansion.warm_robot import WarmRobot
     from pouring_robot.thermal.network.robot_network import ThermalNetwork
 
     network = ThermalNetwork(drawing)
     assert study.moved.shape == (12, POSES, 3)
     for j, k in ((0, 3), (11, 7)):
         pose = study.poses[k]
-        warm = solve_heated(drawing, ThermalExpansion.from_field(network.steady(pose, MELTS_DEGC[j])), pose)
+        warm = WarmRobot(drawing, ThermalExpansion.from_field(network.steady(pose, MELTS_DEGC[j])), pose).solve()
         away = PlatformPose.from_se3(warm.pose_base_to_end).position_m
         assert study.moved[j, k] == pytest.approx(np.subtract(away, pose.position_m), abs=1e-12)
     assert study.tables["Y"].errors == pytest.approx(study.moved[:, :, 1])

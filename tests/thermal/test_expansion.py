@@ -9,13 +9,13 @@ from scipy.integrate import solve_bvp
 
 from pouring_robot.exceptions import BadInputError, TemperatureError
 from pouring_robot.mechanism.poses import PoseDifference
-from pouring_robot.robot.model import JointPlacement, RobotModel
+from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring.thermal_properties import load_thermal_properties
 from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.thermal.expansion.bending import LegBending
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
-from pouring_robot.thermal.expansion.warm_robot import pose_shares, solve_heated
+from pouring_robot.thermal.expansion.warm_robot import WarmRobot
 from pouring_robot.thermal.network.field import gradient_across_tube
 from pouring_robot.thermal.network.robot_network import ThermalNetwork
 from tests.support import CHAINS, oracle_cases, random_poses
@@ -41,14 +41,22 @@ def test_pose_against_the_independent_oracle(case):
         for joint, key in ((f"leg{i}_s1", "fixed"), (f"leg{i}_seat_mount", "moving")):
             offset = np.array(case[f"{key}_joint_centre_offsets_m"][i - 1]) * 1e3
             placements[joint] = JointPlacement(translation_mm=tuple(offset.tolist()))
-    robot = PouringRobot(RobotModel(joint_placements=placements))
     assert case["expansion_per_K"] == PROPERTIES.steel.expansion.value
     rises = {f"leg{i}": 20.0 + rise for i, rise in zip(CHAINS, case["leg_temperature_rise_K"], strict=True)}
     offsets = {f"leg{i}_s3": case["drive_offsets"]["leg_lengths_m"][i - 1] for i in (1, 2, 3)}
     offsets["leg4_s5"] = case["drive_offsets"]["tilt_drive_rad"]
+    robot = PouringRobot(
+        RobotModel(
+            joint_placements=placements,
+            drive_offsets={
+                name: DriveOffset(**{"offset_mrad" if name == "leg4_s5" else "offset_mm": 1e3 * offset})
+                for name, offset in offsets.items()
+            },
+        )
+    )
     commanded = case["commanded"]
     pose = PlatformPose(tuple(commanded["position_m"]), commanded["tilt_rad"])
-    result = solve_heated(robot, heated(**rises), pose, drive_offsets=offsets).pose_base_to_end
+    result = WarmRobot(robot, heated(**rises), pose).solve().pose_base_to_end
     assert np.abs(result.translation - case["platform"]["position_m"]).max() < 1e-9
     assert np.abs(pin.log3(result.rotation) - case["platform"]["rotation_vector_rad"]).max() < 1e-9
 
@@ -76,14 +84,14 @@ def test_all_equally_warm_is_a_larger_robot(drawing):
     """Everything 100 K warmer: the same shape, scaled; the platform moves away along its own place."""
     warm = dict.fromkeys(("leg1", "leg2", "leg3", "leg4", "platform", "fixed_platform"), 120.0)
     for pose in random_poses(4, seed=9):
-        result = solve_heated(drawing, heated(**warm), pose).pose_base_to_end
+        result = WarmRobot(drawing, heated(**warm), pose).solve().pose_base_to_end
         assert result.translation == pytest.approx(np.array(pose.position_m) * (1 + 1.2e-3), abs=1e-10)
         assert result.rotation == pytest.approx(pose.to_se3().rotation, abs=1e-9)
 
 
 def test_growth_of_the_passive_leg_moves_nothing(drawing):
     cold = drawing.locate(POSE).nominal.pose_base_to_end
-    warm = solve_heated(drawing, heated(leg4=500.0), POSE)
+    warm = WarmRobot(drawing, heated(leg4=500.0), POSE).solve()
     assert warm.pose_base_to_end.translation == pytest.approx(cold.translation, abs=1e-10)
     assert warm.joint_values["leg4_s3"] < drawing.kinematics.joint_values(POSE)["leg4_s3"] - 1e-3
 
@@ -113,16 +121,8 @@ def test_bad_parts_and_temperatures():
         heated(platform=-300.0)
 
 
-def test_shares_need_not_add_up(as_built, network):
-    expansion = ThermalExpansion.from_field(network.steady(POSE))
-    shares = pose_shares(as_built, expansion, POSE)
-    assert shares.heat.distance_m > 1e-3
-    assert shares.geometry.distance_m > 1e-5
-    assert 0.0 < np.linalg.norm(shares.remainder_m) < 0.1 * shares.together.distance_m
-
-
 def test_cold_robot_is_the_robot_as_built(as_built):
-    cold = solve_heated(as_built, heated(), POSE).pose_base_to_end
+    cold = WarmRobot(as_built, heated(), POSE).solve().pose_base_to_end
     located = as_built.locate(POSE).actual.pose_base_to_end
     assert PoseDifference.between(located, cold).distance_m < 1e-12
 
@@ -134,9 +134,9 @@ def test_paper_millimetres_in_one_direction_and_linear_in_the_melts_temperature(
     moves = np.array(
         [
             [
-                solve_heated(
-                    drawing, ThermalExpansion.from_field(network.steady(pose, melt)), pose
-                ).pose_base_to_end.translation
+                WarmRobot(drawing, ThermalExpansion.from_field(network.steady(pose, melt)), pose)
+                .solve()
+                .pose_base_to_end.translation
                 - np.array(pose.position_m)
                 for melt in melts
             ]

@@ -10,7 +10,7 @@ from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
 from pouring_robot.thermal.expansion.heated_robot import SETTLED_M, HeatedRobot
-from pouring_robot.thermal.expansion.warm_robot import WarmRobot, solve_heated
+from pouring_robot.thermal.expansion.warm_robot import WarmRobot, drawing_of
 from tests.support import random_poses
 
 POSE = PlatformPose((-0.100, 0.020, -0.600), 0.3)
@@ -24,7 +24,7 @@ def heated(as_built):
 
 def test_temperatures_are_those_of_where_the_ladle_is(heated):
     for pose in random_poses(4, seed=4):
-        state = heated.locate(pose).state
+        state = heated.locate(pose)
         assert state.unsettled_m < SETTLED_M
         again = heated.network.steady(state.result)
         assert again.leg_degC == pytest.approx(state.field.leg_degC, abs=1e-5)
@@ -35,7 +35,7 @@ def test_temperatures_are_those_of_where_the_ladle_is(heated):
 
 def test_the_warm_location_is_one_closure_of_everything(heated, as_built):
     found = heated.locate(POSE)
-    once = solve_heated(as_built, found.state.robot.expansion, POSE).pose_base_to_end
+    once = WarmRobot(as_built, found.robot.expansion, POSE).solve().pose_base_to_end
     # What is left is where the passive leg stands: a growth of micrometres along an axis off by a milliradian.
     assert PoseDifference.between(found.location.actual.pose_base_to_end, once).distance_m < 1e-8
     assert found.location.nominal.pose_base_to_end.translation == pytest.approx(POSE.position_m, abs=1e-12)
@@ -43,8 +43,7 @@ def test_the_warm_location_is_one_closure_of_everything(heated, as_built):
 
 def test_shares(heated, as_built):
     found = heated.locate(POSE)
-    for frame in ("moving_platform", "ladle_lip"):
-        shares = heated.shares(found, frame)
+    for frame, shares in heated.shares(found, ("moving_platform", "ladle_lip")).items():
         cold = as_built.locate(POSE).difference(frame)
         assert shares.geometry.translation_m == pytest.approx(cold.translation_m, abs=1e-12)
         assert shares.together.translation_m == pytest.approx(found.location.difference(frame).translation_m)
@@ -57,7 +56,7 @@ def test_without_heat_it_is_the_robot_as_built(as_built):
     found = HeatedRobot(as_built).locate(POSE)
     cold = as_built.locate(POSE).actual.pose_base_to_end
     assert PoseDifference.between(found.location.actual.pose_base_to_end, cold).distance_m < 1e-12
-    assert (found.state.field, found.state.turns) == (None, 1)
+    assert (found.field, found.turns) == (None, 1)
 
 
 def test_drive_offsets_of_the_model_count(drawing):
@@ -65,19 +64,19 @@ def test_drive_offsets_of_the_model_count(drawing):
     model = RobotModel(drive_offsets={"leg1_s3": DriveOffset(offset_mm=2.0), "leg4_s5": DriveOffset(offset_mrad=3.0)})
     strain = 1.2e-3
     warm = ThermalExpansion((strain, strain, strain, 0.0))
-    found = solve_heated(PouringRobot(model), warm, POSE).pose_base_to_end
+    found = WarmRobot(PouringRobot(model), warm, POSE).solve().pose_base_to_end
     drives = drawing.kinematics.inverse(POSE)
     lengths = {name: (drives[name] + 0.002 * (name == "leg1_s3")) * (1.0 + strain) for name in drives if "s3" in name}
     expected = drawing.kinematics.forward(lengths | {"leg4_s5": drives["leg4_s5"] + 0.003}, near=POSE)
     assert found.translation == pytest.approx(expected.position_m, abs=1e-12)
     assert PlatformPose.from_se3(found).tilt_rad == pytest.approx(expected.tilt_rad, abs=1e-12)
-    alone = solve_heated(PouringRobot(model), warm, POSE, geometry=False).pose_base_to_end
+    alone = WarmRobot(drawing_of(PouringRobot(model)), warm, POSE).solve().pose_base_to_end
     assert np.abs(alone.translation - found.translation).max() > 1e-4
 
 
 def test_a_long_time_is_steady_and_a_short_one_is_not(as_built):
     steady, hour, week = (
-        HeatedRobot(as_built, HeatSection(after_min=minutes)).locate(POSE).state.field
+        HeatedRobot(as_built, HeatSection(after_min=minutes)).locate(POSE).field
         for minutes in (None, 60.0, 7.0 * 24.0 * 60.0)
     )
     assert week.leg_degC == pytest.approx(steady.leg_degC, abs=1e-2)
@@ -85,11 +84,11 @@ def test_a_long_time_is_steady_and_a_short_one_is_not(as_built):
 
 
 def test_measured_temperatures_and_properties_of_the_model_count(as_built):
-    plain = HeatedRobot(as_built, HeatSection()).locate(POSE).state
-    measured = HeatedRobot(as_built, HeatSection(measured_degC={"leg3": 20.0})).locate(POSE).state
+    plain = HeatedRobot(as_built, HeatSection()).locate(POSE)
+    measured = HeatedRobot(as_built, HeatSection(measured_degC={"leg3": 20.0})).locate(POSE)
     assert measured.robot.expansion.leg_strain[2] == 0.0
     assert measured.robot.expansion.leg_strain[0] > 1e-3
-    dull = HeatedRobot(as_built, HeatSection(properties={"steel": {"emissivity": 0.2}})).locate(POSE).state
+    dull = HeatedRobot(as_built, HeatSection(properties={"steel": {"emissivity": 0.2}})).locate(POSE)
     assert np.all(dull.field.leg_degC < plain.field.leg_degC - 30.0)
 
 

@@ -18,8 +18,7 @@ if TYPE_CHECKING:
 
     from pouring_robot.robot.pouring.poses import PlatformPose
     from pouring_robot.robot.robot import LadleLocation, PouringRobot
-    from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmState
-    from pouring_robot.thermal.expansion.warm_robot import PoseShares
+    from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, PoseShares, WarmState
 
 MeltDegC = Annotated[
     float | None,
@@ -92,11 +91,10 @@ class Warmth:
         """
         if heated is None:
             return cls(robot, robot.locate(pose))
-        found = heated.locate(pose)
-        loops = found.location.loops
-        frames = (loops.end_frame or "", loops.working_frame) if shares else ()
-        told = {frame: heated.shares(found, frame) for frame in frames}
-        return cls(found.state.robot, found.location, heated, found.state, told)
+        state = heated.locate(pose)
+        loops = state.location.loops
+        told = heated.shares(state, (loops.end_frame or "", loops.working_frame)) if shares else {}
+        return cls(state.robot, state.location, heated, state, told)
 
     def figures(self) -> dict[str, Any]:
         """Return heat and shares, ready for JSON; nothing for a cold robot."""

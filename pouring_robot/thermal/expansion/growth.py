@@ -130,12 +130,7 @@ def _shift(translation_m: FloatArray) -> PlacementError:
 
 def _axis(mechanism: ClosedChainMechanism, joint: str) -> FloatArray:
     """Return the direction of a prismatic joint in its own frame, shape (3,)."""
-    model = mechanism.shared_model
+    model, number = mechanism.shared_model, mechanism.joint_id(joint)
     data = model.createData()
-    moved = mechanism.with_joint_values(mechanism.neutral_configuration(), {joint: 1.0})
-    pin.forwardKinematics(model, data, moved)
-    return np.array(data.liMi[mechanism.joint_id(joint)].translation) - _placement(mechanism, joint)
-
-
-def _placement(mechanism: ClosedChainMechanism, joint: str) -> FloatArray:
-    return np.array(mechanism.shared_model.jointPlacements[mechanism.joint_id(joint)].translation)
+    pin.forwardKinematics(model, data, mechanism.with_joint_values(mechanism.neutral_configuration(), {joint: 1.0}))
+    return np.array(data.liMi[number].translation - model.jointPlacements[number].translation)

@@ -9,20 +9,21 @@ millimetres); should a turn land on such a jump for ever, its size is reported, 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure import ClosureResult
+from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
 from pouring_robot.robot.robot import LadleLocation, PouringRobot
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
-from pouring_robot.thermal.expansion.warm_robot import PoseShares, WarmRobot, passive_lengths, pose_shares
+from pouring_robot.thermal.expansion.warm_robot import WarmRobot, drawing_of, passive_lengths
 from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.network.history import HeatHistory, Placed
 from pouring_robot.thermal.network.robot_network import ThermalNetwork
@@ -54,18 +55,35 @@ class WarmState:
     turns: int
     unsettled_m: float
 
+    @functools.cached_property
+    def location(self) -> LadleLocation:
+        """Where the ladle should be and where it is, warm, for the robot's pose as command."""
+        return self.robot.locate(self.robot.pose)
 
-@dataclass(frozen=True, eq=False)
-class HeatedLocation:
-    """Where the ladle is, warm, for one command.
+
+@dataclass(frozen=True)
+class PoseShares:
+    """What geometry and heat do to a frame, alone and together; differences to the nominal pose in the fixed platform.
 
     Attributes:
-        location: nominal and actual pose, as :meth:`PouringRobot.locate` returns them; the actual one is warm.
-        state: the temperatures and the warm robot.
+        geometry: geometric errors, drive offsets and loads alone.
+        heat: heat alone, on the drawing.
+        together: both in one closure: the actual pose.
     """
 
-    location: LadleLocation
-    state: WarmState
+    geometry: PoseDifference
+    heat: PoseDifference
+    together: PoseDifference
+
+    @property
+    def remainder_m(self) -> FloatArray:
+        """What the shares leave of the whole: together - geometry - heat, shape (3,), in m. Not zero."""
+        return np.asarray(self.together.translation_m - self.geometry.translation_m - self.heat.translation_m)
+
+    @property
+    def remainder_rad(self) -> FloatArray:
+        """The same of the rotation vectors, shape (3,), in rad; of second order even for small turns."""
+        return np.asarray(self.together.rotation_rad - self.geometry.rotation_rad - self.heat.rotation_rad)
 
 
 class HeatedRobot:
@@ -145,7 +163,7 @@ class HeatedRobot:
         while turns < MOST_TURNS:
             turns += 1
             field = self.field(place)
-            warm = WarmRobot(self.robot, self.expansion(field), pose, passive_lengths_m=passive)
+            warm = WarmRobot(self.robot, self.expansion(field), pose, passive)
             held, result = close(warm)
             if before is not None:
                 moved = float(np.linalg.norm(held.pose_base_to_end.translation - before))
@@ -155,8 +173,8 @@ class HeatedRobot:
             place, before = result, np.array(result.pose_base_to_end.translation)
         return WarmState(field, warm, result, turns, 0.0 if self.heat is None else moved)
 
-    def locate(self, pose: PlatformPose) -> HeatedLocation:
-        """Return where the ladle should be and where it is, warm, for a commanded pose.
+    def locate(self, pose: PlatformPose) -> WarmState:
+        """Return the warm robot at a commanded pose; its ``location`` is where the ladle is.
 
         Raises:
             UnreachablePoseError: a joint would pass its limits.
@@ -169,16 +187,25 @@ class HeatedRobot:
             result = warm.forward(drives, near=pose)
             return result, result
 
-        state = self.settle(pose, close)
-        return HeatedLocation(state.robot.locate(pose), state)
+        return self.settle(pose, close)
 
-    def shares(self, found: HeatedLocation, frame: str | None = None) -> PoseShares:
-        """Return what geometry and heat do, alone and together, to a frame (default: the pouring lip).
+    def shares(self, state: WarmState, frames: Sequence[str]) -> dict[str, PoseShares]:
+        """Return what geometry and heat do, alone and together, to some frames.
 
         Heat alone acts on the drawing, with the temperatures of the whole.
 
         Raises:
             NoSolutionError: the cold robot, or the warm drawing, cannot take this command.
+            UnknownFrameError: there is no such frame.
         """
-        shares = pose_shares(self.robot, found.state.robot.expansion, found.location.commanded, frame)
-        return replace(shares, together=found.location.difference(frame))
+        pose, base = state.robot.pose, state.location.loops.base_frame
+        cold = self.robot.locate(pose)
+        warm = WarmRobot(drawing_of(self.robot), state.robot.expansion, pose).solve()
+        return {
+            frame: PoseShares(
+                cold.difference(frame),
+                PoseDifference.between(cold.nominal.pose(base, frame), warm.pose(base, frame)),
+                state.location.difference(frame),
+            )
+            for frame in frames
+        }

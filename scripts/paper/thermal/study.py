@@ -19,7 +19,7 @@ from pouring_robot.robot.pouring.layout import Layout
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
-from pouring_robot.thermal.expansion.warm_robot import solve_heated
+from pouring_robot.thermal.expansion.warm_robot import WarmRobot
 from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.network.robot_network import ThermalNetwork
 from pouring_robot.thermal.regression.joint_model import JointRegression
@@ -55,7 +55,7 @@ def error_sets(network: ThermalNetwork, poses: Sequence[PlatformPose], melts_deg
     moved = np.empty((len(melts_degC), len(poses), 3))
     for k, pose in enumerate(poses):
         for j, melt in enumerate(melts_degC):
-            warm = solve_heated(robot, ThermalExpansion.from_field(network.steady(pose, melt)), pose, geometry=False)
+            warm = WarmRobot(robot, ThermalExpansion.from_field(network.steady(pose, melt)), pose).solve()
             moved[j, k] = warm.pose_base_to_end.translation - np.array(pose.position_m)
     return moved
 
@@ -186,7 +186,7 @@ def _box(network: ThermalNetwork, random: np.random.Generator) -> tuple[FloatArr
     high = [*layout.position_upper_m, layout.tilt_upper_rad]
     for x, y, z, tilt in random.uniform(low, high, size=(BOX_POSES, 4)).tolist():
         pose = PlatformPose((x, y, z), tilt)
-        warm = solve_heated(robot, ThermalExpansion.from_field(network.steady(pose)), pose, geometry=False)
+        warm = WarmRobot(robot, ThermalExpansion.from_field(network.steady(pose)), pose).solve()
         cold = robot.nominal_solver.solve(robot.kinematics.inverse(pose), robot.kinematics.configuration(pose))
         places = [[r.pose(loops.base_frame, frame).translation for frame in frames] for r in (cold, warm)]
         found.append(np.linalg.norm(np.subtract(places[1], places[0]), axis=1).tolist())
