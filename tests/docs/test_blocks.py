@@ -5,11 +5,16 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
+from ruamel.yaml import YAML
 
+from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.cli.app import main
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.sweeps import SweepConfig
 from tests.support import ROOT
 
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -133,6 +138,25 @@ def test_paths_and_modules_mentioned_exist(page):
         r"(?<!format: )\b((?:pouring_robot|robot_description|scripts|examples|tests)/[\w./-]*\w)", text
     ):
         assert (ROOT / path).exists(), f"{page.name}: {path}"
+
+
+def test_yaml_blocks_are_valid_files():
+    kinds = {"pouring_robot/model/1": RobotModel, "pouring_robot/sweep/1": SweepConfig}
+    found = [YAML(typ="safe").load(text) for page in PAGES for _, text in fences(page, "yaml")]
+    assert {block.get("format") for block in found} == {*kinds, None}
+    for block in found:
+        if "format" in block:
+            kinds[block["format"]].model_validate(block)
+        else:
+            assert set(block) <= set(CampaignMetadata.model_fields) | {"metrology", "drives", "truss", "ladle"}
+
+
+def test_the_rooms_are_listed_in_the_order_of_imports():
+    layers = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"][0]["layers"]
+    listed = re.findall(
+        r"^\| `pouring_robot/(\w+)(?:/|\.py)` \|", (ROOT / "docs" / "house.md").read_text(), re.MULTILINE
+    )
+    assert listed == layers[::-1]
 
 
 def test_pages_are_on_the_map():
