@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pouring_robot.inference.courses import separate, smooth, standardised, wandering
+from pouring_robot.inference.discrepancy import Description
 from pouring_robot.inference.explanations import Explanation, Problem
-from pouring_robot.inference.remainder import Description
 from pouring_robot.mechanism.arrays import FloatArray
 
 from .data import FocusRows

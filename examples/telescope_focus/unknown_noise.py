@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
+from pouring_robot.inference.discrepancy import Description, structures
 from pouring_robot.inference.explanations import Explanation, Problem
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.remainder import Description, structures
 from pouring_robot.inference.search import SearchOptions, search
 from pouring_robot.mechanism.arrays import FloatArray
 
@@ -68,7 +68,7 @@ class UnknownNoise:
         """Build the problems."""
         self.noises, self.options, self._price, self._every = noises, options, price, every
         self.problems = [problem_at(noise) for noise in noises.tolist()]
-        self.degrees = len(self.problems[0].residual) - self.problems[0].absorbed.shape[1]
+        self.degrees = len(self.problems[0].residual) - self.problems[0].nuisance.dof
         self._known: dict[frozenset[Key], Weighed] = {}
 
     @property

@@ -14,7 +14,7 @@ from pouring_robot.exceptions import DiagnosisError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from pouring_robot.diagnosis.report.summary import Summary
+    from pouring_robot.diagnosis.result import Diagnosis
 
 OutFolder = Annotated[
     Path,
@@ -40,17 +40,15 @@ def diagnose(
 ) -> None:
     """Find where model and measurement disagree, name the missing effect, amend the model, show the gap shrink."""
     from pouring_robot.campaign.data import Campaign
-    from pouring_robot.diagnosis.diagnose import DiagnosisOptions, exclude_ids
+    from pouring_robot.diagnosis.diagnose import DiagnosisOptions
     from pouring_robot.diagnosis.diagnose import diagnose as run
-    from pouring_robot.diagnosis.report.export import FIGURES, MODEL, write_diagnosis
-    from pouring_robot.diagnosis.report.record import diagnosis_figures
-    from pouring_robot.diagnosis.report.summary import Summary
+    from pouring_robot.diagnosis.report.export import METRICS, MODEL, diagnosis_metrics
     from pouring_robot.io.files import check_folder
     from pouring_robot.robot.model import RobotModel
 
     check_folder(out)
     present = RobotModel.load(model) if model else RobotModel()
-    chosen = DiagnosisOptions(exclude=exclude_ids(exclude or ()), hold_out=hold_out)
+    chosen = DiagnosisOptions(exclude=tuple(dict.fromkeys(exclude or ())), hold_out=hold_out)
     with progress.status() as say:
         say("reading")
         data = Campaign.read(campaign)
@@ -59,23 +57,22 @@ def diagnose(
         except DiagnosisError as problem:
             raise DiagnosisError(f"{campaign}: {problem.problem}", problem.mend) from problem
         say("writing the report")
-        summary = Summary.of(found)
-        written = write_diagnosis(summary, out)
+        written = found.save(out)
     if as_json:
-        options.print_figures(diagnosis_figures(summary, str(out / MODEL)), written)
+        options.print_figures(diagnosis_metrics(found, str(out / MODEL)), written)
         return
     console = options.console()
-    _print(console, summary)
-    options.print_written(console, sorted(written, key=lambda path: path.name == FIGURES))
+    _print(console, found)
+    options.print_written(console, sorted(written, key=lambda path: path.name == METRICS))
 
 
-def _print(console: Console, summary: Summary) -> None:
+def _print(console: Console, diagnosis: Diagnosis) -> None:
     from pouring_robot.diagnosis.report.sentences import gap_sentence, gap_table, headline, sections
 
-    console.print(headline(summary), style="bold", markup=False)
-    console.print(gap_sentence(summary), markup=False)
-    console.print(plain_table(*gap_table(summary), left=(0, 1)))
-    for heading, lines in sections(summary):
+    console.print(headline(diagnosis), style="bold", markup=False)
+    console.print(gap_sentence(diagnosis), markup=False)
+    console.print(plain_table(*gap_table(diagnosis), left=(0, 1)))
+    for heading, lines in sections(diagnosis):
         console.print(f"{heading}:", style="bold", markup=False)
         for line in lines:
             options.print_indented(console, line.strip(), 2 + len(line) - len(line.lstrip()))

@@ -7,11 +7,11 @@ command sees it. What depends on conditions stays in the effect stack with its p
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pouring_robot.calibration.amend import amended_model
-from pouring_robot.diagnosis.diagnose import Diagnosis
 from pouring_robot.diagnosis.problem import BACKGROUND
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.estimation.frames import FRAMES
@@ -19,6 +19,9 @@ from pouring_robot.estimation.measurement import MeasurementModel
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
+
+if TYPE_CHECKING:
+    from pouring_robot.diagnosis.result import Diagnosis
 
 _VALUE_DIGITS, _STD_DIGITS = 9, 4
 _STILL = 1e-12

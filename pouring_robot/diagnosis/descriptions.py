@@ -11,7 +11,7 @@ from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.drives import CHANNELS, LEGS
 from pouring_robot.effects.joints import axis_parameters, centre_parameters
 from pouring_robot.inference.courses import separate, smooth, standardised, wandering
-from pouring_robot.inference.remainder import Description
+from pouring_robot.inference.discrepancy import Description
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import COMPONENTS
 from pouring_robot.robot.pouring.names import CHAIN_JOINTS

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,11 +9,12 @@ from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import examine
-from pouring_robot.checks.flags import DataFlag, outlier_rows
+from pouring_robot.checks.flags import outlier_rows
 from pouring_robot.diagnosis.descriptions import descriptions
 from pouring_robot.diagnosis.gap import Gap
-from pouring_robot.diagnosis.parameters import NamedEffect, named_effects
+from pouring_robot.diagnosis.parameters import named_effects
 from pouring_robot.diagnosis.problem import Library
+from pouring_robot.diagnosis.result import Diagnosis
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser, State
 from pouring_robot.effects.base import Effect
@@ -22,7 +22,7 @@ from pouring_robot.effects.registry import chosen_effects
 from pouring_robot.estimation.noise import NoiseLevel, stated_noise
 from pouring_robot.estimation.splits import HoldOut, split
 from pouring_robot.exceptions import CalibrationError, CampaignError
-from pouring_robot.inference.decision import DEFAULT_THRESHOLDS, Judgement, Thresholds, judge
+from pouring_robot.inference.decision import DEFAULT_THRESHOLDS, Thresholds, judge
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.search import DEFAULT_SEARCH, SearchOptions
 from pouring_robot.io.progress import Status, say_nothing
@@ -51,53 +51,6 @@ class DiagnosisOptions:
     hold_out: HoldOut = "auto"
     search: SearchOptions = DEFAULT_SEARCH
     thresholds: Thresholds = DEFAULT_THRESHOLDS
-
-
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
-    """What was found.
-
-    Attributes:
-        campaign: all rows of the file.
-        model: the given model.
-        rows: the sound rows against it.
-        sound: index in the campaign of each of them, (n,).
-        outliers: rows left out as gross errors, by index in the campaign.
-        flags: what the checks found in the data.
-        noise: of the measurements.
-        fitted: which sound rows were fitted, (n,); the others are held out.
-        held_out_name: which block is held out, in words; empty where there are too few rows to hold any out.
-        diagnoser: the search.
-        before: the given model, only its frames fitted.
-        after: the amended model.
-        hypothesis: what explains best.
-        judgement: what may be said of it.
-        effects: the named effects with their parameters.
-        untestable: effects that the campaign cannot test, with the conditions it lacks.
-        train: gap of the fitted rows.
-        held_out: gap of the held-out rows; None where there are none.
-        notes: what limits the answer, one line each.
-    """
-
-    campaign: Campaign
-    model: RobotModel
-    rows: CampaignRows
-    sound: NDArray[np.intp]
-    outliers: NDArray[np.intp]
-    flags: tuple[DataFlag, ...]
-    noise: NoiseLevel
-    fitted: NDArray[np.bool_]
-    held_out_name: str
-    diagnoser: Diagnoser
-    before: State
-    after: State
-    hypothesis: Hypothesis
-    judgement: Judgement
-    effects: tuple[NamedEffect, ...]
-    untestable: dict[str, tuple[str, ...]]
-    train: Gap
-    held_out: Gap | None
-    notes: tuple[str, ...]
 
 
 @one_blas_thread()
@@ -136,7 +89,7 @@ def diagnose(
         if not more.size:
             break
         progress("leaving out rows that fit nothing")
-        found = work.found(np.union1d(found.outliers, found.sound[more]))
+        found = work.found(np.union1d(found.outliers, found.inliers[more]))
     return replace(found, flags=tuple(flags))
 
 
@@ -156,13 +109,13 @@ class _Work:
     def found(self, wrong: NDArray[np.intp]) -> Diagnosis:
         """Diagnose with some rows left out."""
         kept = self.campaign.usable & ~np.isin(np.arange(len(self.campaign)), wrong)
-        sound = np.flatnonzero(kept)
-        if sound.size < FEWEST_ROWS:
+        inliers = np.flatnonzero(kept)
+        if inliers.size < FEWEST_ROWS:
             raise CampaignError(
                 self.campaign.path,
-                f"only {sound.size} rows can be used and {FEWEST_ROWS} are needed; measure more poses",
+                f"only {inliers.size} rows can be used and {FEWEST_ROWS} are needed; measure more poses",
             )
-        campaign = self.campaign.subset(sound)
+        campaign = self.campaign.subset(inliers)
         fitted, name, notes = _held_out(campaign, self.options.hold_out)
         noise = stated_noise(campaign, np.flatnonzero(fitted))
         for _ in range(_NOISE_ROUNDS if noise.from_residuals else 1):
@@ -194,7 +147,7 @@ class _Work:
             campaign=self.campaign,
             model=self.model,
             rows=rows,
-            sound=sound,
+            inliers=inliers,
             outliers=np.asarray(wrong, dtype=np.intp),
             flags=(),
             noise=noise,
@@ -229,7 +182,7 @@ def _noise_from(noise: NoiseLevel, after: State, hypothesis: Hypothesis) -> Nois
     if not noise.from_residuals:
         return None
     left = hypothesis.everything.solve(hypothesis.problem.residual)
-    free = 1.0 - (hypothesis.spent() + hypothesis.problem.absorbed.shape[1]) / len(left)
+    free = 1.0 - (hypothesis.effective_dof() + hypothesis.problem.nuisance.dof) / len(left)
     factors = []
     for rotation in (False, True):
         chosen = (after.linear.component >= 3) == rotation
@@ -249,8 +202,3 @@ def _wrong_rows(found: Diagnosis) -> NDArray[np.intp]:
     few = wrong.size + found.outliers.size <= max(_FEW_WRONG, int(_WRONG_SHARE * len(found.campaign)))
     calm = float(np.sqrt(np.median(left**2)) / 0.6745) < 1.5
     return wrong if few and calm else np.zeros(0, dtype=np.intp)
-
-
-def exclude_ids(names: Sequence[str]) -> tuple[str, ...]:
-    """Return ids without repetition, in order."""
-    return tuple(dict.fromkeys(names))

@@ -14,6 +14,23 @@ from pouring_robot.mechanism.poses import MM, MRAD
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 
 
+def table_of(linear: LinearRows, whitened: FloatArray, rows: int) -> FloatArray:
+    """Return what is whitened, (m,), as a table (rows, 6) in the tracker's axes, in m and rad; NaN where unmeasured."""
+    table = np.full((rows, 6), np.nan)
+    table[linear.row, linear.component] = whitened * linear.tracker
+    return table
+
+
+def in_fixed_platform(table: FloatArray, axes: FloatArray) -> FloatArray:
+    """Return a table (n, 6) turned into the axes of the fixed platform; NaN where a component is missing.
+
+    Args:
+        table: in the tracker's axes.
+        axes: axes of the fixed platform in the tracker's frame, (3, 3).
+    """
+    return np.hstack([table[:, :3] @ axes, table[:, 3:] @ axes])
+
+
 @dataclass(frozen=True, eq=False)
 class Gap:
     """Root mean squares of the residual of some rows, per component; NaN where nothing was measured.
@@ -57,8 +74,8 @@ class Gap:
         gap = self.position("before") - self.position("floor")
         return (self.position("before") - self.position("after")) / gap if gap > 0.0 else float("nan")
 
-    def figures(self) -> dict[str, float | int | dict[str, dict[str, float]] | None]:
-        """Return the contract's figures, in mm and mrad, and each component's."""
+    def metrics(self) -> dict[str, float | int | dict[str, dict[str, float]] | None]:
+        """Return the gap's metrics, in mm and mrad, and each component's."""
         found: dict[str, float | int | dict[str, dict[str, float]] | None] = {"rows": self.rows}
         for which in ("before", "after", "floor"):
             found[f"{which}_rms_mm"] = _number(self.position(which) / MM)

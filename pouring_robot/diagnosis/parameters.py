@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -11,6 +12,8 @@ from pouring_robot.effects.base import Effect, EffectParameter, Form
 from pouring_robot.inference.decision import Cause, Judgement
 from pouring_robot.inference.hypotheses import BACKGROUND_LEVELS, Hypothesis
 from pouring_robot.mechanism.arrays import FloatArray
+
+FormsByKey = Mapping[tuple[str, str], Form]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +45,26 @@ class NamedEffect:
     story: str
     parameters: tuple[FoundParameter, ...]
 
+    def by_name(self, forms: FormsByKey) -> list[tuple[str, FoundParameter]]:
+        """Return the parameters by name; where it takes two forms with a parameter each, the form is added.
 
-FormsByKey = Mapping[tuple[str, str], Form]
+        A parameter that two forms share stands once, its values added up.
+        """
+        own = [form for (effect, _), form in forms.items() if effect == self.cause.effect]
+        once: dict[int, FoundParameter] = {}
+        for found in self.parameters:
+            have = once.get(id(found.parameter), FoundParameter(found.parameter, 0.0, 0.0))
+            both = FoundParameter(found.parameter, have.value + found.value, math.hypot(have.std, found.std))
+            once[id(found.parameter)] = both
+        names = [found.parameter.name for found in once.values()]
+        out = []
+        for found in once.values():
+            name = found.parameter.name
+            if names.count(name) > 1:
+                form = next((f.name for f in own if any(p is found.parameter for p in f.parameters)), "")
+                name = f"{name} ({form})"
+            out.append((name, found))
+        return out
 
 
 def found_parameters(

@@ -9,12 +9,12 @@ from typing import Literal
 import numpy as np
 from scipy.special import expit, logsumexp
 
+from pouring_robot.inference.discrepancy import Challenge, Description, Structure, challenge, structures
 from pouring_robot.inference.evidence import gain
 from pouring_robot.inference.explanations import Explanation
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.remainder import Challenge, Description, Structure, challenge, structures
+from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.inference.search import sound
-from pouring_robot.mechanism.arrays import FloatArray
 
 Verdict = Literal["no_gap", "named", "group", "unknown"]
 
@@ -49,6 +49,7 @@ class Thresholds:
 
 
 DEFAULT_THRESHOLDS = Thresholds()
+_RANK = 1e-9
 
 
 @dataclass(frozen=True)
@@ -83,15 +84,35 @@ class Judgement:
         verdict: no_gap, named, group or unknown.
         causes: named effects, in the order they were added.
         structures: what structure is left, most evident first.
-        challenges: of each cause, the description that would explain best in its place.
+        challenges: of each cause that was found as one, the description that would explain best in its place.
         reasons: why the verdict is what it is, one line each.
+        thresholds: by which it was judged.
     """
 
     verdict: Verdict
     causes: tuple[Cause, ...]
     structures: tuple[Structure, ...]
     challenges: tuple[Challenge, ...]
-    reasons: tuple[str, ...]
+    reasons: tuple[str, ...] = ()
+    thresholds: Thresholds = DEFAULT_THRESHOLDS
+
+    @property
+    def clear_structures(self) -> tuple[Structure, ...]:
+        """Structures that count, most evident first."""
+        limits = self.thresholds
+        largest = max((cause.size for cause in self.causes), default=0.0)
+        least = max(limits.structure_size, limits.structure_share * largest)
+        return tuple(s for s in self.structures if s.evidence > limits.structure_evidence and s.size > least)
+
+    @property
+    def challenged(self) -> tuple[tuple[Cause, Challenge], ...]:
+        """Causes that descriptions were tried against, each with the best one."""
+        return tuple(zip(self.causes, self.challenges, strict=False))
+
+    @property
+    def beaten(self) -> dict[str, Challenge]:
+        """Effects that are only the nearest to something unknown, with the description that explains better."""
+        return {c.effect: found for c, found in self.challenged if found.margin > self.thresholds.challenge_margin}
 
 
 def judge(
@@ -100,8 +121,8 @@ def judge(
     """Return what may be said of a hypothesis, of the whole problem."""
     left = structures(hypothesis, descriptions, hypothesis.problem.residual)
     causes = _without_minor([_cause(hypothesis, effect, thresholds) for effect in _named(hypothesis)], thresholds)
-    challenges = [challenge(hypothesis, cause.indices, descriptions) for cause in causes]
-    reasons = _reasons(hypothesis, causes, challenges, left, thresholds)
+    challenges = tuple(challenge(hypothesis, cause.indices, descriptions) for cause in causes)
+    reasons = _reasons(hypothesis, Judgement("unknown", tuple(causes), tuple(left), challenges, (), thresholds))
     if not causes and not reasons:
         small = background_cause(hypothesis, thresholds)
         causes = [cause for cause in small if cause.effect in hypothesis.problem.known]
@@ -113,32 +134,21 @@ def judge(
         verdict = "no_gap"
     elif any(cause.alternatives for cause in causes):
         verdict = "group"
-    return Judgement(verdict, tuple(causes), tuple(left), tuple(challenges), tuple(reasons))
+    return Judgement(verdict, tuple(causes), tuple(left), challenges, tuple(reasons), thresholds)
 
 
-def _reasons(
-    hypothesis: Hypothesis,
-    causes: Sequence[Cause],
-    challenges: Sequence[Challenge],
-    left: Sequence[Structure],
-    thresholds: Thresholds,
-) -> list[str]:
-    largest = max((cause.size for cause in causes), default=0.0)
-    least = max(thresholds.structure_size, thresholds.structure_share * largest)
+def _reasons(hypothesis: Hypothesis, found: Judgement) -> list[str]:
     reasons = [
-        f"what is left depends on something no effect explains: {found.description.name} "
-        f"({found.size:.2f} of the noise, log evidence {found.evidence:.0f})"
-        for found in left
-        if found.evidence > thresholds.structure_evidence and found.size > least
-    ][:1]
-    reasons += [
-        f"{cause.effect} is only the nearest of the known effects: '{found.description}' explains better by "
-        f"{found.margin:.0f} nats"
-        for cause, found in zip(causes, challenges, strict=True)
-        if found.margin > thresholds.challenge_margin
+        f"what is left depends on something no effect explains: {clear.description.name} "
+        f"({clear.size:.2f} of the noise, log evidence {clear.evidence:.0f})"
+        for clear in found.clear_structures[:1]
     ]
-    nuisance = [item.effect for item in hypothesis.items if not item.cause]
-    if nuisance and not causes:
+    reasons += [
+        f"{effect} is only the nearest of the known effects: '{better.description}' explains better by "
+        f"{better.margin:.0f} nats"
+        for effect, better in found.beaten.items()
+    ]
+    if not found.causes and not all(item.cause for item in hypothesis.items):
         reasons.append("the gap looks like small errors brought to light by the load, and nothing else is found")
     return reasons
 
@@ -169,7 +179,8 @@ def _cause(hypothesis: Hypothesis, effect: str, thresholds: Thresholds) -> Cause
     total = float(logsumexp([0.0, *rivals.values()]))
     likely = {rival for rival, margin in rivals.items() if np.exp(margin - total) > thresholds.alternative}
     part = np.sum([hypothesis.part(k) for k in indices], axis=0)
-    same = {e.effect for e in _choices(hypothesis) if _left_of(part, e.columns[:, e.main]) < thresholds.hidden}
+    left = {e: Nuisance.of(e.columns[:, e.main], _RANK).cleared(part) for e in _choices(hypothesis)}
+    same = {e.effect for e, rest in left.items() if rest @ rest < thresholds.hidden}
     chance = float(expit(evidence - np.log(len(hypothesis.problem.known))) * np.exp(-total))
     size = float(np.sqrt(part @ part / max(len(part), 1)))
     return Cause(effect, hypothesis.items[main].form, indices, tuple(sorted(likely | same)), chance, evidence, size)
@@ -199,16 +210,6 @@ def _rivals(hypothesis: Hypothesis, indices: Sequence[int], close: float = 12.0)
         for effect, other in tried.items()
         if sound(other, len(other.items) - 1)
     }
-
-
-def _left_of(part: FloatArray, columns: FloatArray) -> float:
-    size = np.linalg.norm(columns, axis=0)
-    if not (size > 0.0).any():
-        return float(part @ part)
-    axes, values, _ = np.linalg.svd(columns[:, size > 0.0] / size[size > 0.0], full_matrices=False)
-    axes = axes[:, values > 1e-9 * values[0]]
-    rest = part - axes @ (axes.T @ part)
-    return float(rest @ rest)
 
 
 def background_cause(hypothesis: Hypothesis, thresholds: Thresholds) -> list[Cause]:

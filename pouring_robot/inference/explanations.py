@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
+from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.mechanism.arrays import FloatArray
 
 BoolArray = NDArray[np.bool_]
-_RANK = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,18 +59,18 @@ class Background:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Residuals and all that may explain them, both without what the always free unknowns absorb.
+    """Residuals and all that may explain them, both without what the always free unknowns explain.
 
     Attributes:
         residual: shape (m,): measured minus predicted over the noise.
-        absorbed: orthonormal columns of what free unknowns absorb, shape (m, f); none in a compressed problem.
+        nuisance: what free unknowns explain; nothing in a compressed problem.
         backgrounds: usual small errors.
         explanations: forms of effects.
         constant: sum of squares of what no column reaches (left out by :meth:`compressed`).
     """
 
     residual: FloatArray
-    absorbed: FloatArray
+    nuisance: Nuisance
     backgrounds: tuple[Background, ...]
     explanations: tuple[Explanation, ...]
     constant: float = 0.0
@@ -92,19 +91,13 @@ class Problem:
             backgrounds: usual small errors.
             explanations: forms of effects.
         """
-        size = np.linalg.norm(free, axis=0)
-        axes, values, _ = np.linalg.svd(free[:, size > 0.0] / size[size > 0.0], full_matrices=False)
-        bare = cls(residual, axes[:, values > _RANK * values.max(initial=0.0)], (), ())
-        return replace(
-            bare,
-            residual=bare.cleared(residual),
-            backgrounds=tuple(replace(b, columns=bare.cleared(b.columns)) for b in backgrounds),
-            explanations=tuple(replace(e, columns=bare.cleared(e.columns)) for e in explanations),
+        nuisance = Nuisance.of(free)
+        return cls(
+            nuisance.cleared(residual),
+            nuisance,
+            tuple(replace(b, columns=nuisance.cleared(b.columns)) for b in backgrounds),
+            tuple(replace(e, columns=nuisance.cleared(e.columns)) for e in explanations),
         )
-
-    def cleared(self, values: FloatArray) -> FloatArray:
-        """Return vectors (m,) or (m, k) without what the free unknowns absorb."""
-        return np.asarray(values - self.absorbed @ (self.absorbed.T @ values))
 
     @property
     def known(self) -> frozenset[str]:
@@ -123,18 +116,15 @@ class Problem:
         """
         groups = [*(b.columns for b in self.backgrounds), *(e.columns for e in self.explanations)]
         stacked = np.hstack([np.zeros((len(self.residual), 0)), *groups])
-        size = np.linalg.norm(stacked, axis=0)
-        if not (size > 0.0).any():
+        axes = Nuisance.of(stacked).axes
+        if not axes.shape[1]:
             return self
-        unit = stacked[:, size > 0.0] / size[size > 0.0]
-        basis, triangle, _ = scipy.linalg.qr(unit, mode="economic", pivoting=True, check_finite=False)
-        basis = basis[:, np.abs(np.diag(triangle)) > _RANK]
-        residual = basis.T @ self.residual
+        residual = axes.T @ self.residual
         rest = float(self.residual @ self.residual - residual @ residual)
         return Problem(
             residual,
-            np.zeros((len(residual), 0)),
-            tuple(replace(b, columns=basis.T @ b.columns) for b in self.backgrounds),
-            tuple(replace(e, columns=basis.T @ e.columns) for e in self.explanations),
+            Nuisance(np.zeros((len(residual), 0))),
+            tuple(replace(b, columns=axes.T @ b.columns) for b in self.backgrounds),
+            tuple(replace(e, columns=axes.T @ e.columns) for e in self.explanations),
             self.constant + max(rest, 0.0),
         )

@@ -10,6 +10,7 @@ import numpy as np
 
 from pouring_robot.inference.evidence import Gain, Others, gain, posterior
 from pouring_robot.inference.explanations import Explanation, Problem
+from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.mechanism.arrays import FloatArray
 
 BACKGROUND_LEVELS = (0.0, 0.5, 1.0, 2.0)
@@ -204,9 +205,8 @@ class Hypothesis:
         """Return how much of an item's part its main parameters alone could make, as a share of its sum of squares."""
         item, part = self.items[index], self.part(index)
         total = float(part @ part)
-        main = item.columns[:, item.main]
-        found = main @ np.linalg.lstsq(main, part, rcond=_RANK)[0]
-        return float(found @ found) / total if total > 0.0 else 1.0
+        rest = Nuisance.of(item.columns[:, item.main], _RANK).cleared(part)
+        return 1.0 - float(rest @ rest) / total if total > 0.0 else 1.0
 
     def shape_excess(self, index: int) -> float:
         """Return the largest shaping coefficient over the largest main one, both in their usual sizes.
@@ -218,7 +218,7 @@ class Hypothesis:
         shape, main = pull[~item.main].max(initial=0.0), pull[item.main].max(initial=0.0)
         return float(shape / main) if main > 0.0 else np.inf
 
-    def spent(self) -> float:
+    def effective_dof(self) -> float:
         """Return how many coefficients the data determine, each counted by how far."""
         columns = np.hstack([np.zeros((len(self.problem.residual), 0)), *self.groups()])
         return float(self.everything.inner(columns, columns).trace())

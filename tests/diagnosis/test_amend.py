@@ -24,7 +24,7 @@ def case(request, tmp_path_factory):
 
 def test_it_reproduces_the_residuals_of_all_rows_after_a_round_trip(case):
     found, model, _ = case
-    rows = CampaignRows(found.campaign.subset(found.sound), model, found.noise)
+    rows = CampaignRows(found.campaign.subset(found.inliers), model, found.noise)
     again, after = rows.linearise(rows.unchanged(), found.after.frames), found.after.every_row
     np.testing.assert_array_equal(again.row, after.row)
     # 1e-6 m: placements are composed, where the diagnosis adds up twists.

@@ -11,14 +11,13 @@ import pytest
 from PIL import Image
 
 from pouring_robot.diagnosis.diagnose import DiagnosisOptions, diagnose
+from pouring_robot.diagnosis.discrepancy import discrepancies
+from pouring_robot.diagnosis.gap import Gap, in_fixed_platform
+from pouring_robot.diagnosis.lip import pose_platform_to_lip
 from pouring_robot.diagnosis.report.export import described, write_diagnosis
-from pouring_robot.diagnosis.report.left_over import left_over
 from pouring_robot.diagnosis.report.page import html_report
 from pouring_robot.diagnosis.report.plots import evidence_steps, plots, rival_margins
 from pouring_robot.diagnosis.report.scene import ladle_scene, seen_rows
-from pouring_robot.diagnosis.report.sentences import headline
-from pouring_robot.diagnosis.report.signatures import in_fixed_platform, pose_platform_to_lip
-from pouring_robot.diagnosis.report.summary import Summary
 from pouring_robot.exceptions import OutputError
 from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.robot.model import RobotModel
@@ -30,13 +29,14 @@ NAMES = {"diagnosis.json", "model.yaml", "report.html", "ladles.html"}
 
 @pytest.fixture(scope="module")
 def hot(tmp_path_factory):
-    return Summary.of(diagnose(campaign(tmp_path_factory.mktemp("hot"), HOT)))
+    return diagnose(campaign(tmp_path_factory.mktemp("hot"), HOT))
 
 
 @pytest.fixture(scope="module")
 def refused(hot):
-    """The same, as if what was found were no credible robot."""
-    return replace(hot, refused="what was found is no credible robot", model=hot.diagnosis.model)
+    """The same, as if what was found brought the fitted rows no closer."""
+    gap = hot.train
+    return replace(hot, train=Gap(gap.rows, gap.before, 2.0 * gap.before, gap.floor))
 
 
 def test_the_page_is_whole_and_needs_no_other_file(hot):
@@ -44,7 +44,7 @@ def test_the_page_is_whole_and_needs_no_other_file(hot):
     assert page.startswith("<!doctype html>")
     assert page.rstrip().endswith("</html>")
     assert not re.findall(r"(?:src|href)='(?!data:)", page)
-    assert headline(hot) in page.replace("&#x27;", "'")
+    assert hot.headline in page.replace("&#x27;", "'")
     for tag in ("h2", "h3", "ul", "li", "table", "details", "figure"):
         assert page.count(f"<{tag}") == page.count(f"</{tag}>"), tag
 
@@ -57,14 +57,14 @@ def test_the_page_of_a_refused_model_shows_no_after(refused):
 
 
 def test_text_of_a_campaign_cannot_break_the_page(hot):
-    data = hot.diagnosis.campaign
+    data = hot.campaign
     evil = replace(data, path=data.path.with_name("<script>alert(1).csv"))
-    assert "<script>" not in html_report(replace(hot, diagnosis=replace(hot.diagnosis, campaign=evil)))
+    assert "<script>" not in html_report(replace(hot, campaign=evil))
 
 
 def test_plots_are_pictures(hot, refused):
-    for summary in (hot, refused):
-        drawn = plots(summary)
+    for diagnosis in (hot, refused):
+        drawn = plots(diagnosis)
         assert len({title for title, _ in drawn}) == len(drawn) == 5
         for _, png in drawn:
             image = Image.open(io.BytesIO(png))
@@ -77,7 +77,7 @@ def test_a_picture_is_the_same_twice(hot):
 
 
 def test_evidence_ends_where_the_hypothesis_is(hot):
-    hypothesis = hot.diagnosis.hypothesis
+    hypothesis = hot.hypothesis
     ((name, gained),) = evidence_steps(hypothesis)
     assert "leg_thermal_expansion" in name
     without = hypothesis.without_items((0,)).log_evidence
@@ -86,17 +86,17 @@ def test_evidence_ends_where_the_hypothesis_is(hot):
 
 
 def test_no_rival_is_better_than_the_cause(hot):
-    (cause,) = hot.diagnosis.judgement.causes
-    margins = rival_margins(hot.diagnosis.hypothesis, cause)
+    (cause,) = hot.judgement.causes
+    margins = rival_margins(hot.hypothesis, cause)
     assert cause.effect not in margins
     assert min(margins.values()) > 5.0
 
 
 def test_measured_ladles_lie_at_the_model_and_off_the_drawing(hot):
-    lip = pose_platform_to_lip(hot.diagnosis.model)
+    lip = pose_platform_to_lip(hot.model)
     rows = seen_rows(hot)
     assert len({item.row for item in rows}) == len(rows) == 3
-    sigma = hot.diagnosis.noise.position_m
+    sigma = hot.noise.position_m
     off = [item.off(item.measured, lip).distance_m for item in rows]
     left = [PoseDifference.between(item.model * lip, item.measured * lip).distance_m for item in rows]
     assert max(left) < 8.0 * sigma
@@ -106,7 +106,7 @@ def test_measured_ladles_lie_at_the_model_and_off_the_drawing(hot):
 def test_the_scene_draws_each_ladle_where_it_is_enlarged_to(hot):
     scene = ladle_scene(hot)
     assert [robot.name for robot in scene.robots] == ["measured", "model", "nominal", "legs"]
-    rows, lip = seen_rows(hot), pose_platform_to_lip(hot.diagnosis.model)
+    rows, lip = seen_rows(hot), pose_platform_to_lip(hot.model)
     for arrow, item in zip(scene.arrows, rows, strict=True):
         length = np.linalg.norm(arrow.end_m - arrow.start_m)
         # The lip turns with the enlarged rotation, which is not quite linear.
@@ -128,7 +128,7 @@ def test_a_step_is_found_with_its_line_and_size(tmp_path):
     """From line 42 on the tracker sees everything 1 mm higher: nothing in the library does that."""
     found = diagnose(stepped(tmp_path), options=DiagnosisOptions(exclude=("base_drift",)))
     assert found.judgement.verdict == "unknown"
-    described_ = [item for item in left_over(found) if item.step_after is not None]
+    described_ = [item for item in discrepancies(found) if item.step_after is not None]
     (item,) = described_[:1]
     assert item.structure.description.by in {"time", "order"}
     assert item.component == "z"
@@ -144,7 +144,7 @@ def test_everything_is_written_and_the_model_comes_back(hot, tmp_path):
     assert {path.name for path in written} == NAMES
     assert {path.name for path in (tmp_path / "out").iterdir()} == NAMES
     model = RobotModel.load(tmp_path / "out" / "model.yaml")
-    assert [e.effect for e in model.effects] == [e.effect for e in hot.model.effects]
+    assert [e.effect for e in model.effects] == [e.effect for e in hot.amended.effects]
     assert model.description.startswith("NAMED")
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 

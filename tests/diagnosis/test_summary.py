@@ -8,29 +8,27 @@ import numpy as np
 import pytest
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.diagnosis.diagnose import Diagnosis, DiagnosisOptions, diagnose
+from pouring_robot.diagnosis.diagnose import DiagnosisOptions, diagnose
 from pouring_robot.diagnosis.gap import Gap
+from pouring_robot.diagnosis.lip import moved_at_lip, pose_platform_to_lip
 from pouring_robot.diagnosis.parameters import FoundParameter
-from pouring_robot.diagnosis.report.export import described
-from pouring_robot.diagnosis.report.record import diagnosis_figures
+from pouring_robot.diagnosis.report.export import described, diagnosis_metrics
 from pouring_robot.diagnosis.report.sentences import (
+    absent_sources,
     apart_lines,
-    figures_of,
     gap_sentence,
     gap_table,
-    headline,
     note_lines,
     parameter_text,
     sections,
     sure_text,
     untestable_lines,
+    value_and_half_width,
 )
-from pouring_robot.diagnosis.report.signatures import moved_at_lip, pose_platform_to_lip
-from pouring_robot.diagnosis.report.summary import Summary, free_residuals
-from pouring_robot.diagnosis.report.words import absent_sources
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.effects.facts import sources
 from pouring_robot.effects.registry import all_effects
+from pouring_robot.inference.decision import Thresholds
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import PouringRobot
 from tests.diagnosis.hidden import HOT, NOTHING, ZEROS, campaign, stepped
@@ -49,27 +47,27 @@ CONTRACT = {
 
 @pytest.fixture(scope="module")
 def hot(tmp_path_factory):
-    return Summary.of(diagnose(campaign(tmp_path_factory.mktemp("hot"), HOT)))
+    return diagnose(campaign(tmp_path_factory.mktemp("hot"), HOT))
 
 
 @pytest.fixture(scope="module")
 def nothing(tmp_path_factory):
-    return Summary.of(diagnose(campaign(tmp_path_factory.mktemp("nothing"), NOTHING)))
+    return diagnose(campaign(tmp_path_factory.mktemp("nothing"), NOTHING))
 
 
 @pytest.fixture(scope="module")
 def excluded(tmp_path_factory):
     """A step that only a drift could explain, which may not be named."""
     data = stepped(tmp_path_factory.mktemp("stepped"))
-    return Summary.of(diagnose(data, options=DiagnosisOptions(exclude=("base_drift",))))
+    return diagnose(data, options=DiagnosisOptions(exclude=("base_drift",)))
 
 
-def words(summary):
-    return "\n".join(line for _, lines in sections(summary, short=False) for line in lines)
+def words(diagnosis):
+    return "\n".join(line for _, lines in sections(diagnosis, short=False) for line in lines)
 
 
 def test_the_figures_keep_the_contract(hot):
-    figures = json.loads(json.dumps(diagnosis_figures(hot, "out/model.yaml"), allow_nan=False))
+    figures = json.loads(json.dumps(diagnosis_metrics(hot, "out/model.yaml"), allow_nan=False))
     assert figures.keys() >= CONTRACT
     assert figures["verdict"] == "named"
     assert figures["model"] == "out/model.yaml"
@@ -87,32 +85,32 @@ def test_the_figures_keep_the_contract(hot):
 
 
 def test_the_gap_is_per_coordinate(hot):
-    gap = hot.diagnosis.held_out
-    rows = ~hot.diagnosis.fitted
-    linear = hot.diagnosis.before.every_row.of(rows)
+    gap = hot.held_out
+    rows = ~hot.fitted
+    linear = hot.before.every_row.of(rows)
     position = (linear.residual * linear.tracker)[linear.component < 3]
     assert gap.position("before") == pytest.approx(math.sqrt((position**2).mean()))
-    assert gap.position("floor") == pytest.approx(hot.diagnosis.noise.position_m)
+    assert gap.position("floor") == pytest.approx(hot.noise.position_m)
 
 
 def test_the_headline_names_the_effect_and_how_sure_it_is(hot):
-    assert headline(hot) == "NAMED: the model lacks leg_thermal_expansion (more than 99.9 % sure)."
+    assert hot.headline == "NAMED: the model lacks leg_thermal_expansion (more than 99.9 % sure)."
     assert "noise" in gap_sentence(hot)
     assert "of the gap in position closed" in gap_sentence(hot)
     assert "warm legs are longer" in words(hot)
 
 
 def test_no_gap_names_nothing(nothing):
-    assert headline(nothing).startswith("NO GAP")
-    assert diagnosis_figures(nothing, "m")["effects"] == []
+    assert nothing.headline.startswith("NO GAP")
+    assert diagnosis_metrics(nothing, "m")["effects"] == []
     assert "closed" not in gap_sentence(nothing)
     assert "which effect" not in dict(sections(nothing))
 
 
 def test_what_may_not_be_named_is_unknown_and_described(excluded):
-    figures = diagnosis_figures(excluded, "m")
+    figures = diagnosis_metrics(excluded, "m")
     assert figures["verdict"] == "unknown"
-    assert headline(excluded).startswith("UNKNOWN")
+    assert excluded.headline.startswith("UNKNOWN")
     assert "base_drift" not in {e["effect"] for e in figures["effects"]}
     assert dict(sections(excluded))["what is left"]
     assert figures["reasons"]
@@ -121,36 +119,30 @@ def test_what_may_not_be_named_is_unknown_and_described(excluded):
 
 
 def test_nothing_said_is_longer_than_it_must_be(hot, nothing, excluded):
-    for summary in (hot, nothing, excluded):
-        assert all("\n" not in line for _, lines in sections(summary) for line in lines)
-        assert len(sections(summary)) <= 7
+    for diagnosis in (hot, nothing, excluded):
+        assert all("\n" not in line for _, lines in sections(diagnosis) for line in lines)
+        assert len(sections(diagnosis)) <= 7
 
 
-def test_a_group_says_what_looks_alike_and_what_would_tell(tmp_path):
-    found = Summary.of(diagnose(campaign(tmp_path, HOT)))
-    (effect,) = found.firm
+def test_a_group_says_what_looks_alike_and_what_would_tell(hot):
+    (effect,) = hot.firm
     cause = replace(effect.cause, alternatives=("drive_scale",))
-    doubtful = replace(found, firm=(replace(effect, cause=cause),))
-    assert "leg_thermal_expansion or drive_scale" in headline(
-        replace(doubtful, diagnosis=_with_verdict(found.diagnosis, "group"))
-    )
-    assert "look alike" in apart_lines(doubtful)[0]
-
-
-def _with_verdict(diagnosis: Diagnosis, verdict):
-    return replace(diagnosis, judgement=replace(diagnosis.judgement, verdict=verdict))
+    judgement = replace(hot.judgement, verdict="group", causes=(cause,))
+    group = replace(hot, effects=(replace(effect, cause=cause),), judgement=judgement)
+    assert "leg_thermal_expansion or drive_scale" in group.headline
+    assert "look alike" in apart_lines(group)[0]
 
 
 def test_missing_columns_are_named(tmp_path):
     data = campaign(tmp_path, NOTHING, rows=40)
     spanless = data.metadata.model_copy(update={"truss_span_m": None})
     bare = replace(data, leg_degC=None, payload_kg=None, metadata=spanless)
-    summary = Summary.of(diagnose(bare))
-    lines = untestable_lines(summary)
+    diagnosis = diagnose(bare)
+    lines = untestable_lines(diagnosis)
     assert "leg_thermal_expansion: add columns leg1_degC, leg2_degC, leg3_degC, leg4_degC" in lines
     assert "leg_compliance, tilt_drive_compliance: add column payload_kg" in lines
     assert "truss_deflection: add column payload_kg and truss.span_m in campaign.yaml" in lines
-    untestable = {u["effect"]: u for u in diagnosis_figures(summary, "m")["untestable"]}
+    untestable = {u["effect"]: u for u in diagnosis_metrics(diagnosis, "m")["untestable"]}
     assert untestable["truss_deflection"]["add"] == ["payload_kg", "truss.span_m"]
 
 
@@ -160,14 +152,14 @@ def test_sources_of_an_unknown_need_keep_its_name():
 
 
 def test_every_need_of_the_library_has_a_source(nothing):
-    campaign_ = nothing.diagnosis.campaign
+    campaign_ = nothing.campaign
     for effect in all_effects().values():
         assert all(need not in sources([need]) or need == "truss_travel_m" for need in effect.needs)
         assert absent_sources(effect.needs, campaign_) == sources(effect.needs)
 
 
 def test_every_effect_is_drawn_over_something(nothing):
-    conditions = nothing.diagnosis.rows.conditions
+    conditions = nothing.rows.conditions
     for effect in all_effects().values():
         assert not effect.axis(conditions).of_rows
 
@@ -180,9 +172,9 @@ def test_lines_of_gross_errors_are_those_of_the_file(tmp_path):
     cells[place] = f"{float(cells[place]) + 25.0:.4f}"
     lines[29] = ",".join(cells)
     (tmp_path / "campaign.csv").write_text("\n".join(lines) + "\n")
-    summary = Summary.of(diagnose(Campaign.read(data.path)))
-    assert diagnosis_figures(summary, "m")["rows"]["left_out_lines"] == [30]
-    assert "left out as gross errors: line 30" in note_lines(summary)
+    diagnosis = diagnose(Campaign.read(data.path))
+    assert diagnosis_metrics(diagnosis, "m")["rows"]["left_out_lines"] == [30]
+    assert "left out as gross errors: line 30" in note_lines(diagnosis)
 
 
 @pytest.mark.parametrize(
@@ -191,17 +183,17 @@ def test_lines_of_gross_errors_are_those_of_the_file(tmp_path):
 )
 def test_a_value_has_the_digits_its_interval_deserves(value, std, shown):
     parameter = EffectParameter("l1_offset", "mm", 1.0, {})
-    assert figures_of(FoundParameter(parameter, value, std)) == shown
+    assert value_and_half_width(FoundParameter(parameter, value, std)) == shown
     assert parameter_text("l1_offset", FoundParameter(parameter, value, std)) == f"l1 offset {shown[0]} ± {shown[1]} mm"
 
 
 def test_the_table_has_no_empty_columns(tmp_path, hot):
-    positions = Summary.of(diagnose(campaign(tmp_path, NOTHING, full_pose=False)))
-    for summary, count in ((positions, 7), (hot, 11)):
-        head, rows = gap_table(summary)
+    positions = diagnose(campaign(tmp_path, NOTHING, full_pose=False))
+    for diagnosis, count in ((positions, 7), (hot, 11)):
+        head, rows = gap_table(diagnosis)
         assert len(head) == count
         assert all(len(row) == count for row in rows)
-    assert diagnosis_figures(positions, "m")["gap"]["held_out"]["after_rms_mrad"] is None
+    assert diagnosis_metrics(positions, "m")["gap"]["held_out"]["after_rms_mrad"] is None
 
 
 def test_a_shift_at_the_lip_is_what_two_robots_differ_by(tmp_path):
@@ -225,20 +217,50 @@ def test_a_shift_at_the_lip_is_what_two_robots_differ_by(tmp_path):
 
 
 def test_free_residuals_are_those_of_the_given_model(hot):
-    data = free_residuals(hot.diagnosis)
-    np.testing.assert_allclose(data.absorbed.T @ data.absorbed, np.eye(data.absorbed.shape[1]), atol=1e-9)
+    data = hot.free_residuals
+    np.testing.assert_allclose(data.nuisance.axes.T @ data.nuisance.axes, np.eye(data.nuisance.dof), atol=1e-9)
     # The frames were fitted to the fitted rows; over all rows they absorb little more.
     assert np.linalg.norm(data.cleared) <= np.linalg.norm(data.residual)
 
 
+def test_the_result_is_one_line_at_a_prompt_and_a_table_in_a_notebook(hot, tmp_path):
+    assert repr(hot) == f"<Diagnosis: {hot.headline}>"
+    assert hot.verdict == "named"
+    frame = hot.to_frame()
+    assert list(frame["effect"].unique()) == ["leg_thermal_expansion"]
+    row = frame.set_index("parameter").loc["expansion"]
+    assert (row["unit"], bool(row["firm"])) == ("1e-6/K", True)
+    assert 0.0 < row["std"] < abs(row["value"])
+    assert hot.headline in hot._repr_html_()
+    assert {path.name for path in hot.save(tmp_path / "out")} >= {"diagnosis.json", "model.yaml"}
+
+
+def test_the_thresholds_given_decide_what_is_told(excluded):
+    """What counts as structure and what as beaten follows from the thresholds of the diagnosis, here from none."""
+    deaf = replace(excluded.judgement, thresholds=Thresholds(structure_evidence=np.inf, challenge_margin=np.inf))
+    assert excluded.discrepancies and not replace(excluded, judgement=deaf).discrepancies
+    keen = Thresholds(structure_evidence=np.inf, challenge_margin=-np.inf)
+    beaten = replace(excluded, judgement=replace(excluded.judgement, thresholds=keen))
+    assert {e.cause.effect for e in beaten.nearest} == {c.effect for c, _ in excluded.judgement.challenged}
+    assert not replace(excluded, judgement=deaf).nearest
+
+
+def test_noise_from_repeats_is_no_better_known_than_they_make_it(hot):
+    """Where the noise is stated nothing changes; 30 differences of repeats make chance more likely."""
+    assert hot.free_residuals.noise_freedoms == np.inf
+    repeated = replace(hot, noise=replace(hot.noise, position_source="repeats", position_freedoms=30.0))
+    assert repeated.free_residuals.noise_freedoms == 30.0
+    squares, count = 1.4 * 300.0, 300.0
+    assert repeated.free_residuals.excess(squares, count) > 10.0 * hot.free_residuals.excess(squares, count)
+
+
 def test_a_model_that_is_worse_on_held_out_rows_says_so(hot):
     assert not hot.worse
-    gap = hot.diagnosis.held_out
-    swapped = replace(hot.diagnosis, held_out=Gap(gap.rows, gap.after, gap.before, gap.floor))
-    summary = replace(hot, diagnosis=swapped)
-    assert summary.worse
-    assert any("do not use it" in line for line in note_lines(summary))
-    assert described(summary).description.startswith("Worse on held-out rows")
+    gap = hot.held_out
+    diagnosis = replace(hot, held_out=Gap(gap.rows, gap.after, gap.before, gap.floor))
+    assert diagnosis.worse
+    assert any("do not use it" in line for line in note_lines(diagnosis))
+    assert described(diagnosis).description.startswith("Worse on held-out rows")
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from pouring_robot.diagnosis.where.terms import FreeResiduals
 from pouring_robot.diagnosis.where.where import disagreements
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.inference.nuisance import Nuisance
 
 SIGMA_M, SIGMA_RAD = 5e-5, 3e-5
 OPTIONAL = (
@@ -68,15 +69,13 @@ def seen(rng, given, error=None, full=True, turned=0.4):
     arms = Rotation.from_matrix(axes)
     tracker = np.concatenate([np.einsum("ab,nbf->naf", arms.as_matrix(), frames[:, k : k + 3]) for k in (0, 3)], axis=1)
     free = tracker.reshape(6 * n, 12)[np.tile(np.arange(6) < width, n)] / sigma[:, None]
-    columns, values, _ = np.linalg.svd(free / np.maximum(np.linalg.norm(free, axis=0), 1e-300), full_matrices=False)
-    absorbed = columns[:, values > 1e-10 * values[0]]
     directions = np.random.default_rng(8).normal(size=(6, 4)) * np.array([1, 1, 1, 0.3, 0.3, 0.3])[:, None]
     drives = directions[component] / sigma[:, None]
     residual = rng.normal(size=row.size)
     if error is not None:
         whole = np.concatenate([error[:, :3] @ axes.T, error[:, 3:] @ axes.T], axis=1)
         residual = residual + whole[row, component] / sigma
-    return FreeResiduals(residual, row, component, sigma, absorbed, axes, drives)
+    return FreeResiduals(residual, row, component, sigma, Nuisance.of(free), axes, drives)
 
 
 def moved(given, component, course):
@@ -229,9 +228,15 @@ def test_few_rows_and_lost_cells():
     assert not conditions_found(where)
     assert where.findings
     kept = np.setdiff1d(np.arange(data.residual.size), [1, 4, 20])
-    axes, _, _ = np.linalg.svd(data.absorbed[kept], full_matrices=False)
+    frames = Nuisance.of(data.nuisance.axes[kept])
     lost = FreeResiduals(
-        data.residual[kept], data.row[kept], data.component[kept], data.sigma[kept], axes, data.axes, data.drives[kept]
+        data.residual[kept],
+        data.row[kept],
+        data.component[kept],
+        data.sigma[kept],
+        frames,
+        data.axes,
+        data.drives[kept],
     )
     assert disagreements(lost, given).fit.freedoms == where.fit.freedoms - 3
 
@@ -242,7 +247,7 @@ def test_nothing_beyond_the_frames_is_refused():
     data = seen(rng, given)
     first = data.row < 2
     few = FreeResiduals(
-        data.residual[first], data.row[first], data.component[first], data.sigma[first], np.eye(12), data.axes
+        data.residual[first], data.row[first], data.component[first], data.sigma[first], Nuisance(np.eye(12)), data.axes
     )
     with pytest.raises(BadInputError, match="12 measured values"):
         disagreements(few, given)

@@ -22,8 +22,8 @@ def parts(rng):
 def test_free_unknowns_are_taken_out_of_everything(parts):
     residual, free, backgrounds, items = parts
     built = Problem.build(residual, free, backgrounds, items)
-    assert built.absorbed.shape == (ROWS, 3)
-    np.testing.assert_allclose(built.absorbed.T @ built.absorbed, np.eye(3), atol=1e-13)
+    assert built.nuisance.axes.shape == (ROWS, 3)
+    np.testing.assert_allclose(built.nuisance.axes.T @ built.nuisance.axes, np.eye(3), atol=1e-13)
     unit = free / np.linalg.norm(free, axis=0)
     for values in (built.residual, *(b.columns for b in built.backgrounds), *(e.columns for e in built.explanations)):
         np.testing.assert_allclose(unit.T @ values, 0.0, atol=1e-12)
@@ -59,7 +59,7 @@ def test_free_columns_that_repeat_or_vanish_count_once(rng):
     residual = rng.normal(size=20)
     once = problem(residual, [], free=free)
     again = problem(residual, [], free=np.hstack([free, free @ np.ones((2, 1)), np.zeros((20, 1))]))
-    assert again.absorbed.shape == (20, 2)
+    assert again.nuisance.axes.shape == (20, 2)
     np.testing.assert_allclose(again.residual, once.residual, atol=1e-12)
 
 

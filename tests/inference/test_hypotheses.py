@@ -90,7 +90,7 @@ def test_coefficients_make_the_parts(small):
 def test_misfit_and_spent_are_those_of_the_covariance(small):
     inverse = np.linalg.inv(covariance(small))
     assert small.misfit() == pytest.approx(small.problem.residual @ inverse @ small.problem.residual, rel=1e-12)
-    assert small.spent() == pytest.approx(12.0 - np.trace(inverse), rel=1e-12)
+    assert small.effective_dof() == pytest.approx(12.0 - np.trace(inverse), rel=1e-12)
 
 
 def test_misfit_is_the_number_of_rows_where_the_hypothesis_is_true(rng):

@@ -1,30 +1,39 @@
-"""What a diagnosis leaves behind: figures, amended model, report and ladles, all of them or none."""
+"""What a diagnosis leaves behind: metrics, amended model, report and ladles, all of them or none."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+import pinocchio as pin
+
+from pouring_robot import __version__
+from pouring_robot.diagnosis.parameters import NamedEffect
 from pouring_robot.diagnosis.report.page import html_report
-from pouring_robot.diagnosis.report.record import diagnosis_figures
 from pouring_robot.diagnosis.report.scene import ladle_scene
-from pouring_robot.diagnosis.report.sentences import gap_sentence, headline
-from pouring_robot.diagnosis.report.summary import Summary
+from pouring_robot.diagnosis.report.sentences import absent_sources, gap_sentence, headline, next_lines, note_lines
 from pouring_robot.exceptions import DescriptionError, OutputError
 from pouring_robot.io.files import check_folder, write_together
+from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.metrics import without_nan
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.viewer.page import page as html_of
 
-FIGURES, MODEL, REPORT, LADLES = "diagnosis.json", "model.yaml", "report.html", "ladles.html"
+if TYPE_CHECKING:
+    from pouring_robot.diagnosis.result import Diagnosis
+
+METRICS, MODEL, REPORT, LADLES = "diagnosis.json", "model.yaml", "report.html", "ladles.html"
 
 
-def write_diagnosis(summary: Summary, folder: Path | str) -> list[Path]:
-    """Write ``diagnosis.json``, ``model.yaml``, ``report.html`` and ``ladles.html``; the figures last.
+def write_diagnosis(diagnosis: Diagnosis, folder: Path | str) -> list[Path]:
+    """Write ``diagnosis.json``, ``model.yaml``, ``report.html`` and ``ladles.html``; the metrics last.
 
     ``ladles.html`` is left out where no row has a whole position: there is nothing to draw.
 
     Args:
-        summary: what is told.
+        diagnosis: what was found.
         folder: made if it is not there; files of an earlier diagnosis in it are replaced.
 
     Returns:
@@ -35,30 +44,129 @@ def write_diagnosis(summary: Summary, folder: Path | str) -> list[Path]:
     """
     folder = check_folder(folder)
     files: dict[Path, bytes | str] = {
-        folder / MODEL: described(summary).file_text(folder),
-        folder / REPORT: html_report(summary),
+        folder / MODEL: described(diagnosis).file_text(folder),
+        folder / REPORT: html_report(diagnosis),
     }
     try:
-        scene = ladle_scene(summary)
+        scene = ladle_scene(diagnosis)
         if scene is not None:
             files[folder / LADLES] = html_of(scene)
     except DescriptionError as error:
         raise OutputError(folder, error.problem) from error
-    figures = diagnosis_figures(summary, str(folder / MODEL))
-    files[folder / FIGURES] = json.dumps(figures, indent=1, allow_nan=False) + "\n"
+    metrics = diagnosis_metrics(diagnosis, str(folder / MODEL))
+    files[folder / METRICS] = json.dumps(metrics, indent=1, allow_nan=False) + "\n"
     return write_together(files)
 
 
-def described(summary: Summary) -> RobotModel:
+def described(diagnosis: Diagnosis) -> RobotModel:
     """Return the amended model with a description that says what was found and how good it is."""
-    model, present = summary.model, summary.diagnosis.model.description
-    nearest = ", ".join(e.cause.effect for e in summary.nearest)
+    model, present = diagnosis.amended, diagnosis.model.description
+    nearest = ", ".join(e.cause.effect for e in diagnosis.nearest)
     said = [
-        "Worse on held-out rows: do not use this model." if summary.worse else "",
-        headline(summary),
-        gap_sentence(summary),
-        f"{nearest} stand in for something unknown and are no cause." if nearest and not summary.refused else "",
-        f"Diagnosed with {summary.diagnosis.campaign.path.name}.",
+        "Worse on held-out rows: do not use this model." if diagnosis.worse else "",
+        headline(diagnosis),
+        gap_sentence(diagnosis),
+        f"{nearest} stand in for something unknown and are no cause." if nearest and not diagnosis.refused else "",
+        f"Diagnosed with {diagnosis.campaign.path.name}.",
         f"Before: {present}" if present else "",
     ]
     return model.model_copy(update={"description": " ".join(part for part in said if part)})
+
+
+Metrics = dict[str, Any]
+
+
+def diagnosis_metrics(diagnosis: Diagnosis, model_file: str) -> Metrics:
+    """Return ``diagnosis.json``.
+
+    Args:
+        diagnosis: what was found.
+        model_file: path of the amended model file.
+    """
+    judgement, noise = diagnosis.judgement, diagnosis.noise
+    known = diagnosis.diagnoser.library.effects
+    content: Metrics = {
+        "format": "pouring_robot/diagnosis/1",
+        "version": __version__,
+        "campaign": str(diagnosis.campaign.path),
+        "verdict": judgement.verdict,
+        "headline": headline(diagnosis),
+        "effects": [_effect(diagnosis, effect) for effect in diagnosis.firm],
+        "nearest": [_effect(diagnosis, effect) for effect in diagnosis.nearest],
+        "where": diagnosis.where.as_json(),
+        "gap": {name: gap.metrics() for name, gap in diagnosis.gaps.items()},
+        "untestable": [
+            {
+                "effect": effect,
+                "story": known[effect].story,
+                "missing": list(missing),
+                "add": list(absent_sources(missing, diagnosis.campaign)),
+            }
+            for effect, missing in diagnosis.untestable.items()
+        ],
+        "suggested_measurements": diagnosis.suggestion.as_list(),
+        "suggestion": {k: v for k, v in diagnosis.suggestion.as_dict().items() if k != "measurements"},
+        "data_flags": [flag.to_json(diagnosis.campaign) for flag in diagnosis.flags],
+        "model": model_file,
+        "amended": not diagnosis.refused,
+        "reasons": list(judgement.reasons),
+        "remainder": [item.as_json() for item in diagnosis.discrepancies],
+        "challenges": [
+            {"effect": cause.effect, "description": found.description, "margin_nats": found.margin}
+            for cause, found in diagnosis.judgement.challenged
+        ],
+        "noise": {
+            "position_mm": noise.position_m / MM,
+            "position_source": noise.position_source,
+            "rotation_mrad": noise.rotation_rad / MRAD if noise.rotation_source != "none" else None,
+            "rotation_source": noise.rotation_source,
+        },
+        "rows": {
+            "all": len(diagnosis.campaign),
+            "fitted": int(diagnosis.fitted.sum()),
+            "held_out": int((~diagnosis.fitted).sum()),
+            "left_out_lines": [int(diagnosis.campaign.lines[row]) for row in diagnosis.outliers],
+        },
+        "held_out_block": diagnosis.held_out_name,
+        "frames": _frames(diagnosis),
+        "next": next_lines(diagnosis),
+        "notes": note_lines(diagnosis),
+    }
+    # A campaign too small for held-out rows has the key all the same.
+    content["gap"].setdefault("held_out", None)
+    cleaned: Metrics = without_nan(content)
+    return cleaned
+
+
+def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> Metrics:
+    cause = effect.cause
+    moved = np.linalg.norm(diagnosis.moved[cause.effect], axis=1) / MM
+    return {
+        "effect": cause.effect,
+        "alternatives": list(cause.alternatives),
+        "probability": cause.probability,
+        "parameters": {
+            name: {"value": p.value, "std": p.std, "unit": p.parameter.unit}
+            for name, p in diagnosis.parameters_of(effect)
+        },
+        "form": cause.form,
+        "story": effect.story,
+        "log_evidence_nats": cause.evidence,
+        "size_in_noise": cause.size,
+        "moves_lip_largest_mm": float(np.nanmax(moved)) if np.isfinite(moved).any() else None,
+    }
+
+
+def _frames(diagnosis: Diagnosis) -> Metrics:
+    frames = diagnosis.after.frames
+    pairs = {
+        "tracker_to_fixed_platform": frames.T_tracker_base,
+        "platform_to_target": frames.T_end_target,
+    }
+    return {
+        name: {
+            "translation_mm": (pose.translation / MM).tolist(),
+            "rotation_vector_rad": np.asarray(pin.log3(pose.rotation)).tolist(),
+        }
+        for name, pose in pairs.items()
+    }

@@ -2,55 +2,57 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from pouring_robot.diagnosis.parameters import NamedEffect
 from pouring_robot.diagnosis.report.plots import plots
 from pouring_robot.diagnosis.report.sentences import (
-    figures_of,
     gap_sentence,
     gap_table,
     headline,
     measurement_text,
     plain,
     sections,
+    value_and_half_width,
 )
-from pouring_robot.diagnosis.report.summary import Summary, named_parameters
 from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
+
+if TYPE_CHECKING:
+    from pouring_robot.diagnosis.result import Diagnosis
 
 _PARAMETER_HEAD = ("parameter", "value", "± 95 %", "unit", "")
 _MOST_OPEN = 14
 
 
-def html_report(summary: Summary) -> str:
+def html_report(diagnosis: Diagnosis) -> str:
     """Return the report as one page without any outside file."""
-    diagnosis = summary.diagnosis
-    first, *others = [Plot(title, png) for title, png in plots(summary)]
+    first, *others = [Plot(title, png) for title, png in plots(diagnosis)]
     blocks: list[Block] = [
-        Paragraph(headline(summary), "headline"),
-        Paragraph(gap_sentence(summary), "lead"),
-        Paragraph(_rows_used(summary)),
+        Paragraph(headline(diagnosis), "headline"),
+        Paragraph(gap_sentence(diagnosis), "lead"),
+        Paragraph(_rows_used(diagnosis)),
         Heading("Gap before and after"),
-        Table(*gap_table(summary)),
+        Table(*gap_table(diagnosis)),
         first,
     ]
-    for heading, lines in sections(summary, short=False):
+    for heading, lines in sections(diagnosis, short=False):
         blocks += [Heading(heading[0].upper() + heading[1:]), Lines(lines)]
-    effects = (*summary.firm, *summary.nearest)
+    effects = (*diagnosis.firm, *diagnosis.nearest)
     blocks += [Heading("Parameters")] if effects else []
     for effect in effects:
-        blocks += _effect(summary, effect)
+        blocks += _effect(diagnosis, effect)
     blocks += [Heading("Pictures"), *others]
-    suggested = sorted(summary.suggestion.measurements, key=lambda m: m.rank)
+    suggested = sorted(diagnosis.suggestion.measurements, key=lambda m: m.rank)
     if suggested:
         blocks += [Heading("Measurements that tell most"), _measurements(suggested)]
     blocks += [Heading("Findings of the data checks"), Lines([str(f) for f in diagnosis.flags] or ["nothing"])]
     return html_page(f"Diagnosis of {diagnosis.campaign.path.name}", "Diagnosis", blocks)
 
 
-def _rows_used(summary: Summary) -> str:
+def _rows_used(diagnosis: Diagnosis) -> str:
     """Return which rows served for what, and how exact they are."""
-    diagnosis = summary.diagnosis
     noise, sigma = diagnosis.noise, diagnosis.noise.position_m / MM
     held = "none held out"
     if diagnosis.held_out_name:
@@ -62,14 +64,14 @@ def _rows_used(summary: Summary) -> str:
     )
 
 
-def _effect(summary: Summary, effect: NamedEffect) -> list[Block]:
+def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> list[Block]:
     """Return an effect with all its parameters, folded away where they are many or belong to no cause."""
     cause = effect.cause
-    named = named_parameters(summary.diagnosis, effect)
+    named = diagnosis.parameters_of(effect)
     rows = [
         (
             plain(name),
-            *figures_of(found),
+            *value_and_half_width(found),
             found.parameter.unit,
             ", ".join(
                 word
@@ -85,7 +87,7 @@ def _effect(summary: Summary, effect: NamedEffect) -> list[Block]:
     others = f"; cannot be told from {', '.join(cause.alternatives)}" if cause.alternatives else ""
     surely = f"probability {cause.probability:.4f}, log evidence {cause.evidence:.0f} nats{others}"
     words = f"{effect.story}; form '{plain(cause.form)}', {surely}"
-    nearest = effect in summary.nearest
+    nearest = effect in diagnosis.nearest
     title = f"{cause.effect} (only the nearest; not the cause)" if nearest else cause.effect
     folded = f"{len(rows)} parameters" if nearest or len(rows) > _MOST_OPEN else ""
     return [Heading(title, 3), Paragraph(words), Table(_PARAMETER_HEAD, rows, folded)]

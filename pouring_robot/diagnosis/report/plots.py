@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.stats
 
-from pouring_robot.diagnosis.diagnose import Diagnosis
-from pouring_robot.diagnosis.gap import COMPONENTS, Gap
-from pouring_robot.diagnosis.report.left_over import described, parts_by_row
-from pouring_robot.diagnosis.report.signatures import in_fixed_platform, table_of
-from pouring_robot.diagnosis.report.summary import Summary
+from pouring_robot.diagnosis.discrepancy import described, parts_by_row
+from pouring_robot.diagnosis.gap import COMPONENTS, Gap, in_fixed_platform, table_of
 from pouring_robot.effects.facts import axis_over
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.evidence import gain
@@ -22,32 +19,35 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.plots import AFTER, BEFORE, COLOURS, GREY, HELD_OUT, new_figure, png_of
 
+if TYPE_CHECKING:
+    from pouring_robot.diagnosis.result import Diagnosis
+
 _RESIDUAL_AXES = ("time_s", "weight_n", "truss_travel_m", "leg_rise_k", "platform_rise_k", "tilt_rad")
 _MOST_EFFECTS, _FEW_VALUES = 4, 6
 _NARROW = 4.0
 
 
-def plots(summary: Summary) -> list[tuple[str, bytes]]:
+def plots(diagnosis: Diagnosis) -> list[tuple[str, bytes]]:
     """Return titles and PNG files, most important first."""
-    makers: list[tuple[str, Callable[[Summary], bytes]]] = [
+    makers: list[tuple[str, Callable[[Diagnosis], bytes]]] = [
         ("The gap of each component, before and after (RMS, tracker's axes; logarithmic)", _gap),
         ("Residuals over conditions, before and after (fixed platform's axes; held-out rows ringed)", _residuals),
     ]
-    drawn = [(title, make(summary)) for title, make in makers]
-    if summary.firm:
-        drawn.append(("What each effect does at the pouring lip, in these poses", _signatures(summary)))
-    if summary.diagnosis.hypothesis.items:
-        drawn.append(("Evidence: step by step, and with other effects in the place of each one", _evidence(summary)))
-    drawn.append(("What is left after the best known effects, over the noise", _remainder(summary)))
+    drawn = [(title, make(diagnosis)) for title, make in makers]
+    if diagnosis.firm:
+        drawn.append(("What each effect does at the pouring lip, in these poses", _signatures(diagnosis)))
+    if diagnosis.hypothesis.items:
+        drawn.append(("Evidence: step by step, and with other effects in the place of each one", _evidence(diagnosis)))
+    drawn.append(("What is left after the best known effects, over the noise", _remainder(diagnosis)))
     return drawn
 
 
-def _gap(summary: Summary) -> bytes:
-    gaps = summary.gaps
+def _gap(diagnosis: Diagnosis) -> bytes:
+    gaps = diagnosis.gaps
     turned = any(np.isfinite(gap.before[3:]).any() for gap in gaps.values())
     figure = new_figure(9.0, 3.0)
     for k, axes in enumerate(np.atleast_1d(figure.subplots(1, 2 if turned else 1))):
-        _gap_panel(axes, gaps, k, amended=not summary.refused)
+        _gap_panel(axes, gaps, k, amended=not diagnosis.refused)
     figure.legend(*axes.get_legend_handles_labels(), ncols=4, loc="outside upper center", fontsize=8)
     return png_of(figure)
 
@@ -77,12 +77,11 @@ def _gap_panel(axes: Any, gaps: dict[str, Gap], kind: int, *, amended: bool) -> 
     axes.grid(axis="x", which="both", alpha=0.2)
 
 
-def _residuals(summary: Summary) -> bytes:
-    diagnosis = summary.diagnosis
+def _residuals(diagnosis: Diagnosis) -> bytes:
     given = diagnosis.rows.conditions
     shown = [axis for axis in (axis_over((name,), given) for name in _RESIDUAL_AXES) if not axis.of_rows]
     shown = shown or [axis_over((), given)]
-    kinds = [("before", BEFORE)] if summary.refused else [("before", BEFORE), ("after", AFTER)]
+    kinds = [("before", BEFORE)] if diagnosis.refused else [("before", BEFORE), ("after", AFTER)]
     tables = [_residual_table(diagnosis, of_after=label == "after") for label, _ in kinds]
     figure = new_figure(max(1.75 * len(shown), 5.0), 5.6)
     grid = figure.subplots(3, len(shown), sharex="col", sharey="row", squeeze=False)
@@ -107,17 +106,17 @@ def _residuals(summary: Summary) -> bytes:
 
 def _residual_table(diagnosis: Diagnosis, *, of_after: bool) -> FloatArray:
     state = diagnosis.after if of_after else diagnosis.before
-    table = table_of(state.every_row, len(diagnosis.rows))
+    table = table_of(state.every_row, state.every_row.residual, len(diagnosis.rows))
     return in_fixed_platform(table, state.frames.T_tracker_base.rotation)
 
 
-def _signatures(summary: Summary) -> bytes:
-    shown = summary.firm[:_MOST_EFFECTS]
-    given, known = summary.diagnosis.rows.conditions, summary.diagnosis.diagnoser.library.effects
+def _signatures(diagnosis: Diagnosis) -> bytes:
+    shown = diagnosis.firm[:_MOST_EFFECTS]
+    given, known = diagnosis.rows.conditions, diagnosis.diagnoser.library.effects
     figure = new_figure(9.5, 0.3 + 2.6 * len(shown))
     for effect, axes in zip(shown, np.atleast_1d(figure.subplots(len(shown), 1)), strict=True):
         name = effect.cause.effect
-        moved = summary.moved[name] / MM
+        moved = diagnosis.moved[name] / MM
         axis = known[name].axis(given)
         for k, colour in enumerate(COLOURS[:3]):
             axes.plot(axis.values, moved[:, k], ".", color=colour, markersize=5, label=COMPONENTS[k])
@@ -131,9 +130,9 @@ def _signatures(summary: Summary) -> bytes:
     return png_of(figure)
 
 
-def _evidence(summary: Summary) -> bytes:
-    hypothesis = summary.diagnosis.hypothesis
-    causes = [cause for cause in summary.diagnosis.judgement.causes if cause.indices][:_MOST_EFFECTS]
+def _evidence(diagnosis: Diagnosis) -> bytes:
+    hypothesis = diagnosis.hypothesis
+    causes = [cause for cause in diagnosis.judgement.causes if cause.indices][:_MOST_EFFECTS]
     steps = evidence_steps(hypothesis)
     figure = new_figure(9.5, 1.2 + 0.3 * len(steps) + 3.1 * ((len(causes) + 1) // 2))
     heights = [1.0 + 0.3 * len(steps), *[3.1] * ((len(causes) + 1) // 2)]
@@ -191,9 +190,8 @@ def rival_margins(hypothesis: Hypothesis, cause: Cause) -> dict[str, float]:
     return found
 
 
-def _remainder(summary: Summary) -> bytes:
-    diagnosis = summary.diagnosis
-    linear = diagnosis.before.every_row if summary.refused else diagnosis.after.every_row
+def _remainder(diagnosis: Diagnosis) -> bytes:
+    linear = diagnosis.before.every_row if diagnosis.refused else diagnosis.after.every_row
     figure = new_figure(9.5, 3.6)
     left, right = figure.subplots(1, 2, width_ratios=(2.0, 1.0))
     n = len(diagnosis.rows)
@@ -205,8 +203,8 @@ def _remainder(summary: Summary) -> bytes:
         chosen = (linear.component >= parts.start) & (linear.component < parts.stop)
         if chosen.any():
             left.plot(place[linear.row[chosen]], linear.residual[chosen], ".", color=colour, markersize=3, label=label)
-    if summary.left:
-        first = summary.left[0]
+    if diagnosis.discrepancies:
+        first = diagnosis.discrepancies[0]
         table = parts_by_row(diagnosis, first.structure) / np.asarray(diagnosis.rows.measured.sigma)
         values = table[:, COMPONENTS.index(first.component)]
         words = described(first.structure.description.where, first.structure.description.by)

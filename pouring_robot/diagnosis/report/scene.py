@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.diagnosis.diagnose import Diagnosis
-from pouring_robot.diagnosis.report.signatures import pose_platform_to_lip
-from pouring_robot.diagnosis.report.summary import Summary
+from pouring_robot.diagnosis.lip import pose_platform_to_lip
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.estimation.frames import OuterFrames
 from pouring_robot.mechanism.arrays import FloatArray
@@ -25,6 +23,9 @@ from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.robot.scene import VIEW_DIRECTION, drawn_robot, enlarged_pose, exaggeration_for
 from pouring_robot.viewer import GHOST_TINT, Scene, SceneArrow, SceneRobot, camera_on
 from pouring_robot.viewer.scene import BACKGROUND_LINKS, Colour
+
+if TYPE_CHECKING:
+    from pouring_robot.diagnosis.result import Diagnosis
 
 _SHOWN, _APART_M = 3, 1.4
 # To the right for who looks along the scene's view direction.
@@ -53,10 +54,9 @@ class SeenRow:
         return PoseDifference.between(self.nominal * at_platform, which * at_platform)
 
 
-def seen_rows(summary: Summary) -> list[SeenRow]:
+def seen_rows(diagnosis: Diagnosis) -> list[SeenRow]:
     """Return representative rows, the one farthest from the drawing first."""
-    diagnosis = summary.diagnosis
-    rows, state = diagnosis.rows, diagnosis.before if summary.refused else diagnosis.after
+    rows, state = diagnosis.rows, diagnosis.before if diagnosis.refused else diagnosis.after
     here = OuterFrames(pin.SE3.Identity(), pin.SE3.Identity())
     drawing = _drawing(diagnosis).predicted(rows.unchanged(), here)
     model = rows.predicted(rows.changes(state.parameters, state.values), here)
@@ -105,14 +105,14 @@ def _chosen(found: list[SeenRow], lip: pin.SE3, places: FloatArray) -> list[Seen
     return [found[k] for k in picked]
 
 
-def ladle_scene(summary: Summary) -> Scene | None:
+def ladle_scene(diagnosis: Diagnosis) -> Scene | None:
     """Return the scene; None where no row has a measured position."""
-    found = seen_rows(summary)
+    found = seen_rows(diagnosis)
     if not found:
         return None
-    lip = pose_platform_to_lip(summary.diagnosis.model)
+    lip = pose_platform_to_lip(diagnosis.model)
     factor = exaggeration_for(max(item.off(item.measured, lip).distance_m for item in found))
-    robot = PouringRobot(summary.diagnosis.model)
+    robot = PouringRobot(diagnosis.model)
     mechanism, loops = robot.nominal_solver.mechanism, robot.nominal_solver.mechanism.loops
     place = found[0].nominal
     tilt = float(np.arctan2(place.rotation[0, 2], place.rotation[2, 2]))
@@ -132,9 +132,9 @@ def ladle_scene(summary: Summary) -> Scene | None:
 
     model = [_enlarged(item.nominal, item.model, factor) for item in found]
     measured = [_enlarged(item.nominal, item.measured, factor) for item in found]
-    said = "as the given model says" if summary.refused else "as the amended model says"
+    said = "as the given model says" if diagnosis.refused else "as the amended model says"
     scene = Scene(
-        title=f"Nominal, modelled and measured ladles of {summary.diagnosis.campaign.path.name}",
+        title=f"Nominal, modelled and measured ladles of {diagnosis.campaign.path.name}",
         robots=(
             drawn("measured", "as measured", _MEASURED_TINT, 1.0, measured),
             drawn("model", said, _MODEL_TINT, 0.55, model),
@@ -143,14 +143,14 @@ def ladle_scene(summary: Summary) -> Scene | None:
         ),
         arrows=tuple(
             SceneArrow(
-                f"line {_line(summary, item)}",
+                f"line {_line(diagnosis, item)}",
                 (slot * item.nominal * lip).translation,
                 (slot * end * lip).translation,
                 label=f"{item.off(item.measured, lip).distance_m / MM:.2f} mm",
             )
             for slot, item, end in zip(slots, found, measured, strict=True)
         ),
-        caption=(*(_caption(summary, item, lip) for item in found), *_assumption(summary)),
+        caption=(*(_caption(diagnosis, item, lip) for item in found), *_assumption(diagnosis)),
         exaggeration=factor,
     )
     return dataclasses.replace(scene, camera=camera_on(scene, VIEW_DIRECTION))
@@ -190,17 +190,17 @@ class _Ladle:
         return visual
 
 
-def _assumption(summary: Summary) -> list[tuple[str, str]]:
-    full = summary.diagnosis.campaign.full_pose
+def _assumption(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    full = diagnosis.campaign.full_pose
     return [] if full else [("measured", "rotations are the model's: only positions were measured")]
 
 
-def _line(summary: Summary, item: SeenRow) -> int:
-    return int(summary.diagnosis.rows.campaign.lines[item.row])
+def _line(diagnosis: Diagnosis, item: SeenRow) -> int:
+    return int(diagnosis.rows.campaign.lines[item.row])
 
 
-def _caption(summary: Summary, item: SeenRow, lip: pin.SE3) -> tuple[str, str]:
+def _caption(diagnosis: Diagnosis, item: SeenRow, lip: pin.SE3) -> tuple[str, str]:
     """Return what a row says: measured against the drawing and against the model, at the pouring lip."""
     drawn = item.off(item.measured, lip).distance_m / MM
     left = float(np.linalg.norm((item.measured * lip).translation - (item.model * lip).translation)) / MM
-    return f"line {_line(summary, item)}", f"{drawn:.2f} mm off drawing, {left:.2f} off model"
+    return f"line {_line(diagnosis, item)}", f"{drawn:.2f} mm off drawing, {left:.2f} off model"

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import FlagCode
-from pouring_robot.diagnosis.diagnose import Diagnosis
+from pouring_robot.diagnosis.discrepancy import BY_CHANCE, described
 from pouring_robot.diagnosis.gap import COMPONENTS
 from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
-from pouring_robot.diagnosis.report.left_over import BY_CHANCE, described
-from pouring_robot.diagnosis.report.summary import Summary, judged, named_parameters
-from pouring_robot.diagnosis.report.words import absent_sources, source_text
 from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
+from pouring_robot.effects.facts import sources
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
+
+if TYPE_CHECKING:
+    from pouring_robot.diagnosis.result import Diagnosis
 
 _SHOWN_PARAMETERS, _SHOWN_SENTENCES, _SHOWN_PAIRS, _SHOWN_MEASUREMENTS = 4, 5, 2, 3
 _FEW_ROWS = 30
@@ -34,10 +36,9 @@ def sure_text(probability: float) -> str:
     return "more than 99.9 % sure" if probability > 0.999 else f"{math.floor(100.0 * probability)} % sure"
 
 
-def headline(summary: Summary) -> str:
+def headline(diagnosis: Diagnosis) -> str:
     """Return the verdict in one sentence."""
-    diagnosis = summary.diagnosis
-    verdict = diagnosis.judgement.verdict
+    verdict = diagnosis.verdict
     if verdict == "no_gap":
         if diagnosis.noise.from_residuals:
             return (
@@ -46,10 +47,10 @@ def headline(summary: Summary) -> str:
         return "NO GAP: model and measurement agree within the noise."
     if verdict == "unknown":
         # While something is unknown, what was found beside it may make up for it; no probability is worth saying.
-        named = " and ".join(effect.cause.effect for effect in summary.firm)
+        named = " and ".join(effect.cause.effect for effect in diagnosis.firm)
         besides = f" Found beside it, perhaps only in its place: {named}." if named else ""
         return f"UNKNOWN: something moves the ladle that no effect of the library explains.{besides}"
-    names = _names(summary.firm)
+    names = _names(diagnosis.firm)
     if verdict == "group":
         return f"ONE OF A GROUP: the model lacks {names}; this campaign cannot tell more."
     return f"NAMED: the model lacks {names}."
@@ -66,13 +67,13 @@ def _names(effects: Sequence[NamedEffect]) -> str:
     return "; and ".join(parts) if any(e.cause.alternatives for e in effects) else " and ".join(parts)
 
 
-def gap_sentence(summary: Summary) -> str:
+def gap_sentence(diagnosis: Diagnosis) -> str:
     """Return the gap before and after in one sentence."""
-    name, gap = summary.shown_gap
+    name, gap = diagnosis.shown_gap
     before, after, floor = (gap.position(which) / MM for which in ("before", "after", "floor"))
     turned = [gap.rotation(which) / MRAD for which in ("before", "after", "floor")]
     rotated = bool(np.isfinite(turned).all())
-    if summary.refused:
+    if diagnosis.refused:
         text = f"{name}: {before:.3f} mm RMS a coordinate, noise {floor:.3f} mm"
         text += f"; {turned[0]:.3f} mrad, noise {turned[2]:.3f} mrad" if rotated else ""
         return f"{text[0].upper()}{text[1:]}. The model is not amended."
@@ -89,12 +90,12 @@ def gap_sentence(summary: Summary) -> str:
 GAP_HEAD = ("rows", "", *COMPONENTS[:3], "all mm", *COMPONENTS[3:], "all mrad", "count")
 
 
-def gap_table(summary: Summary) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def gap_table(diagnosis: Diagnosis) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return heading and rows of the gap by component, RMS in mm and mrad, tracker's axes; empty columns left out."""
     table = []
-    for name, gap in summary.gaps.items():
+    for name, gap in diagnosis.gaps.items():
         kind = "held out" if name == "held_out" else "fitted"
-        for which in ("before", "floor") if summary.refused else ("before", "after", "floor"):
+        for which in ("before", "floor") if diagnosis.refused else ("before", "after", "floor"):
             values = getattr(gap, which)
             cells = [*(values[:3] / MM), gap.position(which) / MM, *(values[3:] / MRAD), gap.rotation(which) / MRAD]
             known = [*np.isfinite(gap.before[:3]), True, *np.isfinite(gap.before[3:]), True]
@@ -105,22 +106,22 @@ def gap_table(summary: Summary) -> tuple[tuple[str, ...], list[tuple[str, ...]]]
     return tuple(GAP_HEAD[k] for k in kept), [tuple(row[k] for k in kept) for row in table]
 
 
-def where_lines(summary: Summary) -> list[str]:
+def where_lines(diagnosis: Diagnosis) -> list[str]:
     """Return where model and data disagree, most important first."""
-    return list(summary.where.sentences)
+    return list(diagnosis.where.sentences)
 
 
-def effect_lines(summary: Summary, effect: NamedEffect) -> list[str]:
+def effect_lines(diagnosis: Diagnosis, effect: NamedEffect) -> list[str]:
     """Return an effect in sentences: what happens, how large it is, its parameters."""
     cause = effect.cause
-    moved = np.linalg.norm(summary.moved[cause.effect], axis=1) / MM
+    moved = np.linalg.norm(diagnosis.moved[cause.effect], axis=1) / MM
     largest = float(np.nanmax(moved)) if np.isfinite(moved).any() else math.nan
     lines = [
         f"{cause.effect}: {effect.story}",
         f"moves the pouring lip by up to {largest:.2f} mm in these poses; "
         f"left out, it leaves {cause.size:.1f} times the noise",
     ]
-    every = named_parameters(summary.diagnosis, effect)
+    every = diagnosis.parameters_of(effect)
     clear = [(name, p) for name, p in every if p.std > 0.0 and abs(p.value) > _CLEAR * p.std]
     order = sorted(
         clear or every, key=lambda item: (not item[1].parameter.main, -abs(item[1].value) / max(item[1].std, 1e-300))
@@ -137,11 +138,11 @@ def effect_lines(summary: Summary, effect: NamedEffect) -> list[str]:
 
 def parameter_text(name: str, found: FoundParameter) -> str:
     """Return a parameter with its 95 % half width and unit."""
-    value, half = figures_of(found)
+    value, half = value_and_half_width(found)
     return f"{plain(name)} {value} ± {half} {found.parameter.unit}"
 
 
-def figures_of(found: FoundParameter) -> tuple[str, str]:
+def value_and_half_width(found: FoundParameter) -> tuple[str, str]:
     """Return a parameter's value and its 95 % half width, two digits of the latter."""
     half = 1.96 * found.std
     digits = 1 - math.floor(math.log10(half)) if half > 0.0 else 3
@@ -149,27 +150,27 @@ def figures_of(found: FoundParameter) -> tuple[str, str]:
     return f"{found.value:+.{digits}f}", f"{half:.{digits}f}"
 
 
-def apart_lines(summary: Summary) -> list[str]:
+def apart_lines(diagnosis: Diagnosis) -> list[str]:
     """Return what this campaign cannot tell apart, and what would."""
     lines = []
-    for effect in summary.firm:
+    for effect in diagnosis.firm:
         cause = effect.cause
         if cause.alternatives:
             group = {cause.effect, *cause.alternatives}
             lines.append(f"{', '.join((cause.effect, *cause.alternatives))} look alike in this campaign")
-            pairs = [s for s in summary.suggestion.separations if {s.first, s.second} <= group]
+            pairs = [s for s in diagnosis.suggestion.separations if {s.first, s.second} <= group]
             lines += [f"  {s.first} or {s.second}: {s.words}" for s in pairs]
     return lines
 
 
-def left_lines(summary: Summary) -> list[str]:
+def left_lines(diagnosis: Diagnosis) -> list[str]:
     """Return what is left over and why the verdict is ``unknown``: descriptions, not causes."""
-    if summary.diagnosis.judgement.verdict != "unknown":
+    if diagnosis.verdict != "unknown":
         return []
-    lines = [item.sentence for item in summary.left]
+    lines = [item.sentence for item in diagnosis.discrepancies]
     beaten: dict[str, list[str]] = {}
-    names = {e.cause.effect for e in summary.nearest}
-    for cause, found in zip(*judged(summary.diagnosis), strict=True):
+    names = {e.cause.effect for e in diagnosis.nearest}
+    for cause, found in diagnosis.judgement.challenged:
         if cause.effect in names:
             beaten.setdefault(described(*found.description.split(" by ", 1)), []).append(cause.effect)
     for better, effects in beaten.items():
@@ -177,23 +178,46 @@ def left_lines(summary: Summary) -> list[str]:
             "are the nearest known effects but not it" if len(effects) > 1 else "is the nearest known effect but not it"
         )
         lines.append(f"{', '.join(effects)} {are}: '{better}' describes the data better")
-    return lines or list(summary.diagnosis.judgement.reasons)
+    return lines or list(diagnosis.judgement.reasons)
 
 
-def untestable_lines(summary: Summary) -> list[str]:
+def absent_sources(needs: Iterable[str], campaign: Campaign) -> tuple[str, ...]:
+    """Return those of :func:`sources` that a campaign does not have."""
+    columns = {*campaign.missing_conditions()}
+    stated = {
+        "ladle.tare_kg": campaign.metadata.ladle_tare_kg,
+        "ladle.centre_of_mass_mm": campaign.metadata.ladle_centre_of_mass_m,
+        "drives.screw_pitch_mm": campaign.metadata.screw_pitch_m,
+        "truss.span_m": campaign.metadata.truss_span_m,
+    }
+    wanted = sources(needs)
+    found = tuple(name for name in wanted if name in columns or (name in stated and stated[name] is None))
+    return found or wanted
+
+
+def source_text(names: Sequence[str], campaign: Campaign) -> str:
+    """Return in words what is to be added to a campaign: columns to the table, keys to the YAML beside it."""
+    keys = [name for name in names if "." in name]
+    columns = [name for name in names if "." not in name]
+    parts = [f"column{'s' if len(columns) > 1 else ''} {', '.join(columns)}"] if columns else []
+    parts += [f"{', '.join(keys)} in {campaign.path.with_suffix('.yaml').name}"] if keys else []
+    return " and ".join(parts)
+
+
+def untestable_lines(diagnosis: Diagnosis) -> list[str]:
     """Return which effects this campaign cannot test, and which columns or keys are missing."""
-    campaign = summary.diagnosis.campaign
+    campaign = diagnosis.campaign
     by_source: dict[str, list[str]] = {}
-    for effect, missing in summary.diagnosis.untestable.items():
+    for effect, missing in diagnosis.untestable.items():
         by_source.setdefault(source_text(absent_sources(missing, campaign), campaign), []).append(effect)
     return [f"{', '.join(effects)}: add {source}" for source, effects in by_source.items()]
 
 
-def next_lines(summary: Summary) -> list[str]:
+def next_lines(diagnosis: Diagnosis) -> list[str]:
     """Return what to measure or do next."""
-    verdict, lines = summary.diagnosis.judgement.verdict, []
+    verdict, lines = diagnosis.verdict, []
     if verdict == "unknown":
-        by = [x.structure.description.by for x in summary.left if x.structure.description.by != BY_CHANCE]
+        by = [x.structure.description.by for x in diagnosis.discrepancies if x.structure.description.by != BY_CHANCE]
         lines.append(
             f"look for a cause that depends on {' or '.join(dict.fromkeys(by))}; "
             "register it as an effect of your own, or measure what it may depend on as a column"
@@ -201,26 +225,26 @@ def next_lines(summary: Summary) -> list[str]:
             else "measure the same poses again under other conditions: what changes tells what it depends on"
         )
     if verdict == "no_gap":
-        lines += _hidden_lines(summary)
+        lines += _hidden_lines(diagnosis)
     else:
-        lines += _measurement_lines(summary)
-    if summary.diagnosis.noise.from_residuals:
+        lines += _measurement_lines(diagnosis)
+    if diagnosis.noise.from_residuals:
         lines.append(
             "state the noise of the measuring device (metrology in the YAML), or measure some poses three times"
         )
-    if summary.diagnosis.held_out is None:
+    if diagnosis.held_out is None:
         lines.append("measure more poses, so that some can be held out as a check")
     return lines
 
 
-def _hidden_lines(summary: Summary) -> list[str]:
+def _hidden_lines(diagnosis: Diagnosis) -> list[str]:
     """Return what could be there and not show."""
-    hidden = {s.second: s.words for s in summary.suggestion.separations}
+    hidden = {s.second: s.words for s in diagnosis.suggestion.separations}
     return [f"could be there and not show: {name}; to see it, {words}" for name, words in hidden.items()]
 
 
-def _measurement_lines(summary: Summary) -> list[str]:
-    suggestion = summary.suggestion
+def _measurement_lines(diagnosis: Diagnosis) -> list[str]:
+    suggestion = diagnosis.suggestion
     if not suggestion.measurements:
         return []
     pairs = list(dict.fromkeys(f"{s.first} from {s.second}" for s in suggestion.separations))
@@ -255,9 +279,8 @@ def measurement_text(measurement: SuggestedMeasurement) -> str:
     return ", ".join(said)
 
 
-def note_lines(summary: Summary) -> list[str]:
+def note_lines(diagnosis: Diagnosis) -> list[str]:
     """Return what limits the answer."""
-    diagnosis = summary.diagnosis
     given = diagnosis.rows.conditions
     lines = [note for note in diagnosis.notes if not (given.filled and note.startswith("single missing cells"))]
     if len(diagnosis.rows) < _FEW_ROWS:
@@ -271,15 +294,15 @@ def note_lines(summary: Summary) -> list[str]:
             "the noise is not stated and comes from how far repeats of a command scatter: what changes from one repeat "
             "to the next counts as noise"
         )
-    lines += [line for line in (summary.refused, summary.unsuggested) if line]
+    lines += [line for line in (diagnosis.refused, diagnosis.unsuggested) if line]
     if diagnosis.outliers.size:
         lines.append(f"left out as gross errors: {_file_lines(diagnosis, diagnosis.outliers)}")
     unusable = np.setdiff1d(np.flatnonzero(~diagnosis.campaign.usable), diagnosis.outliers)
     if unusable.size:
         lines.append(f"without a command or a measurement: {_file_lines(diagnosis, unusable)}")
-    if summary.worse:
+    if diagnosis.worse:
         lines.append("the amended model is further from the held-out rows than the given one: do not use it")
-    stays = [entry.effect for entry in summary.model.effects if not entry.placed]
+    stays = [entry.effect for entry in diagnosis.amended.effects if not entry.placed]
     if stays:
         lines.append(
             f"{', '.join(dict.fromkeys(stays))} depend{'s' if len(set(stays)) == 1 else ''} on conditions: "
@@ -297,24 +320,25 @@ def _file_lines(diagnosis: Diagnosis, rows: FloatArray | Any, most: int = 8) -> 
     return f"line{'s' if len(lines) > 1 else ''} {', '.join(lines[:most])}{more}"
 
 
-def sections(summary: Summary, *, short: bool = True) -> list[tuple[str, list[str]]]:
+def sections(diagnosis: Diagnosis, *, short: bool = True) -> list[tuple[str, list[str]]]:
     """Return headings and lines in the order they matter; empty sections are left out.
 
     Args:
-        summary: what is told.
+        diagnosis: what was found.
         short: whether only the most important sentences are wanted.
     """
-    where = where_lines(summary)
+    where = where_lines(diagnosis)
     if short and len(where) > _SHOWN_SENTENCES:
         where = [*where[:_SHOWN_SENTENCES], f"{len(where) - _SHOWN_SENTENCES} more in the report"]
-    which = [line if k == 0 else f"  {line}" for e in summary.firm for k, line in enumerate(effect_lines(summary, e))]
+    told = [effect_lines(diagnosis, effect) for effect in diagnosis.firm]
+    which = [line if k == 0 else f"  {line}" for lines in told for k, line in enumerate(lines)]
     found = [
-        ("where they disagree", [] if summary.diagnosis.judgement.verdict == "no_gap" and short else where),
+        ("where they disagree", [] if diagnosis.verdict == "no_gap" and short else where),
         ("which effect", which),
-        ("what cannot be told apart", apart_lines(summary)),
-        ("what is left", left_lines(summary)),
-        ("what could not be tested", untestable_lines(summary)),
-        ("next", next_lines(summary)),
-        ("notes", note_lines(summary)),
+        ("what cannot be told apart", apart_lines(diagnosis)),
+        ("what is left", left_lines(diagnosis)),
+        ("what could not be tested", untestable_lines(diagnosis)),
+        ("next", next_lines(diagnosis)),
+        ("notes", note_lines(diagnosis)),
     ]
     return [(heading, lines) for heading, lines in found if lines]

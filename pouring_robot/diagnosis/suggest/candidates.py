@@ -8,7 +8,7 @@ may have been set up anew, so that the new rows have frames of their own.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +17,17 @@ from scipy.spatial.transform import Rotation
 from pouring_robot.campaign.data import ARRAYS, Campaign
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.diagnosis.descriptions import descriptions
-from pouring_robot.diagnosis.diagnose import Diagnosis
 from pouring_robot.diagnosis.problem import Library, problem_at
 from pouring_robot.diagnosis.rows import CampaignRows, RowChanges
+from pouring_robot.inference.discrepancy import Description
 from pouring_robot.inference.explanations import Background, Explanation, Problem
-from pouring_robot.inference.remainder import Description
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
+
+if TYPE_CHECKING:
+    from pouring_robot.diagnosis.result import Diagnosis
 
 SESSION = "next"
 _HOUR_S = 3600.0
@@ -148,7 +150,7 @@ class Prospect:
         found = self._described.get(name)
         if found is None:
             return None
-        columns = self.problem.cleared(found.columns[self._old])
+        columns = self.problem.nuisance.cleared(found.columns[self._old])
         return Explanation(name, "description", columns, np.ones(columns.shape[1], dtype=bool), cause=False)
 
     def new_columns(self, item: Explanation | Background, index: int = -1) -> FloatArray:

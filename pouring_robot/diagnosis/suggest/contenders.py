@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pouring_robot.diagnosis.diagnose import Diagnosis
 from pouring_robot.diagnosis.suggest.candidates import Prospect
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.explanations import Explanation
 from pouring_robot.inference.hypotheses import BACKGROUND_LEVELS, Hypothesis
 from pouring_robot.mechanism.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from pouring_robot.diagnosis.result import Diagnosis
 
 MOST_RIVALS = 3
 NOTHING = "nothing"

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pouring_robot.diagnosis.diagnose import Diagnosis
 from pouring_robot.diagnosis.suggest.candidates import Candidates, Prospect, candidates
 from pouring_robot.diagnosis.suggest.contenders import Contender, Contest, contest, scaled_columns
 from pouring_robot.diagnosis.suggest.words import separating_words, untestable_words
@@ -18,6 +17,9 @@ from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
+
+if TYPE_CHECKING:
+    from pouring_robot.diagnosis.result import Diagnosis
 
 MOST = 10
 RANDOM_SETS = 50

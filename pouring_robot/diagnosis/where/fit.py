@@ -112,7 +112,7 @@ def components(data: FreeResiduals) -> list[Finding]:
 
 
 def _along(data: FreeResiduals, k: int) -> tuple[FloatArray, FloatArray, float]:
-    """Return residuals (n,) and absorbed columns (n, f) along one axis of the fixed platform, and their noise.
+    """Return residuals (n,) and the columns of the frames (n, f) along one axis of the fixed platform, and their noise.
 
     Only of rows of which all three components were measured: others cannot be turned into these axes.
     """
@@ -121,7 +121,7 @@ def _along(data: FreeResiduals, k: int) -> tuple[FloatArray, FloatArray, float]:
     rows, counts = np.unique(data.row[order], return_counts=True)
     whole = order[np.isin(data.row[order], rows[counts == 3])].reshape(-1, 3)
     direction = data.axes[:, k % 3]
-    axes = np.einsum("ncf,c->nf", data.absorbed[whole], direction)
+    axes = np.einsum("ncf,c->nf", data.nuisance.axes[whole], direction)
     sigma = float(data.sigma[whole[0, 0]]) if len(whole) else 0.0
     return data.cleared[whole] @ direction, axes, sigma
 
@@ -159,7 +159,7 @@ def repeats(data: FreeResiduals, conditions: Conditions) -> list[Finding]:
 
 def lack_of_fit(data: FreeResiduals, conditions: Conditions, p_value: float | None) -> LackOfFit:
     """Return residuals against the noise, whose ``p_value`` is known, and against repeats."""
-    total, freedoms = float(data.cleared @ data.cleared), data.residual.size - data.absorbed.shape[1]
+    total, freedoms = float(data.cleared @ data.cleared), data.residual.size - data.nuisance.dof
     group, apart, repeated = _alike(data, conditions)
     pure = float(apart @ apart)
     pure_freedoms = group.size - int(np.unique(group).size)

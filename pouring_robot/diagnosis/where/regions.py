@@ -49,7 +49,7 @@ def regions(data: FreeResiduals, given: Conditions) -> list[Region]:
     Each row counts with its sum of squares over what noise would make after the frames were fitted.
     """
     n = len(given)
-    expected = np.bincount(data.row, 1.0 - (data.absorbed**2).sum(axis=1), n)
+    expected = np.bincount(data.row, 1.0 - (data.nuisance.axes**2).sum(axis=1), n)
     score = np.bincount(data.row, data.cleared**2, n) / np.maximum(expected, 1e-12)
     positions = data.component < 3
     squares = np.bincount(data.row[positions], ((data.cleared * data.sigma) ** 2)[positions], n)

@@ -20,11 +20,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse
 import scipy.special
 
 from pouring_robot.diagnosis.where.terms import FreeResiduals, Term
+from pouring_robot.inference.nuisance import Nuisance, basis
 from pouring_robot.mechanism.arrays import FloatArray
 
 _RANK = 1e-8
@@ -145,15 +145,11 @@ class _Tests:
         parts = [term.channel.column[:, None] * term.course[data.row] for term in terms]
         whole = np.hstack([np.zeros((data.residual.size, 0)), *parts])
         self._norms = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
-        self._columns = self._without(whole / self._norms, data.absorbed)
+        self._columns = data.nuisance.cleared(whole / self._norms)
         ends = np.cumsum([0, *(term.course.shape[1] for term in terms)])
         counts = (np.ones(data.row.size), (data.row, np.arange(data.row.size)))
         self._rows = scipy.sparse.csr_array(counts)
         self._places = [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
-
-    @staticmethod
-    def _without(values: FloatArray, axes: FloatArray) -> FloatArray:
-        return np.asarray(values - axes @ (axes.T @ values))
 
     def _fitted(self, chosen: Sequence[int]) -> tuple[list[int], FloatArray]:
         places = [j for k in chosen for j in range(self._places[k].start, self._places[k].stop)]
@@ -161,13 +157,13 @@ class _Tests:
 
     def beside(self, chosen: Sequence[int], only: Sequence[int] | None = None) -> _State:
         """Return what is left beside terms, and how significant others are there: all, or only some."""
-        new = _orthonormal(self._fitted(chosen)[1])
-        residual = self._without(self.data.cleared, new)
+        new = Nuisance(basis(self._fitted(chosen)[1], np.sqrt(_RANK)))
+        residual = new.cleared(self.data.cleared)
         tried = sorted((set(range(len(self.terms))) if only is None else set(only)) - set(chosen))
         places = [j for k in tried for j in range(self._places[k].start, self._places[k].stop)]
         columns = np.zeros_like(self._columns)
-        columns[:, places] = self._without(self._columns[:, places], new)
-        state = _State(np.hstack([self.data.absorbed, new]), columns, residual, np.ones(0))
+        columns[:, places] = new.cleared(self._columns[:, places])
+        state = _State(np.hstack([self.data.nuisance.axes, new.axes]), columns, residual, np.ones(0))
         scales: dict[int, tuple[FloatArray, float]] = {}
         p_values = np.ones(len(self.terms))
         for k in tried:
@@ -266,13 +262,6 @@ class _Tests:
             out.append(replace(item, part=part, coefficients=coefficients))
         total = float(self.data.cleared @ self.data.cleared)
         return [replace(item, share=float((item.part**2).sum()) / total) for item in out]
-
-
-def _orthonormal(columns: FloatArray) -> FloatArray:
-    if not columns.shape[1]:
-        return columns
-    axes, triangle, _ = scipy.linalg.qr(columns, mode="economic", pivoting=True, check_finite=False)
-    return np.asarray(axes[:, np.abs(np.diag(triangle)) > np.sqrt(_RANK)])
 
 
 def holm(p_values: FloatArray) -> FloatArray:

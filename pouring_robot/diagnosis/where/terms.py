@@ -15,13 +15,13 @@ from scipy.interpolate import BSpline
 from pouring_robot.diagnosis.rows import LinearRows
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.inference.courses import separate, standardised
+from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.robot.pouring.names import DRIVE_SYMBOLS
 
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 POSE = "pose"
-_RANK = 1e-10
 _SOME, _MANY = 40, 80
 """Rows from which a condition may act quadratically, and as a spline; with fewer only in lines."""
 _KNOTS, _TIME_KNOTS = (0.5,), (0.2, 0.4, 0.6, 0.8)
@@ -39,7 +39,7 @@ class FreeResiduals:
         row: row of each equation, (m,).
         component: component 0 to 5 of each equation in the tracker's axes, (m,).
         sigma: noise of each equation, (m,), in m or rad.
-        absorbed: orthonormal columns of what the frames absorb, (m, f).
+        nuisance: what the frames can explain.
         axes: axes of the fixed platform in the tracker's frame, (3, 3).
         drives: whitened derivative of the prediction by the four drives, (m, 4), per m and rad; None if not at hand.
         noise_known: False where ``sigma`` was guessed or taken from these very residuals.
@@ -50,7 +50,7 @@ class FreeResiduals:
     row: NDArray[np.intp]
     component: NDArray[np.intp]
     sigma: FloatArray
-    absorbed: FloatArray
+    nuisance: Nuisance
     axes: FloatArray
     drives: FloatArray | None = None
     noise_known: bool = True
@@ -75,16 +75,13 @@ class FreeResiduals:
             noise_known: False where the noise was guessed.
             noise_freedoms: of an estimated noise.
         """
-        size = np.linalg.norm(linear.free, axis=0)
-        columns, values, _ = np.linalg.svd(linear.free[:, size > 0.0] / size[size > 0.0], full_matrices=False)
-        absorbed = columns[:, values > _RANK * values.max(initial=0.0)]
-        given = (linear.residual, linear.row, linear.component, linear.tracker)
-        return cls(*given, absorbed, axes, drives, noise_known, noise_freedoms)
+        given = (linear.residual, linear.row, linear.component, linear.tracker, Nuisance.of(linear.free))
+        return cls(*given, axes, drives, noise_known, noise_freedoms)
 
     @cached_property
     def cleared(self) -> FloatArray:
-        """The residual without what the frames absorb, (m,)."""
-        return np.asarray(self.residual - self.absorbed @ (self.absorbed.T @ self.residual))
+        """The residual without what the frames explain, (m,)."""
+        return self.nuisance.cleared(self.residual)
 
     def excess(self, squares: float, freedoms: float) -> float:
         """Return the probability that noise alone makes so large a sum of squares, of so many degrees of freedom."""

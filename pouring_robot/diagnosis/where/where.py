@@ -23,6 +23,7 @@ from pouring_robot.diagnosis.where.terms import FreeResiduals, Term, channels, t
 from pouring_robot.diagnosis.where.words import condition_sentence, size_text
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.inference.nuisance import Nuisance
 
 _FEWEST_ROWS = 12
 _MINOR_SHARE = 0.005
@@ -86,13 +87,11 @@ def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float = 0.
         BadInputError: there are no more equations than the frames absorb, or shapes do not fit.
     """
     n, m = len(conditions), data.residual.size
-    freedoms = m - data.absorbed.shape[1]
-    if not data.row.size == data.component.size == data.sigma.size == len(data.absorbed) == m:
-        raise BadInputError(f"residuals, rows, components, noise and absorbed columns must all count {m} equations")
+    freedoms = m - data.nuisance.dof
+    if not data.row.size == data.component.size == data.sigma.size == len(data.nuisance.axes) == m:
+        raise BadInputError(f"residuals, rows, components, noise and nuisance columns must all count {m} equations")
     if freedoms < 1:
-        raise BadInputError(
-            f"{m} measured values cannot show more than the {data.absorbed.shape[1]} unknowns of the frames"
-        )
+        raise BadInputError(f"{m} measured values cannot show more than the {data.nuisance.dof} unknowns of the frames")
     noted: list[str] = []
     if not data.noise_known:
         data = _scaled(data)
@@ -142,12 +141,11 @@ def _scaled(data: FreeResiduals) -> FreeResiduals:
         chosen = (data.component >= 3) == turning
         if chosen.any():
             factor[chosen] = max(float(np.sqrt((data.cleared[chosen] ** 2).mean())), 1e-12)
-    axes, values, _ = np.linalg.svd(data.absorbed / factor[:, None], full_matrices=False)
     return replace(
         data,
         residual=data.residual / factor,
         sigma=data.sigma * factor,
-        absorbed=axes[:, values > 1e-10 * values.max(initial=0.0)],
+        nuisance=Nuisance.of(data.nuisance.axes / factor[:, None]),
         drives=None if data.drives is None else data.drives / factor[:, None],
     )
 

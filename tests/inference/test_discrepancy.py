@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from pouring_robot.inference.courses import separate, smooth, standardised, wandering
+from pouring_robot.inference.discrepancy import Description, challenge, structures
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.remainder import Description, challenge, structures
 from tests.inference.problems import explanation, log_density, problem
 
 ROWS = 80

@@ -65,10 +65,10 @@ def structures(
         least_evidence: what counts, in nats.
     """
     others, count = hypothesis.everything, len(residual)
-    seen = hypothesis.problem.cleared(residual)
+    seen = hypothesis.problem.nuisance.cleared(residual)
     found = []
     for description in descriptions:
-        columns = hypothesis.problem.cleared(description.columns)
+        columns = hypothesis.problem.nuisance.cleared(description.columns)
         worth = gain(columns, seen, others)
         if worth.evidence < least_evidence:
             continue
@@ -108,7 +108,7 @@ def challenge(hypothesis: Hypothesis, indices: Sequence[int], descriptions: Iter
     own = hypothesis.worth(indices)
     best = Challenge("", -np.inf)
     for description in descriptions:
-        margin = gain(hypothesis.problem.cleared(description.columns), residual, others).evidence - own
+        margin = gain(hypothesis.problem.nuisance.cleared(description.columns), residual, others).evidence - own
         if margin > best.margin:
             best = Challenge(description.name, margin)
     return best

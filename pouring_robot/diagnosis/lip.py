@@ -1,18 +1,20 @@
-"""What effects do at the pouring lip, and residuals in the fixed platform's axes: figures to show, not to judge by."""
+"""What effects do at the pouring lip: figures to show, not to judge by."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.diagnosis.diagnose import Diagnosis
-from pouring_robot.diagnosis.rows import LinearRows
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.estimation.frames import OuterFrames
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.model import RobotModel
+
+if TYPE_CHECKING:
+    from pouring_robot.diagnosis.result import Diagnosis
 
 
 def pose_platform_to_lip(model: RobotModel) -> pin.SE3:
@@ -34,20 +36,3 @@ def moved_at_lip(diagnosis: Diagnosis, parameters: Sequence[EffectParameter]) ->
     with_all = rows.predicted(rows.changes(after.parameters, after.values), frames)
     without = rows.predicted(rows.changes(after.parameters, kept * after.values), frames)
     return np.asarray(with_all.position_m - without.position_m)
-
-
-def table_of(linear: LinearRows, count: int) -> FloatArray:
-    """Return residuals as a table (n, 6) in the tracker's axes, in m and rad; NaN where nothing was measured."""
-    table = np.full((count, 6), np.nan)
-    table[linear.row, linear.component] = linear.residual * linear.tracker
-    return table
-
-
-def in_fixed_platform(table: FloatArray, axes: FloatArray) -> FloatArray:
-    """Return residuals (n, 6) turned into the axes of the fixed platform; NaN where a component is missing.
-
-    Args:
-        table: in the tracker's axes.
-        axes: axes of the fixed platform in the tracker's frame, (3, 3).
-    """
-    return np.hstack([table[:, :3] @ axes, table[:, 3:] @ axes])

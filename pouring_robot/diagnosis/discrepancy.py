@@ -1,19 +1,20 @@
-"""The remainder in words: what it depends on, how large it is, a step and when. Descriptions, not causes."""
+"""The discrepancy that is left: what it depends on, how large it is, a step and when. Descriptions, not causes."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pouring_robot.diagnosis.diagnose import Diagnosis
-from pouring_robot.diagnosis.gap import COMPONENTS
-from pouring_robot.inference.decision import DEFAULT_THRESHOLDS
-from pouring_robot.inference.remainder import Structure
+from pouring_robot.diagnosis.gap import COMPONENTS, table_of
+from pouring_robot.inference.discrepancy import Structure
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
+
+if TYPE_CHECKING:
+    from pouring_robot.diagnosis.result import Diagnosis
 
 MOST = 3
 BY_CHANCE = "row, by chance"
@@ -22,7 +23,7 @@ _STEP_SHARE, _FEWEST_BESIDE = 0.8, 4
 
 
 @dataclass(frozen=True, eq=False)
-class LeftOver:
+class Discrepancy:
     """Structure that the best known effects leave.
 
     Attributes:
@@ -73,15 +74,10 @@ class LeftOver:
         return out
 
 
-def left_over(diagnosis: Diagnosis) -> list[LeftOver]:
+def discrepancies(diagnosis: Diagnosis) -> list[Discrepancy]:
     """Return the clearest structure that is left, most evident first; nothing where none counts."""
-    causes = diagnosis.judgement.causes
-    limits = DEFAULT_THRESHOLDS
-    largest = max((cause.size for cause in causes), default=0.0)
-    least = max(limits.structure_size, limits.structure_share * largest)
-    found = [s for s in diagnosis.judgement.structures if s.evidence > limits.structure_evidence and s.size > least]
     kinds: dict[str, Structure] = {}
-    for structure in found:
+    for structure in diagnosis.judgement.clear_structures:
         kinds.setdefault(structure.description.by.partition(",")[0], structure)
     return [_described(diagnosis, structure) for structure in list(kinds.values())[:MOST]]
 
@@ -93,13 +89,10 @@ def described(where: str, by: str) -> str:
 
 def parts_by_row(diagnosis: Diagnosis, structure: Structure) -> FloatArray:
     """Return what a structure adds to the fitted rows, (n, 6) in the tracker's axes, in m and rad; NaN elsewhere."""
-    linear = diagnosis.after.linear
-    table = np.full((len(diagnosis.rows), 6), np.nan)
-    table[linear.row, linear.component] = structure.part * linear.tracker
-    return table
+    return table_of(diagnosis.after.linear, structure.part, len(diagnosis.rows))
 
 
-def _described(diagnosis: Diagnosis, structure: Structure) -> LeftOver:
+def _described(diagnosis: Diagnosis, structure: Structure) -> Discrepancy:
     table = parts_by_row(diagnosis, structure)
     sigma = np.asarray(diagnosis.rows.measured.sigma)
     known = np.isfinite(table)
@@ -109,7 +102,7 @@ def _described(diagnosis: Diagnosis, structure: Structure) -> LeftOver:
     step_after, step = None, math.nan
     if structure.description.by in _IN_TIME:
         step_after, step = _step(diagnosis, table[:, worst])
-    return LeftOver(structure, COMPONENTS[worst], float(rms[worst]), step_after, step)
+    return Discrepancy(structure, COMPONENTS[worst], float(rms[worst]), step_after, step)
 
 
 def _step(diagnosis: Diagnosis, values: FloatArray) -> tuple[int | None, float]:
