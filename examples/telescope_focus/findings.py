@@ -12,7 +12,7 @@ from pouring_robot.inference.search import SearchOptions
 from pouring_robot.mechanism.arrays import FloatArray
 
 from .data import FocusRows
-from .model import NIGHT, STORIES, USUAL_UM, constants, descriptions, forms, is_night, problem_at
+from .model import NIGHT, PRIOR_STD_UM, STORIES, constants, descriptions, forms, is_night, problem_at
 from .unknown_noise import Key, Keys, UnknownNoise
 
 LEAST_ROWS = 12
@@ -129,7 +129,7 @@ class Findings:
         mean, covariance = self.core.coefficients(self.keys, key)
         form, std = self.forms[key], np.sqrt(np.diag(covariance))
         return {
-            name: {"value": USUAL_UM * float(m), "std": USUAL_UM * float(s), "unit": unit}
+            name: {"value": PRIOR_STD_UM * float(m), "std": PRIOR_STD_UM * float(s), "unit": unit}
             for name, unit, m, s in zip(form.names, form.units, mean, std, strict=True)
         }
 

@@ -13,7 +13,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 
 from .data import FocusRows
 
-USUAL_UM = 100.0
+PRIOR_STD_UM = 100.0
 """Usual size of every effect, per K where it is one of temperature: a steel truss of 9 m grows 100 µm a kelvin.
 
 Alike for all, so that it favours none; evidence is averaged over scales from a hundredth to ten times it.
@@ -92,7 +92,7 @@ def problem_at(rows: FocusRows, noise_um: float) -> Problem:
     """Return the problem for a noise: constants are free, a night off is an explanation but no cause."""
     found = [
         Explanation(
-            *key, USUAL_UM / noise_um * f.columns, np.ones(f.columns.shape[1], dtype=bool), cause=not is_night(key)
+            *key, PRIOR_STD_UM / noise_um * f.columns, np.ones(f.columns.shape[1], dtype=bool), cause=not is_night(key)
         )
         for key, f in forms(rows).items()
     ]
@@ -114,4 +114,4 @@ def descriptions(rows: FocusRows) -> list[Description]:
     found.append(("elevation", smooth(rows.elevation_deg, 20.0)))
     azimuth = np.radians(rows.azimuth_deg)
     found.append(("azimuth", smooth(np.column_stack([np.sin(azimuth), np.cos(azimuth)]), 1.0)))
-    return [Description("focus", by, USUAL_UM * columns) for by, columns in found if np.isfinite(columns).all()]
+    return [Description("focus", by, PRIOR_STD_UM * columns) for by, columns in found if np.isfinite(columns).all()]

@@ -16,7 +16,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import COMPONENTS
 from pouring_robot.robot.pouring.names import CHAIN_JOINTS
 
-_USUAL = 0.3e-3
+_PRIOR_STD = 0.3e-3
 """Usual size of something unknown, in m and rad."""
 _AXES = 1e3
 WHERE = {
@@ -47,9 +47,9 @@ class _Maker:
     def __init__(self, rows: CampaignRows, linear: LinearRows) -> None:
         self._rows, self._linear = rows, linear
 
-    def columns(self, channel: str, course: FloatArray, usual: float = _USUAL) -> FloatArray:
+    def columns(self, channel: str, course: FloatArray, prior_std: float = _PRIOR_STD) -> FloatArray:
         """Return the columns of one channel along courses (n, k)."""
-        return np.asarray(usual * self._rows.channel(channel, self._linear)[:, None] * course[self._linear.row])
+        return np.asarray(prior_std * self._rows.channel(channel, self._linear)[:, None] * course[self._linear.row])
 
     def __call__(self, where: str, by: str, course: FloatArray) -> Description:
         """Return the description that all channels of a place follow a course, each with its own coefficients."""

@@ -11,7 +11,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.pouring.names import SEATS
 
 _PPM = 1e-6
-_USUAL_PPM = 12.0
+_PRIOR_STD_PPM = 12.0
 _BIAS_K = 4.0
 _GAIN = 0.03
 _LAG_S = 500.0
@@ -31,7 +31,7 @@ class LegThermalExpansion(Effect):
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Each leg as a whole with its thermometer, which may be biased, lag, or see another part of the leg."""
         lengths, rise = conditions.lengths_m[:, :3], np.asarray(conditions.leg_rise_k)[:, :3]
-        prior_std = _USUAL_PPM
+        prior_std = _PRIOR_STD_PPM
         main = EffectParameter("expansion", "1e-6/K", prior_std, _legs(lengths * rise), bounds=(0.0, np.inf))
         shape = [
             EffectParameter("barrel", "1e-6 m/K", 0.3 * prior_std, _legs(0.3 * rise), main=False),
@@ -58,7 +58,7 @@ class PlatformThermalExpansion(Effect):
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Evenly about its origin; perhaps less along x, with a biased thermometer, or later than its skin."""
-        rise, prior_std = np.asarray(conditions.platform_rise_k), _USUAL_PPM
+        rise, prior_std = np.asarray(conditions.platform_rise_k), _PRIOR_STD_PPM
         centres = conditions.lower_centres_m
 
         def grown(values: FloatArray, axes: str = "xyz") -> dict[str, FloatArray]:

@@ -10,11 +10,11 @@ import numpy as np
 from scipy.special import expit, logsumexp
 
 from pouring_robot.inference.discrepancy import Challenge, Description, Structure, challenge, structures
-from pouring_robot.inference.evidence import gain
+from pouring_robot.inference.evidence import bayes_factor
 from pouring_robot.inference.explanations import Explanation
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.nuisance import Nuisance
-from pouring_robot.inference.search import sound
+from pouring_robot.inference.search import credible
 
 Verdict = Literal["no_gap", "named", "group", "unknown"]
 
@@ -24,7 +24,7 @@ class Thresholds:
     """When something counts.
 
     Attributes:
-        structure_evidence: log evidence for structure in the remainder, in nats.
+        structure_evidence: log evidence for structure in the discrepancy, in nats.
         structure_size: its least size, in noise standard deviations.
         structure_share: its least share of the largest named effect: below, it is that effect's form that is not quite
             the library's.
@@ -196,7 +196,7 @@ def _rivals(hypothesis: Hypothesis, indices: Sequence[int], close: float = 12.0)
     own = hypothesis.worth(indices)
     first: dict[str, tuple[float, float, Explanation]] = {}
     for item in _choices(hypothesis):
-        worth = gain(item.columns, residual, others, item.largest)
+        worth = bayes_factor(item.columns, residual, others, item.largest)
         if item.effect not in first or worth.evidence > first[item.effect][0]:
             first[item.effect] = (worth.evidence, worth.scale, item)
     rest = hypothesis.without_items(indices)
@@ -208,7 +208,7 @@ def _rivals(hypothesis: Hypothesis, indices: Sequence[int], close: float = 12.0)
     return {
         effect: other.log_evidence - hypothesis.log_evidence
         for effect, other in tried.items()
-        if sound(other, len(other.items) - 1)
+        if credible(other, len(other.items) - 1)
     }
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from pouring_robot.inference.evidence import gain
+from pouring_robot.inference.evidence import bayes_factor
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.mechanism.arrays import FloatArray
 
@@ -69,7 +69,7 @@ def structures(
     found = []
     for description in descriptions:
         columns = hypothesis.problem.nuisance.cleared(description.columns)
-        worth = gain(columns, seen, others)
+        worth = bayes_factor(columns, seen, others)
         if worth.evidence < least_evidence:
             continue
         scaled = worth.scale * columns
@@ -108,7 +108,7 @@ def challenge(hypothesis: Hypothesis, indices: Sequence[int], descriptions: Iter
     own = hypothesis.worth(indices)
     best = Challenge("", -np.inf)
     for description in descriptions:
-        margin = gain(hypothesis.problem.nuisance.cleared(description.columns), residual, others).evidence - own
+        margin = bayes_factor(hypothesis.problem.nuisance.cleared(description.columns), residual, others).evidence - own
         if margin > best.margin:
             best = Challenge(description.name, margin)
     return best

@@ -28,7 +28,7 @@ _NEGLIGIBLE = 1e-10
 
 
 @dataclass(frozen=True)
-class Gain:
+class BayesFactor:
     """What a group of columns is worth.
 
     Attributes:
@@ -73,7 +73,7 @@ class Others:
         return np.asarray(values - self._axes @ (self._axes.T @ values))
 
 
-def gain(columns: FloatArray, residual: FloatArray, others: Others, largest: float = np.inf) -> Gain:
+def bayes_factor(columns: FloatArray, residual: FloatArray, others: Others, largest: float = np.inf) -> BayesFactor:
     """Return what a group of columns is worth beside everything else.
 
     Args:
@@ -85,7 +85,7 @@ def gain(columns: FloatArray, residual: FloatArray, others: Others, largest: flo
     squared, axes = np.linalg.eigh(others.inner(columns, columns))
     kept = squared > _NEGLIGIBLE * max(float(squared[-1]), 1.0)
     if not kept.any():
-        return Gain(0.0, float(np.exp(LOG_SCALES[0])), 0.0)  # columns that nothing is left of explain nothing
+        return BayesFactor(0.0, float(np.exp(LOG_SCALES[0])), 0.0)  # columns that nothing is left of explain nothing
     squared, axes = squared[kept], axes[:, kept]
     projected = (axes.T @ others.inner(columns, residual)) ** 2 / squared
     log_scales = LOG_SCALES[np.exp(LOG_SCALES) <= largest * (1.0 + 1e-9)]
@@ -93,7 +93,7 @@ def gain(columns: FloatArray, residual: FloatArray, others: Others, largest: flo
     values = 0.5 * (projected * variance / (1.0 + variance) - np.log1p(variance)).sum(axis=1)
     best = int(np.argmax(values))
     evidence = float(logsumexp(values) - np.log(log_scales.size))
-    return Gain(evidence, float(np.exp(log_scales[best])), float(values[best]))
+    return BayesFactor(evidence, float(np.exp(log_scales[best])), float(values[best]))
 
 
 def posterior(columns: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatArray]:

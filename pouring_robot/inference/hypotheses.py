@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pouring_robot.inference.evidence import Gain, Others, gain, posterior
+from pouring_robot.inference.evidence import BayesFactor, Others, bayes_factor, posterior
 from pouring_robot.inference.explanations import Explanation, Problem
 from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.mechanism.arrays import FloatArray
@@ -87,20 +87,20 @@ class Hypothesis:
     @functools.cached_property
     def log_evidence(self) -> float:
         """Log evidence, scales averaged, up to a constant of the problem, in nats."""
-        return self._log_likelihood - sum(found.peak - found.evidence for found in self._item_gains)
+        return self._log_likelihood - sum(found.peak - found.evidence for found in self._bayes_factors)
 
     @functools.cached_property
     def _log_likelihood(self) -> float:
         return -0.5 * (self.misfit() + self.everything.log_determinant)
 
     @functools.cached_property
-    def _item_gains(self) -> tuple[Gain, ...]:
-        return tuple(self.item_gain(k) for k in range(len(self.items)))
+    def _bayes_factors(self) -> tuple[BayesFactor, ...]:
+        return tuple(self.item_bayes_factor(k) for k in range(len(self.items)))
 
-    def item_gain(self, index: int, instead: Explanation | None = None) -> Gain:
+    def item_bayes_factor(self, index: int, instead: Explanation | None = None) -> BayesFactor:
         """Return what an item is worth beside the others, or what another explanation would be in its place."""
         item = instead or self.items[index]
-        return gain(item.columns, self.problem.residual, self._beside(index), item.largest)
+        return bayes_factor(item.columns, self.problem.residual, self._beside(index), item.largest)
 
     def worth(self, indices: Collection[int]) -> float:
         """Return the log evidence for some items together, everything else held, in nats."""
@@ -111,9 +111,9 @@ class Hypothesis:
         )
         return self.log_evidence - rest.log_evidence
 
-    def candidate_gain(self, item: Explanation) -> Gain:
+    def candidate_bayes_factor(self, item: Explanation) -> BayesFactor:
         """Return what one more explanation would be worth."""
-        return gain(item.columns, self.problem.residual, self.everything, item.largest)
+        return bayes_factor(item.columns, self.problem.residual, self.everything, item.largest)
 
     def with_item(self, item: Explanation, scale: float) -> Hypothesis:
         """Return the hypothesis with one more explanation, settled."""
@@ -171,7 +171,7 @@ class Hypothesis:
         for _ in range(_SWEEPS):
             before = current.scales
             for k in range(len(current.items)):
-                found = current.item_gain(k).scale
+                found = current.item_bayes_factor(k).scale
                 if found != current.scales[k]:
                     current = replace(current, scales=(*current.scales[:k], found, *current.scales[k + 1 :]))
             if len(current.items) < 2 or before == current.scales:

@@ -45,7 +45,7 @@ def search(problem: Problem, options: SearchOptions = DEFAULT_SEARCH, start: Hyp
     """Return the hypothesis with the best evidence that steps of one explanation reach.
 
     On the way an effect may bend to what is not found yet. If at the end it is still no more than what may shape it
-    (see :func:`sound`), the search goes on without it.
+    (see :func:`credible`), the search goes on without it.
 
     Args:
         problem: compressed or not.
@@ -54,7 +54,7 @@ def search(problem: Problem, options: SearchOptions = DEFAULT_SEARCH, start: Hyp
     """
     current = _ascended(start.settled() if start else Hypothesis.nothing(problem), options)
     for _ in range(_MOST_REFUSED):
-        wrong = [k for k, item in enumerate(current.items) if item.cause and not sound(current, k, options)]
+        wrong = [k for k, item in enumerate(current.items) if item.cause and not credible(current, k, options)]
         if not wrong:
             break
         worst = current.items[max(wrong, key=current.shape_excess)].effect
@@ -79,7 +79,7 @@ def _ascended(current: Hypothesis, options: SearchOptions) -> Hypothesis:
     return backward(current, options)
 
 
-def sound(hypothesis: Hypothesis, index: int, options: SearchOptions = DEFAULT_SEARCH) -> bool:
+def credible(hypothesis: Hypothesis, index: int, options: SearchOptions = DEFAULT_SEARCH) -> bool:
     """Return whether an item is the effect it is called, and not mostly what may shape it."""
     enough = hypothesis.main_share(index) >= options.least_main_share
     return enough and hypothesis.shape_excess(index) <= options.most_shape
@@ -88,7 +88,9 @@ def sound(hypothesis: Hypothesis, index: int, options: SearchOptions = DEFAULT_S
 def _forward(current: Hypothesis, options: SearchOptions) -> Iterator[Hypothesis]:
     """Yield the hypotheses of one more effect that look best at first sight."""
     found = [
-        (current.candidate_gain(item), item) for item in current.problem.explanations if item.key not in current.keys
+        (current.candidate_bayes_factor(item), item)
+        for item in current.problem.explanations
+        if item.key not in current.keys
     ]
     found.sort(key=lambda pair: -pair[0].evidence)
     seen: set[str] = set()
@@ -121,9 +123,9 @@ def _exchanged(hypothesis: Hypothesis, index: int, options: SearchOptions) -> Hy
 
     Scales and backgrounds settle anew: what looks worse at first may turn out better, so the best few are tried.
     """
-    own, key = hypothesis.item_gain(index), hypothesis.items[index].key
+    own, key = hypothesis.item_bayes_factor(index), hypothesis.items[index].key
     choices = [
-        (hypothesis.item_gain(index, item), item)
+        (hypothesis.item_bayes_factor(index, item), item)
         for item in hypothesis.problem.explanations
         if item.key not in hypothesis.keys
     ]
@@ -145,7 +147,7 @@ def _exchanged(hypothesis: Hypothesis, index: int, options: SearchOptions) -> Hy
 def backward(hypothesis: Hypothesis, options: SearchOptions) -> Hypothesis:
     """Return the hypothesis without the items that are not worth their place."""
     while hypothesis.items:
-        doubtful = [k for k in range(len(hypothesis.items)) if hypothesis.item_gain(k).evidence < _BEYOND_DOUBT]
+        doubtful = [k for k in range(len(hypothesis.items)) if hypothesis.item_bayes_factor(k).evidence < _BEYOND_DOUBT]
         shorter = [hypothesis.without_item(k) for k in doubtful]
         best = max(shorter, key=lambda h: h.log_evidence, default=None)
         if best is None or best.log_evidence <= hypothesis.log_evidence - options.least_evidence:

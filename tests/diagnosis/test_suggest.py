@@ -119,7 +119,9 @@ def lead(campaign, noise, effect, rival):
     nothing = Hypothesis.nothing(problem)
 
     def best(name):
-        return max(nothing.candidate_gain(item).evidence for item in problem.explanations if item.effect == name)
+        return max(
+            nothing.candidate_bayes_factor(item).evidence for item in problem.explanations if item.effect == name
+        )
 
     return best(effect) - best(rival)
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 from sklearn.linear_model import Ridge
 
-from pouring_robot.inference.evidence import LOG_SCALES, Others, gain, posterior
+from pouring_robot.inference.evidence import LOG_SCALES, Others, bayes_factor, posterior
 from tests.inference.problems import log_density
 from tests.support import round_off
 
@@ -74,7 +74,7 @@ def test_gain_is_the_ratio_of_densities_averaged_over_scales(rng):
     columns, residual = rng.normal(size=(8, 3)), 2.0 * rng.normal(size=8)
     groups = [rng.normal(size=(8, 2))]
     values = np.array([ratio(residual, columns, groups, scale) for scale in SCALES])
-    found = gain(columns, residual, Others(groups, 8))
+    found = bayes_factor(columns, residual, Others(groups, 8))
     assert found.peak == pytest.approx(values.max(), abs=1e-10)
     assert found.scale == pytest.approx(SCALES[values.argmax()])
     assert found.evidence == pytest.approx(np.log(np.exp(values).mean()), abs=1e-10)
@@ -87,7 +87,7 @@ def test_scales_are_as_fine_as_they_need_be(rng, size):
     residual = rng.normal(size=12) + size * columns @ np.array([1.0, -0.5])
     low, high = LOG_SCALES[0], LOG_SCALES[-1]
     integral, _ = quad(lambda s: np.exp(ratio(residual, columns, [], np.exp(s))), low, high, limit=200)
-    found = gain(columns, residual, Others([], 12))
+    found = bayes_factor(columns, residual, Others([], 12))
     assert found.evidence == pytest.approx(np.log(integral / (high - low)), abs=0.1)
 
 
@@ -96,7 +96,7 @@ def test_evidence_does_not_see_how_columns_are_turned(rng):
     columns, residual = rng.normal(size=(20, 4)), rng.normal(size=20)
     turn, _ = np.linalg.qr(rng.normal(size=(4, 4)))
     others = Others([rng.normal(size=(20, 3))], 20)
-    one, other = gain(columns, residual, others), gain(columns @ turn, residual, others)
+    one, other = bayes_factor(columns, residual, others), bayes_factor(columns @ turn, residual, others)
     assert one.evidence == pytest.approx(other.evidence, abs=1e-10)
 
 
@@ -104,19 +104,19 @@ def test_repeated_and_empty_columns_are_one_column(rng):
     """Twice the same column is one column √2 as large; a column of nothing adds nothing."""
     column, residual, others = rng.normal(size=(15, 1)), rng.normal(size=15), Others([], 15)
     twice = np.hstack([column, column, np.zeros((15, 1))])
-    expected = gain(np.sqrt(2.0) * column, residual, others)
-    assert gain(twice, residual, others).evidence == pytest.approx(expected.evidence, abs=1e-10)
+    expected = bayes_factor(np.sqrt(2.0) * column, residual, others)
+    assert bayes_factor(twice, residual, others).evidence == pytest.approx(expected.evidence, abs=1e-10)
 
 
 def test_nearly_repeated_columns_are_steady(rng):
     column, residual, others = rng.normal(size=(15, 1)), rng.normal(size=15), Others([], 15)
     nearly = np.hstack([column, column * (1.0 + 1e-9)])
-    expected = gain(np.sqrt(2.0) * column, residual, others)
-    assert gain(nearly, residual, others).evidence == pytest.approx(expected.evidence, abs=1e-6)
+    expected = bayes_factor(np.sqrt(2.0) * column, residual, others)
+    assert bayes_factor(nearly, residual, others).evidence == pytest.approx(expected.evidence, abs=1e-6)
 
 
 def test_nothing_is_worth_nothing(rng):
-    found = gain(np.zeros((15, 2)), rng.normal(size=15), Others([], 15))
+    found = bayes_factor(np.zeros((15, 2)), rng.normal(size=15), Others([], 15))
     assert found.evidence == 0.0
     assert found.peak == 0.0
 
@@ -124,14 +124,14 @@ def test_nothing_is_worth_nothing(rng):
 def test_what_others_explain_is_worth_nothing_more(rng):
     column = rng.normal(size=(30, 1))
     residual = 50.0 * column[:, 0] + rng.normal(size=30)
-    assert gain(column, residual, Others([], 30)).evidence > 100.0
-    assert gain(column, residual, Others([100.0 * column], 30)).evidence < 1.0
+    assert bayes_factor(column, residual, Others([], 30)).evidence > 100.0
+    assert bayes_factor(column, residual, Others([100.0 * column], 30)).evidence < 1.0
 
 
 def test_columns_that_noise_does_not_need_cost(rng):
     """On noise alone a group of many columns is worth less than nothing, on the average of many draws."""
     columns, others = rng.normal(size=(60, 10)), Others([], 60)
-    worth = [gain(columns, rng.normal(size=60), others).evidence for _ in range(100)]
+    worth = [bayes_factor(columns, rng.normal(size=60), others).evidence for _ in range(100)]
     assert np.mean(worth) < 0.0
     # The evidence is a ratio of normalised densities: under noise its exponential averages to 1 (Markov's inequality).
     assert np.mean(np.array(worth) > np.log(20.0)) <= 1.0 / 20.0 + 0.05
@@ -158,7 +158,7 @@ def test_posterior_is_calibrated(rng):
 
 def test_largest_scale_is_kept(rng):
     column = rng.normal(size=(30, 1))
-    found = gain(column, 50.0 * column[:, 0], Others([], 30), 2.0)
+    found = bayes_factor(column, 50.0 * column[:, 0], Others([], 30), 2.0)
     assert found.scale <= 2.0
     allowed = SCALES[SCALES <= 2.0]
     values = [ratio(50.0 * column[:, 0], column, [], scale) for scale in allowed]

@@ -117,5 +117,5 @@ def test_an_effect_that_free_unknowns_absorb_is_worth_nothing(rng):
     hidden = explanation("hidden", free @ rng.normal(size=(2, 1)))
     residual = 20.0 * hidden.columns[:, 0] + rng.normal(size=30)
     built = problem(residual, [hidden], free=free)
-    assert Hypothesis.nothing(built).candidate_gain(built.explanations[0]).evidence == 0.0
+    assert Hypothesis.nothing(built).candidate_bayes_factor(built.explanations[0]).evidence == 0.0
     assert search(built).items == ()

@@ -152,7 +152,7 @@ def test_changing_items(rng):
     assert grown.effects == ("effect 0", "effect 1")
     assert grown.without_item(0).effects == ("effect 1",)
     assert grown.with_replaced(0, items[2], 1.0).effects == ("effect 2", "effect 1")
-    worth = nothing.candidate_gain(items[0]).evidence
+    worth = nothing.candidate_bayes_factor(items[0]).evidence
     assert nothing.with_item(items[0], 1.0).log_evidence - nothing.log_evidence == pytest.approx(worth, abs=1e-9)
 
 
@@ -162,7 +162,7 @@ def test_what_items_are_worth_together(rng):
     built = problem(planted(rng, items[:2], [3.0, 2.0]), items)
     nothing = Hypothesis.nothing(built)
     one = Hypothesis(built, tuple(items[:1]), (1.0,), ()).settled()
-    assert one.worth((0,)) == pytest.approx(one.item_gain(0).evidence, abs=1e-9)
+    assert one.worth((0,)) == pytest.approx(one.item_bayes_factor(0).evidence, abs=1e-9)
     both = one.with_item(items[1], 1.0)
     assert both.worth((0, 1)) == pytest.approx(both.log_evidence - nothing.log_evidence, abs=1e-9)
     assert both.worth(()) == 0.0

@@ -61,7 +61,7 @@ def test_the_first_choice_is_reconsidered():
         items = [explanation("left", left), explanation("other", other), explanation("between", between)]
         residual = (4.0 * left + 3.5 * other)[:, 0] + rng.normal(size=ROWS)
         nothing = Hypothesis.nothing(problem(residual, items))
-        assert max(items, key=lambda item: nothing.candidate_gain(item).evidence).effect == "between"
+        assert max(items, key=lambda item: nothing.candidate_bayes_factor(item).evidence).effect == "between"
         right += set(search(problem(residual, items)).effects) == {"left", "other"}
     assert right >= 19
 
@@ -102,7 +102,7 @@ def test_threshold_is_kept(rng):
     """What is found is worth the threshold; a threshold above its worth leaves it out."""
     items = library(rng)
     built = problem(planted(rng, items[:1], [0.6]), items[:1])
-    worth = Hypothesis.nothing(built).candidate_gain(items[0]).evidence
+    worth = Hypothesis.nothing(built).candidate_bayes_factor(items[0]).evidence
     assert worth > 1.0
     assert search(built, SearchOptions(least_evidence=worth - 0.5)).effects == ("effect 0",)
     assert search(built, SearchOptions(least_evidence=worth + 0.5)).items == ()

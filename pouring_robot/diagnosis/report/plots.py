@@ -13,7 +13,7 @@ from pouring_robot.diagnosis.discrepancy import described, parts_by_row
 from pouring_robot.diagnosis.gap import COMPONENTS, Gap, in_fixed_platform, table_of
 from pouring_robot.effects.facts import axis_over
 from pouring_robot.inference.decision import Cause
-from pouring_robot.inference.evidence import gain
+from pouring_robot.inference.evidence import bayes_factor
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
@@ -38,7 +38,7 @@ def plots(diagnosis: Diagnosis) -> list[tuple[str, bytes]]:
         drawn.append(("What each effect does at the pouring lip, in these poses", _signatures(diagnosis)))
     if diagnosis.hypothesis.items:
         drawn.append(("Evidence: step by step, and with other effects in the place of each one", _evidence(diagnosis)))
-    drawn.append(("What is left after the best known effects, over the noise", _remainder(diagnosis)))
+    drawn.append(("What is left after the best known effects, over the noise", _discrepancy(diagnosis)))
     return drawn
 
 
@@ -185,12 +185,12 @@ def rival_margins(hypothesis: Hypothesis, cause: Cause) -> dict[str, float]:
     found: dict[str, float] = {}
     for item in hypothesis.problem.explanations:
         if item.cause and item.effect not in hypothesis.effects:
-            lost = own - gain(item.columns, residual, others, item.largest).evidence
+            lost = own - bayes_factor(item.columns, residual, others, item.largest).evidence
             found[item.effect] = min(lost, found.get(item.effect, np.inf))
     return found
 
 
-def _remainder(diagnosis: Diagnosis) -> bytes:
+def _discrepancy(diagnosis: Diagnosis) -> bytes:
     linear = diagnosis.before.every_row if diagnosis.refused else diagnosis.after.every_row
     figure = new_figure(9.5, 3.6)
     left, right = figure.subplots(1, 2, width_ratios=(2.0, 1.0))

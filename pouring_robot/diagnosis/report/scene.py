@@ -38,7 +38,7 @@ class SeenRow:
     """One row in the fixed platform.
 
     Attributes:
-        row: index among the sound rows.
+        row: index among the inliers.
         nominal: moving platform by the drawing.
         model: moving platform by the amended model.
         measured: moving platform as measured; its rotation is the model's where only the position was measured.

@@ -119,7 +119,7 @@ def _rivals(best: Hypothesis, cause: Cause, prospect: Prospect, wanted: Collecti
         taken = item.effect in best.effects or item.effect == cause.effect or not item.cause
         if taken or not (wanted is None or item.effect in wanted):
             continue
-        worth = rest.candidate_gain(item)
+        worth = rest.candidate_bayes_factor(item)
         if item.effect not in first or worth.evidence > first[item.effect][0]:
             first[item.effect] = (worth.evidence, worth.scale, item)
     ordered = sorted(first.values(), key=lambda entry: -entry[0])[:MOST_RIVALS]
@@ -143,7 +143,7 @@ def _descriptions(diagnosis: Diagnosis, prospect: Prospect, best: Hypothesis) ->
         item = prospect.explanation(name)
         if item is None or name in found or " by row, by chance" in name:
             continue
-        worth = rest.candidate_gain(item)
+        worth = rest.candidate_bayes_factor(item)
         if worth.scale > 0.0:
             grown = replace(rest, items=(*rest.items, item), scales=(*rest.scales, worth.scale))
             found[name] = Contender(name, grown, rest.log_evidence + worth.evidence)

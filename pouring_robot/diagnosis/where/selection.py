@@ -62,7 +62,7 @@ class Selection:
 
     Attributes:
         found: largest share first.
-        remainder: what is left of the residual, (m,).
+        residual: what is left of it, (m,).
         fitted: number of columns fitted, frames included.
         p_values: of all terms beside what was found, not corrected.
         bounds: what the line of each term may at most do between its extremes beside all that was found, in the
@@ -71,7 +71,7 @@ class Selection:
     """
 
     found: tuple[Found, ...]
-    remainder: FloatArray
+    residual: FloatArray
     fitted: int
     p_values: FloatArray
     bounds: FloatArray
@@ -107,7 +107,7 @@ def select(data: FreeResiduals, terms: Sequence[Term], alpha: float) -> Selectio
     final = tests.beside(places)
     return Selection(
         found=tuple(found),
-        remainder=final.residual,
+        residual=final.residual,
         fitted=final.axes.shape[1],
         p_values=final.p_values,
         bounds=tests.bounds(final),
@@ -173,8 +173,8 @@ class _Tests:
     def _p_value(self, state: _State, k: int, known: dict[int, tuple[FloatArray, float]]) -> float:
         channel = self.terms[k].channel
         if id(channel) not in known:
-            spent = float(((channel.by_row @ state.axes) ** 2).sum())
-            known[id(channel)] = channel.by_row @ state.residual, channel.weight - spent
+            used = float(((channel.by_row @ state.axes) ** 2).sum())
+            known[id(channel)] = channel.by_row @ state.residual, channel.weight - used
         by_row, expected = known[id(channel)]
         columns = state.columns[:, self._places[k]]
         squared, turned = np.linalg.eigh(columns.T @ columns)

@@ -40,7 +40,7 @@ class Where:
         notes: what could not be looked at, and why.
         tests: number of tests that the correction covers.
         alpha: probability of any finding by noise alone.
-        remainder: root mean square of what the conditions found leave, over the noise.
+        discrepancy: root mean square of what the conditions found leave, over the noise.
     """
 
     fit: LackOfFit
@@ -48,7 +48,7 @@ class Where:
     notes: tuple[str, ...]
     tests: int
     alpha: float
-    remainder: float
+    discrepancy: float
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -113,7 +113,7 @@ def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float = 0.
     missing = untested(conditions)
     if missing and n >= _FEWEST_ROWS:
         noted.append(f"Not measured or not varied, so nothing can be said of: {', '.join(missing)}.")
-    rest = selection.remainder
+    rest = selection.residual
     spare = max(m - selection.fitted, 1)
     left = float(np.sqrt(rest @ rest / spare))
     if data.noise_known and found and data.excess(float(rest @ rest), spare) < _LEFT_P:
