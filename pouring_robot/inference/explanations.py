@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.inference.nuisance import Nuisance
+from pouring_robot.inference.nuisance import Nuisance, basis, unit
 from pouring_robot.mechanism.arrays import FloatArray
 
 BoolArray = NDArray[np.bool_]
@@ -116,7 +116,7 @@ class Problem:
         """
         groups = [*(b.columns for b in self.backgrounds), *(e.columns for e in self.explanations)]
         stacked = np.hstack([np.zeros((len(self.residual), 0)), *groups])
-        axes = Nuisance.of(stacked).axes
+        axes = basis(unit(stacked))
         if not axes.shape[1]:
             return self
         residual = axes.T @ self.residual

@@ -12,6 +12,12 @@ from pouring_robot.mechanism.arrays import FloatArray
 _RANK = 1e-10
 
 
+def unit(columns: FloatArray) -> FloatArray:
+    """Return columns (m, k) scaled to length 1, those of length 0 left out."""
+    size = np.linalg.norm(columns, axis=0)
+    return np.asarray(columns[:, size > 0.0] / size[size > 0.0])
+
+
 def basis(columns: FloatArray, least: float = _RANK) -> FloatArray:
     """Return orthonormal columns (m, r) of the same span as columns (m, k).
 
@@ -37,9 +43,9 @@ class Nuisance:
 
     @classmethod
     def of(cls, columns: FloatArray, rank: float = _RANK) -> Nuisance:
-        """Return the span of columns (m, k) of any scales; what is longer than ``rank`` of its length counts."""
-        size = np.linalg.norm(columns, axis=0)
-        return cls(basis(columns[:, size > 0.0] / size[size > 0.0], rank))
+        """Return the span of columns (m, k) of any scales; what is longer than ``rank`` of the longest axis counts."""
+        axes, values, _ = np.linalg.svd(unit(columns), full_matrices=False)
+        return cls(axes[:, values > rank * values.max(initial=0.0)])
 
     @property
     def dof(self) -> int:

@@ -43,16 +43,15 @@ def write_diagnosis(diagnosis: Diagnosis, folder: Path | str) -> list[Path]:
         OutputError: the folder cannot be written to.
     """
     folder = check_folder(folder)
-    files: dict[Path, bytes | str] = {
-        folder / MODEL: described(diagnosis).file_text(folder),
-        folder / REPORT: html_report(diagnosis),
-    }
+    files: dict[Path, bytes | str] = {}
     try:
         scene = ladle_scene(diagnosis)
         if scene is not None:
             files[folder / LADLES] = html_of(scene)
     except DescriptionError as error:
         raise OutputError(folder, error.problem) from error
+    files[folder / MODEL] = described(diagnosis).file_text(folder)
+    files[folder / REPORT] = html_report(diagnosis)
     metrics = diagnosis_metrics(diagnosis, str(folder / MODEL))
     files[folder / METRICS] = json.dumps(metrics, indent=1, allow_nan=False) + "\n"
     return write_together(files)
