@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag
@@ -23,6 +22,7 @@ from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import CalibrationError, PouringRobotError
 from pouring_robot.inference.decision import Judgement, Verdict
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.report.result import Result
 from pouring_robot.robot.model import RobotModel
@@ -218,6 +218,7 @@ class Diagnosis(Result):
         ]
         return pd.DataFrame(rows, columns=columns)
 
+    @one_blas_thread()
     def save(self, folder: Path | str) -> list[Path]:
         """Write ``diagnosis.json``, ``model.yaml``, ``report.html`` and ``ladles.html``; return the files.
 
@@ -226,6 +227,4 @@ class Diagnosis(Result):
         """
         from pouring_robot.diagnosis.report.export import write_diagnosis
 
-        # As in diagnose: threads of the linear algebra would wait for each other.
-        with threadpool_limits(limits=1, user_api="blas"):
-            return write_diagnosis(self, folder)
+        return write_diagnosis(self, folder)
