@@ -10,6 +10,7 @@ import typer
 from rich.table import Table
 
 from pouring_robot.cli.shared import heat_options, options, progress
+from pouring_robot.cli.shared.tables import plain_table
 from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseError, UnknownFrameError
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.metrics import decimals
@@ -116,25 +117,16 @@ def _is_outside(robot: PouringRobot, pose: PlatformPose) -> bool:
 
 def _commands_table(found: Sequence[Compensation]) -> Table:
     """Return one row a pose: what is wanted, what to command, how far off it was and what is left."""
-    table = Table(
-        title="wanted pose, drives to command, pose to command instead (to a controller that knows the drawing)",
-        title_justify="left",
-        box=None,
-        pad_edge=False,
-    )
-    for name in ("x", "y", "z", "tilt °", "q1 mm", "q2 mm", "q3 mm", "q4 rad", "x'", "y'", "z'", "tilt' °"):
-        table.add_column(name, justify="right")
+    rows = []
     for one in found:
         *legs, tilt_drive = one.drives.values()
         *place, angle = one.command.to_mm_deg()
-        table.add_row(
-            *(f"{value:.1f}" for value in one.wanted.to_mm_deg()),
-            *(f"{value / MM:.4f}" for value in legs),
-            f"{tilt_drive:.7f}",
-            *(f"{value:.3f}" for value in place),
-            f"{angle:.4f}",
-        )
-    return table
+        wanted = [f"{value:.1f}" for value in one.wanted.to_mm_deg()]
+        drives = [*(f"{value / MM:.4f}" for value in legs), f"{tilt_drive:.7f}"]
+        rows.append([*wanted, *drives, *(f"{value:.3f}" for value in place), f"{angle:.4f}"])
+    head = ("x", "y", "z", "tilt °", "q1 mm", "q2 mm", "q3 mm", "q4 rad", "x'", "y'", "z'", "tilt' °")
+    title = "wanted pose, drives to command, pose to command instead (to a controller that knows the drawing)"
+    return plain_table(head, rows, (), title=title)
 
 
 def _lines(found: Sequence[Compensation]) -> Iterator[str]:

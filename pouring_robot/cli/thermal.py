@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pouring_robot.cli.shared import heat_options, options
+from pouring_robot.cli.shared.tables import plain_table
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.metrics import decimals
@@ -160,22 +161,18 @@ def _shift(
 def _print_pose(console: Console, found: PoseHeat) -> None:
     # A title of the table would be broken at the table's width.
     console.print("temperatures: degC; across: K from side to side, settled; growth: mm", style="italic")
-    table = Table(box=None, pad_edge=False)
-    for name in ("part", "mean", "hottest", "across", "grows by"):
-        table.add_column(name, justify="left" if name == "part" else "right")
+    rows = []
     for row in found.parts:
         across = "" if row.across_K is None else f"{row.across_K:.1f}"
         growth = "" if row.growth_m is None else f"{row.growth_m / MM:.3f}"
-        table.add_row(row.part.replace("_", " "), f"{row.mean_degC:.1f}", f"{row.hottest_degC:.1f}", across, growth)
-    console.print(table)
-    moves = Table(title="moved by heat alone: mm, mrad", title_justify="left", box=None, pad_edge=False)
-    for name in ("frame", "x", "y", "z", "|xyz|", "rx", "ry", "rz"):
-        moves.add_column(name, justify="left" if name == "frame" else "right")
+        rows.append((row.part.replace("_", " "), f"{row.mean_degC:.1f}", f"{row.hottest_degC:.1f}", across, growth))
+    console.print(plain_table(("part", "mean", "hottest", "across", "grows by"), rows))
+    moves = []
     for frame, difference in found.moved.items():
-        shift, turn = difference.to_mm_mrad()
-        cells = [*(decimals(value, 3, sign=True) for value in shift), f"{difference.distance_m / MM:.3f}"]
-        moves.add_row(frame, *cells, *(decimals(value, 3, sign=True) for value in turn))
-    console.print(moves)
+        shift, turn = ([decimals(v, 3, sign=True) for v in part] for part in difference.to_mm_mrad())
+        moves.append((frame, *shift, f"{difference.distance_m / MM:.3f}", *turn))
+    head = ("frame", "x", "y", "z", "|xyz|", "rx", "ry", "rz")
+    console.print(plain_table(head, moves, title="moved by heat alone: mm, mrad"))
     balance = found.field.balance
     gains = balance.melt_radiation_W + balance.melt_conduction_W
     losses = balance.ambient_film_W + balance.ambient_radiation_W
@@ -195,12 +192,6 @@ def _print_pose(console: Console, found: PoseHeat) -> None:
 
 
 def _shift_table(found: ShiftHeat) -> Table:
-    table = Table(
-        title="means: degC; the platform's origin o and the lip, moved by heat alone: mm",
-        title_justify="left",
-        box=None,
-        pad_edge=False,
-    )
     end, lip = found.moved
     shown = {
         "min": "time_min",
@@ -215,12 +206,9 @@ def _shift_table(found: ShiftHeat) -> Table:
         "|o|": f"{end}_moved_mm",
         "|lip|": f"{lip}_moved_mm",
     }
-    for name in shown:
-        table.add_column(name, justify="right")
-    for row in found.to_frame().to_dict("records"):
-        cells = []
-        for column in shown.values():
-            digits = 3 if column.endswith("_mm") else (0 if column == "melt_degC" else 1)
-            cells.append(decimals(row[column], digits))
-        table.add_row(*cells)
-    return table
+    digits = {column: 3 if column.endswith("_mm") else 1 for column in shown.values()} | {"melt_degC": 0}
+    rows = [
+        [decimals(row[name], digits[name]) for name in shown.values()] for row in found.to_frame().to_dict("records")
+    ]
+    title = "means: degC; the platform's origin o and the lip, moved by heat alone: mm"
+    return plain_table(list(shown), rows, (), title=title)
