@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import eigenpy
 import numpy as np
@@ -19,6 +20,10 @@ from pouring_robot.exceptions import BadInputError, ClosureError
 from pouring_robot.mechanism.arrays import FloatArray, read_only
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.energy import NO_LOADS, ClosureEnergy, EnergyState, Loads
+from pouring_robot.report.result import Result
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # Singular values of the constraint Jacobian (m and rad, all of order one) below this are zero: perturbations
 # of interest start at a micrometre or a microradian.
@@ -57,8 +62,8 @@ class ClosureOptions:
 DEFAULT_OPTIONS = ClosureOptions()
 
 
-@dataclass(frozen=True, eq=False)
-class ClosureResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class ClosureResult(Result):
     """A closed configuration and how well it is closed. Its arrays are read-only; results compare by identity.
 
     Attributes:
@@ -81,6 +86,23 @@ class ClosureResult:
     iterations: int
     jacobian: FloatArray
     commanded: FloatArray
+
+    @property
+    def headline(self) -> str:
+        """How well it is closed."""
+        return (
+            f"left open {self.gap_m * 1e6:.3g} µm and {self.gap_rad * 1e3:.3g} mrad after {self.iterations} iterations"
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return one row a loop: what is left open in m and rad, and the wrench it carries in N and Nm."""
+        import pandas as pd
+
+        parts = {"{}_m": 0, "r{}_rad": 3}, {"f{}_N": 0, "t{}_Nm": 3}
+        table: dict[str, Any] = {"loop": self.mechanism.loops.names}
+        for array, columns in zip((self.residual, self.internal_wrench), parts, strict=True):
+            table |= {f.format(a): array[:, first + k] for f, first in columns.items() for k, a in enumerate("xyz")}
+        return pd.DataFrame(table)
 
     @functools.cached_property
     def joint_values(self) -> dict[str, float]:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import eigenpy
 import numpy as np
@@ -35,12 +36,17 @@ from pouring_robot.mechanism.parameters import (
     unit_twist,
 )
 from pouring_robot.mechanism.weight import Weight
+from pouring_robot.report.result import Result
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
 
 _SINGULAR_RATIO = 1e-13
 
 
-@dataclass(frozen=True, eq=False)
-class TransferMatrix:
+@dataclass(frozen=True, eq=False, repr=False)
+class TransferMatrix(Result):
     """G with its labels.
 
     Attributes:
@@ -64,6 +70,34 @@ class TransferMatrix:
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""
         return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def headline(self) -> str:
+        """What the matrix is of."""
+        return f"G of '{self.frame}' by {len(self.parameters)} local parameters"
+
+    def to_dataarray(self) -> xr.DataArray:
+        """Return the matrix with its labels: a number is in ``unit`` per ``per``."""
+        import xarray as xr
+
+        components = ["x", "y", "z", "rx", "ry", "rz"]
+        labels = {
+            "component": components,
+            "parameter": list(self.names),
+            "unit": ("component", ["m"] * 3 + ["rad"] * 3),
+            "per": ("parameter", [parameter.unit for parameter in self.parameters]),
+        }
+        return xr.DataArray(self.matrix, labels, ("component", "parameter"), "G", {"frame": self.frame})
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return one row a parameter; columns in m and rad, per unit of the parameter."""
+        import pandas as pd
+
+        columns = ["x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad"]
+        table = pd.DataFrame(self.matrix.T, columns=columns)
+        table.insert(0, "parameter", self.names)
+        table.insert(1, "per", [parameter.unit for parameter in self.parameters])
+        return table
 
 
 def closed_chain_transfer(
@@ -284,6 +318,7 @@ def _solve(block: FloatArray, right_side: FloatArray) -> FloatArray:
         raise SingularPoseError(float(values[0] / values[-1]))
     factor = eigenpy.LLT(scaled)
     wanted = scale[:, None] * right_side
-    solution = factor.solve(wanted)
-    solution += factor.solve(wanted - scaled @ solution)
+    # One column comes back from Eigen as a vector.
+    solution = factor.solve(wanted).reshape(wanted.shape)
+    solution += factor.solve(wanted - scaled @ solution).reshape(wanted.shape)
     return np.asarray(scale[:, None] * solution)

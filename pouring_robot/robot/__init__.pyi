@@ -1,3 +1,6 @@
+from .files import package_path as package_path
+from .files import urdf_path as urdf_path
+from .location import LadleLocation as LadleLocation
 from .model import DriveOffset as DriveOffset
 from .model import JointPlacement as JointPlacement
 from .model import RobotModel as RobotModel
@@ -5,7 +8,6 @@ from .parameters import Parameter as Parameter
 from .parameters import ParameterCatalogue as ParameterCatalogue
 from .pose_table import read_poses as read_poses
 from .pouring.poses import PlatformPose as PlatformPose
-from .robot import LadleLocation as LadleLocation
 from .robot import PouringRobot as PouringRobot
 from .robot import load_robot as load_robot
 from .tolerances import Tolerances as Tolerances

@@ -9,7 +9,7 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureResult
 from pouring_robot.mechanism.jacobians import AxisWeakness, Dexterity
 from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
-from pouring_robot.robot.robot import LadleLocation
+from pouring_robot.robot.location import LadleLocation
 
 Figures = dict[str, Any]
 

@@ -7,14 +7,14 @@ built takes these drive values and closes its own loops. The difference of the t
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
-import pinocchio as pin
+from numpy.typing import ArrayLike
 
-from pouring_robot.mechanism.arrays import FloatArray, lock_fields
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
 from pouring_robot.mechanism.energy import NO_LOADS, Loads
 from pouring_robot.mechanism.jacobians import (
@@ -25,69 +25,18 @@ from pouring_robot.mechanism.jacobians import (
     dexterity,
     drive_jacobians,
 )
-from pouring_robot.mechanism.loops import LoopsFile
-from pouring_robot.mechanism.poses import PoseDifference
+from pouring_robot.mechanism.parameters import LocalParameter
+from pouring_robot.mechanism.transfer import closed_chain_transfer
+from pouring_robot.robot.location import LadleLocation, located
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pouring.kinematics import FourUPUKinematics, JointReach
+from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.layout import Layout, load_layout
 from pouring_robot.robot.pouring.poses import PlatformPose
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from pouring_robot.robot.parameters import ParameterCatalogue
-
-
-@dataclass(frozen=True, eq=False)
-class LadleLocation:
-    """Nominal and actual pose for one command. Arrays are read-only; locations compare by identity.
-
-    Attributes:
-        commanded: the pose the controller was asked for.
-        drives: drive values it commands, in m and rad.
-        nominal: the closed robot of the drawing.
-        actual: the closed robot as built at the same commands; its drives stand at command plus their offsets.
-        reach: every chain joint within its limits, the most limiting first.
-        outside_workspace_m: by how far the position leaves the workspace box, per axis, in m; zero inside.
-        outside_workspace_rad: by how far the tilt leaves it, in rad.
-    """
-
-    commanded: PlatformPose
-    drives: dict[str, float]
-    nominal: ClosureResult
-    actual: ClosureResult
-    reach: tuple[JointReach, ...]
-    outside_workspace_m: FloatArray
-    outside_workspace_rad: float
-
-    def __post_init__(self) -> None:
-        """Lock the array."""
-        lock_fields(self, "outside_workspace_m")
-
-    @property
-    def loops(self) -> LoopsFile:
-        """The declaration of the mechanism: it names base, end and tool frames."""
-        return self.nominal.mechanism.loops
-
-    @property
-    def in_workspace(self) -> bool:
-        """Whether the commanded pose lies in the workspace box."""
-        return not self.outside_workspace_m.any() and self.outside_workspace_rad == 0.0
-
-    def poses(self, frame: str) -> tuple[pin.SE3, pin.SE3]:
-        """Return nominal and actual pose of a frame in the fixed platform.
-
-        Raises:
-            UnknownFrameError: there is no such frame.
-        """
-        base = self.loops.base_frame
-        return self.nominal.pose(base, frame), self.actual.pose(base, frame)
-
-    def difference(self, frame: str | None = None) -> PoseDifference:
-        """Return actual minus nominal pose of a frame (default: the pouring lip), in the axes of the fixed platform.
-
-        Raises:
-            UnknownFrameError: there is no such frame.
-        """
-        return PoseDifference.between(*self.poses(frame or self.loops.working_frame))
 
 
 class PouringRobot:
@@ -164,13 +113,28 @@ class PouringRobot:
         self.kinematics.refuse_beyond_limits({name: result.joint_values[name] for name in self.kinematics.joint_names})
         return result
 
-    def locate(self, pose: PlatformPose) -> LadleLocation:
-        """Return where the ladle should be and where it is for a commanded pose.
+    @overload
+    def locate(self, pose: PlatformPose) -> LadleLocation: ...
+    @overload
+    def locate(self, pose: Sequence[PlatformPose] | ArrayLike) -> xr.Dataset: ...
+    def locate(self, pose: PlatformPose | Sequence[PlatformPose] | ArrayLike) -> LadleLocation | xr.Dataset:
+        """Return where the ladle should be and where it is for a commanded pose, or for many.
+
+        Args:
+            pose: one pose; or a sequence of poses, or an array of x, y, z in m and the tilt in rad, shape (n, 4).
+
+        Returns:
+            For one pose all that is known of it. For many a dataset with the dimensions ``pose``, ``frame`` and
+            ``axis``: nominal and actual positions (m), rotation vectors (rad) and their differences, and a ``status``.
+            A pose that has no answer is NaN, its status says why; nothing is raised for it.
 
         Raises:
             UnreachablePoseError: a joint of the drawing or of the robot as built would pass its limits.
             ClosureError: the robot as built cannot take these drive values.
+            BadInputError: an array has another shape or holds a number that is not finite.
         """
+        if not isinstance(pose, PlatformPose):
+            return located(self, pose)
         drives = self.kinematics.inverse(pose)
         start = self.kinematics.configuration(pose)
         outside_m, outside_rad = self.outside_workspace(pose)
@@ -192,6 +156,37 @@ class PouringRobot:
         turn = max(layout.tilt_lower_rad - pose.tilt_rad, pose.tilt_rad - layout.tilt_upper_rad, 0.0)
         # A box limit typed in mm or degrees must not count as outside by round-off.
         return np.where(shift < 1e-9, 0.0, shift), turn if turn > 1e-9 else 0.0
+
+    def transfer(
+        self,
+        pose: PlatformPose,
+        parameters: str | Sequence[str | LocalParameter] = "geometry",
+        frame: str | None = None,
+    ) -> xr.DataArray:
+        """Return G of the robot as built at a commanded pose: how each local parameter moves a frame.
+
+        Args:
+            pose: the commanded pose.
+            parameters: sets, groups, names or patterns of :attr:`parameters`, or local parameters themselves.
+            frame: the observed frame (default: the pouring lip).
+
+        Returns:
+            Dimensions ``component`` (displacement x, y, z, rotation vector rx, ry, rz, in the fixed platform's axes)
+            and ``parameter``; the coordinates ``unit`` and ``per`` give the units of a number: ``unit`` per ``per``.
+
+        Raises:
+            BadInputError: no parameter has a name.
+            UnknownFrameError: there is no such frame.
+            NoSolutionError: as :meth:`locate`, or the drives do not determine the platform here.
+        """
+        named = (parameters,) if isinstance(parameters, str) else parameters
+        chosen: dict[str, LocalParameter] = {}
+        for item in named:
+            found = [p.local for p in self.parameters.match(item)] if isinstance(item, str) else [item]
+            chosen |= {parameter.name: parameter for parameter in found}
+        location = self.locate(pose)
+        frame = frame or location.loops.working_frame
+        return closed_chain_transfer(self.actual_solver, location.actual, list(chosen.values()), frame).to_dataarray()
 
     def drive_jacobians(self, location: LadleLocation) -> DriveJacobians:
         """Return the Jacobians of the actual robot at a location."""

@@ -16,8 +16,9 @@ from pouring_robot.robot.pouring.names import LEGS
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from pouring_robot.robot.location import LadleLocation
     from pouring_robot.robot.pouring.poses import PlatformPose
-    from pouring_robot.robot.robot import LadleLocation, PouringRobot
+    from pouring_robot.robot.robot import PouringRobot
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, PoseShares, WarmState
 
 MeltDegC = Annotated[

@@ -14,9 +14,10 @@ from pouring_robot.cli.shared.tables import plain_table
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.jacobians import AxisWeakness, Dexterity
 from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.location import LadleLocation
 from pouring_robot.robot.metrics import decimals
 from pouring_robot.robot.pouring.ladle_mesh import stale_mesh_note
-from pouring_robot.robot.robot import LadleLocation, PouringRobot
+from pouring_robot.robot.robot import PouringRobot
 
 
 def _cells(values: Iterable[float], digits: int = 3, *, sign: bool = False) -> list[str]:

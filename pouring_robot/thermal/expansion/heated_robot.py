@@ -19,9 +19,10 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure import ClosureResult
 from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.robot.heat_section import HeatSection
+from pouring_robot.robot.location import LadleLocation
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
-from pouring_robot.robot.robot import LadleLocation, PouringRobot
+from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
 from pouring_robot.thermal.expansion.warm_robot import WarmRobot, drawing_of, passive_lengths
 from pouring_robot.thermal.network.field import TemperatureField

@@ -1,0 +1,45 @@
+"""The robot as files for other programs, as ``robot_descriptions`` gives them: a URDF and its package."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.cache import cache_folder, content_key
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.pouring.description import write_urdf
+from pouring_robot.robot.pouring.layout import description_folder
+
+
+def package_path() -> Path:
+    """Return the folder of the robot description: meshes, xacro, dimensions, loops.
+
+    Raises:
+        DescriptionError: it is missing from the installation.
+    """
+    return description_folder()
+
+
+def urdf_path(layout: str | None = None, model: RobotModel | Path | str | None = None) -> Path:
+    """Return a URDF file with its meshes beside it, written once into the cache folder.
+
+    Args:
+        layout: the drawing of this layout (default: ``paper``).
+        model: the robot as built instead: a model or its file; drive offsets become displaced joints.
+
+    Raises:
+        BadInputError: both are given, or one is wrong.
+        OutputError: the cache folder cannot be written to.
+    """
+    if layout is not None and model is not None:
+        raise BadInputError("give layout or model, not both: the model names its layout")
+    if isinstance(model, Path | str):
+        model = RobotModel.load(model)
+    urdf = (model or RobotModel(layout=layout or "paper")).tree_urdf()
+    folder = (cache_folder() or Path(tempfile.gettempdir(), "pouring_robot")) / "robots" / content_key([urdf])
+    path = folder / "pouring_robot.urdf"
+    if path.is_file():
+        return path
+    folder.mkdir(parents=True, exist_ok=True)
+    return write_urdf(urdf, folder)

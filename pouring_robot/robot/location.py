@@ -1,0 +1,223 @@
+"""Where the ladle should be and where it is: for one command with all that was found, for many as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError
+from pouring_robot.mechanism.arrays import FloatArray, lock_fields
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
+from pouring_robot.mechanism.loops import LoopsFile
+from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
+from pouring_robot.report.result import Result
+from pouring_robot.robot.pouring.kinematics import FourUPUKinematics, JointReach
+from pouring_robot.robot.pouring.poses import PlatformPose
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+OUT_OF_REACH = "out of reach"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LadleLocation(Result):
+    """Nominal and actual pose for one command. Arrays are read-only; locations compare by identity.
+
+    Attributes:
+        commanded: the pose the controller was asked for.
+        drives: drive values it commands, in m and rad.
+        nominal: the closed robot of the drawing.
+        actual: the closed robot as built at the same commands; its drives stand at command plus their offsets.
+        reach: every chain joint within its limits, the most limiting first.
+        outside_workspace_m: by how far the position leaves the workspace box, per axis, in m; zero inside.
+        outside_workspace_rad: by how far the tilt leaves it, in rad.
+    """
+
+    commanded: PlatformPose
+    drives: dict[str, float]
+    nominal: ClosureResult
+    actual: ClosureResult
+    reach: tuple[JointReach, ...]
+    outside_workspace_m: FloatArray
+    outside_workspace_rad: float
+
+    def __post_init__(self) -> None:
+        """Lock the array."""
+        lock_fields(self, "outside_workspace_m")
+
+    @property
+    def loops(self) -> LoopsFile:
+        """The declaration of the mechanism: it names base, end and tool frames."""
+        return self.nominal.mechanism.loops
+
+    @property
+    def in_workspace(self) -> bool:
+        """Whether the commanded pose lies in the workspace box."""
+        return not self.outside_workspace_m.any() and self.outside_workspace_rad == 0.0
+
+    def poses(self, frame: str) -> tuple[pin.SE3, pin.SE3]:
+        """Return nominal and actual pose of a frame in the fixed platform.
+
+        Raises:
+            UnknownFrameError: there is no such frame.
+        """
+        base = self.loops.base_frame
+        return self.nominal.pose(base, frame), self.actual.pose(base, frame)
+
+    def difference(self, frame: str | None = None) -> PoseDifference:
+        """Return actual minus nominal pose of a frame (default: the pouring lip), in the axes of the fixed platform.
+
+        Raises:
+            UnknownFrameError: there is no such frame.
+        """
+        return PoseDifference.between(*self.poses(frame or self.loops.working_frame))
+
+    @property
+    def headline(self) -> str:
+        """By how much the working frame is off, and for which command."""
+        x, y, z, tilt = self.commanded.to_mm_deg()
+        off = self.difference()
+        return (
+            f"{self.loops.working_frame} is {off.distance_m / MM:.3f} mm and {off.angle_rad / MRAD:.3f} mrad off "
+            f"at {x:g}, {y:g}, {z:g} mm, {tilt:g} deg"
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return one row a frame: nominal and actual position in mm, error in mm and mrad."""
+        import pandas as pd
+
+        rows = []
+        for frame in self.loops.reported_frames:
+            nominal, actual = self.poses(frame)
+            shift, turn = self.difference(frame).to_mm_mrad()
+            parts = {"nominal_{}_mm": nominal.translation / MM, "actual_{}_mm": actual.translation / MM}
+            parts |= {"error_{}_mm": shift, "error_r{}_mrad": turn}
+            figures = {name.format(axis): part[k] for name, part in parts.items() for k, axis in enumerate("xyz")}
+            rows.append({"frame": frame, **figures})
+        return pd.DataFrame(rows)
+
+
+class LocatingRobot(Protocol):
+    """What :func:`located` needs of a robot."""
+
+    kinematics: FourUPUKinematics
+    nominal_solver: ClosureSolver
+    actual_solver: ClosureSolver
+
+    def actual_drives(self, drives: dict[str, float], /) -> dict[str, float]:
+        """Return where the drives of the robot as built stand for commanded values, in m and rad."""
+
+    def locate(self, pose: PlatformPose, /) -> LadleLocation:
+        """Return where the ladle should be and where it is."""
+
+
+def located(robot: LocatingRobot, poses: ArrayLike | Sequence[PlatformPose]) -> xr.Dataset:
+    """Return where the ladle should be and where it is for many poses; see :meth:`PouringRobot.locate`."""
+    import xarray as xr
+
+    from pouring_robot.batch.samples import STATUS_NAMES
+
+    commanded = _as_array(poses)
+    frames = robot.nominal_solver.mechanism.loops.reported_frames
+    status, nominal, actual = (_one_at_a_time if _needs_the_solver(robot) else _by_the_engine)(robot, commanded)
+    turn = actual[..., :3] @ np.swapaxes(nominal[..., :3], -1, -2)
+    dims = ("pose", "frame", "axis")
+    variables = {
+        "nominal_position": (dims, nominal[..., 3], {"units": "m"}),
+        "actual_position": (dims, actual[..., 3], {"units": "m"}),
+        "error_position": (dims, actual[..., 3] - nominal[..., 3], {"units": "m"}),
+        "nominal_rotation": (dims, _rotation_vectors(nominal[..., :3]), {"units": "rad"}),
+        "actual_rotation": (dims, _rotation_vectors(actual[..., :3]), {"units": "rad"}),
+        "error_rotation": (dims, _rotation_vectors(turn), {"units": "rad"}),
+        "status": ("pose", status, {"comment": f"'{STATUS_NAMES[0]}', or why the pose is NaN"}),
+    }
+    coordinates = {
+        "frame": list(frames),
+        "axis": list("xyz"),
+        "commanded_position": (("pose", "axis"), commanded[:, :3], {"units": "m"}),
+        "commanded_tilt": ("pose", commanded[:, 3], {"units": "rad"}),
+    }
+    comment = "poses in the fixed platform; rotations are rotation vectors in its axes; errors are actual minus nominal"
+    return xr.Dataset(variables, coordinates, {"comment": comment})
+
+
+def _as_array(poses: ArrayLike | Sequence[PlatformPose]) -> FloatArray:
+    given: list[Any] = list(np.asarray(poses, dtype=object))
+    rows = [(*pose.position_m, pose.tilt_rad) if isinstance(pose, PlatformPose) else pose for pose in given]
+    try:
+        array = np.array(rows, dtype=float) if rows else np.empty((0, 4))
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.ndim != 2 or array.shape[1] != 4 or not np.isfinite(array).all():
+        raise BadInputError("poses must be finite numbers of the shape (n, 4): x, y, z in m and the tilt in rad")
+    return array
+
+
+def _needs_the_solver(robot: LocatingRobot) -> bool:
+    loads = robot.actual_solver.energy.loads
+    return loads.gravity or bool(loads.drive_stiffness)
+
+
+def _by_the_engine(robot: LocatingRobot, poses: FloatArray) -> tuple[NDArray[np.str_], FloatArray, FloatArray]:
+    """Return status (n,), nominal and actual poses (n, frames, 3, 4) of all poses at once."""
+    from pouring_robot.batch.engine import BatchEngine
+    from pouring_robot.batch.samples import STATUS_NAMES
+
+    command = robot.kinematics.commands(poses)
+    drives = robot.nominal_solver.mechanism.loops.drives
+    standing = [
+        list(robot.actual_drives(dict(zip(drives, row, strict=True))).values()) for row in command.drives.tolist()
+    ]
+    engine = BatchEngine(robot.actual_solver.mechanism, options=robot.actual_solver.options)
+    closed = engine.close(np.array(standing).reshape(-1, len(drives)), command.start)
+    reachable = robot.kinematics.within_limits(command.start.joints)
+    reachable &= ~closed.closed | robot.kinematics.within_limits(closed.joints)
+    status = np.where(reachable, np.array(STATUS_NAMES)[closed.status], OUT_OF_REACH)
+    found = (status == STATUS_NAMES[0])[:, None, None, None]
+    nominal = _frames_of(robot.nominal_solver.mechanism, command.start.position, command.start.rotation)
+    actual = _frames_of(robot.actual_solver.mechanism, closed.position, closed.rotation)
+    return status, np.where(found, nominal, np.nan), np.where(found, actual, np.nan)
+
+
+def _frames_of(mechanism: ClosedChainMechanism, position: FloatArray, rotation: FloatArray) -> FloatArray:
+    """Return the reported frames, all fixed to the end body, shape (n, frames, 3, 4), from the end frame's pose."""
+    model, loops = mechanism.shared_model, mechanism.loops
+    end, *_ = placements = [model.frames[mechanism.frame_id(name)].placement for name in loops.reported_frames]
+    T_end_frame = np.array([end.actInv(placement).homogeneous for placement in placements])
+    T_base_end = np.concatenate([rotation, position[:, :, None]], axis=2)
+    return np.asarray(T_base_end[:, None] @ T_end_frame)
+
+
+def _one_at_a_time(robot: LocatingRobot, poses: FloatArray) -> tuple[NDArray[np.str_], FloatArray, FloatArray]:
+    """Return what :func:`_by_the_engine` does, for a robot under load."""
+    from pouring_robot.batch.samples import STATUS_NAMES
+
+    frames = robot.nominal_solver.mechanism.loops.reported_frames
+    both, status = np.full((2, len(poses), len(frames), 3, 4), np.nan), []
+    for k, (x, y, z, tilt) in enumerate(poses.tolist()):
+        try:
+            location = robot.locate(PlatformPose((x, y, z), tilt))
+        except NoSolutionError as problem:
+            status.append(OUT_OF_REACH if isinstance(problem, UnreachablePoseError) else STATUS_NAMES[1])
+            continue
+        both[:, k] = np.array([[pose.homogeneous[:3] for pose in location.poses(f)] for f in frames]).swapaxes(0, 1)
+        status.append(STATUS_NAMES[0])
+    return np.array(status), both[0], both[1]
+
+
+def _rotation_vectors(matrices: FloatArray) -> FloatArray:
+    from scipy.spatial.transform import Rotation
+
+    found = np.full(matrices.shape[:-1], np.nan)
+    sound = np.isfinite(matrices).all(axis=(-2, -1))
+    if sound.any():
+        found[sound] = Rotation.from_matrix(matrices[sound]).as_rotvec()
+    return found
