@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import scipy.special
@@ -11,14 +13,15 @@ from numpy.typing import NDArray
 
 from pouring_robot.calibration.acceptance import Refusal, acceptable, row_scores
 from pouring_robot.calibration.amend import amended_model
+from pouring_robot.calibration.findings import CalibrationFindings
 from pouring_robot.calibration.ladle import LadleUncertainty, ladle_uncertainty, pose_platform_to_lip, workspace_rows
-from pouring_robot.calibration.metrics import Misfit, PosePerformance, pose_performance
+from pouring_robot.calibration.metrics import Misfit, pose_performance
 from pouring_robot.calibration.selection import Selection, select_groups
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, outlier_rows
 from pouring_robot.estimation.frames import FRAMES
-from pouring_robot.estimation.identifiability import BaseParameters, base_parameters
+from pouring_robot.estimation.identifiability import base_parameters
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.noise import NoiseLevel, fit_with_noise, repeats, stated_noise
 from pouring_robot.estimation.priors import prior_std
@@ -29,9 +32,13 @@ from pouring_robot.exceptions import CampaignError
 from pouring_robot.io.progress import Status, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.report.result import Result
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterGroup, all_parameters
 from pouring_robot.robot.robot import PouringRobot
+
+if TYPE_CHECKING:
+    import pandas
 from pouring_robot.robot.tolerances import Tolerances
 
 _ROW_FLAGS = (FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES)
@@ -59,71 +66,60 @@ class CalibrationOptions:
     threads: int | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Calibration:
-    """A calibrated robot and everything that says how far to trust it.
-
-    Attributes:
-        campaign: the data.
-        present: the robot before.
-        calibrated: the robot after: what to export.
-        flags: what the checks of the data found.
-        left_out: rows that took no part: outliers, and poses or drives out of reach.
-        split: who was held out when.
-        noise: of the measurement.
-        candidates: the groups that were to choose from.
-        selection: the groups kept and what was tried.
-        refused: what was chosen, but made held-out rows worse and is not kept; None: nothing.
-        fit: the answer, to all training rows with the groups kept; its covariance is at the noise level as given.
-        inflation: factor on all standard deviations where the residuals are larger than the noise; 1 where not.
-        unknown_names: name of each unknown, frames first; ``unknown_units`` its unit.
-        before: measured minus predicted by the present robot with its frames fitted to the training rows; all rows,
-            shape (n, 6), in m and rad, tracker axes; NaN where missing. ``after`` by the calibrated robot.
-        base: what the training rows can tell of the groups kept, at the present robot.
-        rank_anywhere: its rank if poses all over the workspace were measured besides, and the same way.
-        ladle: how well the calibrated robot knows its ladle over the workspace.
-        performance: ISO 9283-style figures; None without repeats.
-    """
-
-    campaign: Campaign
-    present: RobotModel
-    calibrated: RobotModel
-    flags: tuple[DataFlag, ...]
-    left_out: NDArray[np.intp]
-    split: Split
-    noise: NoiseLevel
-    candidates: tuple[ParameterGroup, ...]
-    selection: Selection
-    refused: Refusal | None
-    fit: Fit
-    inflation: float
-    unknown_names: tuple[str, ...]
-    unknown_units: tuple[str, ...]
-    before: FloatArray
-    after: FloatArray
-    base: BaseParameters
-    rank_anywhere: int
-    ladle: LadleUncertainty
-    performance: PosePerformance | None
+@dataclass(frozen=True, eq=False, repr=False)
+class Calibration(Result, CalibrationFindings):
+    """A calibrated robot and everything that says how far to trust it; fields as :class:`CalibrationFindings`."""
 
     @property
-    def std(self) -> FloatArray:
-        """Standard deviation of each unknown, shape (12 + P,), in m and rad, inflation included."""
-        return self.fit.std * self.inflation
+    def verdict(self) -> Literal["accepted", "unchanged", "refused"]:
+        """Whether parameters are in the model: none helped (``unchanged``), or held-out rows refused them."""
+        if self.refused:
+            return "refused"
+        return "accepted" if self.changed else "unchanged"
 
     @property
-    def correlation(self) -> FloatArray:
-        """Correlation of the unknowns, shape (12 + P, 12 + P)."""
-        return np.asarray(self.fit.covariance / np.outer(self.fit.std, self.fit.std))
+    def headline(self) -> str:
+        """The outcome in one sentence: held-out error before and after, and the noise."""
+        from pouring_robot.calibration.report import headline
 
-    @property
-    def changed(self) -> bool:
-        """Whether any parameter was kept."""
-        return bool(self.selection.groups)
+        return headline(self)
 
-    def misfit(self, rows: NDArray[np.intp], *, after: bool) -> Misfit:
-        """Return the misfit over rows, those left out excluded."""
-        return Misfit.of((self.after if after else self.before)[np.setdiff1d(rows, self.left_out)])
+    def to_frame(self) -> pandas.DataFrame:
+        """Return the parameters kept, one a row, in mm and mrad as column ``unit`` says; 95 % intervals."""
+        import pandas
+
+        from pouring_robot.calibration.lines import parameter_lines
+
+        content = [
+            {
+                "parameter": line.name,
+                "group": line.group,
+                "unit": line.unit,
+                "value": line.value,
+                "std": line.std,
+                "low95": line.interval[0],
+                "high95": line.interval[1],
+                "prior_std": line.prior_std,
+                "learnt": line.learnt,
+                "verdict": line.verdict,
+            }
+            for line in parameter_lines(self)
+        ]
+        names = ["parameter", "group", "unit", "value", "std", "low95", "high95", "prior_std", "learnt", "verdict"]
+        return pandas.DataFrame(content, columns=names)
+
+    def save(self, folder: Path | str) -> list[Path]:
+        """Write model file, URDF with meshes, ``calibration.json`` and ``report.html`` into a folder, all or none.
+
+        Returns:
+            The files.
+
+        Raises:
+            OutputError: the folder cannot be written to.
+        """
+        from pouring_robot.calibration.export import write_calibration
+
+        return write_calibration(self, folder)
 
 
 @one_blas_thread()

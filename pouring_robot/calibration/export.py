@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from pouring_robot.calibration.calibrate import Calibration
+from pouring_robot.calibration.findings import CalibrationFindings
 from pouring_robot.calibration.report import headline, html_report
 from pouring_robot.calibration.summary import calibration_figures, notes_of, warnings_of
 from pouring_robot.exceptions import DescriptionError, OutputError
@@ -16,7 +16,7 @@ from pouring_robot.robot.pouring.description import urdf_files
 MODEL, FIGURES, REPORT, LOOPS = "calibrated.yaml", "calibration.json", "report.html", "loops.yaml"
 
 
-def write_calibration(calibration: Calibration, folder: Path | str) -> list[Path]:
+def write_calibration(calibration: CalibrationFindings, folder: Path | str) -> list[Path]:
     """Write the model file, the URDF with meshes and loops, ``calibration.json`` and ``report.html``.
 
     Args:
@@ -40,7 +40,7 @@ def write_calibration(calibration: Calibration, folder: Path | str) -> list[Path
     return [path for path in write_together(files) if path.parent == folder]
 
 
-def described(calibration: Calibration) -> RobotModel:
+def described(calibration: CalibrationFindings) -> RobotModel:
     """Return the calibrated model with a description that says how good it is, warnings first."""
     said_first = ("deficient", "do not use", "heat section")
     told = [*warnings_of(calibration), *notes_of(calibration)]

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from pouring_robot.calibration.calibrate import Calibration
+from pouring_robot.calibration.findings import CalibrationFindings
 from pouring_robot.estimation.frames import FRAMES
 from pouring_robot.estimation.identifiability import combination_text, robot_combinations
 from pouring_robot.exceptions import BadInputError
@@ -53,7 +53,7 @@ class ParameterLine:
         return "moved" if abs(self.value) > Z95 * self.std else "measured, not off"
 
 
-def parameter_lines(calibration: Calibration) -> list[ParameterLine]:
+def parameter_lines(calibration: CalibrationFindings) -> list[ParameterLine]:
     """Return the parameters kept, in order."""
     fit, std = calibration.fit, calibration.std
     names = [(group.name, p) for group in calibration.selection.groups for p in group.parameters]
@@ -82,7 +82,7 @@ class GroupLine:
     moved_mrad: float
 
 
-def group_effects(calibration: Calibration) -> list[GroupLine]:
+def group_effects(calibration: CalibrationFindings) -> list[GroupLine]:
     """Return what each group kept does at the target, to first order about the answer; the largest first."""
     fit, noise = calibration.fit, calibration.noise
     jacobian = fit.equations.jacobian
@@ -132,7 +132,7 @@ class CombinationLine:
         return abs(self.value) > Z95 * self.std
 
 
-def combination_lines(calibration: Calibration) -> list[CombinationLine]:
+def combination_lines(calibration: CalibrationFindings) -> list[CombinationLine]:
     """Return what the campaign determines, the surest movement first.
 
     Combinations with an outer frame in them say nothing of the robot.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pouring_robot.calibration.calibrate import Calibration
+from pouring_robot.calibration.findings import CalibrationFindings
 from pouring_robot.calibration.lines import SEEN, parameter_lines
 from pouring_robot.estimation.frames import FRAMES
 from pouring_robot.mechanism.poses import MM, MRAD
@@ -13,7 +13,7 @@ from pouring_robot.report.plots import AFTER, BEFORE, GREY, HELD_OUT, new_figure
 _MOST_NAMES = 60
 
 
-def plots(calibration: Calibration) -> list[tuple[str, bytes]]:
+def plots(calibration: CalibrationFindings) -> list[tuple[str, bytes]]:
     """Return titles and PNG files."""
     drawn = [
         ("Error of every row before and after; the held-out block is shaded", _residuals(calibration)),
@@ -29,7 +29,7 @@ def _plain(value: float, _place: object) -> str:
     return f"{value:g}"
 
 
-def _residuals(calibration: Calibration) -> bytes:
+def _residuals(calibration: CalibrationFindings) -> bytes:
     from matplotlib.ticker import FuncFormatter, NullFormatter
 
     figure = new_figure(10.0, 5.6)
@@ -55,7 +55,7 @@ def _residuals(calibration: Calibration) -> bytes:
     return png_of(figure)
 
 
-def _parameters(calibration: Calibration) -> bytes:
+def _parameters(calibration: CalibrationFindings) -> bytes:
     lines = parameter_lines(calibration)
     lines = [line for line in lines if line.learnt >= SEEN] or lines
     order = sorted(lines, key=lambda line: -abs(line.value) / line.std)[:_MOST_NAMES]
@@ -75,7 +75,7 @@ def _parameters(calibration: Calibration) -> bytes:
     return png_of(figure)
 
 
-def _correlation(calibration: Calibration) -> bytes:
+def _correlation(calibration: CalibrationFindings) -> bytes:
     matrix = calibration.correlation[FRAMES:, FRAMES:]
     names = calibration.unknown_names[FRAMES:]
     figure = new_figure(8.0, 7.2)
@@ -88,7 +88,7 @@ def _correlation(calibration: Calibration) -> bytes:
     return png_of(figure)
 
 
-def _ladle(calibration: Calibration) -> bytes:
+def _ladle(calibration: CalibrationFindings) -> bytes:
     figure = new_figure(9.0, 3.8)
     left, right = figure.subplots(1, 2)
     ladle = calibration.ladle

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
-from pouring_robot.calibration.calibrate import Calibration
+from pouring_robot.calibration.findings import CalibrationFindings
 from pouring_robot.calibration.lines import (
     SEEN,
     CombinationLine,
@@ -25,7 +25,7 @@ SHOWN, WIDTH = 6, 60
 """Combinations, and letters of each, shown on a terminal; the page shows all."""
 
 
-def headline(calibration: Calibration) -> str:
+def headline(calibration: CalibrationFindings) -> str:
     """Return the outcome in one sentence."""
     before, after = (calibration.misfit(calibration.split.test, after=a) for a in (False, True))
     floor = noise_floor(calibration)
@@ -38,7 +38,7 @@ def headline(calibration: Calibration) -> str:
     return f"Held-out error {before.rms_mm:.3f} to {after.rms_mm:.3f} mm RMS{turn}; noise floor {noise}."
 
 
-def gap_rows(calibration: Calibration) -> list[Row]:
+def gap_rows(calibration: CalibrationFindings) -> list[Row]:
     """Return the table of errors: rows, what, RMS, P95 and largest in mm and mrad."""
     floor, split = noise_floor(calibration), calibration.split
     table: list[Row] = []
@@ -126,7 +126,7 @@ def combination_rows(lines: Iterable[CombinationLine], width: int = 10_000) -> l
     ]
 
 
-def performance_lines(calibration: Calibration) -> list[str]:
+def performance_lines(calibration: CalibrationFindings) -> list[str]:
     """Return accuracy and repeatability in words."""
     found = calibration.performance
     if found is None:
@@ -144,7 +144,7 @@ def performance_lines(calibration: Calibration) -> list[str]:
     ]
 
 
-def ladle_line(calibration: Calibration) -> str:
+def ladle_line(calibration: CalibrationFindings) -> str:
     """Return how well the ladle is known."""
     half = calibration.ladle.half_width_m / MM
     if not half.size:
@@ -156,7 +156,7 @@ def ladle_line(calibration: Calibration) -> str:
     )
 
 
-def group_lines(calibration: Calibration) -> list[str]:
+def group_lines(calibration: CalibrationFindings) -> list[str]:
     """Return the dependent groups by name: what can be told, and how much cannot."""
     lines = []
     for group in calibration.base.groups:
@@ -167,7 +167,7 @@ def group_lines(calibration: Calibration) -> list[str]:
     return lines
 
 
-def split_line(calibration: Calibration) -> str:
+def split_line(calibration: CalibrationFindings) -> str:
     """Return which rows served for what."""
     split = calibration.split
     return (
@@ -179,7 +179,7 @@ def split_line(calibration: Calibration) -> str:
 # --- HTML -----------------------------------------------------------------------------------------------------------
 
 
-def html_report(calibration: Calibration) -> str:
+def html_report(calibration: CalibrationFindings) -> str:
     """Return the report as one page without any outside file."""
     lines = parameter_lines(calibration)
     seen = [line for line in lines if line.learnt >= SEEN]
@@ -223,7 +223,7 @@ def html_report(calibration: Calibration) -> str:
 SELECTION_HEAD = ("kept so far", "tried", "validation RMS / noise", "gain", "± 1σ", "")
 
 
-def selection_rows(calibration: Calibration) -> list[Row]:
+def selection_rows(calibration: CalibrationFindings) -> list[Row]:
     """Return the table of the groups that were tried."""
     return [
         (

