@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.names import DRIVE_JOINTS
 
@@ -75,21 +75,3 @@ def nominal_poses(kinematics: FourUPUKinematics, drives: FloatArray) -> PoseStac
             continue
         position[row], tilt[row] = pose.position_m, pose.tilt_rad
     return planar_poses(position, tilt)
-
-
-def rotation_matrices(rotation_vector_rad: FloatArray) -> FloatArray:
-    """Return (n, 3, 3) rotation matrices of rotation vectors (n, 3) in rad; NaN where a component is missing."""
-    known = np.isfinite(rotation_vector_rad).all(axis=1)
-    matrices = np.full((known.size, 3, 3), np.nan)
-    if known.any():
-        matrices[known] = Rotation.from_rotvec(rotation_vector_rad[known]).as_matrix()
-    return matrices
-
-
-def rotation_vectors(matrices: FloatArray) -> FloatArray:
-    """Return (n, 3) rotation vectors, in rad, of rotation matrices (n, 3, 3); NaN stays NaN."""
-    known = np.isfinite(matrices).all(axis=(1, 2))
-    vectors = np.full((known.size, 3), np.nan)
-    if known.any():
-        vectors[known] = Rotation.from_matrix(matrices[known]).as_rotvec()
-    return vectors

@@ -15,13 +15,13 @@ import pinocchio as pin
 from pouring_robot.campaign.columns import DRIVES, LENGTH_DRIVES, POSITION, ROTATION
 from pouring_robot.campaign.data import Campaign, arrays_from
 from pouring_robot.campaign.metadata import CampaignMetadata
-from pouring_robot.campaign.nominal import rotation_vectors
 from pouring_robot.campaign.plan import PosePlan
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.robot.pouring.names import DRIVE_JOINTS
 from pouring_robot.robot.robot import PouringRobot
 

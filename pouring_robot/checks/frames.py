@@ -18,12 +18,13 @@ import numpy as np
 
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.campaign.nominal import PoseStack, nominal_poses, rotation_matrices
+from pouring_robot.campaign.nominal import PoseStack, nominal_poses
 from pouring_robot.checks.columns import distinct_poses
 from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, row_tuple, where
 from pouring_robot.estimation.frames import FEWEST_ROWS, FrameFit, affine_map, fit_frames, robust_sigma, rotation_misfit
 from pouring_robot.exceptions import FrameFitError
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.rotations import rotation_matrices
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.names import DRIVE_JOINTS
 

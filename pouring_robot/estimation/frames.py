@@ -21,11 +21,11 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pouring_robot.campaign.nominal import PoseStack, rotation_matrices
+from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.exceptions import FrameFitError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import COMPONENTS, FrameParameter
-from pouring_robot.mechanism.rotations import right_jacobian, skew
+from pouring_robot.mechanism.rotations import right_jacobian, rotation_matrices, skew
 
 FRAME_PARAMETERS: tuple[FrameParameter, ...] = (
     *(FrameParameter("base", component) for component in COMPONENTS),

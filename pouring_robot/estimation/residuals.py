@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.campaign.nominal import PoseStack, rotation_matrices
+from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.measurement import BoolArray, Prediction
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.rotations import inverse_right_jacobians
+from pouring_robot.mechanism.rotations import inverse_right_jacobians, rotation_matrices
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.rotations import skew
 
 # Bernoulli series of the inverse right Jacobian: ad/2 + ad^2/12 - ad^4/720 + ad^6/30240 - ad^8/1209600.
 _JLOG_SERIES = {1: 1 / 2, 2: 1 / 12, 4: -1 / 720, 6: 1 / 30240, 8: -1 / 1209600}
@@ -73,7 +74,7 @@ NO_LOADS = Loads()
 
 def motion_cross(twists: FloatArray) -> FloatArray:
     """Return the matrices ad(x) with ad(x) y = x × y; twists (..., 6) give (..., 6, 6)."""
-    linear, angular = _skew(twists[..., :3]), _skew(twists[..., 3:])
+    linear, angular = skew(twists[..., :3]), skew(twists[..., 3:])
     matrix = np.zeros((*twists.shape[:-1], 6, 6))
     matrix[..., :3, :3] = matrix[..., 3:, 3:] = angular
     matrix[..., :3, 3:] = linear
@@ -82,19 +83,11 @@ def motion_cross(twists: FloatArray) -> FloatArray:
 
 def bracket_form(wrenches: FloatArray) -> FloatArray:
     """Return the antisymmetric matrices F with ``wrench . (x × y) = x^T F y``; wrenches (..., 6) give (..., 6, 6)."""
-    force, torque = _skew(wrenches[..., :3]), _skew(wrenches[..., 3:])
+    force, torque = skew(wrenches[..., :3]), skew(wrenches[..., 3:])
     form = np.zeros((*wrenches.shape[:-1], 6, 6))
     form[..., :3, 3:] = form[..., 3:, :3] = -force
     form[..., 3:, 3:] = -torque
     return form
-
-
-def _skew(vectors: FloatArray) -> FloatArray:
-    skew = np.zeros((*vectors.shape[:-1], 3, 3))
-    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
-    skew[..., 0, 1], skew[..., 0, 2], skew[..., 1, 2] = -z, y, -x
-    skew[..., 1, 0], skew[..., 2, 0], skew[..., 2, 1] = z, -y, x
-    return skew
 
 
 def log_wrench_derivative(residual: FloatArray, stiff_residual: FloatArray, jlog: FloatArray) -> FloatArray:
@@ -325,7 +318,7 @@ class ClosureEnergy:
         for i, is_3d in enumerate(self._is_3d):
             if is_3d:  # the wrench is R^T K p; turning frame b turns it back: d(R^T p) = (R^T p) × omega
                 curvature[i] = 0.0
-                curvature[i, :3, 3:] = _skew(relative_wrench[i, :3])
+                curvature[i, :3, 3:] = skew(relative_wrench[i, :3])
         return curvature
 
     @functools.cached_property

@@ -45,3 +45,25 @@ def inverse_right_jacobians(rotation_vectors: FloatArray) -> FloatArray:
         1.0 / 12.0 + angle**2 / 720.0,
     )
     return np.asarray(np.eye(3) + 0.5 * cross + factor[..., None, None] * (cross @ cross))
+
+
+def rotation_matrices(rotation_vectors_rad: FloatArray) -> FloatArray:
+    """Return rotation matrices (..., 3, 3) of rotation vectors (..., 3) in rad; NaN where a component is missing."""
+    from scipy.spatial.transform import Rotation
+
+    known = np.isfinite(rotation_vectors_rad).all(axis=-1)
+    matrices = np.full((*known.shape, 3, 3), np.nan)
+    if known.any():
+        matrices[known] = Rotation.from_rotvec(rotation_vectors_rad[known]).as_matrix()
+    return matrices
+
+
+def rotation_vectors(matrices: FloatArray) -> FloatArray:
+    """Return rotation vectors (..., 3), in rad, of rotation matrices (..., 3, 3); NaN stays NaN."""
+    from scipy.spatial.transform import Rotation
+
+    known = np.isfinite(matrices).all(axis=(-2, -1))
+    vectors = np.full((*known.shape, 3), np.nan)
+    if known.any():
+        vectors[known] = Rotation.from_matrix(matrices[known]).as_rotvec()
+    return vectors

@@ -16,6 +16,7 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
 from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
+from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.report.result import Result
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics, JointReach
 from pouring_robot.robot.pouring.poses import PlatformPose
@@ -134,9 +135,9 @@ def located(robot: LocatingRobot, poses: ArrayLike | Sequence[PlatformPose]) -> 
         "nominal_position": (dims, nominal[..., 3], {"units": "m"}),
         "actual_position": (dims, actual[..., 3], {"units": "m"}),
         "error_position": (dims, actual[..., 3] - nominal[..., 3], {"units": "m"}),
-        "nominal_rotation": (dims, _rotation_vectors(nominal[..., :3]), {"units": "rad"}),
-        "actual_rotation": (dims, _rotation_vectors(actual[..., :3]), {"units": "rad"}),
-        "error_rotation": (dims, _rotation_vectors(turn), {"units": "rad"}),
+        "nominal_rotation": (dims, rotation_vectors(nominal[..., :3]), {"units": "rad"}),
+        "actual_rotation": (dims, rotation_vectors(actual[..., :3]), {"units": "rad"}),
+        "error_rotation": (dims, rotation_vectors(turn), {"units": "rad"}),
         "status": ("pose", status, {"comment": f"'{STATUS_NAMES[0]}', or why the pose is NaN"}),
     }
     coordinates = {
@@ -211,13 +212,3 @@ def _one_at_a_time(robot: LocatingRobot, poses: FloatArray) -> tuple[NDArray[np.
         both[:, k] = np.array([[pose.homogeneous[:3] for pose in location.poses(f)] for f in frames]).swapaxes(0, 1)
         status.append(STATUS_NAMES[0])
     return np.array(status), both[0], both[1]
-
-
-def _rotation_vectors(matrices: FloatArray) -> FloatArray:
-    from scipy.spatial.transform import Rotation
-
-    found = np.full(matrices.shape[:-1], np.nan)
-    sound = np.isfinite(matrices).all(axis=(-2, -1))
-    if sound.any():
-        found[sound] = Rotation.from_matrix(matrices[sound]).as_rotvec()
-    return found

@@ -4,10 +4,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pouring_robot.campaign.nominal import nominal_poses, rotation_matrices
+from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.checks.smoothing import drive_sensitivity
 from pouring_robot.estimation.frames import affine_map, fit_frames
 from pouring_robot.exceptions import FrameFitError
+from pouring_robot.mechanism.rotations import rotation_matrices
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, measure
 
 

@@ -26,7 +26,8 @@ from scipy.spatial.distance import squareform
 from sklearn.base import BaseEstimator, ClusterMixin
 from sklearn.utils.validation import validate_data
 
-from pouring_robot.thermal.regression.table import ErrorSetError, FloatArray, standardised
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.thermal.regression.table import ErrorSetError, standardised
 
 # Two sets this close to r = 1 are one set: what still parts them is rounding, and a group made of it would be chance.
 _SAME = 1e-12

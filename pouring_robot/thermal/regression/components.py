@@ -27,7 +27,8 @@ from sklearn.decomposition import PCA
 from sklearn.linear_model import LinearRegression
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from pouring_robot.thermal.regression.table import ErrorSetError, FloatArray, standardised
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.thermal.regression.table import ErrorSetError, standardised
 
 EXPLAINED_SHARE = 0.85
 """The paper's rule: as many components as carry 85 % of the variance."""

@@ -16,7 +16,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pouring_robot.thermal.regression.table import ErrorSetError, FloatArray, standardised
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.thermal.regression.table import ErrorSetError, standardised
 
 
 def grey_relational_coefficients(

@@ -50,9 +50,10 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.linear_model import LinearRegression
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.thermal.regression.components import EXPLAINED_SHARE, PrincipalComponentRegression
 from pouring_robot.thermal.regression.sensitive_sets import VIF_LIMIT, SensitiveSetSelector
-from pouring_robot.thermal.regression.table import ErrorSetError, FloatArray
+from pouring_robot.thermal.regression.table import ErrorSetError
 
 WEIGHTINGS = ("table", "coefficients", "standardised")
 

@@ -8,17 +8,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pouring_robot.exceptions import BadInputError, TableError
 from pouring_robot.io.quantities import UNITS, to_inner
 from pouring_robot.io.tables import Table, read_table
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
+from pouring_robot.mechanism.arrays import FloatArray
 
 if TYPE_CHECKING:
     import pandas as pd
 
-FloatArray = NDArray[np.float64]
 
 _KINDS = {unit: kind for kind in ("length", "angle") for unit in UNITS[kind]}
 _EMPTY = "the cell is missing; fill it or leave the line out"

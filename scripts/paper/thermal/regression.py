@@ -38,8 +38,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binomtest
 
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.thermal.regression.joint_model import WEIGHTINGS, JointRegression
-from pouring_robot.thermal.regression.table import ErrorTable, FloatArray
+from pouring_robot.thermal.regression.table import ErrorTable
 
 AMBIENT_K = 293.15
 MELT_K = 1973.15
