@@ -13,7 +13,6 @@ import os
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 import pinocchio as pin
 import pydantic
 from lxml import etree
@@ -65,8 +64,7 @@ class JointPlacement(StrictModel):
 
     def to_se3(self) -> pin.SE3:
         """Return the displacement as a pose: of the actual placement in the nominal one."""
-        error = self.to_si()
-        return pin.SE3(pin.exp3(np.array(error.rotation_rad)), np.array(error.translation_m))
+        return self.to_si().to_se3()
 
     @classmethod
     def from_se3(cls, pose_nominal_to_actual: pin.SE3) -> JointPlacement:
@@ -303,9 +301,7 @@ def meet_at_cut_joints(urdf: str, loops: LoopsFile) -> str:
         for loop in loops.loops:
             if paths[loop.frame_a] == paths[cut][:-1]:
                 mount, foot, seat = (data.oMf[mechanism.frame_id(name)] for name in (cut, loop.frame_a, loop.frame_b))
-                moved = mount.actInv(foot * seat.actInv(mount))
-                turn = pin.log3(moved.rotation)
-                errors[cut] = PlacementError(tuple(moved.translation.tolist()), tuple(turn.tolist()))
+                errors[cut] = PlacementError.from_se3(mount.actInv(foot * seat.actInv(mount)))
     return perturb_urdf(urdf, errors)
 
 

@@ -71,6 +71,17 @@ class PlacementError:
             if len(part) != 3 or not all(math.isfinite(v) for v in part):
                 raise ValueError(f"{name} must be three finite numbers, not {part}")
 
+    @classmethod
+    def from_se3(cls, displacement: pin.SE3) -> PlacementError:
+        """Take a displacement given as the pose of the actual placement in the nominal one."""
+        x, y, z = displacement.translation.tolist()
+        rx, ry, rz = pin.log3(displacement.rotation).tolist()
+        return cls((x, y, z), (rx, ry, rz))
+
+    def to_se3(self) -> pin.SE3:
+        """Return the same as the pose of the actual placement in the nominal one."""
+        return pin.SE3(pin.exp3(np.array(self.rotation_rad)), np.array(self.translation_m))
+
 
 def render_urdf(
     layout: str = "paper",
@@ -213,8 +224,7 @@ def _displace(joint: etree._Element, placement: PlacementError) -> None:
         origin = etree.SubElement(joint, "origin")
     xyz, rpy = _numbers(joint, origin, "xyz"), _numbers(joint, origin, "rpy")
     nominal = pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
-    error = pin.SE3(pin.exp3(np.array(placement.rotation_rad)), np.array(placement.translation_m))
-    actual = nominal * error
+    actual = nominal * placement.to_se3()
     origin.set("xyz", " ".join(repr(float(v)) for v in actual.translation))
     origin.set("rpy", " ".join(repr(float(v)) for v in pin.rpy.matrixToRpy(actual.rotation)))
 

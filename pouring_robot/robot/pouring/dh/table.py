@@ -145,7 +145,7 @@ class DHTable:
         touched = {self[name].joint for name, value in errors.items() if value != 0.0}
         moved = {number: chain.displacements(arrays[number]) for number, chain in self._chains.items()}
         return {
-            joint: _placement_error(moved[chain.number][k])
+            joint: PlacementError.from_se3(pin.SE3(moved[chain.number][k]))
             for joint, (chain, k) in self._sites.items()
             if joint in touched
         }
@@ -175,10 +175,10 @@ class DHTable:
         for joint in placements:
             if joint not in self._sites:
                 raise UnknownJointError(joint, self._sites)
-        result: dict[str, float] = {}
+        result, none = {}, PlacementError()
         for number in sorted({self._sites[joint][0].number for joint in placements}):
             chain = self._chains[number]
-            moved = np.stack([_homogeneous(placements.get(joint)) for joint in chain.joints])
+            moved = np.stack([placements.get(joint, none).to_se3().homogeneous for joint in chain.joints])
             parameters = [p for p in self.parameters if p.chain == number]
             roles = np.array([p.role for p in parameters]).reshape(8, 4)
             free = (roles == "joint variable") & (not drop_outs)
@@ -212,17 +212,3 @@ class DHTable:
                 raise BadInputError(f"the error of '{name}' must be a finite number, not {value}")
             arrays[parameter.chain][parameter.place] = value
         return arrays
-
-
-def _placement_error(displacement: FloatArray) -> PlacementError:
-    x, y, z = (float(v) for v in displacement[:3, 3])
-    rx, ry, rz = (float(v) for v in pin.log3(displacement[:3, :3]))
-    return PlacementError((x, y, z), (rx, ry, rz))
-
-
-def _homogeneous(placement: PlacementError | None) -> FloatArray:
-    matrix = np.eye(4)
-    if placement is not None:
-        matrix[:3, :3] = pin.exp3(np.array(placement.rotation_rad))
-        matrix[:3, 3] = placement.translation_m
-    return matrix
