@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pouring_robot.calibration.acceptance import Refusal, acceptable, row_scores
 from pouring_robot.calibration.amend import amended_model
 from pouring_robot.calibration.findings import CalibrationFindings
-from pouring_robot.calibration.ladle import LadleUncertainty, ladle_uncertainty, pose_platform_to_lip, workspace_rows
+from pouring_robot.calibration.ladle import LadleUncertainty, ladle_uncertainty, workspace_rows
 from pouring_robot.calibration.metrics import Misfit, pose_performance
 from pouring_robot.calibration.selection import Selection, select_groups
 from pouring_robot.campaign.data import Campaign
@@ -290,5 +290,5 @@ def _ladle(
     workspace: tuple[FloatArray, ModelledRows], model: MeasurementModel, fit: Fit, inflation: float, *, turned: bool
 ) -> LadleUncertainty:
     poses, rows = workspace
-    lip = pose_platform_to_lip(model.engine.structure.mechanism)
+    lip = model.engine.structure.mechanism.T_end_tool
     return ladle_uncertainty(rows, poses, fit.unknowns, fit.covariance * inflation**2, lip, turned=turned)

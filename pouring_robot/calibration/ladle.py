@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,9 +11,7 @@ from pouring_robot.estimation.frames import FRAMES
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.robot.pouring.layout import Layout
-from pouring_robot.robot.pouring.poses import PlatformPose
 
 _SHARES = (0.1, 0.5, 0.9)  # of the workspace box along each axis
 
@@ -43,33 +40,11 @@ class LadleUncertainty:
         return np.asarray(1.96 * self.std_m.max(axis=1))
 
 
-def pose_platform_to_lip(mechanism: ClosedChainMechanism) -> pin.SE3:
-    """Return where the pouring lip sits on the moving platform.
-
-    Raises:
-        UnknownFrameError: the robot has no lip.
-    """
-    return mechanism.placement_on_end(mechanism.loops.working_frame)
-
-
-def workspace_poses(layout: Layout) -> list[PlatformPose]:
-    """Return the poses of a grid inside the workspace box."""
-    lower = np.append(layout.position_lower_m, layout.tilt_lower_rad)
-    upper = np.append(layout.position_upper_m, layout.tilt_upper_rad)
-    grid = (lower + np.array(shares) * (upper - lower) for shares in itertools.product(_SHARES, repeat=4))
-    return [PlatformPose((float(p[0]), float(p[1]), float(p[2])), float(p[3])) for p in grid]
-
-
 def workspace_rows(model: MeasurementModel, layout: Layout) -> tuple[FloatArray, ModelledRows]:
     """Return the poses of the grid that the robot can take, shape (n, 4), and their rows."""
-    poses, drives = [], []
-    for pose in workspace_poses(layout):
-        try:
-            drives.append(list(model.kinematics.inverse(pose).values()))
-        except NoSolutionError:
-            continue
-        poses.append([*pose.position_m, pose.tilt_rad])
-    return np.array(poses).reshape(-1, 4), model.at(np.array(drives).reshape(-1, 4))
+    commands = model.kinematics.commands(layout.grid(*[_SHARES] * 4))
+    reached = model.kinematics.within_limits(commands.start.joints)
+    return commands.poses[reached], model.at(commands.drives[reached])
 
 
 def ladle_uncertainty(
@@ -77,7 +52,7 @@ def ladle_uncertainty(
     poses: FloatArray,
     unknowns: Unknowns,
     covariance: FloatArray,
-    pose_platform_to_lip: pin.SE3,
+    T_end_tool: pin.SE3,
     *,
     turned: bool,
 ) -> LadleUncertainty:
@@ -88,7 +63,7 @@ def ladle_uncertainty(
         poses: the same as poses, for the report, shape (n, 4).
         unknowns: the calibrated values.
         covariance: of all unknowns, in m and rad.
-        pose_platform_to_lip: where the lip sits on the moving platform.
+        T_end_tool: where the lip sits on the moving platform.
         turned: whether rotations were measured, so that the attitude of the target is known.
     """
     seen = rows.linearise(unknowns)
@@ -99,7 +74,7 @@ def ladle_uncertainty(
     turning = jacobian[:, 3:].copy()
     if not turned:
         turning[:, :, 6:FRAMES] = 0.0  # nothing is known of the target's attitude; the lip is held by the platform's
-    arm = pose_platform_to_lip.translation - unknowns.frames.T_end_target.translation
+    arm = T_end_tool.translation - unknowns.frames.T_end_target.translation
     lever = np.einsum("ij,njk,k->ni", unknowns.frames.T_tracker_base.rotation, rotation, arm)
     lip = jacobian[:, :3] + np.cross(turning.transpose(0, 2, 1), lever[:, None, :]).transpose(0, 2, 1)
     return LadleUncertainty(poses[closed], _std(lip, covariance), _std(turning, covariance))

@@ -90,12 +90,10 @@ def random_plan(robot: PouringRobot, count: int, seed: int) -> PosePlan:
     if not 1 <= count <= _MOST_POSES:
         raise BadInputError(f"a plan has 1 to {_MOST_POSES} poses, not {count}")
     random, layout = np.random.default_rng([seed, 1]), robot.layout
-    lower = np.append(layout.position_lower_m, layout.tilt_lower_rad)
-    upper = np.append(layout.position_upper_m, layout.tilt_upper_rad)
     poses: list[PlatformPose] = []
     drives: list[list[float]] = []
     for _ in range(50 * count):
-        x, y, z, tilt = random.uniform(lower, upper).tolist()
+        x, y, z, tilt = random.uniform(*layout.box).tolist()
         pose = PlatformPose((x, y, z), tilt)
         try:
             drives.append(list(robot.kinematics.inverse(pose).values()))

@@ -75,7 +75,7 @@ class Columns:
         # The drives may be among the parameters already; under names of their own they can stand twice.
         self._model = MeasurementModel(robot.model, self.local)
         self._drive_model = self._model.with_parameters(self.drives)
-        self._lip_m = nominal.placement_on_end(nominal.loops.working_frame).translation
+        self._lip_m = np.array(nominal.T_end_tool.translation)
 
     @property
     def unknowns(self) -> int:
@@ -160,12 +160,6 @@ class Columns:
         return rows
 
 
-def box(layout: Layout) -> tuple[FloatArray, FloatArray]:
-    """Return lower and upper corner of the workspace: x, y, z in m, tilt in rad; shape (4,) each."""
-    lower = np.append(layout.position_lower_m, layout.tilt_lower_rad)
-    return lower, np.append(layout.position_upper_m, layout.tilt_upper_rad)
-
-
 def candidate_poses(layout: Layout, count: int) -> FloatArray:
     """Return poses that fill the workspace box: its corners, edges and middles, and a Sobol sequence between.
 
@@ -176,20 +170,12 @@ def candidate_poses(layout: Layout, count: int) -> FloatArray:
     Returns:
         Round figures (0.1 mm, 0.01 degrees) inside the box, none twice; shape (n, 4), in m and rad.
     """
-    lower, upper = box(layout)
-    levels = np.linspace(0.0, 1.0, _EDGE_LEVELS)
-    grid = np.stack(np.meshgrid(*[levels] * 4, indexing="ij"), axis=-1).reshape(-1, 4)
+    lower, upper = layout.box
+    grid = layout.grid(*[np.linspace(0.0, 1.0, _EDGE_LEVELS)] * 4)
     wanted = max(0, count - len(grid))
     filled = qmc.Sobol(4, scramble=False).random_base2(int(np.ceil(np.log2(wanted + 1))))[:wanted]
     step = np.array([_ROUND_M, _ROUND_M, _ROUND_M, np.radians(_ROUND_DEG)])
-    poses = lower + (upper - lower) * np.concatenate([grid, filled])
+    poses = np.concatenate([grid, lower + (upper - lower) * filled])
     whole = np.clip(np.round(poses / step), np.ceil(lower / step - 1e-9), np.floor(upper / step + 1e-9))
     _, first = np.unique(whole, axis=0, return_index=True)
     return np.asarray(whole[np.sort(first)] * step)
-
-
-def workspace_grid(layout: Layout, levels: tuple[int, int, int, int] = (3, 3, 7, 7)) -> FloatArray:
-    """Return a regular grid of the workspace box, its faces included; shape (n, 4), in m and rad."""
-    lower, upper = box(layout)
-    axes = [np.linspace(a, b, n) for a, b, n in zip(lower, upper, levels, strict=True)]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 4)

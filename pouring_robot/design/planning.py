@@ -20,7 +20,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.design.columns import Columns, Conditions, Noise, candidate_poses, workspace_grid
+from pouring_robot.design.columns import Columns, Conditions, Noise, candidate_poses
 from pouring_robot.design.exchange import CandidateSet, IntArray, choose
 from pouring_robot.design.information import (
     covariance,
@@ -49,6 +49,7 @@ from pouring_robot.robot.tolerances import Tolerances
 
 __all__ = ["Conditions", "MeasurementPlan", "Noise", "PlanQuality", "PlanRequest", "Planner", "UndeterminedError"]
 
+_LADLE_LEVELS = (3, 3, 7, 7)  # of the workspace's grid, its faces included, along x, y, z and tilt
 _ONE, _BOTH = 0, 1  # kinds of a candidate: visited from one side, or from both
 
 
@@ -263,7 +264,7 @@ class Planner:
     @functools.cached_property
     def _ladle(self) -> tuple[FloatArray, FloatArray]:
         """Workspace poses within reach, and the ladle's columns there at the heaviest load and highest heat."""
-        grid = workspace_grid(self.robot.layout)
+        grid = self.robot.layout.grid(*(np.linspace(0.0, 1.0, n) for n in _LADLE_LEVELS))
         grid = grid[self.columns.reachable(grid)]
         work = Conditions(0, max(s.payload_kg for s in self.states), max(s.leg_degC for s in self.states))
         columns, closed = self.columns.ladle(grid, work)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from pouring_robot.design.columns import box
 from pouring_robot.design.result import MeasurementPlan
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
@@ -28,7 +27,7 @@ def plot(plan: MeasurementPlan, layout: Layout) -> bytes:
     figure = new_figure(11.0, 10.5, dpi=120)
     sights = figure.subplot_mosaic("XYTT;AABB", height_ratios=(1.4, 1.0), width_ratios=(1.0, 1.0, 1.2, 1.2))
     edge = np.array([1e3, 1e3, 1e3, math.degrees(1.0)])
-    lower, upper = (corner * edge for corner in box(layout))
+    lower, upper = (corner * edge for corner in layout.box)
     poses = plan.poses * edge
     for key, axis, name in (("X", 0, "x [mm]"), ("Y", 1, "y [mm]"), ("T", 3, "tilt [°]")):
         draw_box(sights[key], (lower[axis], upper[axis]), (lower[2], upper[2]))

@@ -11,16 +11,9 @@ import pinocchio as pin
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.estimation.frames import OuterFrames
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.model import RobotModel
 
 if TYPE_CHECKING:
     from pouring_robot.diagnosis.result import Diagnosis
-
-
-def pose_platform_to_lip(model: RobotModel) -> pin.SE3:
-    """Return where the drawing has the frame that counts, the pouring lip, on the moving platform."""
-    mechanism = model.nominal_mechanism()
-    return mechanism.placement_on_end(mechanism.loops.working_frame)
 
 
 def moved_at_lip(diagnosis: Diagnosis, parameters: Sequence[EffectParameter]) -> FloatArray:
@@ -30,7 +23,7 @@ def moved_at_lip(diagnosis: Diagnosis, parameters: Sequence[EffectParameter]) ->
     A constant part counts here, though the frames absorb it in the campaign.
     """
     rows, after = diagnosis.rows, diagnosis.after
-    frames = OuterFrames(pin.SE3.Identity(), pose_platform_to_lip(diagnosis.model))
+    frames = OuterFrames(pin.SE3.Identity(), diagnosis.model.nominal_mechanism().T_end_tool)
     chosen = {id(p) for p in parameters}
     kept = np.array([0.0 if id(p) in chosen else 1.0 for p in after.parameters])
     with_all = rows.predicted(rows.changes(after.parameters, after.values), frames)

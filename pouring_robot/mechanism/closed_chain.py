@@ -225,6 +225,18 @@ class ClosedChainMechanism:
             raise UnknownFrameError(name, (frame.name for frame in self._model.frames))
         return int(self._model.getFrameId(name))
 
+    @property
+    def T_end_tool(self) -> pin.SE3:  # noqa: N802 - frames as everywhere
+        """Where the frame that counts sits on the body that closes the loops (the pouring lip on the platform).
+
+        Raises:
+            UnknownFrameError: the robot has no such frame.
+        """
+        end, tool = (
+            self._model.frames[self.frame_id(str(n))] for n in (self.loops.end_frame, self.loops.working_frame)
+        )
+        return end.placement.actInv(tool.placement)
+
     def joint_id(self, name: str) -> int:
         """Return Pinocchio's index of a moving joint.
 

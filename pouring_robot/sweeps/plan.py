@@ -256,15 +256,13 @@ class SweepPlan:
 
     def _tool_offsets(self) -> FloatArray:
         """Return the origins of the observed frames in the moving platform, shape (frames, 3), in m."""
-        mechanism = self.mechanism
-        model = mechanism.shared_model
-        end = model.frames[mechanism.frame_id(mechanism.loops.end_frame or "")]
-        carried = {f.name: f.placement for f in model.frames if f.parentJoint == end.parentJoint}
-        bodies = {f.name for f in model.frames if f.type == pin.FrameType.BODY} & set(carried)
+        mechanism, frames = self.mechanism, self.mechanism.shared_model.frames
+        end = frames[mechanism.frame_id(mechanism.loops.end_frame or "")]
+        bodies = {f.name for f in frames if f.type == pin.FrameType.BODY and f.parentJoint == end.parentJoint}
         for name in self.config.frames:
             if name not in bodies:
                 raise self.config.problem(f"frames: {UnknownFrameError(name, bodies)}")
-        return np.array([end.placement.actInv(carried[name]).translation for name in self.config.frames])
+        return np.array([mechanism.placement_on_end(name).translation for name in self.config.frames])
 
 
 _MADE_ON_DEMAND = frozenset({"evaluator", "error_map"})

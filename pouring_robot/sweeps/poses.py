@@ -21,7 +21,10 @@ def sweep_commands(config: SweepConfig, layout: Layout, kinematics: FourUPUKinem
         UnreachablePoseError: a joint would pass its limits at one of the poses.
     """
     commands = kinematics.commands(_wanted(config, config.poses, layout))
-    _refuse_out_of_reach(commands, kinematics)
+    beyond = ~kinematics.within_limits(commands.start.joints)
+    if beyond.any():
+        x, y, z, tilt = (float(value) for value in commands.poses[int(np.argmax(beyond))])
+        kinematics.inverse(PlatformPose((x, y, z), tilt))  # raises, and names the joint
     return commands
 
 
@@ -35,17 +38,9 @@ def _wanted(config: SweepConfig, choice: Poses, layout: Layout) -> FloatArray:
     return np.array([(*pose.position_m, pose.tilt_rad) for pose in listed])
 
 
-def _refuse_out_of_reach(commands: BatchCommand, kinematics: FourUPUKinematics) -> None:
-    beyond = ~kinematics.within_limits(commands.start.joints)
-    if beyond.any():
-        x, y, z, tilt = (float(value) for value in commands.poses[int(np.argmax(beyond))])
-        kinematics.inverse(PlatformPose((x, y, z), tilt))  # raises, and names the joint
-
-
 def _limits(box: Box, layout: Layout) -> FloatArray:
     """Return lower and upper limits of x, y, z and tilt, shape (2, 4), in m and rad."""
-    lower = [*layout.position_lower_m, layout.tilt_lower_rad]
-    limits = np.array([lower, [*layout.position_upper_m, layout.tilt_upper_rad]])
+    limits = np.array(layout.box)
     for k, pair in enumerate(box.limits_si()):
         if pair is not None:
             limits[:, k] = pair

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pouring_robot.calibration.ladle import ladle_uncertainty, pose_platform_to_lip, workspace_rows
+from pouring_robot.calibration.ladle import ladle_uncertainty, workspace_rows
 from pouring_robot.estimation.frames import FRAMES
 from pouring_robot.estimation.solver import first_frames, identify
 from tests.estimation.virtual import Virtual, model_of
@@ -19,7 +19,7 @@ def fitted(drawing):
 
 def uncertainty(drawing, virtual, covariance, unknowns, *, turned):
     poses, rows = workspace_rows(virtual.model, drawing.layout)
-    lip = pose_platform_to_lip(drawing.nominal_solver.mechanism)
+    lip = drawing.nominal_solver.mechanism.T_end_tool
     return rows, lip, ladle_uncertainty(rows, poses, unknowns, covariance, lip, turned=turned)
 
 
@@ -53,4 +53,4 @@ def test_workspace_grid(drawing, fitted):
     assert 40 < len(poses) == len(rows) <= 81
     assert (poses[:, :3] >= drawing.layout.position_lower_m).all()
     assert fitted[1].covariance.shape == (FRAMES + 88,) * 2
-    assert isinstance(pose_platform_to_lip(drawing.nominal_solver.mechanism), pin.SE3)
+    assert isinstance(drawing.nominal_solver.mechanism.T_end_tool, pin.SE3)

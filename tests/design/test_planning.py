@@ -10,7 +10,7 @@ import pytest
 
 from pouring_robot.campaign.plan import read_plan
 from pouring_robot.cli.app import main
-from pouring_robot.design.columns import box, candidate_poses
+from pouring_robot.design.columns import candidate_poses
 from pouring_robot.design.compare import compare_with_random, random_visits
 from pouring_robot.design.exchange import CandidateSet, choose
 from pouring_robot.design.information import (
@@ -194,7 +194,7 @@ def test_exchange_refuses_what_it_cannot_choose_from():
 
 def test_candidates_are_round_figures_inside_the_box(robot):
     poses = candidate_poses(robot.layout, 400)
-    lower, upper = box(robot.layout)
+    lower, upper = robot.layout.box
     assert np.all(poses >= lower - 1e-12) and np.all(poses <= upper + 1e-12)
     assert 390 <= len(np.unique(poses, axis=0)) == len(poses) <= 400
     shown = np.column_stack([poses[:, :3] * 1e4, np.degrees(poses[:, 3]) * 100.0])

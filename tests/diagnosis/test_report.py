@@ -13,7 +13,6 @@ from PIL import Image
 from pouring_robot.diagnosis.diagnose import DiagnosisOptions, diagnose
 from pouring_robot.diagnosis.discrepancy import discrepancies
 from pouring_robot.diagnosis.gap import Gap, in_fixed_platform
-from pouring_robot.diagnosis.lip import pose_platform_to_lip
 from pouring_robot.diagnosis.report.export import described, write_diagnosis
 from pouring_robot.diagnosis.report.page import html_report
 from pouring_robot.diagnosis.report.plots import evidence_steps, plots, rival_margins
@@ -93,7 +92,7 @@ def test_no_rival_is_better_than_the_cause(hot):
 
 
 def test_measured_ladles_lie_at_the_model_and_off_the_drawing(hot):
-    lip = pose_platform_to_lip(hot.model)
+    lip = hot.model.nominal_mechanism().T_end_tool
     rows = seen_rows(hot)
     assert len({item.row for item in rows}) == len(rows) == 3
     sigma = hot.noise.position_m
@@ -106,7 +105,7 @@ def test_measured_ladles_lie_at_the_model_and_off_the_drawing(hot):
 def test_the_scene_draws_each_ladle_where_it_is_enlarged_to(hot):
     scene = ladle_scene(hot)
     assert [robot.name for robot in scene.robots] == ["measured", "model", "nominal", "legs"]
-    rows, lip = seen_rows(hot), pose_platform_to_lip(hot.model)
+    rows, lip = seen_rows(hot), hot.model.nominal_mechanism().T_end_tool
     for arrow, item in zip(scene.arrows, rows, strict=True):
         length = np.linalg.norm(arrow.end_m - arrow.start_m)
         # The lip turns with the enlarged rotation, which is not quite linear.

@@ -10,7 +10,7 @@ import pytest
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.diagnose import DiagnosisOptions, diagnose
 from pouring_robot.diagnosis.gap import Gap
-from pouring_robot.diagnosis.lip import moved_at_lip, pose_platform_to_lip
+from pouring_robot.diagnosis.lip import moved_at_lip
 from pouring_robot.diagnosis.parameters import FoundParameter
 from pouring_robot.diagnosis.report.export import described, diagnosis_metrics
 from pouring_robot.diagnosis.report.sentences import (
@@ -209,7 +209,7 @@ def test_a_shift_at_the_lip_is_what_two_robots_differ_by(tmp_path):
     assert len(found.after.parameters) == len(effect.parameters)
     built, drawing = PouringRobot(RobotModel(drive_offsets=offsets)), PouringRobot()
     moved = moved_at_lip(found, [p.parameter for p in effect.parameters])
-    lip = pose_platform_to_lip(found.model)
+    lip = found.model.nominal_mechanism().T_end_tool
     for row in (0, 17, 33):
         drives = found.rows.campaign.drive_values(row)
         there, here = (robot.forward(drives).pose_base_to_end * lip for robot in (built, drawing))

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.diagnosis.lip import pose_platform_to_lip
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.estimation.frames import OuterFrames
 from pouring_robot.mechanism.arrays import FloatArray
@@ -71,7 +70,7 @@ def seen_rows(diagnosis: Diagnosis) -> list[SeenRow]:
             )
             for row in np.flatnonzero(whole).tolist()
         ],
-        pose_platform_to_lip(diagnosis.model),
+        diagnosis.model.nominal_mechanism().T_end_tool,
         rows.conditions.position_m,
     )
 
@@ -110,7 +109,7 @@ def ladle_scene(diagnosis: Diagnosis) -> Scene | None:
     found = seen_rows(diagnosis)
     if not found:
         return None
-    lip = pose_platform_to_lip(diagnosis.model)
+    lip = diagnosis.model.nominal_mechanism().T_end_tool
     factor = exaggeration_for(max(item.off(item.measured, lip).distance_m for item in found))
     robot = PouringRobot(diagnosis.model)
     mechanism, loops = robot.nominal_solver.mechanism, robot.nominal_solver.mechanism.loops

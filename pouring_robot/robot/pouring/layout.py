@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.exceptions import DescriptionError, UnknownLayoutError
 from pouring_robot.io.cache import content_key, kept_text
@@ -87,6 +87,18 @@ class Layout:
     moving_centres_m: NDArray[np.float64]
     truss_span_m: float
     ladle: LadleDimensions
+
+    @property
+    def box(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lower and upper corner of the workspace: x, y, z in m, tilt in rad; shape (4,) each."""
+        lower, upper = np.append(self.position_lower_m, self.tilt_lower_rad), self.position_upper_m
+        return lower, np.append(upper, self.tilt_upper_rad)
+
+    def grid(self, *shares: ArrayLike) -> NDArray[np.float64]:
+        """Return poses at all combinations of shares (0 to 1) of the box along x, y, z and tilt, shape (n, 4)."""
+        lower, upper = self.box
+        places = np.stack(np.meshgrid(*shares, indexing="ij"), axis=-1).reshape(-1, 4)
+        return np.asarray(lower + (upper - lower) * places)
 
 
 def shipped_layouts_file() -> Path:

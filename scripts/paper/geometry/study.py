@@ -62,8 +62,7 @@ def draw_poses(layout: Layout, kinematics: FourUPUKinematics, count: int, seed: 
     """
     if count < 2 or seed < 0:
         raise BadInputError(f"give at least two poses and a seed from 0 on, not {count} poses and seed {seed}")
-    lower, upper = [*layout.position_lower_m, layout.tilt_lower_rad], [*layout.position_upper_m, layout.tilt_upper_rad]
-    return kinematics.commands(np.random.default_rng(seed).uniform(lower, upper, (count, 4)))
+    return kinematics.commands(np.random.default_rng(seed).uniform(*layout.box, (count, 4)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -182,9 +182,7 @@ def _box(network: ThermalNetwork, random: np.random.Generator) -> tuple[FloatArr
     loops = robot.nominal_solver.mechanism.loops
     frames = (loops.end_frame or "", loops.working_frame)
     found: list[list[float]] = []
-    low = [*layout.position_lower_m, layout.tilt_lower_rad]
-    high = [*layout.position_upper_m, layout.tilt_upper_rad]
-    for x, y, z, tilt in random.uniform(low, high, size=(BOX_POSES, 4)).tolist():
+    for x, y, z, tilt in random.uniform(*layout.box, size=(BOX_POSES, 4)).tolist():
         pose = PlatformPose((x, y, z), tilt)
         warm = WarmRobot(robot, ThermalExpansion.from_field(network.steady(pose)), pose).solve()
         cold = robot.nominal_solver.solve(robot.kinematics.inverse(pose), robot.kinematics.configuration(pose))
