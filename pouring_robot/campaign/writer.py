@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.metadata import CampaignMetadata, metadata_text
 from pouring_robot.exceptions import OutputError
-from pouring_robot.io.tables import PARQUET_SUFFIXES
+from pouring_robot.io.tables import PARQUET_SUFFIXES, csv_text
 from pouring_robot.mechanism.arrays import FloatArray
 
 # Digits written: a hundredth of the best tracker's noise.
@@ -58,11 +57,7 @@ def campaign_files(
 
 
 def _csv(cells: Cells) -> bytes:
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(cells)
-    writer.writerows(zip(*cells.values(), strict=True))
-    return stream.getvalue().encode()
+    return csv_text(cells, zip(*cells.values(), strict=True)).encode()
 
 
 def _parquet(cells: Cells) -> bytes:

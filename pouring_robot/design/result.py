@@ -19,6 +19,7 @@ from pouring_robot.design.request import PlanRequest
 from pouring_robot.estimation.identifiability import BaseParameters
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.files import write_whole
+from pouring_robot.io.tables import csv_text
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.result import Result
@@ -192,9 +193,8 @@ class MeasurementPlan(Result):
         return pd.DataFrame(self.rows())
 
     def csv(self) -> str:
-        """Return the plan's file as text, in the order to measure; every cell is a plain word or number."""
-        headings, rows = self.table()
-        return "".join(",".join(row) + "\n" for row in (headings, *rows))
+        """Return the plan's file as text, in the order to measure."""
+        return csv_text(*self.table())
 
     def save(self, path: Path | str) -> Path:
         """Write the plan's file, which ``campaign simulate`` reads, whole or not at all.

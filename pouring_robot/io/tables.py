@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -141,6 +141,13 @@ def read_table(
     lines = np.array([line for line, _ in rows], dtype=np.int64)
     headings = tuple(str(cell).strip() for cell in first)
     return Table(path, headings, lines, error, heading_line, lambda index: [cells[index] for _, cells in rows])
+
+
+def csv_text(headings: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
+    """Return a table as CSV; cells that hold commas or quotes are quoted, None is empty."""
+    stream = io.StringIO()
+    csv.writer(stream, lineterminator="\n").writerows([headings, *rows])
+    return stream.getvalue()
 
 
 def shown_cell(cell: Any) -> str:

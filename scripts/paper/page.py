@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 from abc import ABC, abstractmethod
@@ -17,6 +16,7 @@ from rich.text import Text
 
 from pouring_robot.exceptions import OutputError
 from pouring_robot.io.files import write_together
+from pouring_robot.io.tables import csv_text
 from scripts.paper.claims import Claim
 
 _WIDTH = 120
@@ -140,8 +140,4 @@ def claims_table(title: str, claims: Sequence[Claim], *, short: bool = False) ->
 
 def rows_csv(rows: Sequence[dict[str, Any]]) -> str:
     """Return rows with the same keys as CSV."""
-    stream = io.StringIO()
-    writer = csv.DictWriter(stream, rows[0].keys(), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return stream.getvalue()
+    return csv_text(rows[0], (row.values() for row in rows))

@@ -6,7 +6,7 @@ import pytest
 
 from pouring_robot.exceptions import CampaignError, TableError
 from pouring_robot.io.quantities import UNITS, Quantity, read_quantities, to_inner
-from pouring_robot.io.tables import read_table
+from pouring_robot.io.tables import csv_text, read_table
 from pouring_robot.robot.pose_table import read_pose_lines
 
 
@@ -72,3 +72,10 @@ def test_quantities_that_come_all_or_none(tmp_path):
     read = read_quantities(path, pair, "u_mm")
     assert read.unknown == ("mine",) and read.headings == {"u": "u_mm", "v": "v_m"}
     assert read.numbers["u"].tolist() == [0.001] and np.isnan(read.numbers["v"]).all()
+
+
+def test_what_is_written_is_read_again(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text(csv_text(["a", "b"], [['x, "y"', 1.5], [None, 2]]), encoding="utf-8")
+    table = read_table(path, "a")
+    assert table.labels(0) == ('x, "y"', "") and table.numbers(1).tolist() == [1.5, 2.0]

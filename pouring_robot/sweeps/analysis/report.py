@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from pouring_robot.io.files import write_together
 from pouring_robot.io.progress import Progress, say_nothing
+from pouring_robot.io.tables import csv_text
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.report.result import Result
 from pouring_robot.sweeps.analysis.indices import SobolIndices, sobol_indices
@@ -96,11 +95,7 @@ class SweepReport(Result):
 
     def _ranking_text(self) -> str:
         rows = [parameter.row() for parameter in self.ranking]
-        stream = io.StringIO()
-        writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-        return stream.getvalue()
+        return csv_text(rows[0], (row.values() for row in rows))
 
 
 @one_blas_thread()
