@@ -33,7 +33,8 @@ SLOW = {
     "pouring-robot compensate examples/poses.csv": "warms five poses; see tests/cli",
     "--after-min 30 --png heat.png": "follows the heat over time; see tests/cli",
     "pouring-robot sweep examples/sweep.yaml": "takes two minutes; see tests/sweeps",
-    "found = calibrate(": "needs the campaign, and takes most of a minute",
+    "diagnose(campaign)": "takes half a minute; see tests/diagnosis",
+    'sweep("examples/sweep.yaml"': "takes two minutes; see tests/sweeps",
     "ErrorTable.read_csv(": "needs the paper's thermal study",
 }
 
@@ -89,6 +90,8 @@ def test_what_a_page_shows_is_what_happens(page, folder, capfd, monkeypatch):
             (folder / "shift.csv").write_text(text)
         elif kind == "python" and not why_slow(text):
             exec(compile(text, page.name, "exec"), names)
+            printed = capfd.readouterr().out
+            assert [shown for shown in re.findall(r"# (<.*>)$", text, flags=re.MULTILINE) if shown not in printed] == []
         for command, shown in commands(text) if kind == "console" else ():
             if why_slow(command):
                 continue
