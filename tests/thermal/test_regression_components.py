@@ -1,10 +1,8 @@
 """VIF and principal-component regression against statsmodels, scikit-learn and numpy, to 1e-10."""
 
 import numpy as np
-import pandas as pd
 import pytest
 import statsmodels.api as sm
-from sklearn.base import clone
 from sklearn.decomposition import PCA
 from sklearn.linear_model import LinearRegression
 from sklearn.pipeline import make_pipeline
@@ -14,9 +12,7 @@ from statsmodels.multivariate import pca as statsmodels_pca
 from statsmodels.stats.outliers_influence import variance_inflation_factor
 
 from pouring_robot.thermal.regression.components import (
-    CorrelationComponents,
     PrincipalComponentRegression,
-    pairwise_inflation_factors,
     variance_inflation_factors,
 )
 from pouring_robot.thermal.regression.table import ErrorSetError
@@ -48,15 +44,12 @@ def test_vif_three_ways(seed):
         np.testing.assert_allclose(found, expected, rtol=1e-10)
 
 
-def test_pairwise_vif_is_the_vif_of_two_sets():
+def test_vif_of_two_sets():
     X, _ = collinear(3)
-    table = pairwise_inflation_factors(X)
-    assert np.isinf(np.diag(table)).all()
-    for i in range(4):
-        for j in range(i):
-            np.testing.assert_allclose(variance_inflation_factors(X[:, [i, j]]), table[i, j], rtol=1e-10)
+    r = np.corrcoef(X[:, :2].T)[0, 1]
+    np.testing.assert_allclose(variance_inflation_factors(X[:, :2]), 1.0 / (1.0 - r**2), rtol=1e-10)
     # By hand: r² = 3/4 between 1, 2, 3 and 1, 1, 2.
-    np.testing.assert_allclose(pairwise_inflation_factors([[1, 1], [2, 1], [3, 2]])[0, 1], 4.0, rtol=1e-12)
+    np.testing.assert_allclose(variance_inflation_factors([[1, 1], [2, 1], [3, 2]]), 4.0, rtol=1e-12)
 
 
 def test_vif_at_its_ends():
@@ -73,12 +66,12 @@ def test_vif_at_its_ends():
 def test_regression_against_pipeline_and_statsmodels(seed, explained):
     X, y = collinear(seed)
     model = PrincipalComponentRegression(explained).fit(X, y)
-    kept = model.components_.n_components_
+    kept = model.n_components_
     eigenvalues, eigenvectors = np.linalg.eigh(np.corrcoef(X.T))
     shares = np.cumsum(eigenvalues[::-1]) / 4
     assert kept == (4 if explained == 1.0 else 1 + int((shares < explained).sum()))
-    np.testing.assert_allclose(model.components_.eigenvalues_, eigenvalues[::-1], atol=1e-12)
-    np.testing.assert_allclose(model.components_.cumulative_, shares, atol=1e-12)
+    np.testing.assert_allclose(model.eigenvalues_, eigenvalues[::-1], atol=1e-12)
+    np.testing.assert_allclose(model.cumulative_, shares, atol=1e-12)
     pipeline = make_pipeline(StandardScaler(), PCA(kept), LinearRegression()).fit(X, y)
     np.testing.assert_allclose(model.predict(X), pipeline.predict(X), rtol=1e-10)
     factors = statsmodels_pca.PCA(X, ncomp=kept, standardize=True, normalize=False).factors
@@ -104,13 +97,13 @@ def test_all_components_are_ordinary_least_squares():
 def test_two_sets_by_hand():
     # r = 1/2 between the sets, so λ = 3/2 and 1/2 and the first carries exactly 75 %: enough for 0.75, not for 0.85.
     X = np.array([[1.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
-    components = CorrelationComponents(0.75).fit(X)
-    np.testing.assert_allclose(components.eigenvalues_, [1.5, 0.5], rtol=1e-14)
-    np.testing.assert_allclose(components.eigenvectors_, [[0.5**0.5], [0.5**0.5]], rtol=1e-14)
-    assert components.n_components_ == 1
-    assert CorrelationComponents().fit(X).n_components_ == 2
+    y = [4.0, 1.0, 1.0]
+    model = PrincipalComponentRegression(0.75).fit(X, y)
+    np.testing.assert_allclose(model.eigenvalues_, [1.5, 0.5], rtol=1e-14)
+    np.testing.assert_allclose(model.pipeline_["pca"].components_, [[0.5**0.5, 0.5**0.5]], rtol=1e-14)
+    assert model.n_components_ == 1
+    assert PrincipalComponentRegression().fit(X, y).n_components_ == 2
     # s = 1, so Z = (x1 + x2) / √2 = √2, -1/√2, -1/√2; with y = 4, 1, 1 the coefficient of Z is √2: y = 2 + x1 + x2.
-    model = PrincipalComponentRegression(0.75).fit(X, [4.0, 1.0, 1.0])
     np.testing.assert_allclose([*model.coef_, model.intercept_], [1.0, 1.0, 2.0], rtol=1e-14)
 
 
@@ -118,38 +111,20 @@ def test_the_papers_share_gives_a_vif_below_ten():
     r = 2 * 0.9699 - 1.0
     x = np.array([1.0, -1.0, 0.0, 0.0])
     X = np.column_stack([x, r * x + (1 - r**2) ** 0.5 * np.array([0.0, 0.0, 1.0, -1.0])])
-    assert CorrelationComponents().fit(X).cumulative_[0] == pytest.approx(0.9699, abs=1e-12)
+    assert PrincipalComponentRegression().fit(X, x).cumulative_[0] == pytest.approx(0.9699, abs=1e-12)
     assert variance_inflation_factors(X)[0] == pytest.approx(8.56, abs=0.01)
 
 
-def test_names_pandas_and_pipelines():
-    X, y = collinear(2)
-    frame = pd.DataFrame(X, columns=["P1", "P2", "P3", "P8"])
-    components = CorrelationComponents(0.99).set_output(transform="pandas")
-    scores = components.fit_transform(frame)
-    assert (
-        list(scores.columns)
-        == list(components.get_feature_names_out())
-        == [f"correlationcomponents{i}" for i in range(components.n_components_)]
-    )
-    np.testing.assert_allclose(np.cov(scores.T), np.diag(components.eigenvalues_[: len(scores.columns)]), atol=1e-12)
-    pipeline = make_pipeline(clone(components), LinearRegression()).fit(frame, y)
-    np.testing.assert_allclose(
-        pipeline.predict(frame), PrincipalComponentRegression(0.99).fit(X, y).predict(X), rtol=1e-10
-    )
-
-
-@pytest.mark.parametrize("model", [CorrelationComponents(), PrincipalComponentRegression()])
-def test_scikit_learns_checks(model):
-    check_estimator(model, on_skip=None)
+def test_scikit_learns_checks():
+    check_estimator(PrincipalComponentRegression(), on_skip=None)
 
 
 @pytest.mark.parametrize("explained", [0.0, 1.1])
 def test_bad_share(explained):
     with pytest.raises(ErrorSetError, match="give a share"):
-        CorrelationComponents(explained).fit(collinear(0)[0])
+        PrincipalComponentRegression(explained).fit(*collinear(0))
 
 
 def test_nothing_but_constants():
     with pytest.raises(ErrorSetError, match="every set is constant"):
-        CorrelationComponents().fit(np.ones((4, 2)))
+        PrincipalComponentRegression().fit(np.ones((4, 2)), np.arange(4.0))

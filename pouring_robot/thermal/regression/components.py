@@ -18,13 +18,15 @@ eigenvectors of the correlation matrix R_P, k sets:
 
 from __future__ import annotations
 
-from typing import Any
+import warnings
 
 import numpy as np
 from numpy.typing import ArrayLike
-from sklearn.base import BaseEstimator, ClassNamePrefixFeaturesOutMixin, RegressorMixin, TransformerMixin
+from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.decomposition import PCA
 from sklearn.linear_model import LinearRegression
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from pouring_robot.mechanism.arrays import FloatArray
@@ -38,11 +40,10 @@ _EXACT = 1e-14
 
 
 def variance_inflation_factors(X: ArrayLike) -> FloatArray:
-    """Return the VIF of every set against all others together, shape (k,), each 1 or more.
+    """Return the VIF of every set against all others together, shape (k,), each 1 or more; by statsmodels.
 
-    From ordinary least squares of statsmodels, with a constant in every regression, as total over unexplained sum of
-    squares: 1 − R² would lose its digits where sets are nearly the same. Infinite where the others tell a set exactly,
-    which they always do with no more than k rows. A table of two sets gives the paper's VIF of a pair.
+    Infinite where the others tell a set exactly, which they always do with no more than k rows. A table of two sets
+    gives the paper's VIF of a pair.
 
     Args:
         X: sets as columns, shape (n, k), in any units.
@@ -50,101 +51,34 @@ def variance_inflation_factors(X: ArrayLike) -> FloatArray:
     Raises:
         ErrorSetError: a set is constant.
     """
-    from statsmodels.regression.linear_model import OLS
+    from statsmodels.stats.outliers_influence import variance_inflation_factor
 
     scaled = standardised("error set", X)
     if scaled.shape[1] == 1:
         return np.ones(1)
-    unexplained = np.empty(scaled.shape[1])
-    for i in range(scaled.shape[1]):
-        others = np.column_stack([np.ones(len(scaled)), np.delete(scaled, i, axis=1)])
-        fit = OLS(scaled[:, i], others).fit()
-        unexplained[i] = fit.ssr / fit.centered_tss
-    with np.errstate(divide="ignore"):
+    with_constant = np.column_stack([np.ones(len(scaled)), scaled])
+    with np.errstate(divide="ignore"), warnings.catch_warnings():
+        # It warns of sets that the others tell exactly; they are told as infinite.
+        warnings.simplefilter("ignore", UserWarning)
+        unexplained = 1.0 / np.array([variance_inflation_factor(with_constant, i + 1) for i in range(scaled.shape[1])])
         return np.where(unexplained <= _EXACT, np.inf, np.maximum(1.0 / unexplained, 1.0))
-
-
-def pairwise_inflation_factors(X: ArrayLike) -> FloatArray:
-    """Return the VIF of every two sets, 1 / (1 − r²), shape (k, k), infinite on the diagonal.
-
-    Raises:
-        ErrorSetError: a set is constant.
-    """
-    scaled = standardised("error set", X)
-    correlation = scaled.T @ scaled / (len(scaled) - 1)
-    np.fill_diagonal(correlation, 1.0)
-    unexplained = 1.0 - correlation**2
-    with np.errstate(divide="ignore"):
-        return np.where(unexplained <= _EXACT, np.inf, 1.0 / unexplained)
-
-
-class CorrelationComponents(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  # type: ignore[misc]
-    """Principal components of the correlation matrix, as many as carry the wanted share of variance.
-
-    Args:
-        explained: the least cumulative share, in (0, 1].
-
-    Attributes:
-        eigenvalues_: all λ of the correlation matrix, falling, shape (min(n, k),); they add up to k.
-        cumulative_: their cumulative shares.
-        eigenvectors_: u of the components kept, as columns, shape (k, m); the largest entry of each is positive.
-        n_components_: m.
-        mean_, scale_: mean and sample standard deviation of each set, shape (k,).
-    """
-
-    def __init__(self, explained: float = EXPLAINED_SHARE) -> None:
-        """Keep the share; fit checks it."""
-        self.explained = explained
-
-    def fit(self, X: ArrayLike, y: object = None) -> CorrelationComponents:
-        """Find the components of X, shape (n, k) with n ≥ 2; y is not used. A constant column takes no part.
-
-        Raises:
-            ErrorSetError: all columns are constant, or the share is out of its range.
-            ValueError: X is no table of finite numbers (scikit-learn's words).
-        """
-        sets = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
-        if not 0.0 < self.explained <= 1.0:
-            raise ErrorSetError(f"explained = {self.explained}: give a share above 0, up to 1 (usual: 0.85)")
-        flat = np.ptp(sets, axis=0) <= 1e-12 * np.abs(sets).max(axis=0)
-        if flat.all():
-            raise ErrorSetError("every set is constant; there is no variance to find components of")
-        self.mean_ = sets.mean(axis=0)
-        self.scale_ = np.where(flat, 1.0, sets.std(axis=0, ddof=1))
-        scaled = np.where(flat, 0.0, (sets - self.mean_) / self.scale_)
-        components = PCA(svd_solver="full").fit(scaled)
-        self.eigenvalues_ = components.explained_variance_
-        self.cumulative_ = np.cumsum(self.eigenvalues_) / self.eigenvalues_.sum()
-        # The last share is 1 up to rounding; a wish for all of it must not run past the end.
-        enough = self.cumulative_ >= self.explained - 1e-12
-        self.n_components_ = int(np.argmax(enough)) + 1
-        self.eigenvectors_ = components.components_[: self.n_components_].T
-        return self
-
-    def transform(self, X: ArrayLike) -> FloatArray:
-        """Return the components Z of new rows of the same sets, shape (n, m), without unit."""
-        check_is_fitted(self)
-        sets = validate_data(self, X, dtype=np.float64, reset=False)
-        result: FloatArray = (sets - self.mean_) / self.scale_ @ self.eigenvectors_
-        return result
-
-    @property
-    def _n_features_out(self) -> int:
-        """Number of columns that transform returns; scikit-learn names them."""
-        return self.n_components_
 
 
 class PrincipalComponentRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     """Linear regression on the principal components of the correlation matrix, told in the original units.
 
-    In the paper y is the melt temperature and X the sensitive error sets: equations 19 to 21.
+    Scikit-learn's pipeline of scaling, PCA and ordinary least squares, with as many components as carry the wanted
+    share of variance. In the paper y is the melt temperature and X the sensitive error sets: equations 19 to 21. A
+    constant set takes no part.
 
     Args:
-        explained: least share of variance the components carry, in (0, 1].
+        explained: least cumulative share of variance the components carry, in (0, 1].
 
     Attributes:
-        components_: the fitted :class:`CorrelationComponents`.
-        component_coef_: γ, shape (m,).
+        eigenvalues_: all λ of the correlation matrix, falling, shape (min(n, k),); they add up to k.
+        cumulative_: their cumulative shares.
+        n_components_: number m of components kept.
+        pipeline_: the fitted pipeline; its components are u, shape (m, k), and its coefficients γ s_y, shape (m,).
         standardised_coef_: β, shape (k,).
         coef_: b, shape (k,), in units of y per unit of the set.
         intercept_: b0, in units of y.
@@ -162,19 +96,29 @@ class PrincipalComponentRegression(RegressorMixin, BaseEstimator):  # type: igno
             ValueError: X or y are no finite numbers (scikit-learn's words).
         """
         sets, target = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=2)
-        self.components_ = CorrelationComponents(self.explained).fit(sets)
-        gamma = LinearRegression().fit(self.components_.transform(sets), target).coef_
-        spread = float(np.std(target, ddof=1))
-        # s_y cancels between γ and b; a constant y has none, and then every coefficient is 0.
-        self.component_coef_ = gamma / spread if spread > 0.0 else np.zeros_like(gamma)
-        self.standardised_coef_ = self.components_.eigenvectors_ @ self.component_coef_
-        self.coef_ = self.components_.eigenvectors_ @ gamma / self.components_.scale_
-        self.intercept_ = float(target.mean() - self.components_.mean_ @ self.coef_)
+        if not 0.0 < self.explained <= 1.0:
+            raise ErrorSetError(f"explained = {self.explained}: give a share above 0, up to 1 (usual: 0.85)")
+        scaled = StandardScaler().fit_transform(sets)
+        if not scaled.any():
+            raise ErrorSetError("every set is constant; there is no variance to find components of")
+        every = PCA(svd_solver="full").fit(scaled)
+        self.eigenvalues_ = every.explained_variance_ * (1.0 - 1.0 / len(sets))
+        self.cumulative_ = np.cumsum(every.explained_variance_ratio_)
+        # The last share is 1 up to rounding; a wish for all of it must not run past the end.
+        self.n_components_ = 1 + int(np.argmax(self.cumulative_ >= self.explained - 1e-12))
+        components = PCA(self.n_components_, svd_solver="full")
+        self.pipeline_ = make_pipeline(StandardScaler(), components, LinearRegression()).fit(sets, target)
+        scaler, components, regression = (step for _, step in self.pipeline_.steps)
+        per_scaled = components.components_.T @ regression.coef_
+        spread = float(np.std(target))
+        # A constant y has no spread, and then every coefficient is 0.
+        self.standardised_coef_ = per_scaled / spread if spread > 0.0 else np.zeros_like(per_scaled)
+        self.coef_ = per_scaled / scaler.scale_
+        self.intercept_ = float(target.mean() - scaler.mean_ @ self.coef_)
         return self
 
     def predict(self, X: ArrayLike) -> FloatArray:
         """Return y of new rows, shape (n,)."""
         check_is_fitted(self)
-        sets: Any = validate_data(self, X, dtype=np.float64, reset=False)
-        result: FloatArray = sets @ self.coef_ + self.intercept_
-        return result
+        sets: FloatArray = validate_data(self, X, dtype=np.float64, reset=False)
+        return np.asarray(sets @ self.coef_ + self.intercept_)

@@ -173,7 +173,7 @@ def joint_of(table: ErrorTable) -> JointRegression:
 
 def first_share(model: JointRegression) -> float:
     """Return the share of variance of the first component of the sensitive sets."""
-    return float(model.component_regression_.components_.cumulative_[0])
+    return float(model.component_regression_.cumulative_[0])
 
 
 def _box(network: ThermalNetwork, random: np.random.Generator) -> tuple[FloatArray, FloatArray]:
