@@ -24,4 +24,3 @@ from .parameters import placement_parameters as placement_parameters
 from .poses import PoseDifference as PoseDifference
 from .transfer import TransferMatrix as TransferMatrix
 from .transfer import closed_chain_transfer as closed_chain_transfer
-from .transfer import open_branch_transfer as open_branch_transfer

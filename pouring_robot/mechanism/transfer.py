@@ -5,8 +5,8 @@ Closed chain. At the energy minimum the gradient g over the free joints vanishes
 .. math:: G = T_p - T_f H_{ff}^{-1}\, \partial g_f / \partial p
 
 where T turns joint (f) and parameter (p) twists into the twist of the observed frame. G is exact whether or not the
-loops close, with weight and yielding drives in the model. Open branch: one chain alone, its joints held, as in the
-paper's Section 4.
+loops close, with weight and yielding drives in the model. (One chain alone, its joints held, as in the paper's
+Section 4: :meth:`pouring_robot.batch.engine.BatchEngine.transfer_open_branch`.)
 
 A row triple is the displacement of the frame's origin, then the rotation vector, both in the axes of the base frame.
 """
@@ -54,7 +54,7 @@ class TransferMatrix(Result):
         parameters: one a column.
         matrix: shape (6, n): displacement of the frame's origin in m, rotation vector in rad, in base axes, per unit
             of each parameter.
-        joints: velocity of every joint column per unit of each parameter, shape (nv, n); zero for an open branch.
+        joints: velocity of every joint column per unit of each parameter, shape (nv, n).
     """
 
     frame: str
@@ -129,46 +129,6 @@ def closed_chain_transfer(
     motion[free] -= _solve(hessian[energy.free_block], gradient_change[free])
     matrix = observer.joint_twists() @ motion + observer.direct_twists(parameters)
     return TransferMatrix(observer.frame, tuple(parameters), matrix, motion)
-
-
-def open_branch_transfer(
-    solver: ClosureSolver, result: ClosureResult, parameters: Sequence[PlacementParameter], frame: str | None = None
-) -> TransferMatrix:
-    """Return G of each chain alone: its joints held, the platform fixed to its tip, the other chains away.
-
-    Args:
-        solver: the solver that found ``result``.
-        result: the closed configuration whose joints are held.
-        parameters: displaced placements; each counts for the chain it lies in.
-        frame: the observed frame; by default the end frame of the loops file.
-
-    Raises:
-        UnknownJointError: a parameter names an absent joint.
-        BadInputError: a parameter lies in no chain.
-    """
-    observer = _Observer(solver.mechanism, result, frame)
-    columns = _placement_columns(solver, result, parameters)
-    own = [_own_loop(solver.mechanism, parameter.joint) for parameter in parameters]
-    # To stay on its chain, frame b follows frame a: the platform moves by what opened the chain's own loop.
-    opened = np.stack([(columns.on_a - columns.on_b)[loop, :, k] for k, loop in enumerate(own)], axis=1)
-    matrix = observer.direct_twists(parameters) + observer.from_world(opened)
-    return TransferMatrix(
-        observer.frame, tuple(parameters), matrix, np.zeros((solver.energy.model.nv, len(parameters)))
-    )
-
-
-def _own_loop(mechanism: ClosedChainMechanism, joint: str) -> int:
-    """Return the loop of the chain that a joint lies in: before frame a, or beyond the cut joint before frame b."""
-    paths, cuts = mechanism.frame_paths, set(mechanism.loops.cut_joints)
-    for i, loop in enumerate(mechanism.loops.loops):
-        on_end_body = paths[loop.frame_b]
-        for depth, name in enumerate(on_end_body):
-            if name in cuts:
-                on_end_body = on_end_body[depth:]
-                break
-        if joint in paths[loop.frame_a] or joint in on_end_body:
-            return i
-    raise BadInputError(f"joint '{joint}' lies in no chain, so it has no open branch")
 
 
 class _Observer:

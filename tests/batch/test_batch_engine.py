@@ -32,7 +32,6 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureOptions, ClosureSolver
 from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.parameters import DriveParameter, PayloadParameter, PlacementParameter
-from pouring_robot.mechanism.transfer import open_branch_transfer
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.poses import PlatformPose
@@ -313,19 +312,6 @@ def test_open_branches_equal_differences_of_pinocchios_kinematics(paper):
             moved[chain, joint] += k * STEP
             poses.append(carried(errors, chain + 1, moved))
         np.testing.assert_allclose(transfer.matrix[0, :, PARAMETERS + d], difference(*poses), rtol=0, atol=1e-8)
-
-
-def test_open_branches_equal_the_one_at_a_time_transfer_at_200_poses(paper):
-    engine, kinematics = paper
-    mechanism = engine.structure.mechanism
-    command = command_of(kinematics, 200, seed=33)
-    found = engine.transfer_open_branch(command.start.joints)
-    solver = ClosureSolver(mechanism)
-    assert not found.status.any()
-    for sample in range(200):
-        result = closed_one_at_a_time(mechanism, kinematics, command, sample)
-        expected = open_branch_transfer(solver, result, engine.parameters).matrix
-        assert np.abs(found.matrix[sample] - expected).max() <= 1e-9 * np.abs(expected).max()
 
 
 def test_a_singular_pose_has_a_status_of_its_own():

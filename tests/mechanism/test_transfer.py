@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot import ClosedChainMechanism, ClosureSolver, Loads, PlatformPose, RobotModel
+from pouring_robot.batch import BatchEngine
 from pouring_robot.exceptions import BadInputError, UnknownJointError
 from pouring_robot.mechanism.parameters import (
     DriveParameter,
@@ -18,7 +19,7 @@ from pouring_robot.mechanism.parameters import (
     StiffnessParameter,
     placement_parameters,
 )
-from pouring_robot.mechanism.transfer import closed_chain_transfer, open_branch_transfer
+from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.pouring.description import PlacementError, perturb_urdf
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from tests.support import closure_condition, placement_error, round_off
@@ -140,7 +141,9 @@ def test_open_branch_is_the_chain_alone_with_its_joints_held(layout):
     solver = case.solver()
     result = solver.solve(case.drives, case.start)
     parameters = placement_parameters(JOINTS)
-    matrix = open_branch_transfer(solver, result, parameters).matrix
+    engine = BatchEngine(solver.mechanism)
+    joints = [[result.joint_values[name] for name in chain] for chain in engine.structure.joint_names]
+    matrix = engine.transfer_open_branch(np.array([joints]), parameters).matrix[0]
 
     def platform_along_chain(urdf, chain):
         mechanism = ClosedChainMechanism(urdf, RobotModel().loops())
