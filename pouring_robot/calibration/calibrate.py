@@ -208,7 +208,7 @@ def _checked(campaign: Campaign, robot: PouringRobot) -> tuple[tuple[DataFlag, .
     flags = tuple(check_campaign(campaign, robot))
     for flag in flags:
         if flag.severity == Severity.ERROR and flag.code not in _ROW_FLAGS:
-            raise CampaignError(campaign.path, f"{flag.message}; {flag.mend}")
+            raise CampaignError(campaign.path, f"{flag.message}; {flag.remedy}")
     return flags, outlier_rows(flags)
 
 

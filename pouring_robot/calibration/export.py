@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pouring_robot.calibration.findings import CalibrationFindings
 from pouring_robot.calibration.report import headline, html_report
-from pouring_robot.calibration.summary import calibration_figures, notes_of, warnings_of
+from pouring_robot.calibration.summary import calibration_metrics, notes_of, warnings_of
 from pouring_robot.exceptions import DescriptionError, OutputError
 from pouring_robot.io.files import check_folder, write_together
 from pouring_robot.robot.model import RobotModel, loops_file
@@ -34,7 +34,7 @@ def write_calibration(calibration: CalibrationFindings, folder: Path | str) -> l
         files = urdf_files(model.tree_urdf(), folder, {LOOPS: loops_file().read_bytes()})
     except DescriptionError as error:
         raise OutputError(folder, error.problem) from error
-    files[folder / FIGURES] = json.dumps(calibration_figures(calibration), indent=1, allow_nan=False) + "\n"
+    files[folder / FIGURES] = json.dumps(calibration_metrics(calibration), indent=1, allow_nan=False) + "\n"
     files[folder / REPORT] = html_report(calibration)
     files[folder / MODEL] = model.file_text(folder)  # others may wait for it
     return [path for path in write_together(files) if path.parent == folder]

@@ -23,6 +23,7 @@ from pouring_robot.calibration.lines import (
 from pouring_robot.calibration.metrics import Misfit
 from pouring_robot.estimation.frames import FRAMES
 from pouring_robot.estimation.identifiability import observability
+from pouring_robot.estimation.splits import WORSE
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.metrics import without_nan
 
@@ -117,7 +118,7 @@ def notes_of(calibration: CalibrationFindings) -> list[str]:
 
 def _worse(calibration: CalibrationFindings) -> str:
     before, after = (calibration.misfit(calibration.split.test, after=a) for a in (False, True))
-    moved = _moved(before, after, 1.05)
+    moved = _moved(before, after, WORSE)
     return f"worse on held-out rows: {moved}; do not use this model" if moved else ""
 
 
@@ -130,7 +131,7 @@ def _moved(before: Misfit, after: Misfit, least: float = 0.0) -> str:
     return ", ".join(f"{name} {b:.4g} to {a:.4g} {unit}" for name, unit, b, a in parts if a > least * b)
 
 
-def calibration_figures(calibration: CalibrationFindings) -> Figures:
+def calibration_metrics(calibration: CalibrationFindings) -> Figures:
     """Return everything found."""
     split, fit = calibration.split, calibration.fit
     lines = parameter_lines(calibration)

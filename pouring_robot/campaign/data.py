@@ -187,6 +187,11 @@ class Campaign(Result):
         measured = self.position_measured.any(axis=1) | self.rotation_measured.any(axis=1)
         return np.asarray(commanded & measured, dtype=np.bool_)
 
+    def rows_by_session(self) -> dict[str, NDArray[np.intp]]:
+        """Return the rows of each session, ascending, sessions in order of appearance."""
+        names = np.array(self.sessions)
+        return {name: np.flatnonzero(names == name) for name in dict.fromkeys(self.sessions)}
+
     def drive_values(self, row: int) -> dict[str, float]:
         """Return the commanded drives of a row by joint name, in m and rad: what the solvers take."""
         return {name: float(value) for name, value in zip(DRIVE_JOINTS, self.drives[row], strict=True)}

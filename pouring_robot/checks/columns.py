@@ -34,7 +34,7 @@ def distinct_poses(campaign: Campaign) -> int:
 
 def _row_count(campaign: Campaign) -> Iterator[DataFlag]:
     usable, poses = int(campaign.usable.sum()), distinct_poses(campaign)
-    figures = {"usable_rows": float(usable), "distinct_poses": float(poses)}
+    metrics = {"usable_rows": float(usable), "distinct_poses": float(poses)}
     if usable < FEW_ROWS:
         enough = usable >= FEWEST_ROWS
         yield DataFlag(
@@ -42,7 +42,7 @@ def _row_count(campaign: Campaign) -> Iterator[DataFlag]:
             Severity.WARNING if enough else Severity.ERROR,
             f"{usable} rows can be used" + ("" if enough else f", too few to find the two frames ({FEWEST_ROWS})"),
             f"measure at least {FEW_ROWS} poses, better 60, spread over the workspace",
-            figures=figures,
+            metrics=metrics,
         )
     if usable >= FEWEST_ROWS and poses < FEWEST_ROWS:
         yield DataFlag(
@@ -51,7 +51,7 @@ def _row_count(campaign: Campaign) -> Iterator[DataFlag]:
             f"{usable} rows show only {poses} different pose{'s' if poses > 1 else ''}",
             "command poses that differ in all four drives; repeats alone cannot fix the frames",
             columns=tuple(campaign.heading(name) for name in columns.DRIVES),
-            figures=figures,
+            metrics=metrics,
         )
 
 
@@ -91,7 +91,7 @@ def _repeated_rows(campaign: Campaign) -> Iterator[DataFlag]:
             f"{where(campaign, copies)}: drives and measurement repeat an earlier row to the last digit",
             "remove the copies: a second measurement of a pose would differ by its noise",
             tuple(copies),
-            figures={"rows": float(len(copies))},
+            metrics={"rows": float(len(copies))},
         )
 
 
@@ -197,9 +197,8 @@ def _time(campaign: Campaign) -> Iterator[DataFlag]:
     if time is None:
         return
     rows = []
-    for session in dict.fromkeys(campaign.sessions):
-        members = np.array([i for i, name in enumerate(campaign.sessions) if name == session], dtype=np.intp)
-        members = members[np.isfinite(time[members])]
+    for session in campaign.rows_by_session().values():
+        members = session[np.isfinite(time[session])]
         highest = np.maximum.accumulate(time[members])
         rows += members[1:][time[members[1:]] <= highest[:-1]].tolist()
     if rows:

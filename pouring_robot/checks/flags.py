@@ -1,4 +1,4 @@
-"""What is wrong with a campaign's data: typed findings with rows, columns, figures and the way to mend them."""
+"""What is wrong with a campaign's data: typed findings with rows, columns, figures and a remedy."""
 
 from __future__ import annotations
 
@@ -60,23 +60,23 @@ class DataFlag:
         code: what was found.
         severity: how much it matters.
         message: what and where, one line, with the file's own lines and headings.
-        mend: what to do about it, one sentence.
+        remedy: what to do about it, one sentence.
         rows: indices of the rows concerned, from 0; empty: the campaign as a whole.
         columns: headings in the file of the columns concerned.
-        figures: the figures behind it; the unit is the end of the name.
+        metrics: the figures behind it; the unit is the end of the name.
     """
 
     code: FlagCode
     severity: Severity
     message: str
-    mend: str
+    remedy: str
     rows: tuple[int, ...] = ()
     columns: tuple[str, ...] = ()
-    figures: dict[str, float] = field(default_factory=dict)
+    metrics: dict[str, float] = field(default_factory=dict)
 
     def __str__(self) -> str:
         """Return the finding on one line."""
-        return f"{self.severity}: {self.message}; {self.mend}"
+        return f"{self.severity}: {self.message}; {self.remedy}"
 
     def to_json(self, campaign: Campaign) -> dict[str, Any]:
         """Return the finding ready for JSON, with the file's lines beside the rows."""
@@ -84,11 +84,11 @@ class DataFlag:
             "code": str(self.code),
             "severity": str(self.severity),
             "message": self.message,
-            "mend": self.mend,
+            "mend": self.remedy,
             "rows": list(self.rows),
             "lines": [int(campaign.lines[row]) for row in self.rows],
             "columns": list(self.columns),
-            "figures": dict(self.figures),
+            "figures": dict(self.metrics),
         }
 
 

@@ -121,7 +121,7 @@ class FrameChecks:
                 f"column '{heading}' seems to hold {mistake}: its values come to {median:g} {unit} (median)",
                 "correct the unit at the end of the column's name",
                 columns=(heading,),
-                figures={f"median_{unit}": median, "factor": factor},
+                metrics={f"median_{unit}": median, "factor": factor},
             )
         )
 
@@ -163,8 +163,8 @@ class FrameChecks:
                     best = tried.position_scale_m, candidate, tried, flag
             if best is None:
                 break
-            figures = {"misfit_before_mm": fit.position_scale_m * 1e3, "misfit_after_mm": best[0] * 1e3}
-            self.flags.append(dataclasses.replace(best[3], figures=figures))
+            metrics = {"misfit_before_mm": fit.position_scale_m * 1e3, "misfit_after_mm": best[0] * 1e3}
+            self.flags.append(dataclasses.replace(best[3], metrics=metrics))
             self.data, fit = best[1], best[2]
         if fit.position_scale_m > _HOPELESS_M:
             self.flags.append(_no_agreement(self.campaign, columns.POSITION, fit.position_scale_m * 1e3, "mm"))
@@ -248,8 +248,8 @@ class FrameChecks:
         ]
         best = min(candidates, key=lambda candidate: candidate[0])
         if best[0] < _GAIN * before:
-            figures = {"misfit_before_mrad": before * 1e3, "misfit_after_mrad": best[0] * 1e3}
-            self.flags.append(dataclasses.replace(best[2], figures=figures))
+            metrics = {"misfit_before_mrad": before * 1e3, "misfit_after_mrad": best[0] * 1e3}
+            self.flags.append(dataclasses.replace(best[2], metrics=metrics))
             self.data = dataclasses.replace(self.data, rotation_vector_rad=best[1])
         elif before > _HOPELESS_RAD:
             self.flags.append(_no_agreement(self.campaign, columns.ROTATION, before * 1e3, "mrad"))
@@ -286,8 +286,8 @@ def _rotation_mistakes(headings: tuple[str, ...]) -> Iterator[tuple[float, DataF
     )
 
 
-def _mistake(code: FlagCode, message: str, mend: str, headings: tuple[str, ...]) -> DataFlag:
-    return DataFlag(code, Severity.ERROR, message, mend, columns=headings)
+def _mistake(code: FlagCode, message: str, remedy: str, headings: tuple[str, ...]) -> DataFlag:
+    return DataFlag(code, Severity.ERROR, message, remedy, columns=headings)
 
 
 def _no_agreement(campaign: Campaign, names: tuple[str, ...], misfit: float, unit: str) -> DataFlag:
@@ -299,5 +299,5 @@ def _no_agreement(campaign: Campaign, names: tuple[str, ...], misfit: float, uni
         "whatever the two frames, and no usual mistake of units or frames explains it",
         "check that rows of drives and of measurements belong together, and that the layout is this robot's",
         columns=headings,
-        figures={f"misfit_{unit}": misfit},
+        metrics={f"misfit_{unit}": misfit},
     )

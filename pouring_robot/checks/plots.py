@@ -82,14 +82,15 @@ def _points(place: Any, campaign: Campaign, across: FloatArray, up: FloatArray, 
 
 
 def _sessions(campaign: Campaign) -> list[tuple[str, Rows, str]]:
-    names = list(dict.fromkeys(campaign.sessions))
-    shown = names[:_MOST_SESSIONS] if len(names) > _MOST_SESSIONS else names
-    groups = []
-    for index, name in enumerate(shown):
-        rows = np.array([i for i, session in enumerate(campaign.sessions) if session == name], dtype=np.intp)
-        groups.append((f"session {name}"[:24], rows, _COLOURS[index % len(_COLOURS)]))
-    rest = np.array([i for i, session in enumerate(campaign.sessions) if session not in shown], dtype=np.intp)
-    return [*groups, ("other sessions", rest, GREY)] if rest.size else groups
+    sessions = list(campaign.rows_by_session().items())
+    shown, rest = sessions[:_MOST_SESSIONS], sessions[_MOST_SESSIONS:]
+    groups = [
+        (f"session {name}"[:24], rows, _COLOURS[index % len(_COLOURS)]) for index, (name, rows) in enumerate(shown)
+    ]
+    if not rest:
+        return groups
+    others = np.sort(np.concatenate([rows for _, rows in rest]))
+    return [*groups, ("other sessions", others, GREY)]
 
 
 def _misfit(place: Any, campaign: Campaign, found: Examination, wrong: Rows) -> None:

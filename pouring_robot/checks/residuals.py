@@ -83,7 +83,7 @@ def _turned(fit: FrameFit, residual: FloatArray, terms: FloatArray, noise: float
 def _outlier(campaign: Campaign, row: int, distance: float, angle: float, score: float, far: bool) -> DataFlag:
     names = (*columns.POSITION, *(columns.ROTATION if campaign.full_pose else ()))
     off = f"{distance * 1e3:.3g} mm" + (f" and {angle * 1e3:.3g} mrad" if campaign.full_pose else "")
-    figures = {"distance_mm": distance * 1e3, "angle_mrad": angle * 1e3, "deviations": score}
+    metrics = {"distance_mm": distance * 1e3, "angle_mrad": angle * 1e3, "deviations": score}
     headings = tuple(campaign.heading(name) for name in names)
     if far:
         return DataFlag(
@@ -93,7 +93,7 @@ def _outlier(campaign: Campaign, row: int, distance: float, angle: float, score:
             "the row pairs a command with another pose's measurement, or was mistyped; correct it or leave it out",
             (row,),
             headings,
-            figures,
+            metrics,
         )
     return DataFlag(
         FlagCode.OUTLIER,
@@ -103,7 +103,7 @@ def _outlier(campaign: Campaign, row: int, distance: float, angle: float, score:
         "measure the pose again, or leave the row out",
         (row,),
         headings,
-        figures,
+        metrics,
     )
 
 
@@ -112,9 +112,9 @@ def _jumps(campaign: Campaign, data: Comparison, fit: FrameFit, wrong: Rows) -> 
     terms = smooth_terms(campaign, data.poses, with_time=False)
     pose, floors = _residuals(campaign, fit, terms)
     pose[wrong] = np.nan
-    sound = np.asarray(np.isfinite(pose).all(axis=1) & np.isfinite(terms).all(axis=1), dtype=np.bool_)
-    for session in dict.fromkeys(campaign.sessions):
-        rows = np.array([i for i, name in enumerate(campaign.sessions) if name == session and sound[i]], dtype=np.intp)
+    inliers = np.asarray(np.isfinite(pose).all(axis=1) & np.isfinite(terms).all(axis=1), dtype=np.bool_)
+    for session, members in campaign.rows_by_session().items():
+        rows = members[inliers[members]]
         # With more terms than a quarter of the rows, they would explain any step.
         kept = terms[:, : max(1, rows.size // 4)]
         if rows.size >= 2 * _JUMP_WINDOW:

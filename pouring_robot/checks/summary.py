@@ -37,7 +37,7 @@ def quantity_range(campaign: Campaign, name: str, kind: Kind) -> dict[str, Any] 
     }
 
 
-def campaign_figures(campaign: Campaign, found: Examination) -> dict[str, Any]:
+def campaign_metrics(campaign: Campaign, found: Examination) -> dict[str, Any]:
     """Return everything a user should know of a campaign before a fit, ready for JSON; units are in the names."""
     metadata, fit = campaign.metadata, found.fit
     numeric = [quantity for quantity in columns.CAMPAIGN if quantity.kind != "label"]

@@ -48,7 +48,7 @@ def calibrate(
     from pouring_robot.calibration.calibrate import CalibrationOptions
     from pouring_robot.calibration.calibrate import calibrate as run
     from pouring_robot.calibration.export import write_calibration
-    from pouring_robot.calibration.summary import calibration_figures
+    from pouring_robot.calibration.summary import calibration_metrics
     from pouring_robot.campaign.data import Campaign
     from pouring_robot.estimation.solver import FitOptions
     from pouring_robot.io.files import check_folder
@@ -72,7 +72,7 @@ def calibrate(
         say("writing")
         written = write_calibration(found, out)
     if as_json:
-        options.print_figures(calibration_figures(found), written)
+        options.print_figures(calibration_metrics(found), written)
         return
     console = options.console()
     _print(console, found)

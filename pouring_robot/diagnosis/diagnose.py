@@ -80,7 +80,7 @@ def diagnose(
     flags = examine(campaign, PouringRobot(model)).flags
     errors = [flag for flag in flags if flag.severity == "error"]
     if errors:
-        raise CampaignError(campaign.path, f"{errors[0].message}; {errors[0].mend}")
+        raise CampaignError(campaign.path, f"{errors[0].message}; {errors[0].remedy}")
     wrong = outlier_rows(flags)
     work = _Work(campaign, model, effects, options, progress)
     found = work.found(wrong)

@@ -19,6 +19,7 @@ from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser, State
 from pouring_robot.effects.drives import CHANNELS
 from pouring_robot.estimation.noise import NoiseLevel
+from pouring_robot.estimation.splits import WORSE
 from pouring_robot.exceptions import CalibrationError, PouringRobotError
 from pouring_robot.inference.decision import Judgement, Verdict
 from pouring_robot.inference.hypotheses import Hypothesis
@@ -34,8 +35,6 @@ if TYPE_CHECKING:
     from pouring_robot.diagnosis.suggest.suggest import Suggestion
     from pouring_robot.diagnosis.where.terms import FreeResiduals
     from pouring_robot.diagnosis.where.where import Where
-
-_WORSE = 1.02
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -164,7 +163,7 @@ class Diagnosis(Result):
     def _amended(self) -> tuple[RobotModel, str]:
         from pouring_robot.diagnosis.amend import amended
 
-        if self.train.position("after") > _WORSE * self.train.position("before"):
+        if self.train.position("after") > WORSE * self.train.position("before"):
             return self.model, "what was found does not bring the fitted rows closer, so the model stays as given"
         try:
             return amended(self), ""
@@ -200,7 +199,7 @@ class Diagnosis(Result):
     def worse(self) -> bool:
         """Whether the amended model is further from the held-out rows than the given one."""
         gap = self.gaps.get("held_out")
-        return gap is not None and gap.position("after") > _WORSE * gap.position("before")
+        return gap is not None and gap.position("after") > WORSE * gap.position("before")
 
     def parameters_of(self, effect: NamedEffect) -> Sequence[tuple[str, FoundParameter]]:
         """Return the parameters of an effect by name; see :meth:`NamedEffect.by_name`."""

@@ -18,14 +18,13 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from pouring_robot.estimation.frames import FRAMES
+from pouring_robot.estimation.frames import FEWEST_ROWS, FRAMES
 from pouring_robot.estimation.measurement import ModelledRows, Prediction, Unknowns
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations, whiten
 from pouring_robot.estimation.robust import Loss, robust_terms, scatter
 from pouring_robot.exceptions import BadInputError, CalibrationError
 from pouring_robot.mechanism.arrays import FloatArray
 
-_FEWEST_ROWS = 6
 # From which step length on (standard deviations of the answer) steps are lengthened, and by how much at most.
 _LATE, _LONGEST_STRIDE = 10.0, 5.0
 # After so many evaluations without an answer second derivatives are measured if steps are short (standard deviations
@@ -76,7 +75,7 @@ class Search:
         equations = whiten(measured, prediction)
         self.failed = equations.failed
         used = np.unique(equations.rows).size
-        if equations.rows.size <= FRAMES or used < _FEWEST_ROWS:
+        if equations.rows.size <= FRAMES or used < FEWEST_ROWS:
             raise CalibrationError(
                 f"only {used} of {len(rows)} rows can be used ({self.failed.size} do not close)",
                 "measure more poses, or check drive values and model file",

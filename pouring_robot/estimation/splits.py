@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.estimation.frames import FEWEST_ROWS
 from pouring_robot.exceptions import BadInputError, CalibrationError
 from pouring_robot.mechanism.arrays import FloatArray
 
@@ -17,7 +18,9 @@ BlockKind = Literal["session", "time", "region"]
 HoldOut = Literal["auto", "session", "time", "region"]
 Rows = NDArray[np.intp]
 BLOCKS = 5
-_FEWEST_SESSIONS, _FEWEST_TRAIN, _FEWEST_TEST, _FEWEST_FIT = 4, 12, 3, 6
+WORSE = 1.02
+"""A held-out error this many times that before is worse; less is chance."""
+_FEWEST_SESSIONS, _FEWEST_TRAIN, _FEWEST_TEST = 4, 12, 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +69,7 @@ class Split:
         pairs = []
         for k, fold in enumerate(self.folds):
             others = self.folds[:k] if self.kind != "region" else (*self.folds[:k], *self.folds[k + 1 :])
-            if sum(rows.size for rows in others) >= _FEWEST_FIT:
+            if sum(rows.size for rows in others) >= FEWEST_ROWS:
                 pairs.append((np.sort(np.concatenate(others)), fold))
         return tuple(pairs)
 
@@ -141,12 +144,8 @@ def _block(kind: BlockKind, name: str, rows: Rows) -> Block:
 
 def _session_blocks(rows: Rows, sessions: Sequence[str]) -> tuple[Block, ...]:
     """Return one block a session, in order of appearance; ``sessions`` has one entry for every row of the campaign."""
-    members: dict[str, list[int]] = {}
-    for row in rows:
-        members.setdefault(sessions[row], []).append(int(row))
-    return tuple(
-        _block("session", f"session {name}", np.array(chosen, dtype=np.intp)) for name, chosen in members.items()
-    )
+    own = np.array(sessions)[rows]
+    return tuple(_block("session", f"session {name}", rows[own == name]) for name in dict.fromkeys(own.tolist()))
 
 
 def _time_blocks(rows: Rows, time_s: FloatArray | None, count: int) -> tuple[Block, ...]:

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from pouring_robot.calibration.summary import calibration_figures, next_measurements, noise_floor, notes_of, warnings_of
+from pouring_robot.calibration.summary import calibration_metrics, next_measurements, noise_floor, notes_of, warnings_of
 from pouring_robot.robot.heat_section import HeatSection
 
 
@@ -16,7 +16,7 @@ def swapped(calibration, **changes):
 
 
 def test_figures_are_json_and_agree_with_the_calibration(found):
-    figures = json.loads(json.dumps(calibration_figures(found), allow_nan=False))
+    figures = json.loads(json.dumps(calibration_metrics(found), allow_nan=False))
     assert figures["gap"]["held_out"]["after"]["rms_mm"] == pytest.approx(
         found.misfit(found.split.test, after=True).rms_mm
     )
@@ -28,7 +28,7 @@ def test_figures_are_json_and_agree_with_the_calibration(found):
 
 
 def test_unchanged_figures(unchanged):
-    figures = json.loads(json.dumps(calibration_figures(unchanged), allow_nan=False))
+    figures = json.loads(json.dumps(calibration_metrics(unchanged), allow_nan=False))
     assert figures["status"] == "unchanged"
     assert figures["parameters"] == []
     # The y of target and tracker cannot be told apart, but nothing was changed along it.
@@ -41,7 +41,7 @@ def test_warnings(found):
     assert not any("rank" in line for line in warnings_of(found))
     short = swapped(found, rank_anywhere=found.base.rank + 3)
     assert any(f"do not show 3 of {found.base.rank + 3} combinations" in line for line in warnings_of(short))
-    assert calibration_figures(found)["rank_deficient"] is True
+    assert calibration_metrics(found)["rank_deficient"] is True
     worse = swapped(found, before=found.after, after=found.before)
     assert any("do not use this model" in line for line in warnings_of(worse))
     assert not any("do not use" in line for line in warnings_of(found))
@@ -64,7 +64,7 @@ def test_notes_say_what_no_measurement_tells(found, unchanged):
     never = len(found.base.names) - found.base.rank
     assert any(f"rank deficient by nature: {never} of {len(found.base.names)} directions" in line for line in notes)
     assert any("each by itself, held by their tolerances" in line for line in notes)
-    assert calibration_figures(found)["notes"] == notes
+    assert calibration_metrics(found)["notes"] == notes
     assert notes_of(unchanged) == []
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import read_plan
 from pouring_robot.checks.check import examine
-from pouring_robot.checks.summary import campaign_figures
+from pouring_robot.checks.summary import campaign_metrics
 from pouring_robot.exceptions import BadInputError
 
 FUZZ = settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -73,7 +73,7 @@ def examine_files(drawing, table, metadata, suffix):
             assert path.stem in str(error)
             return
         found = examine(campaign, drawing)
-        json.dumps(campaign_figures(campaign, found), allow_nan=False)
+        json.dumps(campaign_metrics(campaign, found), allow_nan=False)
         assert all("\n" not in str(flag) for flag in found.flags)
 
 

@@ -136,9 +136,9 @@ def test_finds_the_planted_damage_and_nothing_else(request, case, robot_name):
     assert codes(flags) - BESIDES.get(code, set()) <= {code}
     for flag in flags:
         assert "\n" not in str(flag)
-        assert flag.mend
+        assert flag.remedy
         assert all(0 <= row < len(broken) for row in flag.rows)
-        assert all(np.isfinite(value) for value in flag.figures.values())
+        assert all(np.isfinite(value) for value in flag.metrics.values())
         assert flag.to_json(broken)["lines"] == [int(broken.lines[row]) for row in flag.rows]
 
 
@@ -198,7 +198,7 @@ def test_finds_where_the_tracker_was_moved(as_built, place):
     (flag,) = check_campaign(moved, as_built)
     assert flag.code is FlagCode.MEASUREMENT_JUMP
     assert abs(flag.rows[0] - place) <= 1
-    assert flag.figures["step_mm"] == pytest.approx(3.0 * np.sqrt(3.0), rel=0.2)
+    assert flag.metrics["step_mm"] == pytest.approx(3.0 * np.sqrt(3.0), rel=0.2)
 
 
 def test_names_the_row_and_the_column_of_the_file(drawing, clean):

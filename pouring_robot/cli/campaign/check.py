@@ -24,13 +24,13 @@ def check(
     from pouring_robot.campaign.data import Campaign
     from pouring_robot.checks.check import examine
     from pouring_robot.checks.plots import write_picture
-    from pouring_robot.checks.summary import campaign_figures
+    from pouring_robot.checks.summary import campaign_metrics
 
     options.refuse_unwritable(png)
     campaign = Campaign.read(file)
     robot = options.robot_of(model, layout)
     found = examine(campaign, robot)
-    figures = campaign_figures(campaign, found)
+    figures = campaign_metrics(campaign, found)
     written = [write_picture(campaign, found, robot.layout, png)] if png else []
     if as_json:
         options.print_figures(figures, written)
