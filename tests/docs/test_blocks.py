@@ -18,6 +18,7 @@ from pouring_robot.sweeps import SweepConfig
 from tests.support import ROOT
 
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES += [ROOT / "robot_description" / "README.md", *sorted((ROOT / "examples").glob("*/README.md"))]
 WITH_BLOCKS = [page for page in PAGES if "```console" in page.read_text() or "```python" in page.read_text()]
 # Shown and not run here, with the reason; by a part of the command or the block.
 SLOW = {
@@ -81,7 +82,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize("page", WITH_BLOCKS, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", WITH_BLOCKS, ids=lambda page: str(page.relative_to(ROOT)))
 def test_what_a_page_shows_is_what_happens(page, folder, capfd, monkeypatch):
     monkeypatch.setenv("COLUMNS", "120")
     names = {}
@@ -110,7 +111,7 @@ def test_every_reason_has_its_block():
     assert [start for start in SLOW if start not in shown] == []
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_commands_and_options_mentioned_exist(page, capfd):
     helped = {}
     for line in re.findall(r"pouring-robot ((?:campaign )?[a-z]+[^`\n|]*)", page.read_text()):
@@ -121,7 +122,7 @@ def test_commands_and_options_mentioned_exist(page, capfd):
         assert [option for option in re.findall(r"--[\w-]+", line) if option not in helped[names]] == [], line
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_links_resolve(page):
     for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text()):
         if "://" in target:
@@ -134,7 +135,7 @@ def test_links_resolve(page):
             assert heading in [re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings], target
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_paths_and_modules_mentioned_exist(page):
     text = page.read_text() if page.stem != "CHANGELOG" else ""
     for path in re.findall(
