@@ -10,6 +10,7 @@ import pydantic
 
 from pouring_robot.exceptions import BadInputError, SweepFileError, closest
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
+from pouring_robot.mechanism.poses import MM
 
 Study = Literal["one_at_a_time", "monte_carlo", "sobol"]
 Kind = Literal["closed_chain", "open_branch"]
@@ -83,7 +84,7 @@ class ErrorEntry(StrictModel):
             unit: ``m`` or ``rad``.
         """
         value = getattr(self, f"{size}_{'mm' if unit == 'm' else 'mrad'}")
-        return None if value is None else 1e-3 * float(value)
+        return None if value is None else MM * float(value)
 
 
 class Box(StrictModel):
@@ -108,7 +109,7 @@ class Box(StrictModel):
 
     def limits_si(self) -> list[tuple[float, float] | None]:
         """Return the limits of x, y, z and tilt in m and rad, None where the layout's apply."""
-        factors = (1e-3, 1e-3, 1e-3, math.radians(1.0))
+        factors = (MM, MM, MM, math.radians(1.0))
         given = (self.x_mm, self.y_mm, self.z_mm, self.tilt_deg)
         return [None if pair is None else (pair[0] * f, pair[1] * f) for pair, f in zip(given, factors, strict=True)]
 

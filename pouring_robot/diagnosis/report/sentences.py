@@ -17,6 +17,7 @@ from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
 from pouring_robot.effects.facts import sources
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.pouring.names import LEGS
 
 if TYPE_CHECKING:
     from pouring_robot.diagnosis.result import Diagnosis
@@ -271,7 +272,7 @@ def measurement_text(measurement: SuggestedMeasurement) -> str:
         for name, words, digits, unit in (
             ("payload_kg", "load", 0, "kg"),
             ("truss_travel_m", "travel", 1, "m"),
-            ("leg1_degC", "leg 1 at", 0, "°C"),
+            (f"{LEGS[0]}_degC", "leg 1 at", 0, "°C"),
             ("platform_degC", "platform at", 0, "°C"),
         )
         if name in given
