@@ -10,7 +10,7 @@ from pouring_robot.robot.pouring.thermal_properties import (
     load_thermal_properties,
     shipped_thermal_file,
 )
-from pouring_robot.thermal.network.robot_network import ThermalNetwork
+from pouring_robot.thermal.network.assembly import ThermalNetwork
 
 PAPER = {
     "melt.temperature": 1700.0,

@@ -16,8 +16,8 @@ from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.thermal.expansion.bending import LegBending
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
 from pouring_robot.thermal.expansion.warm_robot import WarmRobot
+from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.field import gradient_across_tube
-from pouring_robot.thermal.network.robot_network import ThermalNetwork
 from tests.support import CHAINS, oracle_cases, random_poses
 
 POSE = PlatformPose((-0.100, 0.020, -0.600), np.radians(10.0))

@@ -25,9 +25,9 @@ from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
 from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
 from pouring_robot.thermal.expansion.warm_robot import WarmRobot, drawing_of, passive_lengths
+from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.network.history import HeatHistory, Placed
-from pouring_robot.thermal.network.robot_network import ThermalNetwork
 from pouring_robot.thermal.network.transient import simulate
 
 SETTLED_M = 1e-10

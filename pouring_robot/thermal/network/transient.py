@@ -20,10 +20,10 @@ from scipy.integrate import solve_ivp
 from pouring_robot.exceptions import HistoryError, ThermalSolutionError
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.circuit import Circuit
 from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.network.history import HeatHistory, Placed, PoseSchedule
-from pouring_robot.thermal.network.robot_network import ThermalNetwork
 
 Method = Literal["BDF", "Radau"]
 Poses = Placed | PoseSchedule | Sequence[tuple[float, Placed]]

@@ -20,8 +20,8 @@ from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
 from pouring_robot.thermal.expansion.warm_robot import WarmRobot
+from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.field import TemperatureField
-from pouring_robot.thermal.network.robot_network import ThermalNetwork
 from pouring_robot.thermal.regression.joint_model import JointRegression
 from pouring_robot.thermal.regression.table import ErrorTable
 from scripts.paper.thermal.regression import residual_figures
