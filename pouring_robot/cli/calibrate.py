@@ -47,7 +47,6 @@ def calibrate(
     """Identify the robot as built from a measurement campaign, and write its model file, URDF and report."""
     from pouring_robot.calibration.calibrate import CalibrationOptions
     from pouring_robot.calibration.calibrate import calibrate as run
-    from pouring_robot.calibration.export import write_calibration
     from pouring_robot.calibration.summary import calibration_metrics
     from pouring_robot.campaign.data import Campaign
     from pouring_robot.estimation.solver import FitOptions
@@ -70,7 +69,7 @@ def calibrate(
     with progress.status() as say:
         found = run(data, present, chosen, say)
         say("writing")
-        written = write_calibration(found, out)
+        written = found.save(out)
     if as_json:
         options.print_figures(calibration_metrics(found), written)
         return

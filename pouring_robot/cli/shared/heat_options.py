@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pouring_robot.cli.shared.tables import plain_table
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.heat_section import HeatSection
@@ -192,25 +193,20 @@ def heat_figures(heated: HeatedRobot, state: WarmState) -> dict[str, Any]:
 
 def print_shares(console: Console, shares: dict[str, PoseShares]) -> None:
     """Print what geometry and heat do alone and together, and by how much they do not add up, frame by frame."""
-    from rich.table import Table
-
-    table = Table(title="shares of the error: mm, mrad", title_justify="left", box=None, pad_edge=False)
-    table.add_column("frame")
-    table.add_column("")
-    for name in ("x", "y", "z", "|xyz|", "rx", "ry", "rz"):
-        table.add_column(name, justify="right")
+    rows = []
     for frame, one in shares.items():
-        rows = {
+        parts = {
             "geometry": (one.geometry.translation_m, one.geometry.rotation_rad),
             "heat": (one.heat.translation_m, one.heat.rotation_rad),
             "together": (one.together.translation_m, one.together.rotation_rad),
             "not the sum by": (one.remainder_m, one.remainder_rad),
         }
-        for k, (name, (shift, turn)) in enumerate(rows.items()):
+        for k, (name, (shift, turn)) in enumerate(parts.items()):
             size = float(sum(shift**2) ** 0.5)
             cells = [decimals(v / MM, 3, sign=True) for v in shift] + [f"{size / MM:.3f}"]
-            table.add_row(frame if k == 0 else "", name, *cells, *(decimals(v / MRAD, 3, sign=True) for v in turn))
-    console.print(table)
+            rows.append((frame if k == 0 else "", name, *cells, *(decimals(v / MRAD, 3, sign=True) for v in turn)))
+    head = ("frame", "", "x", "y", "z", "|xyz|", "rx", "ry", "rz")
+    console.print(plain_table(head, rows, (0, 1), title="shares of the error: mm, mrad"))
 
 
 def share_figures(shares: PoseShares) -> dict[str, Any]:
