@@ -120,18 +120,12 @@ def unexplained(terms: FloatArray, values: FloatArray, floor: float) -> FloatArr
     Returns:
         (n,) leftover over its robust standard deviation; 0 for rows left out.
     """
-    left, scale = leftover(terms, values, floor)
+    _, left, scale = robust_fit(terms, values, floor)
     size = np.abs(np.nan_to_num(left))
     # Errors of a crooked robot have long tails: nine rows in ten, not only the middle ones, set the scale.
     if np.isfinite(left).any():
         scale = max(scale, float(np.nanquantile(np.abs(left), 0.9)) / _NINETY_PER_CENT)
     return size / scale
-
-
-def leftover(terms: FloatArray, values: FloatArray, floor: float) -> tuple[FloatArray, float]:
-    """Return the leftover itself (n,), NaN for rows left out, and its robust standard deviation; see above."""
-    _, left, scale = robust_fit(terms, values, floor)
-    return left, scale
 
 
 def filled(terms: FloatArray, values: FloatArray, floor: float) -> FloatArray:

@@ -6,10 +6,11 @@ import pytest
 
 from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.checks.smoothing import drive_sensitivity
-from pouring_robot.estimation.frames import affine_map, fit_frames
+from pouring_robot.estimation.frames import affine_map, displaced_columns, fit_frames
 from pouring_robot.exceptions import FrameFitError
 from pouring_robot.mechanism.rotations import rotation_matrices
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, measure
+from tests.estimation.virtual import TRUE_FRAMES
 
 
 def fit_of(robot, measured, **options):
@@ -101,3 +102,32 @@ def test_drive_sensitivity_is_the_derivative_of_the_inverse(drawing, clean):
     for axis in range(4):
         numeric = (drives(1e-6, axis) - drives(-1e-6, axis)) / 2e-6
         np.testing.assert_allclose(matrix[:, :, axis], numeric, atol=1e-8)
+
+
+def test_the_jacobian_of_the_frames_is_the_derivative_of_what_is_seen(drawing, clean):
+    poses = nominal_poses(drawing.kinematics, clean.campaign.drives[:7])
+    random = np.random.default_rng(4)
+    frames = TRUE_FRAMES
+    base = 0.1 * random.normal(size=(7, 6))
+    step = 1e-6
+    for rows_displaced in (None, base):
+        jacobian = frames.jacobian(poses, rows_displaced)
+        for k, axis in enumerate(np.eye(12)):
+            if k < 6 and rows_displaced is not None:
+                turned = np.array([pin.exp3(w) @ pin.exp3(step * axis[3:6]) for w in base[:, 3:]])
+                after = np.hstack([base[:, :3] + step * axis[:3], [pin.log3(turn) for turn in turned]])
+                seen = frames.seen(poses, after)
+            else:
+                seen = frames.moved(step * axis).seen(poses, rows_displaced)
+            change = seen.difference(frames.seen(poses, rows_displaced)) / step
+            np.testing.assert_allclose(jacobian[:, :, k], change, atol=2e-5)
+
+
+def test_displaced_columns_chain_the_jacobian_to_displaced_frames(drawing, clean):
+    poses = nominal_poses(drawing.kinematics, clean.campaign.drives[:5])
+    frames, values = TRUE_FRAMES, 0.3 * np.random.default_rng(1).normal(size=12)
+    moved, step = frames.moved(values), 1e-6
+    jacobian = moved.jacobian(poses) @ displaced_columns(values)
+    for k, axis in enumerate(np.eye(12)):
+        change = frames.moved(values + step * axis).seen(poses).difference(moved.seen(poses)) / step
+        np.testing.assert_allclose(jacobian[:, :, k], change, atol=2e-5)
