@@ -25,7 +25,7 @@ a singular value against the largest, columns scaled to unit length. Solving for
 closure's condition: analytic zeros come out at up to 2e-11 on the drawing, the least true column at 2e-2 and the least
 true singular value at 1e-6, so that the threshold lies in a gap of four decades and more (a test holds it there)."""
 _NO_SHARE = 1e-6
-_TIE = 1e-7
+_TIE = 1e-7  # above what updated column norms lose in pivoting, √ε = 1.5e-8 (LAPACK Working Note 176)
 
 
 @dataclass(frozen=True)
@@ -155,9 +155,6 @@ def _order(compact: FloatArray, names: tuple[str, ...], lead: Sequence[str], ran
     first = set(lead)
     # The robot is symmetric, so columns tie; the earlier one then stands for them, not the one round-off favours.
     weight = np.array([1e3 if name in first else 1.0 for name in names]) * (1.0 - _TIE * np.arange(len(names)))
-    # Of equally good columns the first one, not the one that a machine's round-off prefers. The step is above what
-    # updated column norms lose in pivoting, √ε = 1.5e-8 (LAPACK Working Note 176).
-    weight *= 1.0 - 1e-7 * np.arange(len(names))
     _, _, order = scipy.linalg.qr(compact * weight, mode="economic", pivoting=True)
     return np.asarray(order) if rank else np.arange(len(names))
 

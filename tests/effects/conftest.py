@@ -1,6 +1,5 @@
 """Shared by the tests of the effects."""
 
-import numpy as np
 import pytest
 
 from tests.effects.bench import Bench
@@ -10,9 +9,3 @@ from tests.effects.bench import Bench
 def bench():
     """Seventy rows in three sessions on a faultless machine of the rig."""
     return Bench()
-
-
-@pytest.fixture
-def rng():
-    """Return a seeded generator."""
-    return np.random.default_rng(20240917)
