@@ -19,6 +19,8 @@ from pouring_robot.robot.pouring.names import CHAIN_JOINTS
 _PRIOR_STD = 0.3e-3
 """Usual size of something unknown, in m and rad."""
 _AXES = 1e3
+_MIXED_WITH_POSE = ("load", "melt temperature", "platform temperature")
+_MOVING_JOINTS = ("load", "platform temperature")
 WHERE = {
     "drives": CHANNELS,
     "fixed platform": tuple(f"base.{c}" for c in COMPONENTS),
@@ -66,21 +68,25 @@ def _of_one_condition(given: Conditions) -> Iterator[tuple[str, FloatArray]]:
         yield "session", separate(given.session)
     if given.truss_travel_m is not None:
         yield "truss travel", wandering(given.truss_travel_m)
-    named = (
-        ("load", given.weight_n),
-        ("melt temperature", given.melt_rise_k),
-        ("hall temperature", given.ambient_rise_k),
-        ("platform temperature", given.platform_rise_k),
-    )
-    for by, values in named:
-        if values is not None:
-            yield by, smooth(standardised(values), 1.0)
+    for by, values in _numbers(given):
+        yield by, smooth(standardised(values), 1.0)
     if given.leg_rise_k is not None:
         yield "leg temperatures", smooth(standardised(given.leg_rise_k), 2.0, most=20)
     if given.approach is not None:
         yield "approach side", given.approach
     pose = poses(given)
     yield "way from the pose before", np.diff(pose, axis=0, prepend=pose[:1])
+
+
+def _numbers(given: Conditions) -> list[tuple[str, FloatArray]]:
+    """Return the conditions that are one number a row, by name; those that the campaign has."""
+    every = (
+        ("load", given.weight_n),
+        ("melt temperature", given.melt_rise_k),
+        ("hall temperature", given.ambient_rise_k),
+        ("platform temperature", given.platform_rise_k),
+    )
+    return [(name, values) for name, values in every if values is not None]
 
 
 def poses(given: Conditions) -> FloatArray:
@@ -122,13 +128,8 @@ def _of_pose(maker: _Maker, given: Conditions) -> Iterator[Description]:
     for where in ("seen place", "drives"):
         yield maker(where, "pose", wide)
         yield maker(where, "pose, finely", fine)
-    mixed = (
-        ("load", given.weight_n),
-        ("melt temperature", given.melt_rise_k),
-        ("platform temperature", given.platform_rise_k),
-    )
-    for by, values in mixed:
-        if values is not None:
+    for by, values in _numbers(given):
+        if by in _MIXED_WITH_POSE:
             factor = standardised(values)[:, None]
             yield maker("seen place", f"pose and {by}", wide * factor)
             yield maker("drives", f"pose and {by}", fine * factor)
@@ -164,7 +165,6 @@ def _of_joints(maker: _Maker, given: Conditions) -> Iterator[Description]:
     courses: list[tuple[str, FloatArray]] = []
     if given.time_known:
         courses.append(("time", wandering(given.time_s, most=12)))
-    named = (("load", given.weight_n), ("platform temperature", given.platform_rise_k))
-    courses += [(by, standardised(values)[:, None]) for by, values in named if values is not None]
+    courses += [(by, standardised(values)[:, None]) for by, values in _numbers(given) if by in _MOVING_JOINTS]
     for by, course in courses:
         yield Description("joint centres", by, np.hstack([maker.columns(name, course) for name in centres]))

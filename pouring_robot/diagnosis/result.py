@@ -23,6 +23,7 @@ from pouring_robot.estimation.splits import WORSE
 from pouring_robot.exceptions import CalibrationError, PouringRobotError
 from pouring_robot.inference.decision import Judgement, Verdict
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.report.result import Result
@@ -111,8 +112,12 @@ class Diagnosis(Result):
         from pouring_robot.diagnosis.where.terms import FreeResiduals
 
         linear = self.before.every_row
-        return FreeResiduals.of(
-            linear,
+        return FreeResiduals(
+            linear.residual,
+            linear.row,
+            linear.component,
+            linear.tracker,
+            Nuisance.of(linear.free),
             self.before.frames.T_tracker_base.rotation,
             np.column_stack([self.rows.channel(name, linear) for name in CHANNELS]),
             noise_known=not self.noise.from_residuals,

@@ -104,11 +104,6 @@ class Problem:
         """Ids of the effects that may be named."""
         return frozenset(item.effect for item in self.explanations if item.cause)
 
-    def without(self, effects: Sequence[str]) -> Problem:
-        """Return the problem with some effects taken out of the library."""
-        kept = tuple(item for item in self.explanations if item.effect not in effects)
-        return replace(self, explanations=kept)
-
     def compressed(self) -> Problem:
         """Return an equal problem of fewer equations: in an orthonormal basis of all columns.
 

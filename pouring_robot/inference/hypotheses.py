@@ -54,11 +54,6 @@ class Hypothesis:
         """Return which items are forms of an effect."""
         return tuple(k for k, item in enumerate(self.items) if item.effect == effect)
 
-    @property
-    def causes(self) -> tuple[Explanation, ...]:
-        """The explanations that may be named."""
-        return tuple(item for item in self.items if item.cause)
-
     def groups(self, skip: Collection[int] = ()) -> list[FloatArray]:
         """Return the scaled columns of everything fitted, some items left out if wanted."""
         levels = [BACKGROUND_LEVELS[k] for k in self.levels]

@@ -104,14 +104,6 @@ def test_rank_is_that_of_all_columns(rng):
     assert len(problem(rng.normal(size=40), items).compressed().residual) == 3
 
 
-def test_library_without_some_effects(parts):
-    built = Problem.build(*parts)
-    left = built.without(["effect 1", "effect 7"])
-    assert {item.effect for item in left.explanations} == {f"effect {k}" for k in (0, 2, 3, 4, 5, 6)}
-    assert left.residual is built.residual
-    assert len(built.explanations) == 16
-
-
 def test_an_effect_that_free_unknowns_absorb_is_worth_nothing(rng):
     free = rng.normal(size=(30, 2))
     hidden = explanation("hidden", free @ rng.normal(size=(2, 1)))

@@ -15,7 +15,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 
 _SAME_DRIVE = 1e-6
-LACK_OF_FIT, REPEATS, COMPONENT = "lack of fit", "repeats", "component"
+LACK_OF_FIT, REPEATS, COMPONENT, REGION = "lack of fit", "repeats", "component", "region"
 
 
 @dataclass(frozen=True)

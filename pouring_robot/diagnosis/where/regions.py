@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
+from pouring_robot.diagnosis.where.fit import REGION, Finding
 from pouring_robot.diagnosis.where.terms import FreeResiduals
 from pouring_robot.diagnosis.where.words import size_text
 from pouring_robot.effects.conditions import Conditions
@@ -20,33 +20,11 @@ _HEIGHTS = ("low", "at middle height", "high")
 _TILTS = ("tilted back", "half tilted", "tilted far forward")
 
 
-@dataclass(frozen=True)
-class Region:
-    """A part of the workspace where the disagreement is larger than elsewhere.
+def regions(data: FreeResiduals, given: Conditions) -> list[Finding]:
+    """Return all regions with enough rows, the most significant first.
 
-    Attributes:
-        words: what it is.
-        rms: of a coordinate in it, in m.
-        elsewhere: of a coordinate in all other rows, in m.
-        p_value: of a Mann-Whitney test of its rows against the others, one-sided; 1 if it is not larger by 30 % too.
-    """
-
-    words: str
-    rms: float
-    elsewhere: float
-    p_value: float
-
-    @property
-    def sentence(self) -> str:
-        """In words."""
-        here, there = size_text(self.rms, False), size_text(self.elsewhere, False)
-        return f"Largest where the ladle is {self.words}: {here} rms there, {there} elsewhere."
-
-
-def regions(data: FreeResiduals, given: Conditions) -> list[Region]:
-    """Return all regions with enough rows, largest disagreement first.
-
-    Each row counts with its sum of squares over what noise would make after the frames were fitted.
+    Each row counts with its sum of squares over what noise would make after the frames were fitted. The p-value is that
+    of a one-sided Mann-Whitney test of a region's rows against the others; 1 if it is not larger by 30 %, too.
     """
     n = len(given)
     expected = np.bincount(data.row, 1.0 - (data.nuisance.axes**2).sum(axis=1), n)
@@ -61,11 +39,12 @@ def regions(data: FreeResiduals, given: Conditions) -> list[Region]:
         if min(here.sum(), there.sum()) < _FEWEST or not (counts[here].any() and counts[there].any()):
             continue
         p_value = float(scipy.stats.mannwhitneyu(score[here], score[there], alternative="greater").pvalue)
-        rms = [float(np.sqrt(squares[part].sum() / counts[part].sum())) for part in (here, there)]
-        if rms[0] < _LARGER * rms[1]:
-            p_value = 1.0
-        found.append(Region(words, rms[0], rms[1], p_value))
-    return sorted(found, key=lambda region: region.p_value)
+        inside_m, outside_m = (float(np.sqrt(squares[part].sum() / counts[part].sum())) for part in (here, there))
+        sizes = f"{size_text(inside_m, False)} rms there, {size_text(outside_m, False)} elsewhere"
+        sentence = f"Largest where the ladle is {words}: {sizes}."
+        p_value = 1.0 if inside_m < _LARGER * outside_m else p_value
+        found.append((p_value, Finding(REGION, "", words, inside_m, False, p_value, sentence)))
+    return [finding for _, finding in sorted(found, key=lambda pair: pair[0])]
 
 
 def _parts(given: Conditions) -> Iterator[tuple[str, NDArray[np.bool_]]]:

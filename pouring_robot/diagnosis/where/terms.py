@@ -12,7 +12,7 @@ import scipy.special
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from pouring_robot.diagnosis.rows import LinearRows
+from pouring_robot.diagnosis.descriptions import poses
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.inference.courses import separate, standardised
 from pouring_robot.inference.nuisance import Nuisance
@@ -55,28 +55,6 @@ class FreeResiduals:
     drives: FloatArray | None = None
     noise_known: bool = True
     noise_freedoms: float = float("inf")
-
-    @classmethod
-    def of(
-        cls,
-        linear: LinearRows,
-        axes: FloatArray,
-        drives: FloatArray | None = None,
-        *,
-        noise_known: bool = True,
-        noise_freedoms: float = float("inf"),
-    ) -> FreeResiduals:
-        """Return the residuals of linearised rows.
-
-        Args:
-            linear: of the given model, its frames fitted.
-            axes: axes of the fixed platform in the tracker's frame, (3, 3).
-            drives: whitened derivative of the prediction by the four drives, (m, 4).
-            noise_known: False where the noise was guessed.
-            noise_freedoms: of an estimated noise.
-        """
-        given = (linear.residual, linear.row, linear.component, linear.tracker, Nuisance.of(linear.free))
-        return cls(*given, axes, drives, noise_known, noise_freedoms)
 
     @cached_property
     def cleared(self) -> FloatArray:
@@ -184,7 +162,7 @@ def terms(given: Conditions, ladle: Sequence[Channel], drives: Sequence[Channel]
             continue
         found += [Term(name, channel, course, values, unit) for channel in ladle]
         if name in _BY_POSE and n >= _SOME:
-            mixed = course[:, :1] * standardised(np.column_stack([given.position_m, given.tilt_rad]))
+            mixed = course[:, :1] * poses(given)
             found += [Term(name, channel, mixed, values, unit, by_pose=True) for channel in ladle]
     if given.session.max() > 0:
         found += [Term("session", channel, _centred(separate(given.session))) for channel in ladle]
@@ -288,7 +266,7 @@ def _spline(values: FloatArray, n: int, inner: tuple[float, ...] = _KNOTS) -> Fl
 
 def _pose(given: Conditions) -> FloatArray:
     """Return all products of two of x, y, z and tilt, with lines and a constant; tilt goes to its third power."""
-    pose = standardised(np.column_stack([given.position_m, given.tilt_rad]))
+    pose = poses(given)
     columns = [np.ones((len(given), 1)), pose]
     if len(given) >= _MANY:
         first, second = np.triu_indices(4)

@@ -1,7 +1,6 @@
 """Where model and measurement disagree: by component, region and condition, in figures and in plain sentences.
 
-    data = FreeResiduals.of(linear, axes, drives)   # the given model, only the two frames fitted
-    where = disagreements(data, rows.conditions)
+    where = disagreements(diagnosis.free_residuals, rows.conditions)   # the given model, only the two frames fitted
     where.sentences                                 # most important first
     where.as_json()                                 # "where" of diagnosis.json
 
@@ -16,7 +15,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pouring_robot.diagnosis.where.fit import COMPONENT, Finding, LackOfFit, components, lack_of_fit, overall, repeats
+from pouring_robot.diagnosis.where.fit import (
+    COMPONENT,
+    REGION,
+    Finding,
+    LackOfFit,
+    components,
+    lack_of_fit,
+    overall,
+    repeats,
+)
 from pouring_robot.diagnosis.where.regions import regions
 from pouring_robot.diagnosis.where.selection import Selection, holm, select
 from pouring_robot.diagnosis.where.terms import FreeResiduals, Term, channels, terms, untested
@@ -100,9 +108,7 @@ def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float = 0.
     family = [overall(data, freedoms), *components(data), *repeats(data, conditions)]
     fit = lack_of_fit(data, conditions, family[0].p_value)
     if n >= _FEWEST_ROWS:
-        family += [
-            Finding("region", "", r.words, r.rms, False, r.p_value, r.sentence) for r in regions(data, conditions)
-        ]
+        family += regions(data, conditions)
         found = terms(conditions, ladle, drives)
     else:
         found = []
@@ -130,8 +136,8 @@ def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float = 0.
 
 def _ordered(general: list[Finding], by_condition: list[Finding]) -> list[Finding]:
     """Return how much first, then what it depends on, then where in the workspace."""
-    first = [f for f in general if f.what != "region"]
-    return [*first, *by_condition, *[f for f in general if f.what == "region"][:1]]
+    first = [f for f in general if f.what != REGION]
+    return [*first, *by_condition, *[f for f in general if f.what == REGION][:1]]
 
 
 def _scaled(data: FreeResiduals) -> FreeResiduals:
