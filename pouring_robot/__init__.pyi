@@ -4,8 +4,12 @@ from .calibration.calibrate import Calibration as Calibration
 from .calibration.calibrate import CalibrationOptions as CalibrationOptions
 from .calibration.calibrate import calibrate as calibrate
 from .campaign.data import Campaign as Campaign
+from .campaign.plan import random_plan as random_plan
+from .campaign.simulate import MeasurementOptions as MeasurementOptions
 from .campaign.simulate import simulate_campaign as simulate_campaign
 from .compensation.compensate import compensate as compensate
+from .design.planning import PlanRequest as PlanRequest
+from .design.planning import plan_campaign as plan_campaign
 from .diagnosis.diagnose import DiagnosisOptions as DiagnosisOptions
 from .diagnosis.diagnose import diagnose as diagnose
 from .diagnosis.result import Diagnosis as Diagnosis
@@ -28,4 +32,6 @@ from .robot.model import RobotModel as RobotModel
 from .robot.pouring.poses import PlatformPose as PlatformPose
 from .robot.robot import PouringRobot as PouringRobot
 from .robot.robot import load_robot as load_robot
+from .sweeps.config import SweepConfig as SweepConfig
 from .sweeps.runner import sweep as sweep
+from .thermal.expansion.heated_robot import HeatedRobot as HeatedRobot

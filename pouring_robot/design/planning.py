@@ -47,10 +47,38 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.robot.tolerances import Tolerances
 
-__all__ = ["Conditions", "MeasurementPlan", "Noise", "PlanQuality", "PlanRequest", "Planner", "UndeterminedError"]
+__all__ = [
+    "Conditions",
+    "MeasurementPlan",
+    "Noise",
+    "PlanQuality",
+    "PlanRequest",
+    "Planner",
+    "UndeterminedError",
+    "plan_campaign",
+]
 
 _LADLE_LEVELS = (3, 3, 7, 7)  # of the workspace's grid, its faces included, along x, y, z and tilt
 _ONE, _BOTH = 0, 1  # kinds of a candidate: visited from one side, or from both
+
+
+@one_blas_thread()
+def plan_campaign(
+    robot: PouringRobot, request: PlanRequest | None = None, progress: Progress = say_nothing
+) -> MeasurementPlan:
+    """Return the poses, and conditions, that tell most about a robot's parameters.
+
+    Args:
+        robot: the present robot.
+        request: how many poses, for which parameters, with which device (default: 30 for the main geometric errors).
+        progress: told of every stage.
+
+    Raises:
+        BadInputError: a parameter is unknown, or a load is more than the ladle holds.
+        UndeterminedError: measurements cannot determine the parameters, wherever they are taken.
+        NoSolutionError: the robot can hardly go anywhere in its workspace.
+    """
+    return Planner(robot, request).plan(progress)
 
 
 class Planner:
