@@ -24,10 +24,10 @@ def study():
     patch.setattr(paper_study, "BOX_POSES", 20)
     steps = []
     try:
-        found = run_thermal_study("paper", 2022, 0, lambda done, total: steps.append((done, total)))
+        found = run_thermal_study("paper", 2022, 0, lambda *step: steps.append(step))
     finally:
         patch.undo()
-    assert steps == [(k, 3) for k in range(4)]
+    assert steps == [("heating the robot", k, 3) for k in range(4)]
     return found
 
 
