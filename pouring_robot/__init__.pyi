@@ -10,9 +10,9 @@ from .campaign.simulate import simulate_campaign as simulate_campaign
 from .compensation.compensate import compensate as compensate
 from .design.planning import PlanRequest as PlanRequest
 from .design.planning import plan_campaign as plan_campaign
+from .diagnosis.diagnose import Diagnosis as Diagnosis
 from .diagnosis.diagnose import DiagnosisOptions as DiagnosisOptions
 from .diagnosis.diagnose import diagnose as diagnose
-from .diagnosis.result import Diagnosis as Diagnosis
 from .exceptions import BadInputError as BadInputError
 from .exceptions import NoSolutionError as NoSolutionError
 from .exceptions import PouringRobotError as PouringRobotError

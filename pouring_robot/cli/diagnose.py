@@ -14,7 +14,7 @@ from pouring_robot.exceptions import DiagnosisError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from pouring_robot.diagnosis.result import Diagnosis
+    from pouring_robot.diagnosis.diagnose import Diagnosis
 
 OutFolder = Annotated[
     Path,

@@ -7,11 +7,11 @@ command sees it. What depends on conditions stays in the effect stack with its p
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pouring_robot.calibration.amend import amended_model
+from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.problem import BACKGROUND
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.estimation.frames import FRAMES
@@ -20,14 +20,11 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
 
-if TYPE_CHECKING:
-    from pouring_robot.diagnosis.result import Diagnosis
-
 _VALUE_DIGITS, _STD_DIGITS = 9, 4
 _STILL = 1e-12
 
 
-def amended(diagnosis: Diagnosis) -> RobotModel:
+def amended(diagnosis: Findings) -> RobotModel:
     """Return the given model with everything added that the diagnosis fitted.
 
     Placements are composed exactly. Against the diagnosis, which adds up the twists at one joint, that is a difference
@@ -68,7 +65,7 @@ def stands_still(parameter: EffectParameter, inside: Sequence[str]) -> bool:
 Found = tuple[EffectParameter, float, float]
 
 
-def _found(diagnosis: Diagnosis) -> list[tuple[str, str, list[Found]]]:
+def _found(diagnosis: Findings) -> list[tuple[str, str, list[Found]]]:
     """Return effect, form and parameters with value and standard deviation, as the amended robot has them.
 
     Values are those the robot was closed with. A parameter that the last weighing gave up again, too small to

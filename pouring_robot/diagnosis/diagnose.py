@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +12,13 @@ from numpy.typing import NDArray
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import examine
 from pouring_robot.checks.flags import outlier_rows
+from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.descriptions import descriptions
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.parameters import named_effects
 from pouring_robot.diagnosis.problem import Library
-from pouring_robot.diagnosis.result import Diagnosis
+from pouring_robot.diagnosis.report.export import write_diagnosis
+from pouring_robot.diagnosis.report.sentences import headline
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser, State
 from pouring_robot.effects.base import Effect
@@ -27,8 +31,12 @@ from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.search import DEFAULT_SEARCH, SearchOptions
 from pouring_robot.io.progress import Status, say_nothing
 from pouring_robot.io.threads import one_blas_thread
+from pouring_robot.report.result import Result
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import PouringRobot
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FEWEST_ROWS = 8
 _WRONG_SIGMAS, _WRONG_SHARE, _FEW_WRONG = 6.5, 0.04, 2
@@ -51,6 +59,36 @@ class DiagnosisOptions:
     hold_out: HoldOut = "auto"
     search: SearchOptions = DEFAULT_SEARCH
     thresholds: Thresholds = DEFAULT_THRESHOLDS
+
+
+class Diagnosis(Conclusions, Result):
+    """What was found and what follows, in words, as a table and as files."""
+
+    @property
+    def headline(self) -> str:
+        """The verdict in one sentence."""
+        return headline(self)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a row for each parameter of each effect, with its value and standard deviation in its unit."""
+        import pandas as pd
+
+        columns = ["effect", "firm", "probability", "parameter", "value", "std", "unit"]
+        rows = [
+            (e.cause.effect, e in self.firm, e.cause.probability, name, p.value, p.std, p.parameter.unit)
+            for e in self.effects
+            for name, p in self.parameters_of(e)
+        ]
+        return pd.DataFrame(rows, columns=columns)
+
+    @one_blas_thread()
+    def save(self, folder: Path | str) -> list[Path]:
+        """Write ``diagnosis.json``, ``model.yaml``, ``report.html`` and ``ladles.html``; return the files.
+
+        Raises:
+            OutputError: the folder cannot be written to.
+        """
+        return write_diagnosis(self, folder)
 
 
 @one_blas_thread()

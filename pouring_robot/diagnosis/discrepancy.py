@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.gap import COMPONENTS, table_of
 from pouring_robot.inference.discrepancy import Structure
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
-
-if TYPE_CHECKING:
-    from pouring_robot.diagnosis.result import Diagnosis
 
 MOST = 3
 BY_CHANCE = "row, by chance"
@@ -74,7 +72,7 @@ class Discrepancy:
         return out
 
 
-def discrepancies(diagnosis: Diagnosis) -> list[Discrepancy]:
+def discrepancies(diagnosis: Findings) -> list[Discrepancy]:
     """Return the clearest structure that is left, most evident first; nothing where none counts."""
     kinds: dict[str, Structure] = {}
     for structure in diagnosis.judgement.clear_structures:
@@ -87,12 +85,12 @@ def described(where: str, by: str) -> str:
     return f"{where}, different in every row" if by == BY_CHANCE else f"{where} by {by}"
 
 
-def parts_by_row(diagnosis: Diagnosis, structure: Structure) -> FloatArray:
+def parts_by_row(diagnosis: Findings, structure: Structure) -> FloatArray:
     """Return what a structure adds to the fitted rows, (n, 6) in the tracker's axes, in m and rad; NaN elsewhere."""
     return table_of(diagnosis.after.linear, structure.part, len(diagnosis.rows))
 
 
-def _described(diagnosis: Diagnosis, structure: Structure) -> Discrepancy:
+def _described(diagnosis: Findings, structure: Structure) -> Discrepancy:
     table = parts_by_row(diagnosis, structure)
     sigma = np.asarray(diagnosis.rows.measured.sigma)
     known = np.isfinite(table)
@@ -105,7 +103,7 @@ def _described(diagnosis: Diagnosis, structure: Structure) -> Discrepancy:
     return Discrepancy(structure, COMPONENTS[worst], float(rms[worst]), step_after, step)
 
 
-def _step(diagnosis: Diagnosis, values: FloatArray) -> tuple[int | None, float]:
+def _step(diagnosis: Findings, values: FloatArray) -> tuple[int | None, float]:
     """Return the line after which values in order of time jump, and by how much; None where they do not."""
     order = np.argsort(diagnosis.rows.conditions.time_s, kind="stable")
     order = order[np.isfinite(values[order])]

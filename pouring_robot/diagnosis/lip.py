@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
+from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.estimation.frames import OuterFrames
 from pouring_robot.mechanism.arrays import FloatArray
 
-if TYPE_CHECKING:
-    from pouring_robot.diagnosis.result import Diagnosis
 
-
-def moved_at_lip(diagnosis: Diagnosis, parameters: Sequence[EffectParameter]) -> FloatArray:
+def moved_at_lip(diagnosis: Findings, parameters: Sequence[EffectParameter]) -> FloatArray:
     """Return by how much some of the fitted parameters move the pouring lip, shape (n, 3), in m.
 
     In the axes of the fixed platform, loops closed exactly with everything found and again without these parameters.

@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from pouring_robot.campaign.data import Campaign as MeasuredCampaign
-from pouring_robot.diagnosis.diagnose import DiagnosisOptions, diagnose
-from pouring_robot.diagnosis.result import Diagnosis
+from pouring_robot.diagnosis.diagnose import Diagnosis, DiagnosisOptions, diagnose
 from pouring_robot.exceptions import PouringRobotError
 from tests.rig import Campaign, write_case
 

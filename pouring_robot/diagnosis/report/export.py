@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from pouring_robot import __version__
+from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.parameters import NamedEffect
 from pouring_robot.diagnosis.report.page import html_report
 from pouring_robot.diagnosis.report.scene import ladle_scene
@@ -21,13 +22,10 @@ from pouring_robot.robot.metrics import without_nan
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.viewer.page import page as html_of
 
-if TYPE_CHECKING:
-    from pouring_robot.diagnosis.result import Diagnosis
-
 METRICS, MODEL, REPORT, LADLES = "diagnosis.json", "model.yaml", "report.html", "ladles.html"
 
 
-def write_diagnosis(diagnosis: Diagnosis, folder: Path | str) -> list[Path]:
+def write_diagnosis(diagnosis: Conclusions, folder: Path | str) -> list[Path]:
     """Write ``diagnosis.json``, ``model.yaml``, ``report.html`` and ``ladles.html``; the metrics last.
 
     ``ladles.html`` is left out where no row has a whole position: there is nothing to draw.
@@ -57,7 +55,7 @@ def write_diagnosis(diagnosis: Diagnosis, folder: Path | str) -> list[Path]:
     return write_together(files)
 
 
-def described(diagnosis: Diagnosis) -> RobotModel:
+def described(diagnosis: Conclusions) -> RobotModel:
     """Return the amended model with a description that says what was found and how good it is."""
     model, present = diagnosis.amended, diagnosis.model.description
     nearest = ", ".join(e.cause.effect for e in diagnosis.nearest)
@@ -75,7 +73,7 @@ def described(diagnosis: Diagnosis) -> RobotModel:
 Metrics = dict[str, Any]
 
 
-def diagnosis_metrics(diagnosis: Diagnosis, model_file: str) -> Metrics:
+def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
     """Return ``diagnosis.json``.
 
     Args:
@@ -137,7 +135,7 @@ def diagnosis_metrics(diagnosis: Diagnosis, model_file: str) -> Metrics:
     return cleaned
 
 
-def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> Metrics:
+def _effect(diagnosis: Conclusions, effect: NamedEffect) -> Metrics:
     cause = effect.cause
     moved = np.linalg.norm(diagnosis.moved[cause.effect], axis=1) / MM
     return {
@@ -156,7 +154,7 @@ def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> Metrics:
     }
 
 
-def _frames(diagnosis: Diagnosis) -> Metrics:
+def _frames(diagnosis: Conclusions) -> Metrics:
     frames = diagnosis.after.frames
     pairs = {
         "tracker_to_fixed_platform": frames.T_tracker_base,

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.parameters import NamedEffect
 from pouring_robot.diagnosis.report.plots import plots
 from pouring_robot.diagnosis.report.sentences import (
@@ -19,14 +18,11 @@ from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
 
-if TYPE_CHECKING:
-    from pouring_robot.diagnosis.result import Diagnosis
-
 _PARAMETER_HEAD = ("parameter", "value", "± 95 %", "unit", "")
 _MOST_OPEN = 14
 
 
-def html_report(diagnosis: Diagnosis) -> str:
+def html_report(diagnosis: Conclusions) -> str:
     """Return the report as one page without any outside file."""
     first, *others = [Plot(title, png) for title, png in plots(diagnosis)]
     blocks: list[Block] = [
@@ -48,10 +44,10 @@ def html_report(diagnosis: Diagnosis) -> str:
     if suggested:
         blocks += [Heading("Measurements that tell most"), _measurements(suggested)]
     blocks += [Heading("Findings of the data checks"), Lines([str(f) for f in diagnosis.flags] or ["nothing"])]
-    return html_page(f"Diagnosis of {diagnosis.campaign.path.name}", "Diagnosis", blocks)
+    return html_page(f"Conclusions of {diagnosis.campaign.path.name}", "Conclusions", blocks)
 
 
-def _rows_used(diagnosis: Diagnosis) -> str:
+def _rows_used(diagnosis: Conclusions) -> str:
     """Return which rows served for what, and how exact they are."""
     noise, sigma = diagnosis.noise, diagnosis.noise.position_m / MM
     held = "none held out"
@@ -64,7 +60,7 @@ def _rows_used(diagnosis: Diagnosis) -> str:
     )
 
 
-def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> list[Block]:
+def _effect(diagnosis: Conclusions, effect: NamedEffect) -> list[Block]:
     """Return an effect with all its parameters, folded away where they are many or belong to no cause."""
     cause = effect.cause
     named = diagnosis.parameters_of(effect)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy.stats
 
+from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.discrepancy import described, parts_by_row
 from pouring_robot.diagnosis.gap import COMPONENTS, Gap, in_fixed_platform, table_of
 from pouring_robot.effects.facts import axis_over
@@ -19,17 +20,14 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.plots import AFTER, BEFORE, COLOURS, GREY, HELD_OUT, new_figure, png_of
 
-if TYPE_CHECKING:
-    from pouring_robot.diagnosis.result import Diagnosis
-
 _RESIDUAL_AXES = ("time_s", "weight_n", "truss_travel_m", "leg_rise_k", "platform_rise_k", "tilt_rad")
 _MOST_EFFECTS, _FEW_VALUES = 4, 6
 _NARROW = 4.0
 
 
-def plots(diagnosis: Diagnosis) -> list[tuple[str, bytes]]:
+def plots(diagnosis: Conclusions) -> list[tuple[str, bytes]]:
     """Return titles and PNG files, most important first."""
-    makers: list[tuple[str, Callable[[Diagnosis], bytes]]] = [
+    makers: list[tuple[str, Callable[[Conclusions], bytes]]] = [
         ("The gap of each component, before and after (RMS, tracker's axes; logarithmic)", _gap),
         ("Residuals over conditions, before and after (fixed platform's axes; held-out rows ringed)", _residuals),
     ]
@@ -42,7 +40,7 @@ def plots(diagnosis: Diagnosis) -> list[tuple[str, bytes]]:
     return drawn
 
 
-def _gap(diagnosis: Diagnosis) -> bytes:
+def _gap(diagnosis: Conclusions) -> bytes:
     gaps = diagnosis.gaps
     turned = any(np.isfinite(gap.before[3:]).any() for gap in gaps.values())
     figure = new_figure(9.0, 3.0)
@@ -77,7 +75,7 @@ def _gap_panel(axes: Any, gaps: dict[str, Gap], kind: int, *, amended: bool) -> 
     axes.grid(axis="x", which="both", alpha=0.2)
 
 
-def _residuals(diagnosis: Diagnosis) -> bytes:
+def _residuals(diagnosis: Conclusions) -> bytes:
     given = diagnosis.rows.conditions
     shown = [axis for axis in (axis_over((name,), given) for name in _RESIDUAL_AXES) if not axis.of_rows]
     shown = shown or [axis_over((), given)]
@@ -104,13 +102,13 @@ def _residuals(diagnosis: Diagnosis) -> bytes:
     return png_of(figure)
 
 
-def _residual_table(diagnosis: Diagnosis, *, of_after: bool) -> FloatArray:
+def _residual_table(diagnosis: Conclusions, *, of_after: bool) -> FloatArray:
     state = diagnosis.after if of_after else diagnosis.before
     table = table_of(state.every_row, state.every_row.residual, len(diagnosis.rows))
     return in_fixed_platform(table, state.frames.T_tracker_base.rotation)
 
 
-def _signatures(diagnosis: Diagnosis) -> bytes:
+def _signatures(diagnosis: Conclusions) -> bytes:
     shown = diagnosis.firm[:_MOST_EFFECTS]
     given, known = diagnosis.rows.conditions, diagnosis.diagnoser.library.effects
     figure = new_figure(9.5, 0.3 + 2.6 * len(shown))
@@ -130,7 +128,7 @@ def _signatures(diagnosis: Diagnosis) -> bytes:
     return png_of(figure)
 
 
-def _evidence(diagnosis: Diagnosis) -> bytes:
+def _evidence(diagnosis: Conclusions) -> bytes:
     hypothesis = diagnosis.hypothesis
     causes = [cause for cause in diagnosis.judgement.causes if cause.indices][:_MOST_EFFECTS]
     steps = evidence_steps(hypothesis)
@@ -190,7 +188,7 @@ def rival_margins(hypothesis: Hypothesis, cause: Cause) -> dict[str, float]:
     return found
 
 
-def _discrepancy(diagnosis: Diagnosis) -> bytes:
+def _discrepancy(diagnosis: Conclusions) -> bytes:
     linear = diagnosis.before.every_row if diagnosis.refused else diagnosis.after.every_row
     figure = new_figure(9.5, 3.6)
     left, right = figure.subplots(1, 2, width_ratios=(2.0, 1.0))

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
+from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.estimation.frames import OuterFrames
 from pouring_robot.mechanism.arrays import FloatArray
@@ -22,9 +23,6 @@ from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.robot.scene import VIEW_DIRECTION, drawn_robot, enlarged_pose, exaggeration_for
 from pouring_robot.viewer import GHOST_TINT, Scene, SceneArrow, SceneRobot, camera_on
 from pouring_robot.viewer.scene import BACKGROUND_LINKS, Colour
-
-if TYPE_CHECKING:
-    from pouring_robot.diagnosis.result import Diagnosis
 
 _SHOWN, _APART_M = 3, 1.4
 # To the right for who looks along the scene's view direction.
@@ -53,7 +51,7 @@ class SeenRow:
         return PoseDifference.between(self.nominal * at_platform, which * at_platform)
 
 
-def seen_rows(diagnosis: Diagnosis) -> list[SeenRow]:
+def seen_rows(diagnosis: Conclusions) -> list[SeenRow]:
     """Return representative rows, the one farthest from the drawing first."""
     rows, state = diagnosis.rows, diagnosis.before if diagnosis.refused else diagnosis.after
     here = OuterFrames(pin.SE3.Identity(), pin.SE3.Identity())
@@ -75,7 +73,7 @@ def seen_rows(diagnosis: Diagnosis) -> list[SeenRow]:
     )
 
 
-def _drawing(diagnosis: Diagnosis) -> CampaignRows:
+def _drawing(diagnosis: Conclusions) -> CampaignRows:
     bare: dict[str, Any] = {"joint_placements": {}, "drive_offsets": {}, "effects": []}
     if diagnosis.model.is_drawing and not diagnosis.model.effects:
         return diagnosis.rows
@@ -104,7 +102,7 @@ def _chosen(found: list[SeenRow], lip: pin.SE3, places: FloatArray) -> list[Seen
     return [found[k] for k in picked]
 
 
-def ladle_scene(diagnosis: Diagnosis) -> Scene | None:
+def ladle_scene(diagnosis: Conclusions) -> Scene | None:
     """Return the scene; None where no row has a measured position."""
     found = seen_rows(diagnosis)
     if not found:
@@ -189,16 +187,16 @@ class _Ladle:
         return visual
 
 
-def _assumption(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+def _assumption(diagnosis: Conclusions) -> list[tuple[str, str]]:
     full = diagnosis.campaign.full_pose
     return [] if full else [("measured", "rotations are the model's: only positions were measured")]
 
 
-def _line(diagnosis: Diagnosis, item: SeenRow) -> int:
+def _line(diagnosis: Conclusions, item: SeenRow) -> int:
     return int(diagnosis.rows.campaign.lines[item.row])
 
 
-def _caption(diagnosis: Diagnosis, item: SeenRow, lip: pin.SE3) -> tuple[str, str]:
+def _caption(diagnosis: Conclusions, item: SeenRow, lip: pin.SE3) -> tuple[str, str]:
     """Return what a row says: measured against the drawing and against the model, at the pouring lip."""
     drawn = item.off(item.measured, lip).distance_m / MM
     left = float(np.linalg.norm((item.measured * lip).translation - (item.model * lip).translation)) / MM

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import FlagCode
+from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.discrepancy import BY_CHANCE, described
 from pouring_robot.diagnosis.gap import COMPONENTS
 from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
@@ -18,9 +19,6 @@ from pouring_robot.effects.facts import sources
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.pouring.names import LEGS
-
-if TYPE_CHECKING:
-    from pouring_robot.diagnosis.result import Diagnosis
 
 _SHOWN_PARAMETERS, _SHOWN_SENTENCES, _SHOWN_PAIRS, _SHOWN_MEASUREMENTS = 4, 5, 2, 3
 _FEW_ROWS = 30
@@ -37,7 +35,7 @@ def sure_text(probability: float) -> str:
     return "more than 99.9 % sure" if probability > 0.999 else f"{math.floor(100.0 * probability)} % sure"
 
 
-def headline(diagnosis: Diagnosis) -> str:
+def headline(diagnosis: Conclusions) -> str:
     """Return the verdict in one sentence."""
     verdict = diagnosis.verdict
     if verdict == "no_gap":
@@ -68,7 +66,7 @@ def _names(effects: Sequence[NamedEffect]) -> str:
     return "; and ".join(parts) if any(e.cause.alternatives for e in effects) else " and ".join(parts)
 
 
-def gap_sentence(diagnosis: Diagnosis) -> str:
+def gap_sentence(diagnosis: Conclusions) -> str:
     """Return the gap before and after in one sentence."""
     name, gap = diagnosis.shown_gap
     before, after, floor = (gap.position(which) / MM for which in ("before", "after", "floor"))
@@ -91,7 +89,7 @@ def gap_sentence(diagnosis: Diagnosis) -> str:
 GAP_HEAD = ("rows", "", *COMPONENTS[:3], "all mm", *COMPONENTS[3:], "all mrad", "count")
 
 
-def gap_table(diagnosis: Diagnosis) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def gap_table(diagnosis: Conclusions) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return heading and rows of the gap by component, RMS in mm and mrad, tracker's axes; empty columns left out."""
     table = []
     for name, gap in diagnosis.gaps.items():
@@ -107,12 +105,12 @@ def gap_table(diagnosis: Diagnosis) -> tuple[tuple[str, ...], list[tuple[str, ..
     return tuple(GAP_HEAD[k] for k in kept), [tuple(row[k] for k in kept) for row in table]
 
 
-def where_lines(diagnosis: Diagnosis) -> list[str]:
+def where_lines(diagnosis: Conclusions) -> list[str]:
     """Return where model and data disagree, most important first."""
     return list(diagnosis.where.sentences)
 
 
-def effect_lines(diagnosis: Diagnosis, effect: NamedEffect) -> list[str]:
+def effect_lines(diagnosis: Conclusions, effect: NamedEffect) -> list[str]:
     """Return an effect in sentences: what happens, how large it is, its parameters."""
     cause = effect.cause
     moved = np.linalg.norm(diagnosis.moved[cause.effect], axis=1) / MM
@@ -151,7 +149,7 @@ def value_and_half_width(found: FoundParameter) -> tuple[str, str]:
     return f"{found.value:+.{digits}f}", f"{half:.{digits}f}"
 
 
-def apart_lines(diagnosis: Diagnosis) -> list[str]:
+def apart_lines(diagnosis: Conclusions) -> list[str]:
     """Return what this campaign cannot tell apart, and what would."""
     lines = []
     for effect in diagnosis.firm:
@@ -164,7 +162,7 @@ def apart_lines(diagnosis: Diagnosis) -> list[str]:
     return lines
 
 
-def left_lines(diagnosis: Diagnosis) -> list[str]:
+def left_lines(diagnosis: Conclusions) -> list[str]:
     """Return what is left over and why the verdict is ``unknown``: descriptions, not causes."""
     if diagnosis.verdict != "unknown":
         return []
@@ -205,7 +203,7 @@ def source_text(names: Sequence[str], campaign: Campaign) -> str:
     return " and ".join(parts)
 
 
-def untestable_lines(diagnosis: Diagnosis) -> list[str]:
+def untestable_lines(diagnosis: Conclusions) -> list[str]:
     """Return which effects this campaign cannot test, and which columns or keys are missing."""
     campaign = diagnosis.campaign
     by_source: dict[str, list[str]] = {}
@@ -214,7 +212,7 @@ def untestable_lines(diagnosis: Diagnosis) -> list[str]:
     return [f"{', '.join(effects)}: add {source}" for source, effects in by_source.items()]
 
 
-def next_lines(diagnosis: Diagnosis) -> list[str]:
+def next_lines(diagnosis: Conclusions) -> list[str]:
     """Return what to measure or do next."""
     verdict, lines = diagnosis.verdict, []
     if verdict == "unknown":
@@ -238,13 +236,13 @@ def next_lines(diagnosis: Diagnosis) -> list[str]:
     return lines
 
 
-def _hidden_lines(diagnosis: Diagnosis) -> list[str]:
+def _hidden_lines(diagnosis: Conclusions) -> list[str]:
     """Return what could be there and not show."""
     hidden = {s.second: s.words for s in diagnosis.suggestion.separations}
     return [f"could be there and not show: {name}; to see it, {words}" for name, words in hidden.items()]
 
 
-def _measurement_lines(diagnosis: Diagnosis) -> list[str]:
+def _measurement_lines(diagnosis: Conclusions) -> list[str]:
     suggestion = diagnosis.suggestion
     if not suggestion.measurements:
         return []
@@ -280,7 +278,7 @@ def measurement_text(measurement: SuggestedMeasurement) -> str:
     return ", ".join(said)
 
 
-def note_lines(diagnosis: Diagnosis) -> list[str]:
+def note_lines(diagnosis: Conclusions) -> list[str]:
     """Return what limits the answer."""
     given = diagnosis.rows.conditions
     lines = [note for note in diagnosis.notes if not (given.filled and note.startswith("single missing cells"))]
@@ -315,13 +313,13 @@ def note_lines(diagnosis: Diagnosis) -> list[str]:
     return lines
 
 
-def _file_lines(diagnosis: Diagnosis, rows: FloatArray | Any, most: int = 8) -> str:
+def _file_lines(diagnosis: Conclusions, rows: FloatArray | Any, most: int = 8) -> str:
     lines = [str(int(diagnosis.campaign.lines[row])) for row in rows]
     more = f" and {len(lines) - most} more" if len(lines) > most else ""
     return f"line{'s' if len(lines) > 1 else ''} {', '.join(lines[:most])}{more}"
 
 
-def sections(diagnosis: Diagnosis, *, short: bool = True) -> list[tuple[str, list[str]]]:
+def sections(diagnosis: Conclusions, *, short: bool = True) -> list[tuple[str, list[str]]]:
     """Return headings and lines in the order they matter; empty sections are left out.
 
     Args:

@@ -8,7 +8,7 @@ may have been set up anew, so that the new rows have frames of their own.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from pouring_robot.campaign.data import ARRAYS, Campaign
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.diagnosis.descriptions import descriptions
+from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.problem import Library, problem_at
 from pouring_robot.diagnosis.rows import CampaignRows, RowChanges
 from pouring_robot.inference.discrepancy import Description
@@ -25,9 +26,6 @@ from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
-
-if TYPE_CHECKING:
-    from pouring_robot.diagnosis.result import Diagnosis
 
 SESSION = "next"
 _HOUR_S = 3600.0
@@ -121,7 +119,7 @@ class Prospect:
         frames: columns of the new rows' own frames, times their usual size, (n * components, 12).
     """
 
-    def __init__(self, diagnosis: Diagnosis, possible: Candidates) -> None:
+    def __init__(self, diagnosis: Findings, possible: Candidates) -> None:
         """Linearise the rows of the campaign as its diagnosis left them, and the new ones as drawn."""
         old, self._after = diagnosis.rows, diagnosis.after
         rows = CampaignRows(_together(old.campaign, possible, diagnosis), diagnosis.model, diagnosis.noise)
@@ -162,7 +160,7 @@ class Prospect:
         return next(e.columns for e in self._whole.explanations if e.key == item.key)[self._new]
 
 
-def _together(campaign: Campaign, possible: Candidates, diagnosis: Diagnosis) -> Campaign:
+def _together(campaign: Campaign, possible: Candidates, diagnosis: Findings) -> Campaign:
     """Return a campaign with the possible measurements behind its rows, as the drawing predicts them."""
     n, frames = len(possible), diagnosis.after.frames
     outer, inner = frames.T_tracker_base, frames.T_end_target

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.suggest.candidates import Prospect
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.explanations import Explanation
 from pouring_robot.inference.hypotheses import BACKGROUND_LEVELS, Hypothesis
 from pouring_robot.mechanism.arrays import FloatArray
-
-if TYPE_CHECKING:
-    from pouring_robot.diagnosis.result import Diagnosis
 
 MOST_RIVALS = 3
 NOTHING = "nothing"
@@ -54,7 +51,7 @@ class Contest:
     pairs: tuple[tuple[int, int], ...]
 
 
-def contest(diagnosis: Diagnosis, prospect: Prospect) -> Contest:
+def contest(diagnosis: Findings, prospect: Prospect) -> Contest:
     """Return what is to be told apart.
 
     Of a group its members, of a named effect the next best ones, of something unknown the best descriptions; where
@@ -131,7 +128,7 @@ def _fixed(rest: Hypothesis, item: Explanation, scale: float) -> Hypothesis:
     return replace(rest, items=(*rest.items, item), scales=(*rest.scales, scale)).settled()
 
 
-def _descriptions(diagnosis: Diagnosis, prospect: Prospect, best: Hypothesis) -> list[Contender]:
+def _descriptions(diagnosis: Findings, prospect: Prospect, best: Hypothesis) -> list[Contender]:
     """Return the descriptions that explain best what no effect does; chance, too, where there is only one."""
     judgement = diagnosis.judgement
     named = [(structure.description.name, best) for structure in judgement.structures]

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.suggest.candidates import Candidates, Prospect, candidates
 from pouring_robot.diagnosis.suggest.contenders import Contender, Contest, contest, scaled_columns
 from pouring_robot.diagnosis.suggest.words import separating_words, untestable_words
@@ -17,9 +18,6 @@ from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
-
-if TYPE_CHECKING:
-    from pouring_robot.diagnosis.result import Diagnosis
 
 MOST = 10
 RANDOM_SETS = 50
@@ -135,7 +133,7 @@ class Suggestion:
         }
 
 
-def suggest_measurements(diagnosis: Diagnosis, count: int = MOST, seed: int = 0) -> Suggestion:
+def suggest_measurements(diagnosis: Findings, count: int = MOST, seed: int = 0) -> Suggestion:
     """Return up to ``count`` measurements that best separate the surviving explanations of a campaign.
 
     They are chosen among poses within reach and conditions that the campaign records, after what the frames of a newly
@@ -189,7 +187,7 @@ def _separations(
     names: Sequence[tuple[str, str]],
     grown: FloatArray,
     by_chance: FloatArray,
-    diagnosis: Diagnosis,
+    diagnosis: Findings,
 ) -> tuple[Separation, ...]:
     effects, conditions = diagnosis.diagnoser.library.effects, diagnosis.rows.conditions
     return tuple(

@@ -1,0 +1,93 @@
+"""What follows from the findings: where the gap is, what is left, the amended model, the next measurements."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+from pouring_robot.diagnosis.amend import amended as amended_model
+from pouring_robot.diagnosis.discrepancy import Discrepancy, discrepancies
+from pouring_robot.diagnosis.findings import Findings
+from pouring_robot.diagnosis.gap import Gap
+from pouring_robot.diagnosis.lip import moved_at_lip
+from pouring_robot.diagnosis.suggest.suggest import Suggestion, suggest_measurements
+from pouring_robot.diagnosis.where.where import Where, disagreements
+from pouring_robot.estimation.splits import WORSE
+from pouring_robot.exceptions import CalibrationError, PouringRobotError
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.model import RobotModel
+
+
+class Conclusions(Findings):
+    """Findings and what follows from them, each worked out once, when it is asked for."""
+
+    @cached_property
+    def where(self) -> Where:
+        """Where the given model and the data disagree."""
+        return disagreements(self.free_residuals, self.rows.conditions)
+
+    @cached_property
+    def moved(self) -> dict[str, FloatArray]:
+        """By how much each effect moves the pouring lip, (n, 3) in m, by effect."""
+        return {e.cause.effect: moved_at_lip(self, [p.parameter for p in e.parameters]) for e in self.effects}
+
+    @cached_property
+    def discrepancies(self) -> tuple[Discrepancy, ...]:
+        """The clearest structure that is left."""
+        return tuple(discrepancies(self))
+
+    @cached_property
+    def _suggested(self) -> tuple[Suggestion, str]:
+        try:
+            return suggest_measurements(self), ""
+        except PouringRobotError as problem:
+            return Suggestion((), (), 0.0), f"no measurements could be suggested: {problem}"
+
+    @property
+    def suggestion(self) -> Suggestion:
+        """What to measure next; nothing where :attr:`unsuggested` says why: the diagnosis stands without."""
+        return self._suggested[0]
+
+    @property
+    def unsuggested(self) -> str:
+        """Why there is no suggestion; "" where there is."""
+        return self._suggested[1]
+
+    @cached_property
+    def _amended(self) -> tuple[RobotModel, str]:
+        if self.train.position("after") > WORSE * self.train.position("before"):
+            return self.model, "what was found does not bring the fitted rows closer, so the model stays as given"
+        try:
+            return amended_model(self), ""
+        except CalibrationError as problem:
+            return self.model, f"what was found is no credible robot ({problem.problem}), so the model stays as given"
+
+    @property
+    def amended(self) -> RobotModel:
+        """The amended model; the given one where :attr:`refused` says why. Held-out rows play no part in this."""
+        return self._amended[0]
+
+    @property
+    def refused(self) -> str:
+        """Why the model was left as it was given; "" where it was amended or nothing was found."""
+        return self._amended[1]
+
+    @property
+    def gaps(self) -> dict[str, Gap]:
+        """The gap by kind of rows; of a model that was not amended nothing changes."""
+        found = {"held_out": self.held_out, "train": self.train}
+        kept = {name: gap for name, gap in found.items() if gap is not None}
+        if not self.refused:
+            return kept
+        return {name: Gap(gap.rows, gap.before, gap.before, gap.floor) for name, gap in kept.items()}
+
+    @property
+    def shown_gap(self) -> tuple[str, Gap]:
+        """The gap that counts, with the name of its rows: held-out rows where there are any."""
+        gaps = self.gaps
+        return ("held-out rows", gaps["held_out"]) if "held_out" in gaps else ("fitted rows", gaps["train"])
+
+    @property
+    def worse(self) -> bool:
+        """Whether the amended model is further from the held-out rows than the given one."""
+        gap = self.gaps.get("held_out")
+        return gap is not None and gap.position("after") > WORSE * gap.position("before")

@@ -1,0 +1,105 @@
+"""What the search found in a campaign: data, states, judgement. What follows from it: :mod:`~.conclusions`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pouring_robot.campaign.data import Campaign
+from pouring_robot.checks.flags import DataFlag
+from pouring_robot.diagnosis.gap import Gap
+from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
+from pouring_robot.diagnosis.rows import CampaignRows
+from pouring_robot.diagnosis.state import Diagnoser, State
+from pouring_robot.diagnosis.where.terms import FreeResiduals
+from pouring_robot.effects.drives import CHANNELS
+from pouring_robot.estimation.noise import NoiseLevel
+from pouring_robot.inference.decision import Judgement, Verdict
+from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.nuisance import Nuisance
+from pouring_robot.robot.model import RobotModel
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Findings:
+    """What was found.
+
+    Attributes:
+        campaign: all rows of the file.
+        model: the given model.
+        rows: the inliers against it.
+        inliers: index in the campaign of each of them, (n,).
+        outliers: rows left out as gross errors, by index in the campaign.
+        flags: what the checks found in the data.
+        noise: of the measurements.
+        fitted: which inliers were fitted, (n,); the others are held out.
+        held_out_name: which block is held out, in words; empty where there are too few rows to hold any out.
+        diagnoser: the search.
+        before: the given model, only its frames fitted.
+        after: the amended model.
+        hypothesis: what explains best.
+        judgement: what may be said of it.
+        effects: the named effects with their parameters.
+        untestable: effects that the campaign cannot test, with the conditions it lacks.
+        train: gap of the fitted rows.
+        held_out: gap of the held-out rows; None where there are none.
+        notes: what limits the answer, one line each.
+    """
+
+    campaign: Campaign
+    model: RobotModel
+    rows: CampaignRows
+    inliers: NDArray[np.intp]
+    outliers: NDArray[np.intp]
+    flags: tuple[DataFlag, ...]
+    noise: NoiseLevel
+    fitted: NDArray[np.bool_]
+    held_out_name: str
+    diagnoser: Diagnoser
+    before: State
+    after: State
+    hypothesis: Hypothesis
+    judgement: Judgement
+    effects: tuple[NamedEffect, ...]
+    untestable: dict[str, tuple[str, ...]]
+    train: Gap
+    held_out: Gap | None
+    notes: tuple[str, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """``no_gap``, ``named``, ``group`` or ``unknown``."""
+        return self.judgement.verdict
+
+    @property
+    def firm(self) -> tuple[NamedEffect, ...]:
+        """Effects that nothing explains better."""
+        return tuple(e for e in self.effects if e.cause.effect not in self.judgement.beaten)
+
+    @property
+    def nearest(self) -> tuple[NamedEffect, ...]:
+        """Effects that are only the nearest to something unknown: a description without a cause explains better."""
+        return tuple(e for e in self.effects if e.cause.effect in self.judgement.beaten)
+
+    @property
+    def free_residuals(self) -> FreeResiduals:
+        """The residuals of the given model, only its frames fitted, of all inliers."""
+        linear = self.before.every_row
+        return FreeResiduals(
+            linear.residual,
+            linear.row,
+            linear.component,
+            linear.tracker,
+            Nuisance.of(linear.free),
+            self.before.frames.T_tracker_base.rotation,
+            np.column_stack([self.rows.channel(name, linear) for name in CHANNELS]),
+            noise_known=not self.noise.from_residuals,
+            noise_freedoms=self.noise.freedoms,
+        )
+
+    def parameters_of(self, effect: NamedEffect) -> Sequence[tuple[str, FoundParameter]]:
+        """Return the parameters of an effect by name; see :meth:`NamedEffect.by_name`."""
+        return effect.by_name(self.diagnoser.library.forms)
