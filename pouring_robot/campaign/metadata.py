@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar, Self
 
 import pydantic
 from pydantic import Field, Strict
@@ -18,6 +18,7 @@ from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 _Number = Annotated[float, Strict()]
 _Size = Annotated[_Number, Field(gt=0.0, lt=1e9)]
 _Triple = tuple[_Number, _Number, _Number]
+_Units = dict[str, dict[str, float]]
 Triple = tuple[float, float, float]
 
 
@@ -50,24 +51,34 @@ class CampaignMetadata(StrictModel):
     ladle_centre_of_mass_m: Triple | None = None
     reference_temperature_degC: float | None = None  # noqa: N815 - the unit is spelt as in the campaign files
 
-    def missing(self) -> tuple[str, ...]:
-        """Return the names of the facts that are not stated."""
-        return tuple(name for name, value in self if value is None)
-
 
 class _Section(StrictModel):
-    """A part of the file in which each fact may be given in one of several units."""
+    """A part of the file in which a fact may be given in one of several units.
 
-    def _one_of(self, *names: str) -> Any:
-        given = [name for name in names if getattr(self, name) is not None]
-        if len(given) > 1:
-            raise ValueError(f"'{given[0]}' and '{given[1]}' say the same thing; keep one")
-        return getattr(self, given[0]) if given else None
+    ``UNITS`` names each fact as :class:`CampaignMetadata` does, with the keys it may have and how many of that unit
+    make one inside.
+    """
 
-    def _scaled(self, **per_unit: float) -> float | None:
-        value = self._one_of(*per_unit)
-        name = next((name for name in per_unit if getattr(self, name) is not None), None)
-        return None if value is None or name is None else float(value) / per_unit[name]
+    UNITS: ClassVar[_Units] = {}
+
+    def facts(self) -> dict[str, Any]:
+        """Return the facts in SI units; None: not stated."""
+        found: dict[str, Any] = {}
+        for fact, per_unit in self.UNITS.items():
+            given = [name for name in per_unit if getattr(self, name) is not None]
+            if len(given) > 1:
+                raise ValueError(f"'{given[0]}' and '{given[1]}' say the same thing; keep one")
+            found[fact] = None
+            for name in given:
+                value, divisor = getattr(self, name), per_unit[name]
+                triple = isinstance(value, tuple)
+                found[fact] = tuple(v / divisor for v in value) if triple else value / divisor
+        return found
+
+    @pydantic.model_validator(mode="after")
+    def _unambiguous(self) -> Self:
+        self.facts()
+        return self
 
 
 class _Metrology(_Section):
@@ -78,63 +89,36 @@ class _Metrology(_Section):
     sigma_rotation_rad: _Size | None = None
     sigma_rotation_mrad: _Size | None = None
     sigma_rotation_deg: _Size | None = None
-
-    def position(self) -> float | None:
-        return self._scaled(sigma_position_m=1.0, sigma_position_mm=1e3)
-
-    def rotation(self) -> float | None:
-        return self._scaled(sigma_rotation_rad=1.0, sigma_rotation_mrad=1e3, sigma_rotation_deg=180.0 / math.pi)
-
-    @pydantic.model_validator(mode="after")
-    def _unambiguous(self) -> _Metrology:
-        self.position()
-        self.rotation()
-        return self
+    UNITS: ClassVar[_Units] = {
+        "sigma_position_m": {"sigma_position_m": 1.0, "sigma_position_mm": 1e3},
+        "sigma_rotation_rad": {
+            "sigma_rotation_rad": 1.0,
+            "sigma_rotation_mrad": 1e3,
+            "sigma_rotation_deg": 180.0 / math.pi,
+        },
+    }
 
 
 class _Drives(_Section):
     screw_pitch_mm: _Size | None = None
     screw_pitch_m: _Size | None = None
-
-    def pitch(self) -> float | None:
-        return self._scaled(screw_pitch_m=1.0, screw_pitch_mm=1e3)
-
-    @pydantic.model_validator(mode="after")
-    def _unambiguous(self) -> _Drives:
-        self.pitch()
-        return self
+    UNITS: ClassVar[_Units] = {"screw_pitch_m": {"screw_pitch_m": 1.0, "screw_pitch_mm": 1e3}}
 
 
 class _Truss(_Section):
     span_m: _Size | None = None
     span_mm: _Size | None = None
-
-    def span(self) -> float | None:
-        return self._scaled(span_m=1.0, span_mm=1e3)
-
-    @pydantic.model_validator(mode="after")
-    def _unambiguous(self) -> _Truss:
-        self.span()
-        return self
+    UNITS: ClassVar[_Units] = {"truss_span_m": {"span_m": 1.0, "span_mm": 1e3}}
 
 
 class _Ladle(_Section):
     tare_kg: _Size | None = None
     centre_of_mass_mm: _Triple | None = None
     centre_of_mass_m: _Triple | None = None
-
-    def centre(self) -> Triple | None:
-        triple = self._one_of("centre_of_mass_m", "centre_of_mass_mm")
-        if triple is None:
-            return None
-        divisor = 1.0 if self.centre_of_mass_m is not None else 1e3
-        x, y, z = (float(value) / divisor for value in triple)
-        return x, y, z
-
-    @pydantic.model_validator(mode="after")
-    def _unambiguous(self) -> _Ladle:
-        self.centre()
-        return self
+    UNITS: ClassVar[_Units] = {
+        "ladle_tare_kg": {"tare_kg": 1.0},
+        "ladle_centre_of_mass_m": {"centre_of_mass_m": 1.0, "centre_of_mass_mm": 1e3},
+    }
 
 
 class _CampaignFile(_Section):
@@ -148,31 +132,18 @@ class _CampaignFile(_Section):
     ladle: _Ladle = _Ladle()
     reference_temperature_degC: Annotated[_Number, Field(ge=ABSOLUTE_ZERO_DEGC, lt=1e4)] | None = None  # noqa: N815
     reference_temperature_K: Annotated[_Number, Field(ge=0.0, lt=1e4)] | None = None  # noqa: N815
-
-    def reference(self) -> float | None:
-        self._one_of("reference_temperature_degC", "reference_temperature_K")
-        kelvin = self.reference_temperature_K
-        return self.reference_temperature_degC if kelvin is None else kelvin + ABSOLUTE_ZERO_DEGC
-
-    @pydantic.model_validator(mode="after")
-    def _unambiguous(self) -> _CampaignFile:
-        self.reference()
-        return self
+    UNITS: ClassVar[_Units] = {
+        "reference_temperature_degC": {"reference_temperature_degC": 1.0, "reference_temperature_K": 1.0}
+    }
 
     def to_si(self) -> CampaignMetadata:
-        return CampaignMetadata(
-            robot=self.robot,
-            description=self.description,
-            target=self.metrology.target,
-            frame=self.metrology.frame,
-            sigma_position_m=self.metrology.position(),
-            sigma_rotation_rad=self.metrology.rotation(),
-            screw_pitch_m=self.drives.pitch(),
-            truss_span_m=self.truss.span(),
-            ladle_tare_kg=self.ladle.tare_kg,
-            ladle_centre_of_mass_m=self.ladle.centre(),
-            reference_temperature_degC=self.reference(),
-        )
+        facts = self.facts()
+        for section in (self.metrology, self.drives, self.truss, self.ladle):
+            facts |= section.facts()
+        if self.reference_temperature_K is not None:
+            facts["reference_temperature_degC"] = self.reference_temperature_K + ABSOLUTE_ZERO_DEGC
+        facts |= {"target": self.metrology.target, "frame": self.metrology.frame}
+        return CampaignMetadata(robot=self.robot, description=self.description, **facts)
 
 
 def metadata_path(path: Path | str) -> Path:

@@ -5,12 +5,17 @@ from __future__ import annotations
 import enum
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pouring_robot.campaign.columns import PARTS
 from pouring_robot.campaign.data import Campaign
+
+Rows = NDArray[np.intp]
+FEW_ROWS = 20
+"""Below this many usable rows little beyond the two frames can be told."""
 
 
 class Severity(enum.StrEnum):
@@ -24,32 +29,89 @@ class Severity(enum.StrEnum):
     """Good to know; limits what can be found out."""
 
 
-class FlagCode(enum.StrEnum):
-    """What was found."""
+_ERROR, _WARNING, _NOTE = Severity
 
-    TOO_FEW_ROWS = "too_few_rows"
-    ONE_POSE = "one_pose"
-    REPEATED_ROWS = "repeated_rows"
-    STUCK_COLUMN = "stuck_column"
-    COLUMN_JUMP = "column_jump"
-    BAD_APPROACH = "bad_approach"
-    TIME_NOT_INCREASING = "time_not_increasing"
-    NO_NOISE_LEVEL = "no_noise_level"
-    NO_TEMPERATURES = "no_temperatures"
-    MISSING_DRIVES = "missing_drives"
-    IGNORED_COLUMNS = "ignored_columns"
-    DRIVE_UNIT = "drive_unit"
-    POSITION_UNIT = "position_unit"
-    ROTATION_UNIT = "rotation_unit"
-    FRAMES_SWAPPED = "frames_swapped"
-    ROTATION_INVERTED = "rotation_inverted"
-    MIRRORED_AXES = "mirrored_axes"
-    DRIVES_EXCHANGED = "drives_exchanged"
-    NO_AGREEMENT = "no_agreement"
-    UNREACHABLE_DRIVES = "unreachable_drives"
-    UNREACHABLE_POSE = "unreachable_pose"
-    OUTLIER = "outlier"
-    MEASUREMENT_JUMP = "measurement_jump"
+
+class FlagCode(enum.StrEnum):
+    """What was found, how much it matters, and what to do about it, where the check does not know better."""
+
+    severity: Severity
+    remedy: str
+
+    def __new__(cls, value: str, severity: Severity, remedy: str) -> Self:
+        """Make the code a string that carries severity and remedy."""
+        code = str.__new__(cls, value)
+        code._value_, code.severity, code.remedy = value, severity, remedy
+        return code
+
+    TOO_FEW_ROWS = "too_few_rows", _WARNING, f"measure at least {FEW_ROWS} poses, better 60, spread over the workspace"
+    ONE_POSE = "one_pose", _ERROR, "command poses that differ in all four drives; repeats alone cannot fix the frames"
+    REPEATED_ROWS = (
+        "repeated_rows",
+        _WARNING,
+        "remove the copies: a second measurement of a pose would differ by its noise",
+    )
+    STUCK_COLUMN = (
+        "stuck_column",
+        _WARNING,
+        "the sensor hung or cells were filled down; empty these cells, or measure them again",
+    )
+    COLUMN_JUMP = "column_jump", _WARNING, "a loose sensor or a typing error; empty these cells, or correct them"
+    BAD_APPROACH = (
+        "bad_approach",
+        _ERROR,
+        "write +1 where the drive was rising when it stopped, -1 where falling, nothing where unknown",
+    )
+    TIME_NOT_INCREASING = (
+        "time_not_increasing",
+        _WARNING,
+        "give the time of each measurement within its session, or name a new session where the clock restarts",
+    )
+    NO_NOISE_LEVEL = (
+        "no_noise_level",
+        _WARNING,
+        "state the standard deviation of one measured component, from the device's data or from repeats",
+    )
+    NO_TEMPERATURES = (
+        "no_temperatures",
+        _NOTE,
+        f"effects of heat cannot be tested; record at least the legs and the platform ({PARTS[0]}_degC …, "
+        "platform_degC)",
+    )
+    MISSING_DRIVES = "missing_drives", _WARNING, "these rows cannot be used; fill in what was commanded"
+    IGNORED_COLUMNS = "ignored_columns", _NOTE, "rename them if they hold a condition; else all is well"
+    DRIVE_UNIT = "drive_unit", _ERROR, "correct the unit at the end of the column's name"
+    POSITION_UNIT = "position_unit", _ERROR, "correct the unit at the end of the columns' names"
+    ROTATION_UNIT = "rotation_unit", _ERROR, "correct the unit at the end of the columns' names"
+    FRAMES_SWAPPED = "frames_swapped", _ERROR, "exchange base and target in the tracker's export, or invert every pose"
+    ROTATION_INVERTED = (
+        "rotation_inverted",
+        _ERROR,
+        "reverse the signs of rx, ry and rz, or change the tracker's export",
+    )
+    MIRRORED_AXES = "mirrored_axes", _ERROR, "check order and signs of x, y and z in the tracker's export"
+    DRIVES_EXCHANGED = "drives_exchanged", _ERROR, "put the headings over the right columns"
+    NO_AGREEMENT = (
+        "no_agreement",
+        _ERROR,
+        "check that rows of drives and of measurements belong together, and that the layout is this robot's",
+    )
+    UNREACHABLE_DRIVES = (
+        "unreachable_drives",
+        _ERROR,
+        "check the drives' columns and units, and that the model file is this robot's",
+    )
+    UNREACHABLE_POSE = (
+        "unreachable_pose",
+        _ERROR,
+        "the row pairs a command with another pose's measurement, or was mistyped; correct it or leave it out",
+    )
+    OUTLIER = "outlier", _WARNING, "measure the pose again, or leave the row out"
+    MEASUREMENT_JUMP = (
+        "measurement_jump",
+        _WARNING,
+        "if the tracker or the target was moved, name a new session there; if not, the robot's base has settled",
+    )
 
 
 @dataclass(frozen=True)
@@ -92,7 +154,21 @@ class DataFlag:
         }
 
 
-Rows = NDArray[np.intp]
+def found(
+    campaign: Campaign,
+    code: FlagCode,
+    message: str,
+    rows: Iterable[int] | Rows = (),
+    quantities: Iterable[str] = (),
+    metrics: dict[str, float] | None = None,
+    *,
+    severity: Severity | None = None,
+    remedy: str = "",
+) -> DataFlag:
+    """Return a finding about rows and quantities of a campaign, by default as grave as its code usually is."""
+    headings = tuple(campaign.heading(name) for name in quantities)
+    indices = tuple(int(row) for row in rows)
+    return DataFlag(code, severity or code.severity, message, remedy or code.remedy, indices, headings, metrics or {})
 
 
 def outlier_rows(flags: Iterable[DataFlag]) -> Rows:
@@ -100,11 +176,6 @@ def outlier_rows(flags: Iterable[DataFlag]) -> Rows:
     codes = (FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES)
     rows = {row for flag in flags if flag.code in codes for row in flag.rows}
     return np.array(sorted(rows), dtype=np.intp)
-
-
-def row_tuple(rows: Iterable[int] | Rows) -> tuple[int, ...]:
-    """Return row indices as plain integers."""
-    return tuple(int(row) for row in rows)
 
 
 def where(campaign: Campaign, rows: Sequence[int] | Rows, most: int = 6) -> str:

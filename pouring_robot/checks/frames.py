@@ -11,7 +11,7 @@ import contextlib
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +20,7 @@ from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses
 from pouring_robot.checks.columns import distinct_poses
-from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, row_tuple, where
+from pouring_robot.checks.flags import DataFlag, FlagCode, found, where
 from pouring_robot.estimation.frames import FEWEST_ROWS, FrameFit, affine_map, fit_frames, robust_sigma, rotation_misfit
 from pouring_robot.exceptions import FrameFitError
 from pouring_robot.mechanism.arrays import FloatArray
@@ -61,6 +61,16 @@ class Comparison:
         with_rotations = rotations and self.rotation_vector_rad is not None
         rotation = rotation_matrices(self.rotation_vector_rad) if with_rotations else None  # type: ignore[arg-type]
         return fit_frames(self.poses, self.position_m, rotation, metres_per_rad)
+
+
+@dataclass(frozen=True, eq=False)
+class Mistake:
+    """A usual mistake as it would be told, the quantities it is about, and the data with it undone."""
+
+    code: FlagCode
+    message: str
+    names: Sequence[str]
+    undone: Comparison
 
 
 def metres_per_rad(campaign: Campaign) -> float:
@@ -112,18 +122,14 @@ class FrameChecks:
         return drives
 
     def _flag_drive_unit(self, name: str, mistake: str, median: float, factor: float) -> None:
-        heading = self.campaign.heading(name)
-        unit = "m" if name in columns.LENGTH_DRIVES else "rad"
-        self.flags.append(
-            DataFlag(
-                FlagCode.DRIVE_UNIT,
-                Severity.ERROR,
-                f"column '{heading}' seems to hold {mistake}: its values come to {median:g} {unit} (median)",
-                "correct the unit at the end of the column's name",
-                columns=(heading,),
-                metrics={f"median_{unit}": median, "factor": factor},
-            )
-        )
+        unit, heading = "m" if name in columns.LENGTH_DRIVES else "rad", self.campaign.heading(name)
+        message = f"column '{heading}' seems to hold {mistake}: its values come to {median:g} {unit} (median)"
+        self._found(FlagCode.DRIVE_UNIT, message, [name], {f"median_{unit}": median, "factor": factor})
+
+    def _found(
+        self, code: FlagCode, message: str, names: Sequence[str], metrics: dict[str, float], rows: Iterable[int] = ()
+    ) -> None:
+        self.flags.append(found(self.campaign, code, message, rows, names, metrics))
 
     def _unreachable(self) -> None:
         drives = self.data.drives
@@ -133,17 +139,16 @@ class FrameChecks:
             beyond |= (drives[:, index] < low - _LIMIT_SLACK) | (drives[:, index] > high + _LIMIT_SLACK)
         rows = np.flatnonzero(complete & (beyond | ~self.data.poses.complete))
         if rows.size:
-            self.flags.append(
-                DataFlag(
-                    FlagCode.UNREACHABLE_DRIVES,
-                    Severity.ERROR,
-                    f"the robot cannot take the drive values of {where(self.campaign, rows)}",
-                    "check the drives' columns and units, and that the model file is this robot's",
-                    row_tuple(rows),
-                    tuple(self.campaign.heading(name) for name in columns.DRIVES),
-                    {"rows": float(rows.size)},
-                )
-            )
+            message = f"the robot cannot take the drive values of {where(self.campaign, rows)}"
+            self._found(FlagCode.UNREACHABLE_DRIVES, message, columns.DRIVES, {"rows": float(rows.size)}, rows)
+
+    def _no_agreement(self, names: tuple[str, ...], misfit: float, unit: str) -> None:
+        headings = ", ".join(self.campaign.heading(name) for name in names)
+        message = (
+            f"drives and measurements do not agree: {headings} miss the nominal robot by {misfit:.3g} {unit}, "
+            "whatever the two frames, and no usual mistake of units or frames explains it"
+        )
+        self._found(FlagCode.NO_AGREEMENT, message, names, {f"misfit_{unit}": misfit})
 
     # --- positions ---
 
@@ -153,79 +158,60 @@ class FrameChecks:
         for _ in range(3):
             if fit.position_scale_m <= max(_SUSPECT_M, _SUSPECT_SIGMAS * sigma):
                 break
-            best: tuple[float, Comparison, FrameFit, DataFlag] | None = None
-            for candidate, flag in self._position_mistakes():
+            best: tuple[float, FrameFit, Mistake] | None = None
+            for mistake in self._position_mistakes():
                 try:
-                    tried = candidate.fit(1.0, rotations=False)
+                    tried = mistake.undone.fit(1.0, rotations=False)
                 except FrameFitError:
                     continue
                 if tried.position_scale_m < (best[0] if best else _GAIN * fit.position_scale_m):
-                    best = tried.position_scale_m, candidate, tried, flag
+                    best = tried.position_scale_m, tried, mistake
             if best is None:
                 break
             metrics = {"misfit_before_mm": fit.position_scale_m * 1e3, "misfit_after_mm": best[0] * 1e3}
-            self.flags.append(dataclasses.replace(best[3], metrics=metrics))
-            self.data, fit = best[1], best[2]
+            _, fit, mistake = best
+            self._found(mistake.code, mistake.message, mistake.names, metrics)
+            self.data = mistake.undone
         if fit.position_scale_m > _HOPELESS_M:
-            self.flags.append(_no_agreement(self.campaign, columns.POSITION, fit.position_scale_m * 1e3, "mm"))
+            self._no_agreement(columns.POSITION, fit.position_scale_m * 1e3, "mm")
             return
         self.fit = self.data.fit(metres_per_rad(self.campaign))
 
-    def _position_mistakes(self) -> Iterator[tuple[Comparison, DataFlag]]:
-        data, heading = self.data, self.campaign.heading
-        places = tuple(heading(name) for name in columns.POSITION)
-        drives = tuple(heading(name) for name in columns.DRIVES)
-        for factor, mistake in _LENGTH_MISTAKES:
-            flag = _mistake(
-                FlagCode.POSITION_UNIT,
-                f"the measured positions seem to hold {mistake}",
-                "correct the unit at the end of the columns' names",
-                places,
-            )
-            yield dataclasses.replace(data, position_m=data.position_m * factor), flag
+    def _position_mistakes(self) -> Iterator[Mistake]:
+        data = self.data
+        drives = [self.campaign.heading(name) for name in columns.DRIVES]
+        for factor, wrong in _LENGTH_MISTAKES:
+            undone = dataclasses.replace(data, position_m=data.position_m * factor)
+            message = f"the measured positions seem to hold {wrong}"
+            yield Mistake(FlagCode.POSITION_UNIT, message, columns.POSITION, undone)
         if not data.inverted:
-            flag = _mistake(
-                FlagCode.FRAMES_SWAPPED,
-                "the measured poses seem to be inverse: the fixed platform seen from the moving one",
-                "exchange base and target in the tracker's export, or invert every pose",
-                (*places, *(heading(name) for name in columns.ROTATION if data.rotation_vector_rad is not None)),
-            )
-            yield dataclasses.replace(data, poses=data.poses.inverse(), inverted=True), flag
-        flag = _mistake(
-            FlagCode.MIRRORED_AXES,
-            "the axes of the measured positions are left-handed: one is reversed, or two are exchanged",
-            "check order and signs of x, y and z in the tracker's export",
-            places,
-        )
+            undone = dataclasses.replace(data, poses=data.poses.inverse(), inverted=True)
+            message = "the measured poses seem to be inverse: the fixed platform seen from the moving one"
+            turned = columns.ROTATION if data.rotation_vector_rad is not None else ()
+            yield Mistake(FlagCode.FRAMES_SWAPPED, message, (*columns.POSITION, *turned), undone)
         complete = data.poses.complete & np.isfinite(data.position_m).all(axis=1)
         affine, spread = affine_map(data.poses, data.position_m, complete)
         if spread > 1e-2 and np.linalg.det(affine) < 0.0:
-            yield dataclasses.replace(data, position_m=data.position_m * np.array([-1.0, 1.0, 1.0])), flag
-        for factor, mistake in _ANGLE_MISTAKES:
-            flag = _mistake(
-                FlagCode.DRIVE_UNIT,
-                f"column '{drives[3]}' seems to hold {mistake}",
-                "correct the unit at the end of the column's name",
-                drives[3:],
-            )
-            yield from self._with_drives(data.drives * np.array([1.0, 1.0, 1.0, factor]), flag)
+            undone = dataclasses.replace(data, position_m=data.position_m * np.array([-1.0, 1.0, 1.0]))
+            message = "the axes of the measured positions are left-handed: one is reversed, or two are exchanged"
+            yield Mistake(FlagCode.MIRRORED_AXES, message, columns.POSITION, undone)
+        for factor, wrong in _ANGLE_MISTAKES:
+            message = f"column '{drives[3]}' seems to hold {wrong}"
+            scaled = data.drives * np.array([1.0, 1.0, 1.0, factor])
+            yield from self._with_drives(scaled, FlagCode.DRIVE_UNIT, message, columns.DRIVES[3:])
         for order in itertools.permutations(range(3)):
-            if order != (0, 1, 2):
-                wrong = ", ".join(f"'{drives[i]}' holds {columns.DRIVES[order[i]]}" for i in range(3) if order[i] != i)
-                flag = _mistake(
-                    FlagCode.DRIVES_EXCHANGED,
-                    f"columns of drives seem to be exchanged: {wrong}",
-                    "put the headings over the right columns",
-                    tuple(drives[i] for i in range(3) if order[i] != i),
-                )
-                back = [order.index(i) for i in range(3)]
-                yield from self._with_drives(data.drives[:, [*back, 3]], flag)
+            moved = [i for i in range(3) if order[i] != i]
+            if moved:
+                wrong = ", ".join(f"'{drives[i]}' holds {columns.DRIVES[order[i]]}" for i in moved)
+                message, names = f"columns of drives seem to be exchanged: {wrong}", [columns.DRIVES[i] for i in moved]
+                back = data.drives[:, [*np.argsort(order), 3]]
+                yield from self._with_drives(back, FlagCode.DRIVES_EXCHANGED, message, names)
 
-    def _with_drives(self, drives: FloatArray, flag: DataFlag) -> Iterator[tuple[Comparison, DataFlag]]:
+    def _with_drives(self, drives: FloatArray, code: FlagCode, message: str, names: Sequence[str]) -> Iterator[Mistake]:
         poses = nominal_poses(self.kinematics, drives)
         if poses.complete.sum() >= max(FEWEST_ROWS, 0.8 * len(drives)):
             poses = poses.inverse() if self.data.inverted else poses
-            yield dataclasses.replace(self.data, drives=drives, poses=poses), flag
+            yield Mistake(code, message, names, dataclasses.replace(self.data, drives=drives, poses=poses))
 
     # --- rotations ---
 
@@ -236,23 +222,22 @@ class FrameChecks:
         frames = self.data.fit(1.0, rotations=False)
         sigma = self.campaign.metadata.sigma_rotation_rad or 0.0
 
-        def misfit(candidate: FloatArray) -> float:
-            return robust_sigma(rotation_misfit(self.data.poses, rotation_matrices(candidate), frames.frames))
+        def misfit(factor: float) -> float:
+            rotation = rotation_matrices(vectors * factor)
+            return robust_sigma(rotation_misfit(self.data.poses, rotation, frames.frames))
 
-        before = misfit(vectors)
+        before = misfit(1.0)
         if before <= max(_SUSPECT_RAD, _SUSPECT_SIGMAS * sigma):
             return
-        headings = tuple(self.campaign.heading(name) for name in columns.ROTATION)
-        candidates = [
-            (misfit(vectors * factor), vectors * factor, flag) for factor, flag in _rotation_mistakes(headings)
-        ]
-        best = min(candidates, key=lambda candidate: candidate[0])
-        if best[0] < _GAIN * before:
-            metrics = {"misfit_before_mrad": before * 1e3, "misfit_after_mrad": best[0] * 1e3}
-            self.flags.append(dataclasses.replace(best[2], metrics=metrics))
-            self.data = dataclasses.replace(self.data, rotation_vector_rad=best[1])
+        after, factor, code, wrong = min(
+            (misfit(factor), factor, code, wrong) for factor, code, wrong in _TURN_MISTAKES
+        )
+        if after < _GAIN * before:
+            metrics = {"misfit_before_mrad": before * 1e3, "misfit_after_mrad": after * 1e3}
+            self._found(code, f"the measured rotation vectors seem to {wrong}", columns.ROTATION, metrics)
+            self.data = dataclasses.replace(self.data, rotation_vector_rad=vectors * factor)
         elif before > _HOPELESS_RAD:
-            self.flags.append(_no_agreement(self.campaign, columns.ROTATION, before * 1e3, "mrad"))
+            self._no_agreement(columns.ROTATION, before * 1e3, "mrad")
             self.data = dataclasses.replace(self.data, rotation_vector_rad=None)
         self.fit = self.data.fit(metres_per_rad(self.campaign))
 
@@ -262,42 +247,7 @@ _ANGLE_MISTAKES = (
     (math.pi / 180.0, "degrees under a heading in radians"),
     (180.0 / math.pi, "radians under a heading in degrees"),
 )
-
-
-def _rotation_mistakes(headings: tuple[str, ...]) -> Iterator[tuple[float, DataFlag]]:
-    for factor, mistake in _ANGLE_MISTAKES:
-        yield (
-            factor,
-            _mistake(
-                FlagCode.ROTATION_UNIT,
-                f"the measured rotation vectors seem to hold {mistake}",
-                "correct the unit at the end of the columns' names",
-                headings,
-            ),
-        )
-    yield (
-        -1.0,
-        _mistake(
-            FlagCode.ROTATION_INVERTED,
-            "the measured rotation vectors seem to turn the other way: the tracker seen from the target",
-            "reverse the signs of rx, ry and rz, or change the tracker's export",
-            headings,
-        ),
-    )
-
-
-def _mistake(code: FlagCode, message: str, remedy: str, headings: tuple[str, ...]) -> DataFlag:
-    return DataFlag(code, Severity.ERROR, message, remedy, columns=headings)
-
-
-def _no_agreement(campaign: Campaign, names: tuple[str, ...], misfit: float, unit: str) -> DataFlag:
-    headings = tuple(campaign.heading(name) for name in names)
-    return DataFlag(
-        FlagCode.NO_AGREEMENT,
-        Severity.ERROR,
-        f"drives and measurements do not agree: {', '.join(headings)} miss the nominal robot by {misfit:.3g} {unit}, "
-        "whatever the two frames, and no usual mistake of units or frames explains it",
-        "check that rows of drives and of measurements belong together, and that the layout is this robot's",
-        columns=headings,
-        metrics={f"misfit_{unit}": misfit},
-    )
+_TURN_MISTAKES = (
+    *((factor, FlagCode.ROTATION_UNIT, f"hold {wrong}") for factor, wrong in _ANGLE_MISTAKES),
+    (-1.0, FlagCode.ROTATION_INVERTED, "turn the other way: the tracker seen from the target"),
+)

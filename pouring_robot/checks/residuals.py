@@ -8,7 +8,7 @@ import numpy as np
 
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.checks.flags import DataFlag, FlagCode, Rows, Severity, row_tuple
+from pouring_robot.checks.flags import DataFlag, FlagCode, Rows, Severity, found
 from pouring_robot.checks.frames import Comparison
 from pouring_robot.checks.smoothing import ARM_M, drive_errors, filled, robust_fit, smooth_terms, unexplained
 from pouring_robot.estimation.frames import FrameFit
@@ -84,27 +84,15 @@ def _outlier(campaign: Campaign, row: int, distance: float, angle: float, score:
     names = (*columns.POSITION, *(columns.ROTATION if campaign.full_pose else ()))
     off = f"{distance * 1e3:.3g} mm" + (f" and {angle * 1e3:.3g} mrad" if campaign.full_pose else "")
     metrics = {"distance_mm": distance * 1e3, "angle_mrad": angle * 1e3, "deviations": score}
-    headings = tuple(campaign.heading(name) for name in names)
+    line = f"line {campaign.lines[row]}"
     if far:
-        return DataFlag(
-            FlagCode.UNREACHABLE_POSE,
-            Severity.ERROR,
-            f"line {campaign.lines[row]}: the drives cannot reach the measured pose; it is {off} from theirs",
-            "the row pairs a command with another pose's measurement, or was mistyped; correct it or leave it out",
-            (row,),
-            headings,
-            metrics,
-        )
-    return DataFlag(
-        FlagCode.OUTLIER,
-        Severity.WARNING,
-        f"line {campaign.lines[row]}: outlier, {off} from the nominal robot, {score:.0f} robust deviations from "
-        "what the other rows say of its errors",
-        "measure the pose again, or leave the row out",
-        (row,),
-        headings,
-        metrics,
+        message = f"{line}: the drives cannot reach the measured pose; it is {off} from theirs"
+        return found(campaign, FlagCode.UNREACHABLE_POSE, message, [row], names, metrics)
+    message = (
+        f"{line}: outlier, {off} from the nominal robot, {score:.0f} robust deviations from what the other rows say of "
+        "its errors"
     )
+    return found(campaign, FlagCode.OUTLIER, message, [row], names, metrics)
 
 
 def _jumps(campaign: Campaign, data: Comparison, fit: FrameFit, wrong: Rows) -> Iterator[DataFlag]:
@@ -142,13 +130,13 @@ def _jump(
     row, distance, angle = int(rows[place]), float(np.linalg.norm(step[:3])), float(np.linalg.norm(step[3:]))
     large = distance > _LARGE_JUMP_M or angle > _LARGE_JUMP_RAD
     turn = f" and {angle * 1e3:.3g} mrad" if pose.shape[1] > 3 else ""
-    yield DataFlag(
+    yield found(
+        campaign,
         FlagCode.MEASUREMENT_JUMP,
-        Severity.WARNING if large else Severity.NOTE,
         f"from about line {campaign.lines[row]} on all measurements are shifted by {distance * 1e3:.3g} mm{turn} "
         f"(session {session})",
-        "if the tracker or the target was moved, name a new session there; if not, the robot's base has settled",
-        row_tuple([row]),
-        tuple(campaign.heading(name) for name in columns.POSITION),
+        [row],
+        columns.POSITION,
         {"step_mm": distance * 1e3, "step_mrad": angle * 1e3, "deviations": size},
+        severity=Severity.WARNING if large else Severity.NOTE,
     )
