@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 from pouring_robot.calibration.acceptance import Refusal, acceptable, row_scores
 from pouring_robot.calibration.amend import amended_model
 from pouring_robot.calibration.findings import CalibrationFindings
-from pouring_robot.calibration.ladle import LadleUncertainty, ladle_uncertainty, workspace_rows
+from pouring_robot.calibration.ladle import ladle_uncertainty, workspace_rows
 from pouring_robot.calibration.metrics import Misfit, pose_performance
 from pouring_robot.calibration.selection import Selection, select_groups
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import check_campaign
-from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, outlier_rows
+from pouring_robot.checks.flags import ROW_CODES, DataFlag, Severity, outlier_rows
 from pouring_robot.estimation.frames import FRAMES
 from pouring_robot.estimation.identifiability import base_parameters
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
-from pouring_robot.estimation.noise import NoiseLevel, fit_with_noise, repeats, stated_noise
+from pouring_robot.estimation.noise import fit_with_noise, repeats, stated_noise
 from pouring_robot.estimation.priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor
 from pouring_robot.estimation.solver import Fit, FitOptions, first_frames, identify
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     import pandas
 from pouring_robot.robot.tolerances import Tolerances
 
-_ROW_FLAGS = (FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES)
 _SURE = 1e-3  # chance at which residuals count as larger than the noise
 
 
@@ -90,23 +89,12 @@ class Calibration(Result, CalibrationFindings):
 
         from pouring_robot.calibration.lines import parameter_lines
 
-        content = [
-            {
-                "parameter": line.name,
-                "group": line.group,
-                "unit": line.unit,
-                "value": line.value,
-                "std": line.std,
-                "low95": line.interval[0],
-                "high95": line.interval[1],
-                "prior_std": line.prior_std,
-                "learnt": line.learnt,
-                "verdict": line.verdict,
-            }
-            for line in parameter_lines(self)
+        names = ("parameter", "group", "unit", "value", "std", "low95", "high95", "prior_std", "learnt", "verdict")
+        rows = [
+            (p.name, p.group, p.unit, p.value, p.std, *p.interval, p.prior_std, p.learnt, p.verdict)
+            for p in parameter_lines(self)
         ]
-        names = ["parameter", "group", "unit", "value", "std", "low95", "high95", "prior_std", "learnt", "verdict"]
-        return pandas.DataFrame(content, columns=names)
+        return pandas.DataFrame(rows, columns=names)
 
     def save(self, folder: Path | str) -> list[Path]:
         """Write model file, URDF with meshes, ``calibration.json`` and ``report.html`` into a folder, all or none.
@@ -153,32 +141,42 @@ def calibrate(
     everything = MeasurementModel(model, all_parameters(candidates), options.threads)
     rows = everything.at(campaign.drives)
     noise = stated_noise(campaign, parts.train)
-    measured = _measured(campaign, left_out, noise)
+    measured = MeasuredPoses.from_campaign(campaign, noise.position_m, noise.rotation_rad)
+    measured.position_m[left_out], measured.rotation[left_out] = np.nan, np.nan
     if noise.from_residuals:
         progress("estimating the noise from residuals")
-        noise = _residual_noise(rows, measured, parts, tolerances, noise, options.fit)
+        train, seen = rows[parts.train], measured[parts.train]
+        prior = prior_std(rows.model.parameters, tolerances)
+        noise = fit_with_noise(train, seen, first_frames(train, seen), prior, noise, options.fit)[1]
         measured = measured.with_noise(noise.position_m, noise.rotation_rad)
     progress("choosing parameters")
     selection = Selection(candidates, ())
     if options.choose:
         selection = select_groups(rows, measured, parts, candidates, tolerances, options.fit, progress)
     full = MeasuredPoses.from_campaign(campaign, noise.position_m, noise.rotation_rad)
-    frames_only = rows.with_model(everything.with_parameters(()))
-    before = full.difference(frames_only.predict(_before(frames_only, measured, parts, tolerances, options.fit)))
+
+    def fitted(groups: Sequence[ParameterGroup], *, curvature: bool = True) -> tuple[ModelledRows, Fit, FloatArray]:
+        """Fit groups to the training rows; return all rows as they model them, the fit, and all differences to it."""
+        chosen = rows.with_model(everything.with_parameters(all_parameters(groups)))
+        train, seen = chosen[parts.train], measured[parts.train]
+        prior = prior_std(chosen.model.parameters, tolerances)
+        fit = identify(train, seen, first_frames(train, seen), prior, replace(options.fit, curvature=curvature))
+        return chosen, fit, full.difference(chosen.predict(fit.unknowns))
+
+    _, _, before = fitted((), curvature=options.fit.curvature)
     progress("fitting")
-    chosen, start, fit = _fitted(rows, measured, parts, selection.groups, tolerances, options.fit)
-    after = full.difference(chosen.predict(fit.unknowns))
+    chosen, fit, after = fitted(selection.groups)
     progress("judging")
     refused = _refused(before, after, parts, left_out, selection, full.sigma) if options.choose else None
     if refused:
         selection = replace(selection, groups=())
-        chosen, start, fit = _fitted(rows, measured, parts, (), tolerances, options.fit)
-        after = full.difference(chosen.predict(fit.unknowns))
+        chosen, fit, after = fitted(())
     calibrated = amended_model(model, chosen.model, fit.unknowns.parameters)
     inflation = _inflation(fit)
     alike = repeats(campaign, np.setdiff1d(np.flatnonzero(campaign.usable), left_out))
-    seen = regressor(chosen[parts.train].linearise(start), measured.sigma, measured[parts.train].known)
-    workspace = workspace_rows(chosen.model, robot.layout)
+    start = fit.unknowns.at(np.zeros_like(fit.unknowns.values))
+    shown = regressor(chosen[parts.train].linearise(start), measured.sigma, measured[parts.train].known)
+    poses, workspace = workspace_rows(chosen.model, robot.layout)
     return Calibration(
         campaign=campaign,
         present=model,
@@ -196,9 +194,16 @@ def calibrate(
         unknown_units=chosen.model.units,
         before=before,
         after=after,
-        base=base_parameters(seen, chosen.model.names, lead=chosen.model.names[:FRAMES]),
-        rank_anywhere=_rank_anywhere(seen, workspace[1], start, measured),
-        ladle=_ladle(workspace, chosen.model, fit, inflation, turned=bool(measured.known[parts.train, 3:].any())),
+        base=base_parameters(shown, chosen.model.names, lead=chosen.model.names[:FRAMES]),
+        rank_anywhere=_rank_anywhere(shown, workspace, start, measured),
+        ladle=ladle_uncertainty(
+            workspace,
+            poses,
+            fit.unknowns,
+            fit.covariance * inflation**2,
+            chosen.model.engine.structure.mechanism.T_end_tool,
+            turned=bool(measured.known[parts.train, 3:].any()),
+        ),
         performance=pose_performance(measured, before, after, alike),
     )
 
@@ -207,47 +212,9 @@ def _checked(campaign: Campaign, robot: PouringRobot) -> tuple[tuple[DataFlag, .
     """Return what the checks found and the rows to leave out; refuse data that are wrong as a whole."""
     flags = tuple(check_campaign(campaign, robot))
     for flag in flags:
-        if flag.severity == Severity.ERROR and flag.code not in _ROW_FLAGS:
+        if flag.severity == Severity.ERROR and flag.code not in ROW_CODES:
             raise CampaignError(campaign.path, f"{flag.message}; {flag.remedy}")
     return flags, outlier_rows(flags)
-
-
-def _measured(campaign: Campaign, left_out: NDArray[np.intp], noise: NoiseLevel) -> MeasuredPoses:
-    """Return what was measured, rows left out as missing."""
-    measured = MeasuredPoses.from_campaign(campaign, noise.position_m, noise.rotation_rad)
-    measured.position_m[left_out], measured.rotation[left_out] = np.nan, np.nan
-    return measured
-
-
-def _residual_noise(
-    rows: ModelledRows,
-    measured: MeasuredPoses,
-    parts: Split,
-    tolerances: Tolerances,
-    noise: NoiseLevel,
-    options: FitOptions,
-) -> NoiseLevel:
-    """Return the noise as what the richest model leaves over of the training rows."""
-    train, seen = rows[parts.train], measured[parts.train]
-    start = first_frames(train, seen)
-    _, found = fit_with_noise(train, seen, start, prior_std(rows.model.parameters, tolerances), noise, options)
-    return found
-
-
-def _fitted(
-    rows: ModelledRows,
-    measured: MeasuredPoses,
-    parts: Split,
-    groups: Sequence[ParameterGroup],
-    tolerances: Tolerances,
-    options: FitOptions,
-) -> tuple[ModelledRows, Unknowns, Fit]:
-    """Return the rows as a choice of groups models them, where its fit to the training rows began, and that fit."""
-    chosen = rows.with_model(rows.model.with_parameters(all_parameters(groups)))
-    train, seen = chosen[parts.train], measured[parts.train]
-    start = first_frames(train, seen)
-    prior = prior_std(chosen.model.parameters, tolerances)
-    return chosen, start, identify(train, seen, start, prior, replace(options, curvature=True))
 
 
 def _refused(
@@ -259,15 +226,6 @@ def _refused(
         return None
     names = tuple(group.name for group in selection.groups)
     return Refusal(names, Misfit.of(before[test]), Misfit.of(after[test]))
-
-
-def _before(
-    frames_only: ModelledRows, measured: MeasuredPoses, parts: Split, tolerances: Tolerances, options: FitOptions
-) -> Unknowns:
-    """Return the frames alone, fitted to the training rows with the present robot."""
-    train, seen = frames_only[parts.train], measured[parts.train]
-    start = first_frames(train, seen)
-    return identify(train, seen, start, prior_std((), tolerances), options).unknowns
 
 
 def _inflation(fit: Fit) -> float:
@@ -284,11 +242,3 @@ def _rank_anywhere(seen: FloatArray, workspace: ModelledRows, start: Unknowns, m
     known = np.broadcast_to(measured.known.any(axis=0), (len(workspace), 6))
     added = regressor(workspace.linearise(start), measured.sigma, known)
     return base_parameters(np.vstack([seen, added]), workspace.model.names).rank
-
-
-def _ladle(
-    workspace: tuple[FloatArray, ModelledRows], model: MeasurementModel, fit: Fit, inflation: float, *, turned: bool
-) -> LadleUncertainty:
-    poses, rows = workspace
-    lip = model.engine.structure.mechanism.T_end_tool
-    return ladle_uncertainty(rows, poses, fit.unknowns, fit.covariance * inflation**2, lip, turned=turned)

@@ -22,23 +22,20 @@ SEEN = 0.01
 
 
 @dataclasses.dataclass(frozen=True)
-class ParameterLine:
-    """One parameter as it is shown.
+class Movement:
+    """A number that was found, as it is shown: a parameter, or a combination that the campaign determines.
 
     Attributes:
-        name: of the parameter; ``group`` it was kept with.
+        name: of the parameter, or the combination by name, the frames left out.
         unit: mm or mrad.
         value: in that unit, on top of the present model; ``std`` its standard deviation; ``prior_std`` before.
-        learnt: share of the prior variance that the data took away, 0 to 1.
     """
 
     name: str
-    group: str
     unit: str
     value: float
     std: float
     prior_std: float
-    learnt: float
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -46,11 +43,33 @@ class ParameterLine:
         return self.value - Z95 * self.std, self.value + Z95 * self.std
 
     @property
+    def moved(self) -> bool:
+        """Whether the 95 % interval leaves out zero."""
+        return abs(self.value) > Z95 * self.std
+
+    @property
+    def surprise(self) -> float:
+        """How many standard deviations it is off."""
+        return abs(self.value) / self.std
+
+
+@dataclasses.dataclass(frozen=True)
+class ParameterLine(Movement):
+    """One parameter: the group it was kept with, and the share of its prior variance that the data took away."""
+
+    group: str
+    learnt: float
+
+    @property
     def verdict(self) -> str:
         """What to make of it, in words."""
         if self.learnt < LEARNT:
             return "held by its tolerance"
-        return "moved" if abs(self.value) > Z95 * self.std else "measured, not off"
+        return "moved" if self.moved else "measured, not off"
+
+
+def _shown(unit: str) -> tuple[str, float]:
+    return ("mm", MM) if unit == "m" else ("mrad", MRAD)
 
 
 def parameter_lines(calibration: CalibrationFindings) -> list[ParameterLine]:
@@ -59,9 +78,9 @@ def parameter_lines(calibration: CalibrationFindings) -> list[ParameterLine]:
     names = [(group.name, p) for group in calibration.selection.groups for p in group.parameters]
     lines = []
     for k, (group, parameter) in enumerate(names, start=FRAMES):
-        unit, factor = ("mm", MM) if parameter.unit == "m" else ("mrad", MRAD)
+        unit, factor = _shown(parameter.unit)
         value, error, prior = (float(v[k]) / factor for v in (fit.unknowns.values, std, fit.prior_std))
-        lines.append(ParameterLine(parameter.name, group, unit, value, error, prior, float(fit.learnt[k])))
+        lines.append(ParameterLine(parameter.name, unit, value, error, prior, group, float(fit.learnt[k])))
     return lines
 
 
@@ -110,29 +129,7 @@ def group_effects(calibration: CalibrationFindings) -> list[GroupLine]:
     return sorted(lines, key=lambda line: -line.moved_mm)
 
 
-@dataclasses.dataclass(frozen=True)
-class CombinationLine:
-    """One combination of parameters that the campaign determines, the frames left out.
-
-    Attributes:
-        text: the combination by name.
-        unit: mm or mrad.
-        value: in that unit; ``std`` its standard deviation; ``prior_std`` before.
-    """
-
-    text: str
-    unit: str
-    value: float
-    std: float
-    prior_std: float
-
-    @property
-    def moved(self) -> bool:
-        """Whether the 95 % interval leaves out zero."""
-        return abs(self.value) > Z95 * self.std
-
-
-def combination_lines(calibration: CalibrationFindings) -> list[CombinationLine]:
+def combination_lines(calibration: CalibrationFindings) -> list[Movement]:
     """Return what the campaign determines, the surest movement first.
 
     Combinations with an outer frame in them say nothing of the robot.
@@ -143,10 +140,9 @@ def combination_lines(calibration: CalibrationFindings) -> list[CombinationLine]
         shares = np.zeros(len(base.names))
         for name, share in combination.items():
             shares[base.names.index(name)] = share
-        leader = calibration.unknown_units[base.names.index(next(iter(combination)))]
-        unit, factor = ("mm", MM) if leader == "m" else ("mrad", MRAD)
+        unit, factor = _shown(calibration.unknown_units[base.names.index(next(iter(combination)))])
         std = float(np.sqrt(shares @ fit.covariance @ shares)) * calibration.inflation
         prior = float(np.linalg.norm(shares * fit.prior_std))
         value = float(shares @ fit.unknowns.values)
-        lines.append(CombinationLine(combination_text(combination), unit, value / factor, std / factor, prior / factor))
-    return sorted(lines, key=lambda line: -abs(line.value) / line.std)
+        lines.append(Movement(combination_text(combination), unit, value / factor, std / factor, prior / factor))
+    return sorted(lines, key=lambda line: -line.surprise)

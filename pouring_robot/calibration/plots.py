@@ -58,7 +58,7 @@ def _residuals(calibration: CalibrationFindings) -> bytes:
 def _parameters(calibration: CalibrationFindings) -> bytes:
     lines = parameter_lines(calibration)
     lines = [line for line in lines if line.learnt >= SEEN] or lines
-    order = sorted(lines, key=lambda line: -abs(line.value) / line.std)[:_MOST_NAMES]
+    order = sorted(lines, key=lambda line: -line.surprise)[:_MOST_NAMES]
     figure = new_figure(9.0, 1.2 + 0.19 * len(order))
     axes = figure.subplots()
     place = np.arange(len(order))

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping
 
 from pouring_robot.calibration.findings import CalibrationFindings
 from pouring_robot.calibration.lines import (
     SEEN,
-    CombinationLine,
-    GroupLine,
+    Movement,
     ParameterLine,
     combination_lines,
     group_effects,
     parameter_lines,
 )
-from pouring_robot.calibration.metrics import Misfit
 from pouring_robot.calibration.plots import plots
 from pouring_robot.calibration.summary import next_measurements, noise_floor, notes_of, warnings_of
 from pouring_robot.mechanism.poses import MM
@@ -38,92 +37,77 @@ def headline(calibration: CalibrationFindings) -> str:
     return f"Held-out error {before.rms_mm:.3f} to {after.rms_mm:.3f} mm RMS{turn}; noise floor {noise}."
 
 
-def gap_rows(calibration: CalibrationFindings) -> list[Row]:
+def gap_table(calibration: CalibrationFindings) -> Table:
     """Return the table of errors: rows, what, RMS, P95 and largest in mm and mrad."""
-    floor, split = noise_floor(calibration), calibration.split
-    table: list[Row] = []
-    for name, rows in (("held out", split.test), ("fitted", split.train)):
+    split = calibration.split
+    rows: list[Row] = []
+    for name, part in (("held out", split.test), ("fitted", split.train)):
         for label, after in (("before", False), ("after", True)):
-            table.append((name, label, *_misfit_cells(calibration.misfit(rows, after=after))))
-    nothing = "–"
-    table.append(
-        (
-            "noise",
-            "floor",
-            *(_number(v) for v in (floor["rms_mm"], floor["p95_mm"])),
-            nothing,
-            *(_number(v) for v in (floor["rms_mrad"], floor["p95_mrad"])),
-            nothing,
-            nothing,
-        )
-    )
-    return table
+            misfit = calibration.misfit(part, after=after)
+            rows.append((name, label, *_cells(dataclasses.asdict(misfit)), str(misfit.rows)))
+    rows.append(("noise", "floor", *_cells(noise_floor(calibration)), "–"))
+    return Table(("rows", "", "RMS mm", "P95 mm", "max mm", "RMS mrad", "P95 mrad", "max mrad", "count"), rows)
 
 
-GAP_HEAD = ("rows", "", "RMS mm", "P95 mm", "max mm", "RMS mrad", "P95 mrad", "max mrad", "count")
-
-
-def _misfit_cells(misfit: Misfit) -> Row:
-    figures = (misfit.rms_mm, misfit.p95_mm, misfit.max_mm, misfit.rms_mrad, misfit.p95_mrad, misfit.max_mrad)
-    return (*(_number(v) for v in figures), str(misfit.rows))
+def _cells(figures: Mapping[str, float]) -> Row:
+    names = ("rms_mm", "p95_mm", "max_mm", "rms_mrad", "p95_mrad", "max_mrad")
+    return [_number(figures.get(name, math.nan)) for name in names]
 
 
 def _number(value: float) -> str:
     return f"{value:.4f}" if math.isfinite(value) else "–"
 
 
-GROUP_HEAD = ("on the machine", "moves the target by mm", "mrad", "parameters", "group")
-
-
-def effect_rows(lines: Iterable[GroupLine]) -> list[Row]:
+def effect_table(calibration: CalibrationFindings) -> Table:
     """Return the table of groups: what was found to be off, and what that does at the target."""
-    return [
-        (line.meaning, _number(line.moved_mm), _number(line.moved_mrad), str(line.count), line.name) for line in lines
+    rows = [
+        (line.meaning, _number(line.moved_mm), _number(line.moved_mrad), str(line.count), line.name)
+        for line in group_effects(calibration)
     ]
+    return Table(("on the machine", "moves the target by mm", "mrad", "parameters", "group"), rows)
 
 
-PARAMETER_HEAD = ("parameter", "off by", "± 95 %", "unit", "tolerance (1σ)", "learnt", "")
+def _movement(line: Movement) -> Row:
+    return f"{line.value:+.4f}", f"{1.96 * line.std:.4f}", line.unit, f"{line.prior_std:.3g}"
 
 
-def parameter_rows(lines: Iterable[ParameterLine]) -> list[Row]:
+_MOVEMENT = ("off by", "± 95 %", "unit", "tolerance (1σ)")
+
+
+def parameter_table(lines: Iterable[ParameterLine]) -> Table:
     """Return the table of parameters, the surest movement first."""
-    order = sorted(lines, key=lambda line: (line.verdict != "moved", -abs(line.value) / line.std))
-    return [
-        (
-            line.name,
-            f"{line.value:+.4f}",
-            f"{1.96 * line.std:.4f}",
-            line.unit,
-            f"{line.prior_std:.3g}",
-            f"{max(line.learnt, 0.0):.0%}",
-            line.verdict,
-        )
-        for line in order
-    ]
+    order = sorted(lines, key=lambda line: (line.verdict != "moved", -line.surprise))
+    rows = [(line.name, *_movement(line), f"{max(line.learnt, 0.0):.0%}", line.verdict) for line in order]
+    return Table(("parameter", *_MOVEMENT, "learnt", ""), rows)
 
 
-def unseen_line(lines: Sequence[ParameterLine]) -> str:
-    """Return which parameters no pose shows; "" if there is none."""
-    unseen = [line.name for line in lines if line.learnt < SEEN]
-    return f"{len(unseen)} more move nothing here and stay as they are: {', '.join(unseen)}" if unseen else ""
-
-
-COMBINATION_HEAD = ("what the data determine", "off by", "± 95 %", "unit", "tolerance (1σ)", "")
-
-
-def combination_rows(lines: Iterable[CombinationLine], width: int = 10_000) -> list[Row]:
+def combination_table(calibration: CalibrationFindings, width: int = 10_000) -> Table:
     """Return the table of identifiable combinations, their texts cut to a width."""
-    return [
+    rows = [
         (
-            line.text if len(line.text) <= width else line.text[: width - 2] + " …",
-            f"{line.value:+.4f}",
-            f"{1.96 * line.std:.4f}",
-            line.unit,
-            f"{line.prior_std:.3g}",
+            line.name if len(line.name) <= width else line.name[: width - 2] + " …",
+            *_movement(line),
             "moved" if line.moved else "",
         )
-        for line in lines
+        for line in combination_lines(calibration)
     ]
+    return Table(("what the data determine", *_MOVEMENT, ""), rows)
+
+
+def selection_table(calibration: CalibrationFindings) -> Table:
+    """Return the table of the groups that were tried."""
+    rows = [
+        (
+            " + ".join(step.kept) or "frames only",
+            step.tried or "–",
+            f"{step.rms:.3f}",
+            f"{step.gain:+.4f}",
+            f"{step.gain_error:.4f}",
+            "kept" if step.accepted and step.tried else "",
+        )
+        for step in calibration.selection.steps
+    ]
+    return Table(("kept so far", "tried", "validation RMS / noise", "gain", "± 1σ", ""), rows)
 
 
 def performance_lines(calibration: CalibrationFindings) -> list[str]:
@@ -182,27 +166,29 @@ def split_line(calibration: CalibrationFindings) -> str:
 def html_report(calibration: CalibrationFindings) -> str:
     """Return the report as one page without any outside file."""
     lines = parameter_lines(calibration)
-    seen = [line for line in lines if line.learnt >= SEEN]
+    unseen = [line.name for line in lines if line.learnt < SEEN]
     notes = [Paragraph(f"Note: {line}.") for line in notes_of(calibration)]
     moved: list[Block] = [*notes, Paragraph("nothing")]
     if lines:
         moved = [
-            Table(GROUP_HEAD, effect_rows(group_effects(calibration))),
+            effect_table(calibration),
             *notes,
             Paragraph("Combinations that move the target alike count as one:"),
-            Table(COMBINATION_HEAD, combination_rows(combination_lines(calibration))),
+            combination_table(calibration),
             Paragraph(
                 "Each parameter by itself; where several act alike, tolerances share the movement out among them:"
             ),
-            Table(PARAMETER_HEAD, parameter_rows(seen)),
-            Paragraph(unseen_line(lines)),
+            parameter_table(line for line in lines if line.learnt >= SEEN),
+            Paragraph(
+                f"{len(unseen)} more move nothing here and stay as they are: {', '.join(unseen)}" if unseen else ""
+            ),
         ]
     blocks: list[Block] = [
         Paragraph(headline(calibration), "lead"),
         *(Paragraph(line, "warn") for line in warnings_of(calibration)),
         Paragraph(f"{calibration.campaign.path}: {split_line(calibration)}"),
         Heading("Error before and after"),
-        Table(GAP_HEAD, gap_rows(calibration)),
+        gap_table(calibration),
         *(Paragraph(line) for line in (*performance_lines(calibration), ladle_line(calibration))),
         Heading("What moved"),
         *moved,
@@ -213,26 +199,8 @@ def html_report(calibration: CalibrationFindings) -> str:
         Heading("Which combinations this campaign can tell apart"),
         Lines(group_lines(calibration), mono=True),
         Heading("How groups were chosen"),
-        Table(SELECTION_HEAD, selection_rows(calibration)),
+        selection_table(calibration),
         Heading("Findings of the data checks"),
         Lines([str(flag) for flag in calibration.flags]),
     ]
     return html_page("Calibration report", "Calibration report", blocks)
-
-
-SELECTION_HEAD = ("kept so far", "tried", "validation RMS / noise", "gain", "± 1σ", "")
-
-
-def selection_rows(calibration: CalibrationFindings) -> list[Row]:
-    """Return the table of the groups that were tried."""
-    return [
-        (
-            " + ".join(step.kept) or "frames only",
-            step.tried or "–",
-            f"{step.rms:.3f}",
-            f"{step.gain:+.4f}",
-            f"{step.gain_error:.4f}",
-            "kept" if step.accepted and step.tried else "",
-        )
-        for step in calibration.selection.steps
-    ]

@@ -7,14 +7,12 @@ import math
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import scipy.special
 
 from pouring_robot.calibration.findings import CalibrationFindings
 from pouring_robot.calibration.lines import (
     LEARNT,
     Z95,
-    CombinationLine,
     ParameterLine,
     combination_lines,
     group_effects,
@@ -24,7 +22,7 @@ from pouring_robot.calibration.metrics import Misfit
 from pouring_robot.estimation.frames import FRAMES
 from pouring_robot.estimation.identifiability import observability
 from pouring_robot.estimation.splits import WORSE
-from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.mechanism.poses import MM, MRAD, pose_figures
 from pouring_robot.robot.metrics import without_nan
 
 Figures = dict[str, Any]
@@ -155,8 +153,8 @@ def calibration_metrics(calibration: CalibrationFindings) -> Figures:
         "noise": _noise(calibration),
         "gap": {
             name: {
-                "before": _misfit(calibration.misfit(rows, after=False)),
-                "after": _misfit(calibration.misfit(rows, after=True)),
+                "before": dataclasses.asdict(calibration.misfit(rows, after=False)),
+                "after": dataclasses.asdict(calibration.misfit(rows, after=True)),
                 "floor": noise_floor(calibration),
             }
             for name, rows in (("train", split.train), ("held_out", split.test))
@@ -166,12 +164,19 @@ def calibration_metrics(calibration: CalibrationFindings) -> Figures:
         "refused": calibration.refused and dataclasses.asdict(calibration.refused),
         "candidates": [group.name for group in calibration.candidates],
         "selection": [dataclasses.asdict(step) for step in calibration.selection.steps],
-        "parameters": [_line(line) for line in lines],
+        "parameters": [_parameter(line) for line in lines],
         "frames": {
-            "tracker_to_fixed_platform": _pose(fit.unknowns.frames.T_tracker_base),
-            "platform_to_target": _pose(fit.unknowns.frames.T_end_target),
+            "tracker_to_fixed_platform": pose_figures(fit.unknowns.frames.T_tracker_base),
+            "platform_to_target": pose_figures(fit.unknowns.frames.T_end_target),
         },
-        "combinations": [_combination(line) for line in combination_lines(calibration)],
+        "combinations": [
+            {
+                "combination": line.name,
+                **_in_unit(line.unit, value=line.value, std=line.std, prior_std=line.prior_std),
+                "moved": line.moved,
+            }
+            for line in combination_lines(calibration)
+        ],
         "base_parameters": _base(calibration),
         "correlation": {
             "names": list(calibration.unknown_names[FRAMES:]),
@@ -203,41 +208,19 @@ def _noise(calibration: CalibrationFindings) -> Figures:
     }
 
 
-def _misfit(misfit: Misfit) -> Figures:
-    return dataclasses.asdict(misfit)
-
-
-def _line(line: ParameterLine) -> Figures:
+def _parameter(line: ParameterLine) -> Figures:
     low, high = line.interval
-    content = {
+    return {
         "name": line.name,
         "group": line.group,
-        f"value_{line.unit}": line.value,
-        f"std_{line.unit}": line.std,
-        f"low95_{line.unit}": low,
-        f"high95_{line.unit}": high,
-        f"prior_std_{line.unit}": line.prior_std,
+        **_in_unit(line.unit, value=line.value, std=line.std, low95=low, high95=high, prior_std=line.prior_std),
         "learnt": line.learnt,
         "verdict": line.verdict,
     }
-    return content
 
 
-def _combination(line: CombinationLine) -> Figures:
-    return {
-        "combination": line.text,
-        f"value_{line.unit}": line.value,
-        f"std_{line.unit}": line.std,
-        f"prior_std_{line.unit}": line.prior_std,
-        "moved": line.moved,
-    }
-
-
-def _pose(pose: pin.SE3) -> Figures:
-    return {
-        "translation_mm": (pose.translation / MM).tolist(),
-        "rotation_vector_rad": np.asarray(pin.log3(pose.rotation)).tolist(),
-    }
+def _in_unit(unit: str, **values: float) -> Figures:
+    return {f"{name}_{unit}": value for name, value in values.items()}
 
 
 def _base(calibration: CalibrationFindings) -> Figures:

@@ -21,6 +21,7 @@ from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.poses import pose_figures
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.robot.pouring.names import DRIVE_JOINTS
 from pouring_robot.robot.robot import PouringRobot
@@ -97,12 +98,12 @@ class VirtualMeasurement:
         content = {
             "seed": self.seed,
             "model": None if model is None else str(model),
-            "pose_tracker_to_fixed_platform": _frame_figures(self.pose_tracker_to_fixed_platform),
-            "pose_platform_to_target": _frame_figures(self.pose_platform_to_target),
+            "pose_tracker_to_fixed_platform": pose_figures(self.pose_tracker_to_fixed_platform),
+            "pose_platform_to_target": pose_figures(self.pose_platform_to_target),
             "outliers": list(self.outlier_rows),
             "outlier_lines": [int(self.campaign.lines[row]) for row in self.outlier_rows],
             "lost_cells": [{"row": row, "column": self.campaign.heading(name)} for row, name in self.lost_cells],
-            "actual_poses": [_frame_figures(pose) for pose in self.actual_poses],
+            "actual_poses": [pose_figures(pose) for pose in self.actual_poses],
         }
         return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
@@ -219,10 +220,3 @@ def _campaign(
         ignored_columns=(),
         **arrays,
     )
-
-
-def _frame_figures(pose: pin.SE3) -> dict[str, list[float]]:
-    return {
-        "translation_mm": (pose.translation * 1e3).tolist(),
-        "rotation_vector_rad": np.asarray(pin.log3(pose.rotation)).tolist(),
-    }

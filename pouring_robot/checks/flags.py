@@ -114,6 +114,10 @@ class FlagCode(enum.StrEnum):
     )
 
 
+ROW_CODES = (FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES)
+"""What is wrong with single rows: they are left out, and the others can be used."""
+
+
 @dataclass(frozen=True)
 class DataFlag:
     """One finding.
@@ -173,8 +177,7 @@ def found(
 
 def outlier_rows(flags: Iterable[DataFlag]) -> Rows:
     """Return the rows that no fit should use: outliers, and poses or drives out of reach; ascending."""
-    codes = (FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES)
-    rows = {row for flag in flags if flag.code in codes for row in flag.rows}
+    rows = {row for flag in flags if flag.code in ROW_CODES for row in flag.rows}
     return np.array(sorted(rows), dtype=np.intp)
 
 

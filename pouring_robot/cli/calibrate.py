@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -15,6 +14,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from pouring_robot.calibration.calibrate import Calibration
+    from pouring_robot.report.page import Table
 
 OutFolder = Annotated[
     Path,
@@ -80,26 +80,25 @@ def calibrate(
 
 def _print(console: Console, found: Calibration) -> None:
     from pouring_robot.calibration import report
-    from pouring_robot.calibration.lines import combination_lines, group_effects
     from pouring_robot.calibration.summary import next_measurements, notes_of, warnings_of
 
-    def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    def show(table: Table, most: int | None = None) -> None:
         """Print a table with names in its first column and remarks in its last."""
-        console.print(plain_table(head, rows, left=(0, len(head) - 1)))
+        console.print(plain_table(table.head, table.rows[:most], left=(0, len(table.head) - 1)))
 
     console.print(report.headline(found), style="bold", markup=False)
     for line in warnings_of(found):
         console.print(f"warning: {line}", style="yellow", markup=False)
     console.print(report.split_line(found), markup=False)
-    table(report.GAP_HEAD, report.gap_rows(found))
+    show(report.gap_table(found))
     for line in (*report.performance_lines(found), report.ladle_line(found)):
         console.print(line, markup=False)
-    rows = report.combination_rows(combination_lines(found), report.WIDTH)
-    if rows:
-        table(report.GROUP_HEAD, report.effect_rows(group_effects(found)))
-        table(report.COMBINATION_HEAD, rows[: report.SHOWN])
-        if len(rows) > report.SHOWN:
-            console.print(f"{len(rows) - report.SHOWN} more in the report, and each parameter by itself")
+    combinations = report.combination_table(found, report.WIDTH)
+    if combinations.rows:
+        show(report.effect_table(found))
+        show(combinations, report.SHOWN)
+        if len(combinations.rows) > report.SHOWN:
+            console.print(f"{len(combinations.rows) - report.SHOWN} more in the report, and each parameter by itself")
     options.print_notes(console, notes_of(found))
     console.print("next:")
     for line in next_measurements(found):

@@ -48,3 +48,11 @@ class PoseDifference:
     def to_mm_mrad(self) -> tuple[FloatArray, FloatArray]:
         """Return the translation in mm and the rotation vector in mrad; shape (3,) each."""
         return self.translation_m / MM, self.rotation_rad / MRAD
+
+
+def pose_figures(pose: pin.SE3) -> dict[str, list[float]]:
+    """Return a pose for JSON: its origin in mm, its rotation vector in rad."""
+    return {
+        "translation_mm": (pose.translation / MM).tolist(),
+        "rotation_vector_rad": np.asarray(pin.log3(pose.rotation)).tolist(),
+    }

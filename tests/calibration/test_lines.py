@@ -17,17 +17,17 @@ def test_parameters_come_in_the_units_of_the_shop_floor(found):
 
 
 def test_verdicts():
-    line = ParameterLine("x", "g", "mm", 1.0, 0.1, 1.0, 0.99)
+    line = ParameterLine("x", "mm", 1.0, 0.1, 1.0, "g", 0.99)
     assert line.verdict == "moved"
     assert line.interval == pytest.approx((0.804, 1.196), abs=1e-3)
-    assert ParameterLine("x", "g", "mm", 0.1, 0.1, 1.0, 0.99).verdict == "measured, not off"
-    assert ParameterLine("x", "g", "mm", 1.0, 0.1, 1.0, 0.2).verdict == "held by its tolerance"
+    assert ParameterLine("x", "mm", 0.1, 0.1, 1.0, "g", 0.99).verdict == "measured, not off"
+    assert ParameterLine("x", "mm", 1.0, 0.1, 1.0, "g", 0.2).verdict == "held by its tolerance"
 
 
 def test_combinations_hold_no_frame_and_are_better_known_than_their_parts(found):
     lines = combination_lines(found)
     assert lines[0].moved
-    assert all("base." not in line.text and "tool." not in line.text for line in lines)
+    assert all("base." not in line.name and "tool." not in line.name for line in lines)
     surest = [abs(line.value) / line.std for line in lines]
     assert surest == sorted(surest, reverse=True)
     assert all(line.std < found.inflation * line.prior_std for line in lines)

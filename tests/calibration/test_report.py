@@ -3,17 +3,16 @@
 import re
 from html.parser import HTMLParser
 
-from pouring_robot.calibration.lines import combination_lines, group_effects, parameter_lines
+from pouring_robot.calibration.lines import parameter_lines
 from pouring_robot.calibration.report import (
-    GAP_HEAD,
-    combination_rows,
-    effect_rows,
-    gap_rows,
+    combination_table,
+    effect_table,
+    gap_table,
     group_lines,
     headline,
     html_report,
     ladle_line,
-    parameter_rows,
+    parameter_table,
     performance_lines,
 )
 
@@ -27,7 +26,8 @@ def test_the_headline_says_the_outcome(found, unchanged):
 
 
 def test_before_after_and_floor_in_mm_and_mrad(found):
-    rows = gap_rows(found)
+    table = gap_table(found)
+    rows = table.rows
     assert [row[:2] for row in rows] == [
         ("held out", "before"),
         ("held out", "after"),
@@ -35,7 +35,7 @@ def test_before_after_and_floor_in_mm_and_mrad(found):
         ("fitted", "after"),
         ("noise", "floor"),
     ]
-    assert all(len(row) == len(GAP_HEAD) for row in rows)
+    assert all(len(row) == len(table.head) for row in rows)
     for column in (2, 3, 4, 5, 6, 7):
         assert float(rows[0][column]) > 0.0
     assert float(rows[1][2]) < float(rows[0][2])
@@ -51,9 +51,9 @@ def test_accuracy_and_repeatability(found, unchanged):
 
 
 def test_tables_fit_their_headings(found):
-    assert effect_rows(group_effects(found))[0][0].startswith(("places", "axes"))
-    assert all(len(row[0]) <= 30 for row in combination_rows(combination_lines(found), 30))
-    assert not any("-0%" in row for row in parameter_rows(parameter_lines(found)))
+    assert effect_table(found).rows[0][0].startswith(("places", "axes"))
+    assert all(len(row[0]) <= 30 for row in combination_table(found, 30).rows)
+    assert not any("-0%" in row for row in parameter_table(parameter_lines(found)).rows)
     assert any("identifiable:" in line for line in group_lines(found))
     assert "95 %" in ladle_line(found)
 
