@@ -34,7 +34,7 @@ def _residuals(calibration: CalibrationFindings) -> bytes:
 
     figure = new_figure(10.0, 5.6)
     parts = [("position error [mm]", slice(0, 3), MM, calibration.noise.position_m)]
-    if calibration.noise.rotation_source != "none":
+    if calibration.noise.turned:
         parts.append(("rotation error [mrad]", slice(3, 6), MRAD, calibration.noise.rotation_rad))
     kept = np.setdiff1d(np.arange(len(calibration.before)), calibration.left_out)
     for axes, (label, columns, unit, sigma) in zip(

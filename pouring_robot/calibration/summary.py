@@ -31,7 +31,7 @@ Figures = dict[str, Any]
 def noise_floor(calibration: CalibrationFindings) -> dict[str, float]:
     """Return what noise alone would leave: RMS of a coordinate, P95 of a length; NaN where nothing was measured."""
     noise, factor = calibration.noise, math.sqrt(float(scipy.special.chdtri(3, 0.05)))
-    rotation = noise.rotation_rad if noise.rotation_source != "none" else float("nan")
+    rotation = noise.rotation_rad if noise.turned else float("nan")
     return {
         "rms_mm": noise.position_m / MM,
         "p95_mm": factor * noise.position_m / MM,
@@ -203,7 +203,7 @@ def _noise(calibration: CalibrationFindings) -> Figures:
     return {
         "position_mm": noise.position_m / MM,
         "position_source": noise.position_source,
-        "rotation_mrad": noise.rotation_rad / MRAD if noise.rotation_source != "none" else None,
+        "rotation_mrad": noise.rotation_rad / MRAD if noise.turned else None,
         "rotation_source": noise.rotation_source,
     }
 
@@ -263,7 +263,7 @@ def next_measurements(calibration: CalibrationFindings) -> list[str]:
     wanted = held or [p.name for group in calibration.candidates for p in group.parameters]
     groups = [g.name for g in calibration.candidates if {p.name for p in g.parameters} & set(wanted)]
     noise = calibration.noise
-    seen = "--position-only" if noise.rotation_source == "none" else f"--sigma-mrad {noise.rotation_rad / MRAD:.3g}"
+    seen = "--position-only" if not noise.turned else f"--sigma-mrad {noise.rotation_rad / MRAD:.3g}"
     deficient = calibration.rank_anywhere > calibration.base.rank
     purpose = "determine what is still open" if deficient else "narrow the intervals most"
     found.append(

@@ -13,6 +13,7 @@ from scipy.stats import qmc
 from pouring_robot.design.parameters import PlannedParameter
 from pouring_robot.estimation.frames import FRAMES, OuterFrames
 from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
+from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
@@ -22,25 +23,6 @@ from pouring_robot.robot.robot import PouringRobot
 # Candidates are round figures, so that the plan's file says exactly what was planned.
 _ROUND_M, _ROUND_DEG = 1e-4, 1e-2
 _EDGE_LEVELS = 3
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Noise of the measuring device.
-
-    Attributes:
-        position_m: standard deviation of a coordinate, in m.
-        rotation_rad: standard deviation of a rotation component, in rad; None: positions only.
-    """
-
-    position_m: float
-    rotation_rad: float | None
-
-    @property
-    def sigma(self) -> FloatArray:
-        """Standard deviation of each measured component of a pose, shape (6,) or (3,), in m and rad."""
-        levels = [self.position_m] if self.rotation_rad is None else [self.position_m, self.rotation_rad]
-        return np.repeat(levels, 3)
 
 
 @dataclass(frozen=True)
@@ -88,7 +70,7 @@ class Columns:
         return kinematics.within_limits(kinematics.commands(poses).start.joints)
 
     def measured(
-        self, poses: FloatArray, conditions: Sequence[Conditions], noise: Noise, target_m: FloatArray
+        self, poses: FloatArray, conditions: Sequence[Conditions], noise: NoiseLevel, target_m: FloatArray
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return whitened rows of every pose under every condition.
 

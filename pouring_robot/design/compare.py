@@ -16,44 +16,37 @@ from pouring_robot.mechanism.poses import MM, MRAD
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Expected standard deviations of the ladle by a plan and by random ones, root mean square over the workspace.
+    """Expected standard deviations of the ladle by a plan and by random ones.
+
+    Three of each: of its place and of its attitude, root mean square over the workspace, in m and rad, and of its place
+    at the worst pose of the workspace, in m.
 
     Attributes:
-        planned_m: place of the ladle by the plan, in m; ``random_m``: by each random plan, shape (k,).
-        planned_rad: its attitude, in rad; ``random_rad``: by each random plan, shape (k,).
-        planned_worst_m: place at the worst pose of the workspace, in m; ``random_worst_m``: by each, shape (k,).
+        planned: by the plan, shape (3,).
+        random: by each random plan, shape (k, 3).
     """
 
-    planned_m: float
-    random_m: FloatArray
-    planned_rad: float
-    random_rad: FloatArray
-    planned_worst_m: float
-    random_worst_m: FloatArray
+    planned: FloatArray
+    random: FloatArray
 
     @property
-    def ratio(self) -> float:
-        """The plan's standard deviation of the ladle's place over the median random plan's."""
-        return self.planned_m / float(np.median(self.random_m))
+    def median(self) -> FloatArray:
+        """Those of the median random plan, shape (3,)."""
+        return np.asarray(np.median(self.random, axis=0))
 
     @property
-    def ratio_rad(self) -> float:
-        """The same of its attitude."""
-        return self.planned_rad / float(np.median(self.random_rad))
-
-    @property
-    def ratio_worst(self) -> float:
-        """The same of its place at the worst pose."""
-        return self.planned_worst_m / float(np.median(self.random_worst_m))
+    def ratios(self) -> FloatArray:
+        """The plan's over the median random plan's, shape (3,)."""
+        return np.asarray(self.planned / self.median)
 
     def figures(self) -> dict[str, float]:
         """Return the figures for JSON, mm and mrad."""
         return {
-            "count": len(self.random_m),
-            "median_rms_mm": float(np.median(self.random_m)) / MM,
-            "median_rms_mrad": float(np.median(self.random_rad)) / MRAD,
-            "ratio_mm": self.ratio,
-            "ratio_mrad": self.ratio_rad,
+            "count": len(self.random),
+            "median_rms_mm": float(self.median[0]) / MM,
+            "median_rms_mrad": float(self.median[1]) / MRAD,
+            "ratio_mm": float(self.ratios[0]),
+            "ratio_mrad": float(self.ratios[1]),
         }
 
 
@@ -75,14 +68,9 @@ def compare_with_random(planner: Planner, plan: MeasurementPlan, count: int = 50
     """
     if count < 1:
         raise BadInputError(f"compare with at least one random plan, not {count}")
-    found = []
-    for k in range(count):
-        poses, conditions = random_visits(planner, seed + k)
-        quality = planner.quality(poses, conditions)
-        found.append((quality.ladle_rms_m, quality.ladle_rms_rad, quality.ladle_worst_m))
-    places, turns, worst = np.array(found).T
-    own = plan.quality
-    return Comparison(own.ladle_rms_m, places, own.ladle_rms_rad, turns, own.ladle_worst_m, worst)
+    qualities = [plan.quality, *(planner.quality(*random_visits(planner, seed + k)) for k in range(count))]
+    figures = np.array([(q.ladle_rms_m, q.ladle_rms_rad, q.ladle_worst_m) for q in qualities])
+    return Comparison(figures[0], figures[1:])
 
 
 def random_visits(planner: Planner, seed: int) -> tuple[FloatArray, list[Conditions]]:

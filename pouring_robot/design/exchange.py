@@ -24,9 +24,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from pouring_robot.design.information import Criterion, index_slopes, observability_index
+from pouring_robot.design.information import index_slopes
 from pouring_robot.design.updates import InformationFactor, log_determinants
-from pouring_robot.estimation.identifiability import RANK_TOLERANCE
+from pouring_robot.estimation.identifiability import RANK_TOLERANCE, Criterion, observability_index
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
@@ -57,13 +57,6 @@ class CandidateSet:
     kind: IntArray
     prior: FloatArray
 
-    @classmethod
-    def plain(cls, rows: FloatArray, nuisance: int = 0, prior: FloatArray | None = None) -> CandidateSet:
-        """Return candidates of one kind, each its own pose."""
-        count, _, unknowns = rows.shape
-        none = np.zeros(unknowns)
-        return cls(rows, nuisance, np.arange(count), np.zeros(count, dtype=np.intp), none if prior is None else prior)
-
 
 @dataclass(frozen=True, eq=False)
 class Choice:
@@ -73,13 +66,11 @@ class Choice:
         chosen: candidate of each slot, shape (n,).
         value: the observability index.
         values: the index reached from each start.
-        rounds: rounds of exchange in all.
     """
 
     chosen: IntArray
     value: float
     values: tuple[float, ...]
-    rounds: int
 
 
 def choose(
@@ -118,7 +109,7 @@ def choose(
         progress("exchanging poses", start + 1, starts)
     values = [value for value, _ in found]
     value, chosen = found[int(np.argmax(values))]
-    return Choice(chosen, value, tuple(values), search.rounds)
+    return Choice(chosen, value, tuple(values))
 
 
 class _Search:
@@ -126,7 +117,7 @@ class _Search:
 
     def __init__(self, candidates: CandidateSet, slots: IntArray, criterion: Criterion) -> None:
         self.slots, self.criterion, self.nuisance = slots, criterion, candidates.nuisance
-        self.place, self.kind, self.rounds = candidates.place, candidates.kind, 0
+        self.place, self.kind = candidates.place, candidates.kind
         self._at = {where: k for k, where in enumerate(zip(self.place.tolist(), self.kind.tolist(), strict=True))}
         for kind in np.unique(slots):
             # Each place may be needed by slots of another kind too.
@@ -186,7 +177,6 @@ class _Search:
             for factor in self.factors:
                 width = len(factor.inverse)
                 factor.restart(information[:width, :width])
-            self.rounds += 1
             swaps = [swap(chosen, slot) for slot in random.permutation(len(chosen)).tolist()]
             if not any(swaps):
                 break

@@ -23,41 +23,11 @@ Only O1 does not depend on the units of the parameters; the others mean columns 
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 import scipy.linalg
 
-from pouring_robot.estimation.identifiability import RANK_TOLERANCE
+from pouring_robot.estimation.identifiability import RANK_TOLERANCE, Criterion, observability_index
 from pouring_robot.mechanism.arrays import FloatArray
-
-Criterion = Literal["D", "O1", "O2", "O3", "O4", "O5"]
-CRITERIA: tuple[Criterion, ...] = ("D", "O1", "O2", "O3", "O4", "O5")
-
-
-def observability_index(singular_values: FloatArray, criterion: Criterion, poses: int) -> FloatArray:
-    """Return an observability index; D is O1.
-
-    Args:
-        singular_values: shape (..., m), not negative.
-        criterion: which one.
-        poses: number of poses, for O1.
-
-    Returns:
-        Shape (...), larger is better; 0 where a combination is not determined.
-    """
-    values = np.asarray(singular_values, dtype=float)
-    low, high = values.min(axis=-1), values.max(axis=-1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        if criterion in ("D", "O1"):
-            return np.asarray(np.exp(np.log(values).mean(axis=-1)) / np.sqrt(poses))
-        if criterion == "O2":
-            return np.asarray(np.where(high > 0.0, low / high, 0.0))
-        if criterion == "O3":
-            return np.asarray(low)
-        if criterion == "O4":
-            return np.asarray(np.where(high > 0.0, low**2 / high, 0.0))
-        return np.asarray(1.0 / (1.0 / values).sum(axis=-1))
 
 
 def index_slopes(singular_values: FloatArray, criterion: Criterion, poses: int) -> FloatArray:

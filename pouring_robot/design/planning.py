@@ -20,11 +20,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.design.columns import Columns, Conditions, Noise, candidate_poses
+from pouring_robot.design.columns import Columns, Conditions, candidate_poses
 from pouring_robot.design.exchange import CandidateSet, IntArray, choose
 from pouring_robot.design.information import (
     covariance,
-    observability_index,
     projected_singular_values,
     telling,
     with_prior,
@@ -39,7 +38,7 @@ from pouring_robot.design.parameters import (
 from pouring_robot.design.request import PlanRequest
 from pouring_robot.design.result import MeasurementPlan, PlanQuality, UndeterminedError
 from pouring_robot.estimation.frames import FRAME_PARAMETERS, FRAMES
-from pouring_robot.estimation.identifiability import base_parameters
+from pouring_robot.estimation.identifiability import base_parameters, observability_index
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
@@ -50,7 +49,6 @@ from pouring_robot.robot.tolerances import Tolerances
 __all__ = [
     "Conditions",
     "MeasurementPlan",
-    "Noise",
     "PlanQuality",
     "PlanRequest",
     "Planner",
@@ -111,7 +109,7 @@ class Planner:
         apart = base_parameters(rows[..., :FRAMES].reshape(-1, FRAMES), names).base
         self._frames = [k for k, name in enumerate(names) if name in apart]
         self._frame_names = [names[k] for k in self._frames]
-        rows = rows[..., [*self._frames, *range(FRAMES, rows.shape[-1])]]
+        rows = self._apart(rows)
         self.nuisance = len(self._frames)
         kept = self._kept(asked, rows)
         self.left_out = tuple(p.name for k, p in enumerate(asked) if k not in kept)
@@ -120,6 +118,10 @@ class Planner:
         self.parameters = tuple(asked[k] for k in kept)
         self.columns = Columns(robot, self.parameters)
         self._candidate_rows = rows[..., [*range(self.nuisance), *(self.nuisance + k for k in kept)]]
+
+    def _apart(self, columns: FloatArray) -> FloatArray:
+        """Return columns, (..., 12 + P), without those of the frames that cannot be told apart, (..., f + P)."""
+        return np.delete(columns, np.setdiff1d(np.arange(FRAMES), self._frames), axis=-1)
 
     def _refuse_overload(self) -> None:
         most = self.robot.layout.ladle.payload_kg
@@ -274,14 +276,13 @@ class Planner:
         rows, closed = self.measured(self.columns, poses, unique)
         if not closed.all():
             raise NoSolutionError(f"row {int(np.argmin(closed)) + 1} of the plan does not close; choose another pose")
-        rows = rows[..., [*self._frames, *range(FRAMES, rows.shape[-1])]]
-        picked = rows[np.arange(len(poses)), [unique.index(c) for c in given]]
+        picked = self._apart(rows)[np.arange(len(poses)), [unique.index(c) for c in given]]
         return self._quality(picked, len(poses))
 
     def _quality(self, rows: FloatArray, poses: int) -> PlanQuality:
         flat, prior = rows.reshape(-1, rows.shape[-1]), self._prior(self.parameters)
         self._refuse_undetermined(f"a plan of {poses} (measured figures: {len(flat)})", flat, self.parameters)
-        units = _units(self.parameters)[[*self._frames, *range(FRAMES, self.columns.unknowns)]]
+        units = self._apart(_units(self.parameters))
         expected = covariance(flat, prior) / np.outer(units, units)
         grid, ladle = self._ladle
         variance = np.einsum("gip,pq,giq->gi", ladle, expected, ladle, optimize=True)
@@ -296,7 +297,7 @@ class Planner:
         grid = grid[self.columns.reachable(grid)]
         work = Conditions(0, max(s.payload_kg for s in self.states), max(s.leg_degC for s in self.states))
         columns, closed = self.columns.ladle(grid, work)
-        return grid[closed], columns[closed][..., [*self._frames, *range(FRAMES, columns.shape[-1])]]
+        return grid[closed], self._apart(columns[closed])
 
 
 def _units(parameters: Sequence[PlannedParameter]) -> FloatArray:

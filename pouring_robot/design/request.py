@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from pouring_robot.design.columns import Noise
-from pouring_robot.design.information import CRITERIA, Criterion
+from pouring_robot.estimation.identifiability import CRITERIA, Criterion
+from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.robot.tolerances import Tolerances
 
 _MOST_POSES = 500
 _HOTTEST_DEGC = 800.0
-_TRACKER = Noise(5e-5, 5e-5)
+_TRACKER = NoiseLevel.stated(5e-5, 5e-5)
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class PlanRequest:
     poses: int = 30
     parameters: tuple[str, ...] = ()
     criterion: Criterion = "D"
-    noise: Noise = _TRACKER
+    noise: NoiseLevel = _TRACKER
     target_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     priors: Tolerances | None = None
     both_sides: int = 0
@@ -70,7 +70,7 @@ class PlanRequest:
             ("noise of a position", self.noise.position_m, "m"),
             ("noise of a rotation", self.noise.rotation_rad, "rad"),
         ):
-            if value is not None and not (math.isfinite(value) and 0.0 < value <= 1.0):
+            if not (math.isfinite(value) and 0.0 < value <= 1.0):
                 raise BadInputError(f"the {name} must be above 0 and at most 1 {unit}, not {value:g} {unit}")
         if not all(math.isfinite(value) and abs(value) <= 10.0 for value in self.target_m):
             raise BadInputError("the place of the target must be three figures of at most 10 m")

@@ -13,10 +13,9 @@ import numpy as np
 from pouring_robot.campaign import columns
 from pouring_robot.design.columns import Conditions
 from pouring_robot.design.exchange import IntArray
-from pouring_robot.design.information import Criterion, observability_index
 from pouring_robot.design.parameters import PlannedParameter
 from pouring_robot.design.request import PlanRequest
-from pouring_robot.estimation.identifiability import BaseParameters
+from pouring_robot.estimation.identifiability import BaseParameters, observability
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.files import write_whole
 from pouring_robot.io.tables import csv_text
@@ -104,8 +103,7 @@ class PlanQuality:
     @property
     def indices(self) -> dict[str, float]:
         """O1 to O5, by name."""
-        names: tuple[Criterion, ...] = ("O1", "O2", "O3", "O4", "O5")
-        return {name: float(observability_index(self.singular_values, name, self.poses)) for name in names}
+        return observability(self.singular_values, self.poses)
 
     def ladle_figures(self) -> dict[str, Any]:
         """Return how well the pouring lip will be known, for JSON, in the units people use."""
@@ -214,7 +212,7 @@ class MeasurementPlan(Result):
             "rows": len(self.poses),
             "seed": request.seed,
             "sigma_mm": noise.position_m / MM,
-            "sigma_mrad": None if noise.rotation_rad is None else noise.rotation_rad / MRAD,
+            "sigma_mrad": noise.rotation_rad / MRAD if noise.turned else None,
             "priors": request.priors is not None,
             "indices": self.quality.indices,
             "parameters": [

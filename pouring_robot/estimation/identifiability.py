@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import scipy.linalg
@@ -19,6 +20,9 @@ import scipy.linalg
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 
+Criterion = Literal["D", "O1", "O2", "O3", "O4", "O5"]
+CRITERIA: tuple[Criterion, ...] = ("D", "O1", "O2", "O3", "O4", "O5")
+"""Observability indices; D is O1."""
 RANK_TOLERANCE = 1e-9
 """Below it, round-off of an exact zero: of a column's length against the longest (per metre and per radian), and of
 a singular value against the largest, columns scaled to unit length. Solving for G magnifies round-off of 2e-16 by the
@@ -188,22 +192,32 @@ def _groups(
     return tuple(sorted(groups, key=lambda group: names.index(group.members[0])))
 
 
-def observability(singular: FloatArray, rows: int) -> dict[str, float]:
-    """Return the observability indices O1 to O5 of the determined directions; larger is better.
+def observability_index(singular_values: FloatArray, criterion: Criterion, poses: int) -> FloatArray:
+    """Return an observability index; D is O1.
 
     Args:
-        singular: their singular values, shape (r,), largest first.
-        rows: number of poses.
+        singular_values: shape (..., m), not negative.
+        criterion: which one.
+        poses: number of poses, for O1.
 
-    O1 = (Π σ)^(1/r) / √n, O2 = σ_min/σ_max, O3 = σ_min, O4 = σ_min²/σ_max, O5 = 1 / Σ(1/σ).
+    Returns:
+        Shape (...), larger is better; 0 where a combination is not determined.
     """
-    if singular.size == 0:
-        return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
-    largest, least = float(singular[0]), float(singular[-1])
-    return {
-        "O1": float(np.exp(np.log(singular).mean()) / np.sqrt(rows)),
-        "O2": least / largest,
-        "O3": least,
-        "O4": least**2 / largest,
-        "O5": float(1.0 / (1.0 / singular).sum()),
-    }
+    values = np.asarray(singular_values, dtype=float)
+    low, high = values.min(axis=-1), values.max(axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if criterion in ("D", "O1"):
+            return np.asarray(np.exp(np.log(values).mean(axis=-1)) / np.sqrt(poses))
+        if criterion == "O2":
+            return np.asarray(np.where(high > 0.0, low / high, 0.0))
+        if criterion == "O3":
+            return np.asarray(low)
+        if criterion == "O4":
+            return np.asarray(np.where(high > 0.0, low**2 / high, 0.0))
+        return np.asarray(1.0 / (1.0 / values).sum(axis=-1))
+
+
+def observability(singular: FloatArray, rows: int) -> dict[str, float]:
+    """Return the observability indices O1 to O5, by name, of singular values (r,) of so many poses; 0 without any."""
+    names = [name for name in CRITERIA if name != "D"]
+    return {name: float(observability_index(singular, name, rows)) if singular.size else 0.0 for name in names}

@@ -42,6 +42,23 @@ class NoiseLevel:
     position_freedoms: float = float("inf")
     rotation_freedoms: float = float("inf")
 
+    @classmethod
+    def stated(cls, position_m: float, rotation_rad: float | None) -> NoiseLevel:
+        """Return the noise of a device; None: it measures positions only."""
+        if rotation_rad is None:
+            return cls(position_m, _FIRST_GUESS_RAD, "stated", "none")
+        return cls(position_m, rotation_rad, "stated", "stated")
+
+    @property
+    def turned(self) -> bool:
+        """Whether rotations were measured."""
+        return self.rotation_source != "none"
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard deviation of each measured component of a pose, shape (6,) or (3,), in m and rad."""
+        return np.repeat([self.position_m, self.rotation_rad] if self.turned else [self.position_m], 3)
+
     @property
     def freedoms(self) -> float:
         """Degrees of freedom behind the less well known figure, to judge a sum of squares by; infinite where stated.

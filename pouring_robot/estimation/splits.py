@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -21,21 +20,6 @@ BLOCKS = 5
 WORSE = 1.02
 """A held-out error this many times that before is worse; less is chance."""
 _FEWEST_SESSIONS, _FEWEST_TRAIN, _FEWEST_TEST = 4, 12, 3
-
-
-@dataclass(frozen=True, eq=False)
-class Block:
-    """Rows that belong together.
-
-    Attributes:
-        kind: how they belong together.
-        name: says which block it is.
-        rows: indices of the rows, ascending, read-only.
-    """
-
-    kind: BlockKind
-    name: str
-    rows: Rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,13 +71,10 @@ def split(campaign: Campaign, left_out: Rows, hold_out: HoldOut = "auto") -> Spl
     Raises:
         CalibrationError: there are too few rows.
     """
-    kind: BlockKind
-    if hold_out == "auto":
-        kind = "session" if len(set(campaign.sessions)) >= _FEWEST_SESSIONS else "region"
-    else:
-        kind = hold_out
+    many = len(set(campaign.sessions)) >= _FEWEST_SESSIONS
+    kind: BlockKind = hold_out if hold_out != "auto" else "session" if many else "region"
     kept = ~np.isin(np.arange(len(campaign)), left_out)
-    parts = [(block.name, block.rows[kept[block.rows]]) for block in blocks(campaign, kind)]
+    parts = [(name, rows[kept[rows]]) for name, rows in blocks(campaign, kind).items()]
     parts = [(name, rows) for name, rows in parts if rows.size]
     name, test = parts[-1] if parts else ("", np.zeros(0, dtype=np.intp))
     folds = tuple(rows for _, rows in parts[:-1])
@@ -110,8 +91,8 @@ def split(campaign: Campaign, left_out: Rows, hold_out: HoldOut = "auto") -> Spl
 # --- blocks ---------------------------------------------------------------------------------------------------------
 
 
-def blocks(campaign: Campaign, kind: BlockKind, count: int = BLOCKS) -> tuple[Block, ...]:
-    """Return whole blocks of rows: every usable row is in exactly one.
+def blocks(campaign: Campaign, kind: BlockKind, count: int = BLOCKS) -> dict[str, Rows]:
+    """Return whole blocks of rows, ascending, by name: every usable row is in exactly one.
 
     Neighbouring rows share their errors, so random rows held out would flatter a fit; whole blocks do not.
 
@@ -128,48 +109,29 @@ def blocks(campaign: Campaign, kind: BlockKind, count: int = BLOCKS) -> tuple[Bl
         raise BadInputError(f"a split needs at least 2 blocks, not {count}")
     rows = np.flatnonzero(campaign.usable)
     if kind == "session":
-        return _session_blocks(rows, campaign.sessions)
-    if kind == "time":
-        return _time_blocks(rows, campaign.time_s, count)
-    if kind == "region":
-        return _region_blocks(rows, campaign.drives, count)
-    raise BadInputError(f"blocks are by session, time or region, not by '{kind}'")
-
-
-def _block(kind: BlockKind, name: str, rows: Rows) -> Block:
-    ordered = np.sort(rows)
-    ordered.flags.writeable = False
-    return Block(kind, name, ordered)
-
-
-def _session_blocks(rows: Rows, sessions: Sequence[str]) -> tuple[Block, ...]:
-    """Return one block a session, in order of appearance; ``sessions`` has one entry for every row of the campaign."""
-    own = np.array(sessions)[rows]
-    return tuple(_block("session", f"session {name}", rows[own == name]) for name in dict.fromkeys(own.tolist()))
-
-
-def _time_blocks(rows: Rows, time_s: FloatArray | None, count: int) -> tuple[Block, ...]:
-    """Return stretches of nearly equal row count in order of time, (n,) in s; rows without time keep their place."""
+        own = np.array(campaign.sessions)[rows]
+        return {f"session {name}": rows[own == name] for name in dict.fromkeys(own.tolist())}
+    if kind not in ("time", "region"):
+        raise BadInputError(f"blocks are by session, time or region, not by '{kind}'")
     if rows.size == 0:
-        return ()
-    times = np.arange(rows.max() + 1, dtype=float) if time_s is None or np.isnan(time_s[rows]).any() else time_s
-    ordered = rows[np.argsort(times[rows], kind="stable")]
-    parts = np.array_split(ordered, min(count, ordered.size))
-    return tuple(_block("time", f"stretch {i} of {len(parts)}", part) for i, part in enumerate(parts, start=1))
+        return {}
+    word, parts = ("stretch", _stretches) if kind == "time" else ("region", _regions)
+    found = parts(rows, campaign, count)
+    return {f"{word} {i} of {len(found)}": np.sort(part) for i, part in enumerate(found, start=1)}
 
 
-def _region_blocks(rows: Rows, drives: FloatArray, count: int) -> tuple[Block, ...]:
-    """Return neighbours in drive space by halving the widest block again and again.
+def _stretches(rows: Rows, campaign: Campaign, count: int) -> list[Rows]:
+    """Return stretches of nearly equal row count in order of time; where a time is missing, in order of rows."""
+    time = campaign.time_s
+    if time is not None and not np.isnan(time[rows]).any():
+        rows = rows[np.argsort(time[rows], kind="stable")]
+    return np.array_split(rows, min(count, rows.size))
 
-    Args:
-        rows: rows to part.
-        drives: (n, 4) in m and rad; each is scaled by its spread over the rows.
-        count: number of blocks wanted.
-    """
-    if rows.size == 0:
-        return ()
-    spread = drives[rows].std(axis=0)
-    scaled = drives / np.where(spread > 0.0, spread, 1.0)
+
+def _regions(rows: Rows, campaign: Campaign, count: int) -> list[Rows]:
+    """Return neighbours in drive space (each drive over its spread), by halving the largest block over and over."""
+    spread = campaign.drives[rows].std(axis=0)
+    scaled = campaign.drives / np.where(spread > 0.0, spread, 1.0)
     done: list[Rows] = []
     open_blocks = [rows]
     while open_blocks and len(done) + len(open_blocks) < count:
@@ -180,8 +142,7 @@ def _region_blocks(rows: Rows, drives: FloatArray, count: int) -> tuple[Block, .
             done.append(block)
         else:
             open_blocks.extend(halves)
-    blocks = sorted([*done, *open_blocks], key=lambda block: int(block.min()))
-    return tuple(_block("region", f"region {i} of {len(blocks)}", block) for i, block in enumerate(blocks, start=1))
+    return sorted([*done, *open_blocks], key=lambda block: int(block.min()))
 
 
 def _halve(rows: Rows, scaled: FloatArray) -> tuple[Rows, Rows] | None:

@@ -14,17 +14,16 @@ from pouring_robot.design.columns import candidate_poses
 from pouring_robot.design.compare import compare_with_random, random_visits
 from pouring_robot.design.exchange import CandidateSet, choose
 from pouring_robot.design.information import (
-    CRITERIA,
     covariance,
     index_slopes,
-    observability_index,
     projected_singular_values,
     telling,
 )
-from pouring_robot.design.planning import Conditions, Noise, Planner, PlanRequest, UndeterminedError
+from pouring_robot.design.planning import Conditions, Planner, PlanRequest, UndeterminedError
 from pouring_robot.design.plots import plot
 from pouring_robot.design.updates import log_determinants
-from pouring_robot.estimation.identifiability import observability
+from pouring_robot.estimation.identifiability import CRITERIA, observability, observability_index
+from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureSolver
@@ -33,6 +32,12 @@ from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.robot.tolerances import Tolerances
 
 SMALL = {"candidates": 300, "starts": 2}
+
+
+def plain(rows, nuisance=0, prior=None):
+    """Return candidates of one kind, each its own pose."""
+    prior = np.zeros(rows.shape[2]) if prior is None else prior
+    return CandidateSet(rows, nuisance, np.arange(len(rows)), np.zeros(len(rows), dtype=int), prior)
 
 
 @pytest.fixture(scope="module")
@@ -137,7 +142,7 @@ def brute_force(rows, nuisance, poses, criterion):
 def test_exchange_reaches_the_best_of_all_plans(criterion, nuisance):
     for seed in range(3):
         rows = np.random.default_rng([5, seed]).normal(size=(12, 2, 5)) * np.array([1.0, 10.0, 0.1, 1.0, 3.0])
-        choice = choose(CandidateSet.plain(rows, nuisance), [0] * 5, criterion, seed=seed, starts=30)
+        choice = choose(plain(rows, nuisance), [0] * 5, criterion, seed=seed, starts=30)
         assert len(set(choice.chosen.tolist())) == 5
         stack = rows[choice.chosen].reshape(-1, 5)
         value = observability_index(projected_singular_values(stack, nuisance), criterion, 5)
@@ -149,14 +154,14 @@ def test_d_optimal_line_is_measured_at_its_ends():
     # Classical: a straight line is known best from its two ends, half of the measurements at each.
     at = np.repeat(np.linspace(-1.0, 1.0, 11), 5)
     rows = np.stack([np.ones_like(at), at], axis=1)[:, None, :]
-    choice = choose(CandidateSet.plain(rows), [0] * 10)
+    choice = choose(plain(rows), [0] * 10)
     assert sorted(at[choice.chosen]) == [-1.0] * 5 + [1.0] * 5
 
 
 def test_exchange_does_not_depend_on_units():
     rows = np.random.default_rng(6).normal(size=(60, 3, 6))
     scaled = rows * np.array([1e-6, 1e5, 1.0, 1e3, 1e-2, 1e8])
-    plans = [choose(CandidateSet.plain(r, 2), [0] * 8, seed=1).chosen for r in (rows, scaled)]
+    plans = [choose(plain(r, 2), [0] * 8, seed=1).chosen for r in (rows, scaled)]
     assert set(plans[0].tolist()) == set(plans[1].tolist())
 
 
@@ -183,10 +188,10 @@ def test_kinds_take_their_slots_and_trade_places():
 def test_exchange_refuses_what_it_cannot_choose_from():
     rows = np.random.default_rng(8).normal(size=(4, 3, 2))
     with pytest.raises(BadInputError, match="more candidates"):
-        choose(CandidateSet.plain(rows), [0] * 5)
+        choose(plain(rows), [0] * 5)
     rows[:, :, 1] = rows[:, :, 0]
     with pytest.raises(BadInputError, match="do not determine"):
-        choose(CandidateSet.plain(rows), [0] * 3)
+        choose(plain(rows), [0] * 3)
 
 
 # --- the robot ---------------------------------------------------------------------------------------
@@ -203,9 +208,7 @@ def test_candidates_are_round_figures_inside_the_box(robot):
 
 def test_plan_is_much_better_than_random_ones(planner, plan):
     comparison = compare_with_random(planner, plan, 50)
-    assert comparison.ratio <= 0.70
-    assert comparison.ratio_rad <= 0.70
-    assert comparison.ratio_worst <= 0.70
+    assert (comparison.ratios <= 0.70).all()
 
 
 @pytest.mark.parametrize("criterion", ["O2", "O3", "O4", "O5"])
@@ -240,7 +243,9 @@ def test_expected_spread_is_that_of_simulated_fits(planner, plan):
 
 
 def test_more_noise_means_more_spread_in_proportion(robot, plan):
-    noisy = Planner(robot, PlanRequest(noise=Noise(1e-4, 1e-4), parameters=tuple(p.name for p in plan.parameters)))
+    noisy = Planner(
+        robot, PlanRequest(noise=NoiseLevel.stated(1e-4, 1e-4), parameters=tuple(p.name for p in plan.parameters))
+    )
     quality = noisy.quality(plan.poses)
     assert quality.parameter_std == pytest.approx(2.0 * plan.quality.parameter_std, rel=1e-6)
 
@@ -249,7 +254,7 @@ def test_unit_of_names_and_columns(robot):
     """Local columns are differences of exact closures, frames aside."""
     planner = Planner(robot, PlanRequest(parameters=("drives",), **SMALL))
     poses = planner.poses[:3]
-    rows, _ = planner.columns.measured(poses, [Conditions()], Noise(1.0, 1.0), np.zeros(3))
+    rows, _ = planner.columns.measured(poses, [Conditions()], NoiseLevel.stated(1.0, 1.0), np.zeros(3))
     command = robot.kinematics.commands(poses)
     engine = planner.columns._model.engine
     for k, parameter in enumerate(planner.parameters):
@@ -266,7 +271,7 @@ def test_compliance_columns_are_the_yielding_drives_of_the_closure(robot):
     planner = Planner(robot, PlanRequest(parameters=("drives",), loads_kg=(0.0, 100.0), **SMALL))
     pose, ladle, stiffness = planner.poses[[90]], robot.layout.ladle, 1e8
     conditions = Conditions(1, 100.0 - ladle.tare_kg)
-    rows, _ = planner.columns.measured(pose, [conditions], Noise(1.0, 1.0), np.zeros(3))
+    rows, _ = planner.columns.measured(pose, [conditions], NoiseLevel.stated(1.0, 1.0), np.zeros(3))
     command = robot.kinematics.commands(pose)
     drives = dict(zip([d.joint for d in planner.columns.drives], command.drives[0], strict=True))
     start = robot.kinematics.configuration(robot.kinematics.forward(drives))
@@ -300,7 +305,7 @@ def test_backlash_and_expansion_columns_follow_the_drives(robot):
     planner = Planner(robot, request)
     poses = planner.poses[:4]
     visits = [Conditions(1, 0.0, 20.0), Conditions(-1, 0.0, 70.0)]
-    rows, _ = planner.columns.measured(poses, visits, Noise(1.0, 1.0), np.zeros(3))
+    rows, _ = planner.columns.measured(poses, visits, NoiseLevel.stated(1.0, 1.0), np.zeros(3))
     column = {p.name: rows[..., 12 + k] for k, p in enumerate(planner.parameters)}
     lengths = robot.kinematics.commands(poses).drives
     for k in (1, 2, 3):
@@ -340,7 +345,7 @@ def test_positions_alone_are_worth_less(robot, plan):
     names = tuple(p.name for p in plan.parameters if p.name != "leg1_seat_mount.tz")
     qualities = [
         Planner(robot, PlanRequest(parameters=names, noise=noise, reduce=True, **SMALL)).plan().quality
-        for noise in (Noise(5e-5, 5e-5), Noise(5e-5, None))
+        for noise in (NoiseLevel.stated(5e-5, 5e-5), NoiseLevel.stated(5e-5, None))
     ]
     assert qualities[1].ladle_rms_m > qualities[0].ladle_rms_m
 
@@ -369,8 +374,8 @@ def test_too_few_poses_are_refused(robot):
     [
         ({"poses": 0}, "number of poses"),
         ({"both_sides": 31}, "both sides"),
-        ({"noise": Noise(-1e-5, 1e-5)}, "noise of a position"),
-        ({"noise": Noise(1e-5, float("nan"))}, "noise of a rotation"),
+        ({"noise": NoiseLevel.stated(-1e-5, 1e-5)}, "noise of a position"),
+        ({"noise": NoiseLevel.stated(1e-5, float("nan"))}, "noise of a rotation"),
         ({"criterion": "E"}, "known: D, O1"),
         ({"loads_kg": (5.0, 5.0)}, "two different"),
         ({"leg_degC": (20.0, 1e5)}, "leg temperature"),

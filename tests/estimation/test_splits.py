@@ -53,9 +53,9 @@ def test_blocks_are_whole(real):
     for kind, count in (("time", 5), ("region", 5), ("session", 1)):
         found = blocks(campaign, kind)
         assert len(found) == count
-        together = np.concatenate([block.rows for block in found])
+        together = np.concatenate(list(found.values()))
         assert sorted(together.tolist()) == list(range(len(campaign)))
-    assert [block.rows.size for block in blocks(campaign, "time", 4)] == [20, 20, 20, 20]
+    assert [rows.size for rows in blocks(campaign, "time", 4).values()] == [20, 20, 20, 20]
     with pytest.raises(BadInputError):
         blocks(campaign, "colour")
     with pytest.raises(BadInputError):
@@ -65,5 +65,5 @@ def test_blocks_are_whole(real):
 def test_repeats_of_a_pose_stay_in_one_region(real):
     campaign = real.campaign
     twice = campaign.subset(np.concatenate([np.arange(40), np.arange(40)]))
-    for block in blocks(twice, "region", 6):
-        assert {int(row) % 40 for row in block.rows} == {int(row) for row in block.rows if row < 40}
+    for rows in blocks(twice, "region", 6).values():
+        assert {int(row) % 40 for row in rows} == {int(row) for row in rows if row < 40}

@@ -64,10 +64,10 @@ def plan(
     as_json: options.AsJson = False,
 ) -> None:
     """Choose the poses that determine parameters best, and say how well, before a single measurement."""
-    from pouring_robot.design.columns import Noise
     from pouring_robot.design.compare import compare_with_random
     from pouring_robot.design.planning import Planner, PlanRequest
     from pouring_robot.design.plots import plot
+    from pouring_robot.estimation.noise import NoiseLevel
     from pouring_robot.io.files import write_together
     from pouring_robot.robot.tolerances import Tolerances
 
@@ -78,7 +78,7 @@ def plan(
         poses=poses,
         parameters=tuple(parameters or ()),
         criterion=criterion.upper(),  # type: ignore[arg-type]  # checked by the request
-        noise=Noise(sigma_mm * 1e-3, None if position_only else sigma_mrad * 1e-3),
+        noise=NoiseLevel.stated(sigma_mm * 1e-3, None if position_only else sigma_mrad * 1e-3),
         target_m=(target_mm[0] * 1e-3, target_mm[1] * 1e-3, target_mm[2] * 1e-3),
         priors=Tolerances.load(tolerances) if priors else None,
         both_sides=both_sides,
