@@ -112,16 +112,16 @@ class Calibration(Result, CalibrationFindings):
 
 @one_blas_thread()
 def calibrate(
-    campaign: Campaign,
-    model: RobotModel | None = None,
+    campaign: Campaign | Path | str,
+    model: RobotModel | Path | str | None = None,
     options: CalibrationOptions | None = None,
     progress: Status = say_nothing,
 ) -> Calibration:
     """Calibrate a robot.
 
     Args:
-        campaign: the data.
-        model: the present robot; parameters come on top of its errors. By default the drawing.
+        campaign: the data, or the path of their table.
+        model: the present robot, or the path of its file; parameters come on top of its errors. By default the drawing.
         options: what to identify and how.
         progress: is told what is being done.
 
@@ -131,7 +131,7 @@ def calibrate(
         CalibrationError: too few rows, or the fit fails; nothing is to be exported.
         BadInputError: the parameters or tolerances are wrong.
     """
-    options, model = options or CalibrationOptions(), model or RobotModel()
+    options, campaign, model = options or CalibrationOptions(), Campaign.of(campaign), RobotModel.of(model)
     tolerances = options.tolerances or Tolerances.load()
     robot = PouringRobot(model)
     candidates = robot.parameters.groups(options.parameters)

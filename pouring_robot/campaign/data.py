@@ -98,6 +98,20 @@ class Campaign(Result):
             object.__setattr__(self, name, read_only(np.array(values, dtype=np.float64)))
 
     @classmethod
+    def of(cls, campaign: Campaign | Path | str) -> Campaign:
+        """Return a campaign: itself, or read from its table.
+
+        Raises:
+            CampaignError: as :meth:`read`.
+            BadInputError: it is neither.
+        """
+        if isinstance(campaign, Path | str):
+            return cls.read(campaign)
+        if not isinstance(campaign, Campaign):
+            raise BadInputError(f"a campaign is a Campaign or the path of its table, not a {type(campaign).__name__}")
+        return campaign
+
+    @classmethod
     def read(cls, path: Path | str) -> Campaign:
         """Read a campaign: a CSV, Parquet or Excel table with units on its headings, and the YAML of the same stem.
 

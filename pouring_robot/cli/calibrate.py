@@ -55,7 +55,7 @@ def calibrate(
     from pouring_robot.robot.tolerances import Tolerances
 
     check_folder(out)
-    present = RobotModel.load(model) if model else RobotModel()
+    present = RobotModel.of(model)
     if model:
         options.say_left_out(present, model, warm=True)
     data = Campaign.read(campaign)

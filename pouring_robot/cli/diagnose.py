@@ -47,7 +47,7 @@ def diagnose(
     from pouring_robot.robot.model import RobotModel
 
     check_folder(out)
-    present = RobotModel.load(model) if model else RobotModel()
+    present = RobotModel.of(model)
     chosen = DiagnosisOptions(exclude=tuple(dict.fromkeys(exclude or ())), hold_out=hold_out)
     with progress.status() as say:
         say("reading")

@@ -93,16 +93,16 @@ class Diagnosis(Conclusions, Result):
 
 @one_blas_thread()
 def diagnose(
-    campaign: Campaign,
-    model: RobotModel | None = None,
+    campaign: Campaign | Path | str,
+    model: RobotModel | Path | str | None = None,
     options: DiagnosisOptions | None = None,
     progress: Status = say_nothing,
 ) -> Diagnosis:
     """Find where a model and a campaign disagree, name the missing effect and amend the model.
 
     Args:
-        campaign: the data.
-        model: the robot as believed; by default the drawing.
+        campaign: the data, or the path of their table.
+        model: the robot as believed, or the path of its file; by default the drawing.
         options: how.
         progress: told what is being done.
 
@@ -112,7 +112,7 @@ def diagnose(
         DiagnosisError: rows do not close.
         FrameFitError: too few rows have a pose and a position.
     """
-    model, options = model or RobotModel(), options or DiagnosisOptions()
+    options, campaign, model = options or DiagnosisOptions(), Campaign.of(campaign), RobotModel.of(model)
     effects = chosen_effects(options.exclude)
     progress("checking the data")
     flags = examine(campaign, PouringRobot(model)).flags
@@ -210,6 +210,8 @@ def _held_out(campaign: Campaign, kind: HoldOut) -> tuple[NDArray[np.bool_], str
     try:
         parts = split(campaign, np.zeros(0, dtype=np.intp), kind)
     except CalibrationError as problem:
+        if kind != "auto":
+            raise
         return fitted, "", [f"no rows are held out: {problem.problem}"]
     fitted[parts.test] = False
     return fitted, parts.test_name, []

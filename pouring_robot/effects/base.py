@@ -151,6 +151,9 @@ def checked_forms(effect: Effect, conditions: Conditions, channels: Collection[s
         raise BadInputError(
             f"the effect '{effect.id}' fails under the conditions of this campaign: {said}"
         ) from problem
+    names = [form.name for form in forms]
+    if not forms or len(set(names)) < len(names) or not all(form.parameters for form in forms):
+        raise BadInputError(f"the effect '{effect.id}' needs forms of different names, each with a parameter or more")
     for form in forms:
         for parameter in form.parameters:
             where = f"the effect '{effect.id}', form '{form.name}', parameter '{parameter.name}'"

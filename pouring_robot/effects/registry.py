@@ -8,10 +8,12 @@ A package offers effects in its ``pyproject.toml``; the name does not matter, th
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from importlib.metadata import entry_points
 
 from pouring_robot.effects.base import Effect
+from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.drives import (
     DriveBacklash,
     DriveCyclic,
@@ -27,6 +29,7 @@ from pouring_robot.effects.surroundings import BaseDrift, MetrologyScale
 from pouring_robot.exceptions import BadInputError, closest
 
 GROUP = "pouring_robot.effects"
+CONDITION_NAMES = frozenset(field.name for field in dataclasses.fields(Conditions))
 LIBRARY: tuple[type[Effect], ...] = (
     DriveZeroOffset,
     DriveScale,
@@ -65,6 +68,11 @@ def all_effects() -> dict[str, Effect]:
         for name in ("id", "story"):
             if not isinstance(getattr(effect, name, None), str):
                 raise BadInputError(f"the effect '{entry.name}' of {entry.value} has no {name}; give its class one")
+        # Of a bare string each letter is asked for, and none of them is a condition.
+        for name in effect.needs:
+            if name not in CONDITION_NAMES:
+                said = f"the effect '{effect.id}' of {entry.value} needs '{name}', which is no condition"
+                raise BadInputError(f"{said}{closest(name, CONDITION_NAMES)}")
         if effect.driven_by and effect.driven_by not in FACTS:
             said = f"the effect '{effect.id}' of {entry.value} is driven by '{effect.driven_by}', which is no condition"
             raise BadInputError(f"{said}{closest(effect.driven_by, FACTS)}")

@@ -44,6 +44,9 @@ def one_blas_thread() -> Iterator[None]:
 
 
 def one_blas_thread_from_the_start() -> None:
-    """Keep this process and its children to one thread, unless the user chose otherwise; call before NumPy."""
+    """Keep this process and its children to one thread, unless the user chose otherwise; call before NumPy.
+
+    Inside :func:`one_blas_thread` it is one thread all the same.
+    """
     for name in _VARIABLES:
         os.environ.setdefault(name, "1")

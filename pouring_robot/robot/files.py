@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.exceptions import BadInputError, OutputError
 from pouring_robot.io.cache import cache_folder, content_key
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.description import write_urdf
@@ -21,8 +21,8 @@ def package_path() -> Path:
     return description_folder()
 
 
-def urdf_path(layout: str | None = None, model: RobotModel | Path | str | None = None) -> Path:
-    """Return a URDF file with its meshes beside it, written once into the cache folder.
+def urdf_path(*, layout: str | None = None, model: RobotModel | Path | str | None = None) -> Path:
+    """Return a URDF file with its meshes beside it, in the cache folder.
 
     Args:
         layout: the drawing of this layout (default: ``paper``).
@@ -34,12 +34,11 @@ def urdf_path(layout: str | None = None, model: RobotModel | Path | str | None =
     """
     if layout is not None and model is not None:
         raise BadInputError("give layout or model, not both: the model names its layout")
-    if isinstance(model, Path | str):
-        model = RobotModel.load(model)
-    urdf = (model or RobotModel(layout=layout or "paper")).tree_urdf()
-    folder = (cache_folder() or Path(tempfile.gettempdir(), "pouring_robot")) / "robots" / content_key([urdf])
-    path = folder / "pouring_robot.urdf"
-    if path.is_file():
-        return path
-    folder.mkdir(parents=True, exist_ok=True)
-    return write_urdf(urdf, folder)
+    urdf = (RobotModel(layout=layout) if layout else RobotModel.of(model)).tree_urdf()
+    place = (cache_folder() or Path(tempfile.gettempdir(), "pouring_robot")) / "robots" / content_key([urdf])
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise OutputError(place, f"{problem.strerror}; name another folder in POURING_ROBOT_CACHE") from problem
+    # Written anew each time: somebody may have taken a mesh away, or the description has another one now.
+    return write_urdf(urdf, place)

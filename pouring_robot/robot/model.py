@@ -153,6 +153,20 @@ class RobotModel(StrictModel):
             raise ModelFileError(path, str(problem)) from problem
         return model
 
+    @classmethod
+    def of(cls, model: RobotModel | Path | str | None) -> RobotModel:
+        """Return a model: itself, read from its file, or for None the drawing of the default layout.
+
+        Raises:
+            ModelFileError: the model file is wrong.
+            BadInputError: it is none of these.
+        """
+        if isinstance(model, Path | str):
+            return cls.load(model)
+        if not isinstance(model, RobotModel | None):
+            raise BadInputError(f"a model is a RobotModel or the path of its file, not a {type(model).__name__}")
+        return model or cls()
+
     def __eq__(self, other: object) -> bool:
         """Compare what the files say and which dimensions file they mean, not where the model files lie."""
         if not isinstance(other, RobotModel):
@@ -193,6 +207,21 @@ class RobotModel(StrictModel):
         """Whether the model says nothing that makes the robot as built differ from the drawing."""
         told = {"format", "description", "layout", "layouts_file", "heat", "effects"}
         return not _says_something(self.model_dump(exclude=told, exclude_defaults=True))
+
+    def left_out(self, name: str = "the model", *, warm: bool = False) -> tuple[str, ...]:
+        """Return, in a line each, what a robot that is taken as it stands leaves out of the model.
+
+        Args:
+            name: of the model, for the lines.
+            warm: whether the heat section is cared for.
+        """
+        lines = []
+        if self.heat is not None and not warm:
+            lines.append(f"the robot is taken cold; the heat section of {name} is left out")
+        effects = ", ".join(dict.fromkeys(entry.effect for entry in self.effects if not entry.placed))
+        if effects:
+            lines.append(f"the effects of {name} that depend on conditions are not applied: {effects}")
+        return tuple(lines)
 
     def placement_errors(self) -> dict[str, PlacementError]:
         """Return the joint placement errors in m and rad."""

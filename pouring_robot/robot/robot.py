@@ -7,13 +7,16 @@ built takes these drive values and closes its own loops. The difference of the t
 from __future__ import annotations
 
 import functools
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
 from pouring_robot.mechanism.energy import NO_LOADS, Loads
@@ -66,6 +69,11 @@ class PouringRobot:
         self.actual_solver = ClosureSolver(self.model.mechanism(), loads, options)
         self.kinematics = FourUPUKinematics(self.nominal_solver.mechanism)
 
+    def __repr__(self) -> str:
+        """Return layout and number of errors."""
+        errors = len(self.model.joint_placements) + len(self.model.drive_offsets)
+        return f"<{type(self).__name__}: layout {self.model.layout}, {errors} displaced joints and drives>"
+
     @functools.cached_property
     def parameters(self) -> ParameterCatalogue:
         """Every geometric error of the drawing by name; its ``table`` is the DH table."""
@@ -94,7 +102,7 @@ class PouringRobot:
         """Close the robot as built for commanded drive values (m, rad).
 
         Args:
-            drives: l1, l2, l3 and theta46 by joint name.
+            drives: l1, l2, l3 (m) and theta46 (rad) by joint name: ``leg1_s3``, ``leg2_s3``, ``leg3_s3``, ``leg4_s5``.
             near: a pose to start from; by default the nominal pose for these drives.
 
         Raises:
@@ -133,6 +141,8 @@ class PouringRobot:
             ClosureError: the robot as built cannot take these drive values.
             BadInputError: an array has another shape or holds a number that is not finite.
         """
+        if isinstance(pose, pin.SE3):
+            raise BadInputError("an SE3 has six freedoms, the platform four: give PlatformPose.from_se3(pose)")
         if not isinstance(pose, PlatformPose):
             return located(self, pose)
         drives = self.kinematics.inverse(pose)
@@ -179,6 +189,8 @@ class PouringRobot:
             UnknownFrameError: there is no such frame.
             NoSolutionError: as :meth:`locate`, or the drives do not determine the platform here.
         """
+        if not isinstance(pose, PlatformPose):
+            raise BadInputError("transfer takes one PlatformPose; over arrays take BatchEngine.transfer")
         named = (parameters,) if isinstance(parameters, str) else parameters
         chosen: dict[str, LocalParameter] = {}
         for item in named:
@@ -207,10 +219,17 @@ class PouringRobot:
 def load_robot(model: RobotModel | Path | str | None = None) -> PouringRobot:
     """Load a robot from a model, a model file, or (default) the drawing of the default layout.
 
+    The robot stands cold and without effects that depend on conditions: where the model tells of them, a warning says
+    so. ``HeatedRobot(robot, robot.model.heat)`` cares for the heat.
+
+    Args:
+        model: a model, or the path of its file.
+
     Raises:
         ModelFileError: the model file is wrong.
         UnknownLayoutError: it names a layout that does not exist.
     """
-    if isinstance(model, Path | str):
-        model = RobotModel.load(model)
-    return PouringRobot(model)
+    loaded = RobotModel.of(model)
+    for line in loaded.left_out():
+        warnings.warn(line, stacklevel=2)
+    return PouringRobot(loaded)

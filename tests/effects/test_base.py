@@ -175,3 +175,25 @@ def test_users_effect_that_fails(bench):
     with pytest.raises(BadInputError, match=r"the effect 'users_own' fails .*: KeyError: ") as problem:
         Library.of(bench.rows, {"users_own": Failing({})})
     assert "\n" not in str(problem.value)
+
+
+class Formless(Users):
+    def forms(self, conditions):
+        return ()
+
+
+class Empty(Users):
+    def forms(self, conditions):
+        return (Form("only", ()),)
+
+
+class Double(Users):
+    def forms(self, conditions):
+        return (*super().forms(conditions), *super().forms(conditions))
+
+
+@pytest.mark.parametrize("kind", [Formless, Empty, Double])
+def test_forms_are_some_of_different_names_with_parameters(bench, kind):
+    effect = kind({"drive.leg1_s3": np.ones(len(bench.rows))})
+    with pytest.raises(BadInputError, match="'users_own' needs forms of different names, each with a parameter"):
+        checked_forms(effect, bench.rows.conditions, bench.rows.channels)

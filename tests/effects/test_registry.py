@@ -38,6 +38,10 @@ class Astray(Good):
     driven_by = "lengths"
 
 
+class Needy(Good):
+    needs = ("payload_kg",)
+
+
 class Nameless(Effect):
     def forms(self, conditions):
         return ()
@@ -126,6 +130,7 @@ def test_a_package_on_the_path_is_found(package):
         ("no_effect", MODULE, "is no subclass of Effect"),
         ("Nameless", MODULE, "has no id"),
         ("Astray", MODULE, "driven by 'lengths', which is no condition; did you mean 'lengths_m'?"),
+        ("Needy", MODULE, "needs 'payload_kg', which is no condition"),
         ("Twin", MODULE, "two effects are called 'drive_scale'; rename"),
     ],
 )

@@ -82,12 +82,12 @@ def test_results_show_themselves_in_one_line(as_built):
 
 def test_files_for_other_programs():
     assert (package_path() / "meshes").is_dir()
-    drawing, built = urdf_path("wide"), urdf_path(model=ACTUAL)
+    drawing, built = urdf_path(layout="wide"), urdf_path(model=ACTUAL)
     assert drawing.read_text(encoding="utf-8") != built.read_text(encoding="utf-8")
     assert (built.parent / "meshes").is_dir()
     assert urdf_path(model=ACTUAL) == built
     with pytest.raises(BadInputError, match="not both"):
-        urdf_path("wide", ACTUAL)
+        urdf_path(layout="wide", model=ACTUAL)
 
 
 def test_every_name_of_the_root_is_there():

@@ -1,9 +1,10 @@
 """Nominal and actual robot side by side."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
-from pouring_robot.exceptions import ClosureError, UnknownFrameError, UnreachablePoseError
+from pouring_robot.exceptions import BadInputError, ClosureError, UnknownFrameError, UnreachablePoseError
 from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot, load_robot
@@ -173,3 +174,19 @@ def test_wide_layout_has_its_own_box_and_works():
         gap = pose_gap(location.actual.pose_base_to_end, pose.to_se3())
         assert gap == pytest.approx([0.0, 0.0], abs=1e-10)
         assert np.isfinite(robot.dexterity(location).condition)
+
+
+def test_what_a_loaded_robot_leaves_out_of_its_model_is_said():
+    model = RobotModel.model_validate({"heat": {"melt_degC": 1650.0}})
+    with pytest.warns(UserWarning, match="heat section of the model is left out"):
+        load_robot(model)
+
+
+def test_poses_of_another_kind_are_refused_in_one_line(drawing):
+    with pytest.raises(BadInputError, match="from_se3"):
+        drawing.locate(pin.SE3.Identity())
+    with pytest.raises(BadInputError, match="one PlatformPose"):
+        drawing.transfer(np.zeros((2, 4)))
+    with pytest.raises(BadInputError, match="RobotModel or the path of its file, not a int"):
+        load_robot(3)
+    assert repr(drawing) == "<PouringRobot: layout paper, 0 displaced joints and drives>"

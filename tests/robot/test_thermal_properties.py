@@ -3,7 +3,7 @@
 import pytest
 
 from pouring_robot.exceptions import TemperatureError, ThermalFileError
-from pouring_robot.io.temperatures import kelvin
+from pouring_robot.io.temperatures import REFERENCE_DEGC, kelvin
 from pouring_robot.robot.pouring.layout import load_layout
 from pouring_robot.robot.pouring.thermal_properties import (
     ThermalProperties,
@@ -81,3 +81,7 @@ def test_a_shell_as_thick_as_the_wall_is_refused(drawing):
     content["ladle"]["shell_thickness"]["value"] = wall * 1e3
     with pytest.raises(Exception, match="shell_thickness of 50 mm"):
         ThermalNetwork(drawing, ThermalProperties.model_validate(content))
+
+
+def test_drawing_campaigns_and_plans_mean_the_same_reference():
+    assert load_thermal_properties().expansion.reference_temperature.value == REFERENCE_DEGC

@@ -85,14 +85,8 @@ def robot_of(model: Path | None, layout: str | None, *, warm: bool = False) -> P
 
 def say_left_out(model: RobotModel, file: Path | str, *, warm: bool = False) -> None:
     """Say on standard error what a command leaves out of a model: heat, and effects that only a campaign tells of."""
-    if model.heat is not None and not warm:
-        print(f"note: this command takes the robot cold; the heat section of {file} is left out", file=sys.stderr)
-    effects = ", ".join(dict.fromkeys(entry.effect for entry in model.effects if not entry.placed))
-    if effects:
-        print(
-            f"note: this command does not apply the effects of {file} that depend on conditions: {effects}",
-            file=sys.stderr,
-        )
+    for line in model.left_out(str(file), warm=warm):
+        print(f"note: {line}", file=sys.stderr)
 
 
 def refuse_unwritable(*paths: Path | None) -> None:

@@ -81,7 +81,9 @@ def _effect(diagnosis: Conclusions, effect: NamedEffect) -> list[Block]:
         for name, found in named
     ]
     others = f"; cannot be told from {', '.join(cause.alternatives)}" if cause.alternatives else ""
-    surely = f"probability {cause.probability:.4f}, log evidence {cause.evidence:.0f} nats{others}"
+    # Beside something unknown a probability among the known causes would mislead.
+    sure = "" if diagnosis.verdict == "unknown" else f"probability {cause.probability:.4f}, "
+    surely = f"{sure}log evidence {cause.evidence:.0f} nats{others}"
     words = f"{effect.story}; form '{plain(cause.form)}', {surely}"
     nearest = effect in diagnosis.nearest
     title = f"{cause.effect} (only the nearest; not the cause)" if nearest else cause.effect
