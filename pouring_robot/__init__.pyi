@@ -7,7 +7,7 @@ from .campaign.data import Campaign as Campaign
 from .campaign.plan import random_plan as random_plan
 from .campaign.simulate import MeasurementOptions as MeasurementOptions
 from .campaign.simulate import simulate_campaign as simulate_campaign
-from .compensation.compensate import compensate as compensate
+from .compensation.search import compensate as compensate
 from .design.planning import PlanRequest as PlanRequest
 from .design.planning import plan_campaign as plan_campaign
 from .diagnosis.diagnose import Diagnosis as Diagnosis

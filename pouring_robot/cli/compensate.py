@@ -68,8 +68,8 @@ def compensate(
     robot = options.robot_of(model, layout, warm=True)
     _check_frame(robot.nominal_solver.mechanism.loops.reported_frames, frame)
     heat = heat_options.heat_of(robot, melt_degC, ambient_degC, steady, after_min, cold)
-    from pouring_robot.compensation.compensate import compensate as compensated
     from pouring_robot.compensation.result import commands_csv
+    from pouring_robot.compensation.search import compensate as compensated
     from pouring_robot.io.files import write_whole
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 

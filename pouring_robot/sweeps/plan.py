@@ -86,7 +86,11 @@ class SweepPlan:
         """Resolve every name; nothing is computed yet."""
         self.config = config
         self.threads: int | None = None
-        self.model = RobotModel.load(config.beside(config.model)) if config.model else _drawing(config.layout)
+        self.model = (
+            RobotModel.load(config.beside(config.model))
+            if config.model
+            else RobotModel(layout=config.layout or "paper")
+        )
         nominal = self.model.nominal_mechanism()
         self.mechanism: ClosedChainMechanism = self.model.mechanism()
         self.layout: Layout = load_layout(self.model.layout, self.model.layouts_path)
@@ -112,10 +116,9 @@ class SweepPlan:
         """
         return cls(SweepConfig.load(path))
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle as the parts it is made of: compiled engines stay at home, files need not exist elsewhere."""
-        state = {name: value for name, value in self.__dict__.items() if name not in _MADE_ON_DEMAND}
-        return _restored, (state,)
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what pickle sends: compiled engines stay at home, files need not exist elsewhere."""
+        return {name: value for name, value in self.__dict__.items() if name not in {"evaluator", "error_map"}}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -263,19 +266,6 @@ class SweepPlan:
             if name not in bodies:
                 raise self.config.problem(f"frames: {UnknownFrameError(name, bodies)}")
         return np.array([mechanism.placement_on_end(name).translation for name in self.config.frames])
-
-
-_MADE_ON_DEMAND = frozenset({"evaluator", "error_map"})
-
-
-def _restored(state: dict[str, Any]) -> SweepPlan:
-    plan = SweepPlan.__new__(SweepPlan)
-    plan.__dict__.update(state)
-    return plan
-
-
-def _drawing(layout: str | None) -> RobotModel:
-    return RobotModel(layout=layout) if layout else RobotModel()
 
 
 def _digest(content: bytes) -> str:

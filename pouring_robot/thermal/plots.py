@@ -19,8 +19,9 @@ def draw_legs(panel: Axes, field: TemperatureField) -> None:
     """Draw the temperature along each leg, upper U joint on the left."""
     for k, i in enumerate(CHAINS):
         inside = field.between_joints[k] > 0.0
-        order = np.argsort(field.leg_positions_m[k][inside])
-        place, value = (a[k][inside][order] for a in (field.leg_positions_m / MM, field.leg_elements_degC))
+        positions_m = field.exposure.from_upper_joint_m
+        order = np.argsort(positions_m[k][inside])
+        place, value = (a[k][inside][order] for a in (positions_m / MM, field.leg_elements_degC))
         style = "--" if i % 2 == 0 else "-"
         panel.plot(place, value, style, color=_LEGS[k], linewidth=1.8, label=f"leg {i}")
     panel.set_xlabel("from the upper U joint down, mm")

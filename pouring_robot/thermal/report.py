@@ -156,7 +156,7 @@ class PoseHeat(Result):
         rods = ["moving_rod"] * field.grid.moving + ["fixed_rod"] * field.grid.fixed
         rows: list[tuple[str, str, float, float]] = []
         for k, i in enumerate(CHAINS):
-            values = zip(rods, field.leg_positions_m[k] / MM, field.leg_elements_degC[k], strict=True)
+            values = zip(rods, field.exposure.from_upper_joint_m[k] / MM, field.leg_elements_degC[k], strict=True)
             rows += [(f"leg{i}", rod, place, value) for rod, place, value in values]
         platforms = {"platform": field.platform_elements_degC, "fixed_platform": field.fixed_platform_elements_degC}
         for part, cells in platforms.items():

@@ -344,7 +344,7 @@ def thermal_study(setting: Setting) -> Measurement:
 
 def compensation(setting: Setting) -> Measurement:
     """Drive values for the robot as built at 1700 °C; errors of the four freedoms against the wanted pose."""
-    from pouring_robot.compensation.compensate import compensate
+    from pouring_robot.compensation.search import compensate
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 

@@ -95,8 +95,8 @@ def test_drive_sensitivity_is_the_derivative_of_the_inverse(drawing, clean):
             position[:, axis] += step
         else:
             turned = turned + step
-        angles = kinematics.chain_angles(position, turned)
-        return np.column_stack([angles.length_m[:, :3], angles.foot_rad[:, 3]])
+        joints = kinematics.chain_joints(position, turned)
+        return np.column_stack([joints[:, :3, 2], joints[:, 3, 4]])
 
     matrix = drive_sensitivity(kinematics, poses)
     for axis in range(4):

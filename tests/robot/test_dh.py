@@ -347,9 +347,7 @@ def test_open_branch_has_the_papers_sensitive_errors():
     nominal = RobotModel(layout="paper").nominal_mechanism()
     table, rng = DHTable.from_mechanism(nominal), np.random.default_rng(2022)
     positions = rng.uniform((-0.15, -0.05, -0.825), (-0.05, 0.05, -0.425), (1000, 3))
-    angles = FourUPUKinematics(nominal).chain_angles(positions, rng.uniform(-0.4884, 1.08155, 1000))
-    psi, phi, length, foot = (part[:, 0] for part in (angles.psi_rad, angles.phi_rad, angles.length_m, angles.foot_rad))
-    values = np.stack([psi, phi, length, -phi, foot], axis=-1)
+    values = FourUPUKinematics(nominal).chain_joints(positions, rng.uniform(-0.4884, 1.08155, 1000))[:, 0]
     assert np.abs(table.chain_poses(1, values)[:, :3, 3] - positions).max() < 1e-12
     shifts = {
         p.name: table.chain_poses(1, values, {p.name: 2e-4 if p.unit == "m" else 4e-3})[:, :3, 3] - positions

@@ -62,18 +62,18 @@ def test_inverse_is_the_geometry_of_the_legs(layout):
             assert s1 + s5 == pytest.approx(pose.tilt_rad, abs=1e-14)
 
 
-def test_chain_angles_take_arrays(layout):
+def test_chain_joints_take_arrays(layout):
     _, kinematics = layout
     poses = random_poses(12, seed=51)
     positions = np.array([pose.position_m for pose in poses]).reshape(3, 4, 3)
     tilts = np.array([pose.tilt_rad for pose in poses]).reshape(3, 4)
-    together = kinematics.chain_angles(positions, tilts)
-    assert together.length_m.shape == (3, 4, 4)
+    together = kinematics.chain_joints(positions, tilts)
+    assert together.shape == (3, 4, 4, 5)
     for k, pose in enumerate(poses):
         alone = kinematics.joint_values(pose)
         at = np.unravel_index(k, (3, 4))
-        assert together.length_m[at].tolist() == [alone[f"leg{i}_s3"] for i in (1, 2, 3, 4)]
-        assert together.foot_rad[at].tolist() == [alone[f"leg{i}_s5"] for i in (1, 2, 3, 4)]
+        assert together[at][:, 2].tolist() == [alone[f"leg{i}_s3"] for i in (1, 2, 3, 4)]
+        assert together[at][:, 4].tolist() == [alone[f"leg{i}_s5"] for i in (1, 2, 3, 4)]
 
 
 def test_nominal_configuration_is_closed(layout):

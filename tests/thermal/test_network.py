@@ -204,8 +204,7 @@ def test_path_weights_add_up_to_the_leg(network):
         field = network.steady(pose)
         lengths = field.exposure.lengths_m
         assert field.between_joints.sum(axis=1) == pytest.approx(lengths, abs=1e-12)
-        fixed = field.between_joints[:, network.grid.moving :].sum(axis=1)
-        mean = (fixed * field.fixed_rod_degC + (lengths - fixed) * field.moving_rod_degC) / lengths
+        mean = np.sum(field.between_joints * field.leg_elements_degC, axis=1) / lengths
         assert field.leg_degC == pytest.approx(mean, abs=1e-9)
 
 

@@ -10,12 +10,7 @@ from sklearn.base import clone
 from sklearn.feature_selection import SelectKBest
 from sklearn.utils.estimator_checks import check_estimator
 
-from pouring_robot.thermal.regression.clustering import (
-    FuzzyClustering,
-    fuzzy_similarity,
-    max_min_composition,
-    transitive_closure,
-)
+from pouring_robot.thermal.regression.clustering import FuzzyClustering, fuzzy_similarity
 from pouring_robot.thermal.regression.grey import grey_relational_coefficients, grey_relational_degree
 from pouring_robot.thermal.regression.table import ErrorSetError
 
@@ -41,6 +36,18 @@ def weakest_links(similarity):
                 path = (i, *between, j)
                 best[i, j] = max(best[i, j], min(similarity[a, b] for a, b in itertools.pairwise(path)))
     return best
+
+
+def max_min_composition(first, second):
+    return np.minimum(first[:, :, None], second[None, :, :]).max(axis=1)
+
+
+def transitive_closure(similarity):
+    """Return t(R): composed with itself until nothing changes, as the paper has it."""
+    closure = np.array(similarity)
+    while not np.array_equal(following := max_min_composition(closure, closure), closure):
+        closure = following
+    return closure
 
 
 def test_the_hand_worked_closure():

@@ -153,7 +153,7 @@ def test_units_do_not_matter(table, weighting):
 
 @pytest.mark.parametrize("weighting", WEIGHTINGS)
 def test_more_groups_and_one_set(table, weighting):
-    model = fitted(table, weighting, n_clusters=3, explained=1.0)
+    model = fitted(table, weighting, selector=SensitiveSetSelector(n_clusters=3), explained=1.0)
     assert model.weights_.shape == model.set_coef_.shape == (3,)
     assert model.weights_.sum() == pytest.approx(1.0)
     one = JointRegression(weighting).fit(table.temperature_column, table.errors[:, 4])
@@ -161,8 +161,11 @@ def test_more_groups_and_one_set(table, weighting):
 
 
 def test_scikit_learn_habits(table):
-    model, column = JointRegression("standardised", vif_limit=8.0), table.temperature_column
-    assert clone(model).get_params() == model.get_params()
+    model, column = (
+        JointRegression("standardised", selector=SensitiveSetSelector(vif_limit=8.0)),
+        table.temperature_column,
+    )
+    assert clone(model).get_params()["selector__vif_limit"] == 8.0
     with pytest.raises(NotFittedError):
         model.predict(column)
     settings = model.get_params()

@@ -17,34 +17,13 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError, closest
-from pouring_robot.mechanism.arrays import FloatArray, lock_fields
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.robot.pouring.names import CHAIN_JOINTS, DRIVE_JOINTS, LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 
 if TYPE_CHECKING:
     from pouring_robot.batch.samples import BatchCommand
-
-
-@dataclass(frozen=True, eq=False)
-class ChainAngles:
-    """Joint values of the four nominal chains; last axis: chains 1 to 4.
-
-    Attributes:
-        psi_rad: S1, turn of the leg about y.
-        phi_rad: S2, turn of the leg about x.
-        length_m: S3, distance of the two U-joint centres.
-        foot_rad: S5, tilt of the platform minus psi; S4 is -phi.
-    """
-
-    psi_rad: FloatArray
-    phi_rad: FloatArray
-    length_m: FloatArray
-    foot_rad: FloatArray
-
-    def __post_init__(self) -> None:
-        """Lock the arrays."""
-        lock_fields(self, "psi_rad", "phi_rad", "length_m", "foot_rad")
 
 
 @dataclass(frozen=True)
@@ -106,7 +85,7 @@ class FourUPUKinematics:
         moving = np.array([place(str(loops.end_frame), f"{leg}_seat") for leg in LEGS])
         return fixed, moving
 
-    def chain_angles(self, positions_m: FloatArray, tilts_rad: FloatArray) -> ChainAngles:
+    def chain_joints(self, positions_m: FloatArray, tilts_rad: FloatArray) -> FloatArray:
         """Return the joints of all chains for arrays of poses (nominal inverse kinematics).
 
         Args:
@@ -114,7 +93,8 @@ class FourUPUKinematics:
             tilts_rad: shape (...), in rad.
 
         Returns:
-            Arrays of shape (..., 4).
+            Shape (..., 4, 5): chains 1 to 4; in each the turn of the leg about y (S1) and about x (S2) in rad, the
+            distance of the two U-joint centres (S3) in m, and in rad S4 = -S2 and S5, the tilt minus S1.
         """
         tilt = np.asarray(tilts_rad, dtype=float)[..., None]
         bx, by, bz = self.moving_centres_m.T
@@ -126,7 +106,7 @@ class FourUPUKinematics:
         length = np.hypot(np.hypot(leg[..., 0], leg[..., 1]), leg[..., 2])
         psi = np.arctan2(-leg[..., 0], -leg[..., 2])
         phi = np.arcsin(leg[..., 1] / length)
-        return ChainAngles(psi, phi, length, tilt - psi)
+        return np.stack([psi, phi, length, -phi, tilt - psi], axis=-1)
 
     def commands(self, poses: FloatArray) -> BatchCommand:
         """Run the nominal inverse kinematics for many poses; joint limits are not looked at.
@@ -142,9 +122,7 @@ class FourUPUKinematics:
         poses = np.ascontiguousarray(poses, dtype=float)
         if poses.ndim != 2 or poses.shape[1] != 4:
             raise BadInputError(f"poses must have the shape (n, 4): x, y, z, tilt; not {poses.shape}")
-        angles = self.chain_angles(poses[:, :3], poses[:, 3])
-        parts = (angles.psi_rad, angles.phi_rad, angles.length_m, -angles.phi_rad, angles.foot_rad)
-        joints = np.stack(parts, axis=-1)
+        joints = self.chain_joints(poses[:, :3], poses[:, 3])
         rotation = np.zeros((len(poses), 3, 3))
         rotation[:, 0, 0] = rotation[:, 2, 2] = np.cos(poses[:, 3])
         rotation[:, 0, 2] = np.sin(poses[:, 3])
@@ -166,13 +144,8 @@ class FourUPUKinematics:
 
     def joint_values(self, pose: PlatformPose) -> dict[str, float]:
         """Return the value of all 20 chain joints at a pose of the nominal robot, in m and rad."""
-        angles = self.chain_angles(np.array(pose.position_m), np.array(pose.tilt_rad))
-        values: dict[str, float] = {}
-        for k, names in enumerate(CHAIN_JOINTS):
-            phi = angles.phi_rad[k]
-            joints = (angles.psi_rad[k], phi, angles.length_m[k], -phi, angles.foot_rad[k])
-            values |= zip(names, map(float, joints), strict=True)
-        return values
+        joints = self.chain_joints(np.array(pose.position_m), np.array(pose.tilt_rad))
+        return dict(zip(self.joint_names, joints.ravel().tolist(), strict=True))
 
     def inverse(self, pose: PlatformPose) -> dict[str, float]:
         """Return the drive values that the controller commands for a pose, in m and rad.

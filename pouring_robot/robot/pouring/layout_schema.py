@@ -7,7 +7,7 @@ numbers that are not finite are refused. The properties ``metres`` and ``radians
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Generic, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,22 +35,24 @@ Share = Annotated[_Number, Field(ge=0.0, le=1.0)]
 MeshName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+\.(stl|obj)$")]
 
 
-class Entry(StrictModel):
+Value = TypeVar("Value")
+Unit = TypeVar("Unit")
+
+
+class Entry(StrictModel, Generic[Value, Unit]):
     """One fact with its unit and where it comes from."""
 
-    unit: str
+    unit: Unit
     source: Literal["paper", "inferred", "assumed"]
     note: str = ""
+    value: Value
 
     def _per_si(self) -> float:
-        return _PER_SI.get(self.unit, 1.0)
+        return _PER_SI[str(self.unit)]
 
 
-class Length(Entry):
+class Length(Entry[Size, Literal["mm", "m"]]):
     """A size."""
-
-    value: Size
-    unit: Literal["mm", "m"]
 
     @property
     def metres(self) -> float:
@@ -58,11 +60,8 @@ class Length(Entry):
         return self.value / self._per_si()
 
 
-class Angle(Entry):
+class Angle(Entry[Size, Literal["rad", "deg"]]):
     """A positive angle."""
-
-    value: Size
-    unit: Literal["rad", "deg"]
 
     @property
     def radians(self) -> float:
@@ -70,53 +69,8 @@ class Angle(Entry):
         return self.value / self._per_si()
 
 
-class Mass(Entry):
-    """A mass."""
-
-    value: Size
-    unit: Literal["kg"]
-
-
-class Density(Entry):
-    """A density."""
-
-    value: Size
-    unit: Literal["kg/m3"]
-
-
-class Speed(Entry):
-    """A linear speed."""
-
-    value: Size
-    unit: Literal["m/s", "mm/s"]
-
-
-class Spin(Entry):
-    """An angular speed."""
-
-    value: Size
-    unit: Literal["rad/s"]
-
-
-class Force(Entry):
-    """A force."""
-
-    value: Size
-    unit: Literal["N"]
-
-
-class Torque(Entry):
-    """A torque."""
-
-    value: Size
-    unit: Literal["Nm"]
-
-
-class Position(Entry):
+class Position(Entry[Point, Literal["mm", "m"]]):
     """A point."""
-
-    value: Point
-    unit: Literal["mm", "m"]
 
     @property
     def metres(self) -> Point:
@@ -125,11 +79,8 @@ class Position(Entry):
         return x, y, z
 
 
-class Centres(Entry):
+class Centres(Entry[tuple[Point, Point, Point, Point], Literal["mm", "m"]]):
     """Four points, one a chain."""
-
-    value: tuple[Point, Point, Point, Point]
-    unit: Literal["mm", "m"]
 
     @property
     def metres(self) -> NDArray[np.float64]:
@@ -137,11 +88,8 @@ class Centres(Entry):
         return read_only(np.array(self.value, dtype=np.float64) / self._per_si())
 
 
-class LengthRange(Entry):
+class LengthRange(Entry[Bounds, Literal["mm", "m"]]):
     """Lower and upper bound of a coordinate."""
-
-    value: Bounds
-    unit: Literal["mm", "m"]
 
     @property
     def metres(self) -> tuple[float, float]:
@@ -149,11 +97,8 @@ class LengthRange(Entry):
         return self.value[0] / self._per_si(), self.value[1] / self._per_si()
 
 
-class AngleRange(Entry):
+class AngleRange(Entry[Bounds, Literal["rad", "deg"]]):
     """Lower and upper bound of an angle."""
-
-    value: Bounds
-    unit: Literal["rad", "deg"]
 
     @property
     def radians(self) -> tuple[float, float]:
@@ -161,18 +106,14 @@ class AngleRange(Entry):
         return self.value[0] / self._per_si(), self.value[1] / self._per_si()
 
 
-class Colour(Entry):
-    """Red, green, blue and opacity, 0 to 1."""
-
-    value: tuple[Share, Share, Share, Share]
-    unit: Literal["rgba"]
-
-
-class Mesh(Entry):
-    """File name of a mesh in the folder ``meshes``."""
-
-    value: MeshName
-    unit: Literal["file"]
+Mass = Entry[Size, Literal["kg"]]
+Density = Entry[Size, Literal["kg/m3"]]
+Speed = Entry[Size, Literal["m/s", "mm/s"]]
+Spin = Entry[Size, Literal["rad/s"]]
+Force = Entry[Size, Literal["N"]]
+Torque = Entry[Size, Literal["Nm"]]
+Colour = Entry[tuple[Share, Share, Share, Share], Literal["rgba"]]
+Mesh = Entry[MeshName, Literal["file"]]
 
 
 class Workspace(StrictModel):

@@ -16,7 +16,7 @@ from pouring_robot.exceptions import ThermalFileError
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, ZERO_CELSIUS_K
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.robot.pouring.layout import description_folder
-from pouring_robot.robot.pouring.layout_schema import Entry, Size
+from pouring_robot.robot.pouring.layout_schema import Density, Entry, Size
 from pouring_robot.robot.pouring.names import LEGS
 
 PARTS = (*LEGS, "platform", "fixed_platform")
@@ -28,11 +28,8 @@ _Thickness = Annotated[float, OnlyOfType(), Field(ge=0.0)]
 _Expansion = Annotated[float, OnlyOfType(), Field(ge=0.0, le=1e-3)]
 
 
-class Temperature(Entry):
+class Temperature(Entry[_Celsius, Literal["degC"]]):
     """A temperature."""
-
-    value: _Celsius
-    unit: Literal["degC"]
 
     @property
     def kelvin(self) -> float:
@@ -40,65 +37,22 @@ class Temperature(Entry):
         return self.value + ZERO_CELSIUS_K
 
 
-class Emissivity(Entry):
-    """Emissivity of a grey, diffuse surface: above 0, at most 1."""
-
-    value: _Fraction
-    unit: Literal["1"]
-
-
-class Conductivity(Entry):
-    """A thermal conductivity."""
-
-    value: Size
-    unit: Literal["W/mK"]
-
-
-class FilmCoefficient(Entry):
-    """Heat flow per area and kelvin: of a film of air, or of a contact."""
-
-    value: Size
-    unit: Literal["W/m2K"]
-
-
-class Conductance(Entry):
-    """Heat flow per kelvin."""
-
-    value: Size
-    unit: Literal["W/K"]
-
-
-class HeatCapacity(Entry):
-    """A heat capacity per mass."""
-
-    value: Size
-    unit: Literal["J/kgK"]
-
-
-class BulkDensity(Entry):
-    """A density."""
-
-    value: Size
-    unit: Literal["kg/m3"]
-
-
-class Expansion(Entry):
-    """A coefficient of linear expansion."""
-
-    value: _Expansion
-    unit: Literal["1/K"]
-
-
-class Thickness(Entry):
+class Thickness(Entry[_Thickness, Literal["mm", "m"]]):
     """A thickness; zero means that there is none."""
-
-    value: _Thickness
-    unit: Literal["mm", "m"]
 
     @property
     def metres(self) -> float:
         """Value in m."""
         return self.value / self._per_si()
+
+
+Emissivity = Entry[_Fraction, Literal["1"]]
+Conductivity = Entry[Size, Literal["W/mK"]]
+FilmCoefficient = Entry[Size, Literal["W/m2K"]]
+"""Heat flow per area and kelvin: of a film of air, or of a contact."""
+Conductance = Entry[Size, Literal["W/K"]]
+HeatCapacity = Entry[Size, Literal["J/kgK"]]
+Expansion = Entry[_Expansion, Literal["1/K"]]
 
 
 class MeltProperties(StrictModel):
@@ -129,7 +83,7 @@ class InsulationProperties(StrictModel):
 
     conductivity: Conductivity
     expansion: Expansion
-    density: BulkDensity
+    density: Density
     heat_capacity: HeatCapacity
     emissivity: Emissivity
 

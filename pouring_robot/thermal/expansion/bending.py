@@ -6,7 +6,6 @@ by ∫∫ κ² (second order, below a micrometre), the lower end is turned again
 about y at leg 4 counts in full, because the tilt drive θ46 sits between that end and the platform.
 """
 
-# ruff: noqa: N815 - units keep their capitals: K, W, degC
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -22,44 +21,24 @@ class LegBending:
     """Estimated bending of the four legs; shape (4,) unless said otherwise.
 
     Attributes:
-        difference_K: largest temperature difference across the leg.
-        curvature_per_m: mean curvature α ΔT / D.
-        tip_deflection_m: of the lower end, were the upper end clamped: κ l²/2 where κ is even.
-        tip_rotation_rad: likewise, κ l.
         bow_m: largest distance from the chord, ends free to turn: κ l²/8 where κ is even.
         end_rotation_rad: turn of the lower end against the chord, rotation vector in the fixed platform, shape (4, 3).
-        shortening_m: chord against arc, second order: κ² l³/24.
     """
 
-    difference_K: FloatArray
-    curvature_per_m: FloatArray
-    tip_deflection_m: FloatArray
-    tip_rotation_rad: FloatArray
     bow_m: FloatArray
     end_rotation_rad: FloatArray
-    shortening_m: FloatArray
 
     @classmethod
     def of(cls, field: TemperatureField) -> LegBending:
         """Estimate it from the gradient across the leg elements."""
-        weights = field.between_joints
-        lengths = field.exposure.lengths_m
-        depth = field.leg_positions_m
+        weights, depth, lengths = field.between_joints, field.exposure.from_upper_joint_m, field.exposure.lengths_m
         # The tangent turns towards the cold side.
         turning = -field.properties.steel.expansion.value * field.gradient_K_per_m
         total = np.einsum("le,lek->lk", weights, turning)
         lever = np.einsum("le,lek->lk", weights * depth, turning)
-        size = np.linalg.norm(total, axis=1)
-        down = field.leg_directions
-        curvature = size / lengths
         return cls(
-            difference_K=field.leg_difference_K,
-            curvature_per_m=curvature,
-            tip_deflection_m=np.linalg.norm(total * lengths[:, None] - lever, axis=1),
-            tip_rotation_rad=size,
-            bow_m=curvature * lengths**2 / 8.0,
-            end_rotation_rad=np.cross(down, lever / lengths[:, None]),
-            shortening_m=curvature**2 * lengths**3 / 24.0,
+            bow_m=np.linalg.norm(total, axis=1) * lengths / 8.0,
+            end_rotation_rad=np.cross(field.leg_directions, lever / lengths[:, None]),
         )
 
     @property

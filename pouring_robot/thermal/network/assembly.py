@@ -76,10 +76,10 @@ class ThermalNetwork:
         self.radiation = radiation
         model = self.robot.model
         path = model.layouts_path or shipped_layouts_file()
-        self._entry = check_layout(model.layout, path, read_text(path))
+        entry = check_layout(model.layout, path, read_text(path))
         urdf = model.nominal_urdf()
-        self._ladle = LadleSections.of(self._entry)
-        self.grid = LegGrid(LegSections.of(self._entry), elements_per_leg, max(2, round(elements_per_leg / 4)))
+        self._ladle = LadleSections.of(entry)
+        self.grid = LegGrid(LegSections.of(entry), elements_per_leg, max(2, round(elements_per_leg / 4)))
         bars = elements_per_bar or max(2, elements_per_leg // 5)
         boxes = link_boxes(urdf, "moving_platform")
         self._bars_in_the_way = _shifted(merged(boxes), -self._ladle.melt_centre_m)
@@ -89,9 +89,9 @@ class ThermalNetwork:
         self._sample = DiscSample.of(self._ladle.melt_radius_m)
         clad_cells = np.flatnonzero(self._moving.clad_area_m2 > 0.0)
         self.nodes = parts.NodeMap.of(self.grid, self._moving.cells.count, clad_cells, self._fixed.count)
-        facts = (self.nodes, self.grid, self._moving, self._fixed, self._ladle, self._entry, self.properties)
-        self._laplacian, self._melt_contact = parts.constant_laplacian(*facts)
-        self._capacity = parts.capacities(*facts)
+        bodies = parts.Bodies(self.nodes, self.grid, self._moving, self._fixed, self._ladle, entry, self.properties)
+        self._laplacian, self._melt_contact = parts.constant_laplacian(bodies)
+        self._capacity = parts.capacities(bodies)
         self._placed: OrderedDict[tuple[float, ...], tuple[Circuit, LegExposure, FloatArray]] = OrderedDict()
 
     def steady(

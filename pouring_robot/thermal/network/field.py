@@ -50,11 +50,6 @@ class TemperatureField:
         return np.asarray(self.temperatures_K[self.nodes.legs] - ZERO_CELSIUS_K)
 
     @property
-    def leg_positions_m(self) -> FloatArray:
-        """Distance of these elements from the upper U-joint centre, downwards positive, shape (4, N + F)."""
-        return self.exposure.from_upper_joint_m
-
-    @property
     def between_joints(self) -> FloatArray:
         """How many metres of the way from joint to joint run through each element, shape (4, N + F)."""
         return self.grid.path_weights_m(self.exposure.lengths_m)
@@ -62,23 +57,7 @@ class TemperatureField:
     @property
     def leg_degC(self) -> FloatArray:
         """Mean over the way from upper to lower U-joint centre, shape (4,): the one that lengthens the leg."""
-        return self._mean(slice(None))
-
-    @property
-    def fixed_rod_degC(self) -> FloatArray:
-        """Mean of the fixed rod's part of that way, shape (4,)."""
-        return self._mean(slice(self.grid.moving, None))
-
-    @property
-    def moving_rod_degC(self) -> FloatArray:
-        """Mean of the moving rod's part of that way, shape (4,); that of its lowest element if it has no part."""
-        return self._mean(slice(0, self.grid.moving))
-
-    def _mean(self, part: slice) -> FloatArray:
-        weights, values = self.between_joints[:, part], self.leg_elements_degC[:, part]
-        total = weights.sum(axis=1)
-        mean = np.sum(weights * values, axis=1) / np.where(total > 0.0, total, 1.0)
-        return np.asarray(np.where(total > 0.0, mean, values[:, 0]))
+        return np.average(self.leg_elements_degC, axis=1, weights=self.between_joints)
 
     @property
     def platform_degC(self) -> float:

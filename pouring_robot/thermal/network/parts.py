@@ -28,7 +28,6 @@ class NodeMap:
 
     Attributes:
         legs: nodes of the legs, shape (4, N + F), the moving rod's first.
-        moving_rods: number N of moving-rod nodes of a leg.
         moving_platform: steel of the moving platform's cells, shape (P,).
         cladding: surface of their cladding, shape (C,); ``clad_cells`` the cells that have one, shape (C,).
         fixed_platform: cells of the fixed platform, shape (Q,).
@@ -37,7 +36,6 @@ class NodeMap:
     """
 
     legs: IndexArray
-    moving_rods: int
     moving_platform: IndexArray
     cladding: IndexArray
     clad_cells: IndexArray
@@ -57,7 +55,7 @@ class NodeMap:
         ends = np.cumsum((0, *sizes))
         groups = [np.arange(a, b, dtype=np.intp) for a, b in itertools.pairwise(ends)]
         legs = groups[0].reshape(LEGS, grid.count)
-        return cls(legs, grid.moving, groups[1], groups[2], clad_cells, groups[3], groups[4], int(ends[-1]))
+        return cls(legs, groups[1], groups[2], clad_cells, groups[3], groups[4], int(ends[-1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,15 +104,30 @@ class MovingPlatform:
         )
 
 
-def constant_laplacian(
-    nodes: NodeMap,
-    grid: LegGrid,
-    moving: MovingPlatform,
-    fixed: BarCells,
-    ladle: LadleSections,
-    entry: LayoutEntry,
-    properties: ThermalProperties,
-) -> tuple[FloatArray, float]:
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """All bodies of the robot, cut into nodes.
+
+    Attributes:
+        nodes: which node stands for what.
+        grid: elements of a leg.
+        moving: the moving platform.
+        fixed: cells of the fixed platform.
+        ladle: sizes of the ladle.
+        entry: the layout.
+        properties: materials, surfaces and contacts.
+    """
+
+    nodes: NodeMap
+    grid: LegGrid
+    moving: MovingPlatform
+    fixed: BarCells
+    ladle: LadleSections
+    entry: LayoutEntry
+    properties: ThermalProperties
+
+
+def constant_laplacian(bodies: Bodies) -> tuple[FloatArray, float]:
     """Return the conductances between nodes that no pose changes, and that between melt and first lining layer.
 
     Conduction along every rod and bar, across U joints, cladding and lining, from shell through trunnions to the
@@ -126,6 +139,8 @@ def constant_laplacian(
     Raises:
         BadInputError: the shell is as thick as the ladle's whole wall.
     """
+    nodes, grid, moving, fixed = bodies.nodes, bodies.grid, bodies.moving, bodies.fixed
+    ladle, entry, properties = bodies.ladle, bodies.entry, bodies.properties
     steel, insulation = properties.steel.conductivity.value, properties.insulation.conductivity.value
     links: list[tuple[int, int, float]] = []
     for i in range(LEGS):
@@ -157,23 +172,16 @@ def constant_laplacian(
     return laplacian(nodes.count, links), 2.0 * layer
 
 
-def capacities(
-    nodes: NodeMap,
-    grid: LegGrid,
-    moving: MovingPlatform,
-    fixed: BarCells,
-    ladle: LadleSections,
-    entry: LayoutEntry,
-    properties: ThermalProperties,
-) -> FloatArray:
+def capacities(bodies: Bodies) -> FloatArray:
     """Return the heat capacity of every node, shape (n,), in J/K."""
-    steel = entry.materials.steel_density.value * properties.steel.heat_capacity.value
+    nodes, grid, moving, ladle, properties = bodies.nodes, bodies.grid, bodies.moving, bodies.ladle, bodies.properties
+    steel = bodies.entry.materials.steel_density.value * properties.steel.heat_capacity.value
     insulation = properties.insulation.density.value * properties.insulation.heat_capacity.value
     capacity = np.zeros(nodes.count)
     capacity[nodes.legs[:, : grid.moving]] = steel * grid.moving_section_m2 * grid.moving_step_m
     capacity[nodes.legs[:, grid.moving :]] = steel * grid.fixed_section_m2 * grid.fixed_step_m
     capacity[nodes.moving_platform] = steel * moving.cells.volume_m3
-    capacity[nodes.fixed_platform] = steel * fixed.volume_m3
+    capacity[nodes.fixed_platform] = steel * bodies.fixed.volume_m3
     # Half of the cladding goes with its surface, half with the bar.
     half = 0.5 * insulation * moving.clad_area_m2[nodes.clad_cells] * moving.cladding_m
     capacity[nodes.cladding] = half

@@ -10,8 +10,7 @@ until it no longer changes, and cuts it at a threshold λ. Its formulas were los
 
 The entry ij of t(R) is the weakest link of the best path from i to j. Single linkage on the distances 1 − r merges two
 groups at the shortest edge between them, which is the longest edge of that same path: its cophenetic distances are 1 −
-t(R). So SciPy's linkage gives closure, groups and dendrogram at once; :func:`transitive_closure` composes explicitly
-and stands for comparison.
+t(R). So SciPy's linkage gives closure, groups and dendrogram at once.
 """
 
 from __future__ import annotations
@@ -56,20 +55,6 @@ def fuzzy_similarity(sets: ArrayLike, similarity: str = "absolute") -> FloatArra
     result[1.0 - result < _SAME] = 1.0
     np.fill_diagonal(result, 1.0)
     return result
-
-
-def max_min_composition(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the max–min composition of two fuzzy relations, shapes (k, m) and (m, l) to (k, l)."""
-    result: FloatArray = np.minimum(first[:, :, None], second[None, :, :]).max(axis=1)
-    return result
-
-
-def transitive_closure(similarity: FloatArray) -> FloatArray:
-    """Return t(R) of a fuzzy similarity (k, k): composed with itself until nothing changes, at most log2 k times."""
-    closure = np.array(similarity, dtype=float)
-    while not np.array_equal(following := max_min_composition(closure, closure), closure):
-        closure = following
-    return closure
 
 
 class FuzzyClustering(ClusterMixin, BaseEstimator):  # type: ignore[misc]

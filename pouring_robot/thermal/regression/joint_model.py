@@ -46,13 +46,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.linear_model import LinearRegression
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.thermal.regression.components import EXPLAINED_SHARE, PrincipalComponentRegression
-from pouring_robot.thermal.regression.sensitive_sets import VIF_LIMIT, SensitiveSetSelector
+from pouring_robot.thermal.regression.sensitive_sets import SensitiveSetSelector
 from pouring_robot.thermal.regression.table import ErrorSetError
 
 WEIGHTINGS = ("table", "coefficients", "standardised")
@@ -66,7 +66,7 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     Args:
         weighting: "table", or the paper's recipe with "coefficients" (raw c_g, literally) or "standardised" (β_g).
-        n_clusters, lambda_cut, similarity, resolution, scaling, vif_limit: as in :class:`SensitiveSetSelector`.
+        selector: chooses the sensitive sets; left out: :class:`SensitiveSetSelector` with its usual settings.
         explained: as in :class:`PrincipalComponentRegression`.
 
     Attributes:
@@ -83,22 +83,12 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self,
         weighting: str = "table",
         *,
-        n_clusters: int = 2,
-        lambda_cut: float | None = None,
-        similarity: str = "absolute",
-        resolution: float = 0.5,
-        scaling: str = "range",
-        vif_limit: float = VIF_LIMIT,
+        selector: SensitiveSetSelector | None = None,
         explained: float = EXPLAINED_SHARE,
     ) -> None:
         """Keep the settings; they are checked by fit."""
         self.weighting = weighting
-        self.n_clusters = n_clusters
-        self.lambda_cut = lambda_cut
-        self.similarity = similarity
-        self.resolution = resolution
-        self.scaling = scaling
-        self.vif_limit = vif_limit
+        self.selector = selector
         self.explained = explained
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> JointRegression:
@@ -117,9 +107,8 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         if column.shape[1] != 1:
             raise ErrorSetError(f"X has {column.shape[1]} columns; give temperature alone, shape (n, 1)")
         table = table.astype(float).reshape(len(column), -1)
-        names = ("n_clusters", "lambda_cut", "similarity", "resolution", "scaling", "vif_limit")
-        settings = {name: getattr(self, name) for name in names}
-        self.selector_ = SensitiveSetSelector(**settings).fit(table, column[:, 0])
+        selector = SensitiveSetSelector() if self.selector is None else clone(self.selector)
+        self.selector_ = selector.fit(table, column[:, 0])
         self._predict_sets(column, table[:, self.selector_.sensitive_])
         if self.weighting == "table":
             self._weigh_by_table(column, table)

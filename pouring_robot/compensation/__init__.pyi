@@ -1,0 +1,2 @@
+from .result import Compensation as Compensation
+from .search import compensate as compensate
