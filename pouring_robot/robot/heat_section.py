@@ -6,6 +6,7 @@ Temperatures are in °C and times in minutes, as people write them. Properties a
 # ruff: noqa: N815 - units keep their capitals: K, W, degC
 from __future__ import annotations
 
+import functools
 from typing import Annotated, Any
 
 import pydantic
@@ -19,14 +20,8 @@ LONGEST_MIN = 60.0 * 24.0 * 30.0
 """A month: every part has settled long before."""
 
 
-def _temperature(value: float) -> float:
-    if fault := temperature_fault(value):
-        raise ValueError(fault)
-    return value
-
-
-def _surroundings(value: float) -> float:
-    if fault := temperature_fault(value, surroundings=True):
+def _temperature(value: float, *, surroundings: bool = False) -> float:
+    if fault := temperature_fault(value, surroundings=surroundings):
         raise ValueError(fault)
     return value
 
@@ -38,7 +33,7 @@ def _minutes(value: float) -> float:
 
 
 Celsius = Annotated[float, pydantic.AfterValidator(_temperature)]
-Surroundings = Annotated[float, pydantic.AfterValidator(_surroundings)]
+Surroundings = Annotated[float, pydantic.AfterValidator(functools.partial(_temperature, surroundings=True))]
 Minutes = Annotated[float, pydantic.AfterValidator(_minutes)]
 
 

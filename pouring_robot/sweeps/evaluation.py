@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,20 +38,6 @@ class Platforms:
     status: ByteArray
 
 
-class Evaluator(Protocol):
-    """Puts robots with errors at poses."""
-
-    def platforms(self, commands: BatchCommand, placement_errors: FloatArray, drive_errors: FloatArray) -> Platforms:
-        """Return where the platforms stand.
-
-        Args:
-            commands: the poses.
-            placement_errors: of the joints that the error map names, shape (robots, joints, 6), in m and rad.
-            drive_errors: shape (robots, drives), in m and rad.
-        """
-        ...
-
-
 class OpenBranch:
     """The chain that holds a robot's errors, alone, its joints held where the nominal robot has them.
 
@@ -70,7 +55,13 @@ class OpenBranch:
         ]
 
     def platforms(self, commands: BatchCommand, placement_errors: FloatArray, drive_errors: FloatArray) -> Platforms:
-        """Return where the chains put the platform; see :class:`Evaluator`."""
+        """Return where the chains put the platform.
+
+        Args:
+            commands: the poses.
+            placement_errors: of the joints that the error map names, shape (robots, joints, 6), in m and rad.
+            drive_errors: shape (robots, drives), in m and rad.
+        """
         chains, joints = self._structure.chain_count, self._structure.joint_count
         errors = placement_errors.reshape(len(placement_errors), chains, joints + 1, 6)
         beside = np.zeros((len(errors), chains, joints))
@@ -103,7 +94,7 @@ class ClosedChains:
         self._sites = [self.engine.structure.site(joint) for joint in joints]
 
     def platforms(self, commands: BatchCommand, placement_errors: FloatArray, drive_errors: FloatArray) -> Platforms:
-        """Return where the closed chains put the platform; see :class:`Evaluator`."""
+        """Return where the closed chains put the platform; arguments as :meth:`OpenBranch.platforms`."""
         shape = len(placement_errors), len(commands)
         robot, pose = (index.ravel() for index in np.indices(shape))
         errors = np.zeros((shape[0], self.engine.structure.site_count, 6))

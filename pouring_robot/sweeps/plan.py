@@ -26,7 +26,7 @@ from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.layout import Layout, load_layout
 from pouring_robot.sweeps.config import Grouping, SweepConfig
 from pouring_robot.sweeps.draws import Draws
-from pouring_robot.sweeps.evaluation import ByteArray, ClosedChains, Evaluator, OpenBranch, Platforms
+from pouring_robot.sweeps.evaluation import ByteArray, ClosedChains, OpenBranch, Platforms
 from pouring_robot.sweeps.parameters import ErrorMap, select
 from pouring_robot.sweeps.poses import sweep_commands
 
@@ -218,7 +218,7 @@ class SweepPlan:
         return ErrorMap(self.catalogue, self.parameters)
 
     @functools.cached_property
-    def evaluator(self) -> Evaluator:
+    def evaluator(self) -> ClosedChains | OpenBranch:
         """What puts robots at poses."""
         if self.config.kind == "open_branch":
             return OpenBranch(self.mechanism)

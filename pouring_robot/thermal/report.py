@@ -238,7 +238,7 @@ class ShiftHeat(Result):
             HistoryError: a time or a pose lies outside the history.
             NoSolutionError: the warm drawing cannot take a pose, or no temperatures are found.
         """
-        found = simulate(network, history, schedule, times_s=times_s).fields
+        found = simulate(network, history, schedule, times_s=times_s)
         held = [_as_pose(schedule.at(float(time))) for time in times_s]
         loops = robot.nominal_solver.mechanism.loops
         frames = (loops.end_frame or "", loops.working_frame)

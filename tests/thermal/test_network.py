@@ -181,7 +181,7 @@ def test_leg_view_factor_is_the_mean_around_the_rod():
     no_boxes = Boxes(np.zeros((0, 3)), np.zeros((0, 3)))
     centres, along = np.tile(points, (4, 1, 1)), np.tile(-down, (4, 1))
     lit = np.ones((4, 3), dtype=bool)
-    found, harmonic = _seen_around(centres, along, np.full(3, 1e-9), lit, radius, DiscSample.of(radius), no_boxes)
+    found, harmonic = _seen_around(centres, along, np.full(3, 1e-9), lit, DiscSample.of(radius), no_boxes)
     r, a = np.meshgrid(radius * np.sqrt((np.arange(300) + 0.5) / 300), 2 * np.pi * np.arange(400) / 400)
     for k, point in enumerate(points):
         ray = np.stack([r * np.cos(a), r * np.sin(a), 0 * r], axis=-1) - point

@@ -48,17 +48,17 @@ def test_a_lump_follows_a_ramp():
 def test_settles_to_steady(network, method):
     result = simulate(network, HeatHistory.constant(1700.0, 20.0, 2 * DAY_S), POSE, options=TransientOptions(method))
     steady = network.steady(POSE, 1700.0, 20.0)
-    assert np.abs(result.last.temperatures_K - steady.temperatures_K).max() < 1e-3
-    assert result.last.balance.relative_error < 1e-5
+    assert np.abs(result[-1].temperatures_K - steady.temperatures_K).max() < 1e-3
+    assert result[-1].balance.relative_error < 1e-5
 
 
 def test_starts_at_the_surroundings_or_where_told(network):
     history = HeatHistory.constant(1700.0, 35.0, 3600.0)
     cold = simulate(network, history, POSE)
-    assert np.all(cold.fields[0].temperatures_K == 308.15)
+    assert np.all(cold[0].temperatures_K == 308.15)
     steady = network.steady(POSE, 1700.0, 35.0)
     warm = simulate(network, history, POSE, start=steady)
-    assert np.abs(warm.last.temperatures_K - steady.temperatures_K).max() < 1e-3
+    assert np.abs(warm[-1].temperatures_K - steady.temperatures_K).max() < 1e-3
 
 
 def test_heat_that_came_in_is_there(network):
@@ -66,10 +66,10 @@ def test_heat_that_came_in_is_there(network):
     times = np.linspace(0.0, 3600.0, 721)
     result = simulate(network, HeatHistory.constant(1700.0, 20.0, 3600.0), POSE, times_s=times)
     capacity = network.circuit(POSE).capacity
-    stored = capacity @ (result.last.temperatures_K - result.fields[0].temperatures_K)
-    rates = [field.balance.stored_W for field in result.fields]
+    stored = capacity @ (result[-1].temperatures_K - result[0].temperatures_K)
+    rates = [field.balance.stored_W for field in result]
     assert np.trapezoid(rates[4:], times[4:]) == pytest.approx(
-        capacity @ (result.last.temperatures_K - result.fields[4].temperatures_K), rel=1e-3
+        capacity @ (result[-1].temperatures_K - result[4].temperatures_K), rel=1e-3
     )
     assert stored > 0.0
 
@@ -85,8 +85,9 @@ def test_both_solvers_agree_through_history_and_poses(network):
         simulate(network, history, poses, times_s=np.arange(0.0, 7201.0, 600.0), options=TransientOptions(method))
         for method in ("BDF", "Radau")
     )
-    assert bdf.leg_degC == pytest.approx(radau.leg_degC, abs=0.02)
-    assert bdf.platform_degC == pytest.approx(radau.platform_degC, abs=0.02)
+    for one, other in zip(bdf, radau, strict=True):
+        assert one.leg_degC == pytest.approx(other.leg_degC, abs=0.02)
+        assert one.platform_degC == pytest.approx(other.platform_degC, abs=0.02)
 
 
 def test_after_a_change_of_pose_the_steel_keeps_its_heat(network):
@@ -94,14 +95,14 @@ def test_after_a_change_of_pose_the_steel_keeps_its_heat(network):
     result = simulate(
         network, history, [(0.0, POSE), (DAY_S, OTHER)], times_s=np.array([DAY_S - 1.0, DAY_S, DAY_S + 1.0, 2 * DAY_S])
     )
-    before, at, after, end = (field.temperatures_K for field in result.fields)
+    before, at, after, end = (field.temperatures_K for field in result)
     assert np.abs(at - before).max() < 0.01
     # Only the cladding's thin surface is quick.
     assert np.abs(after - at)[network.nodes.legs].max() < 3.0
     assert np.abs(end - network.steady(OTHER).temperatures_K).max() < 1e-3
     # The field's geometry is that of the pose held from then on.
-    assert result.fields[1].exposure.lengths_m == pytest.approx(network.exposure(OTHER).lengths_m)
-    assert result.fields[0].exposure.lengths_m == pytest.approx(network.exposure(POSE).lengths_m)
+    assert result[1].exposure.lengths_m == pytest.approx(network.exposure(OTHER).lengths_m)
+    assert result[0].exposure.lengths_m == pytest.approx(network.exposure(POSE).lengths_m)
 
 
 def test_corners_are_where_the_slope_changes():

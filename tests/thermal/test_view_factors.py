@@ -154,7 +154,9 @@ def test_a_bar_hides_its_shadow():
 def test_hidden_factors_against_monte_carlo(point):
     point = np.array(point)
     normal = -point / np.linalg.norm(point)
-    found = hidden_view_factors(point[None], normal[None, None], RADIUS, DiscSample.of(RADIUS, 8192), BAR)[0, 0]
+    found = hidden_view_factors(point[None, None], point[None], normal[None, None], DiscSample.of(RADIUS, 8192), BAR)[
+        0, 0
+    ]
     free = float(element_to_disc(point, normal, RADIUS))
     counted = by_monte_carlo(point, normal, 2_000_000, 5, BAR)
     assert counted < 0.97 * free
@@ -165,7 +167,8 @@ def test_the_default_sample_is_good_to_a_percent_of_the_unhidden_factor():
     random = np.random.default_rng(2)
     points = random.uniform([-0.5, -0.5, 0.15], [0.5, 0.5, 0.8], size=(40, 3))
     normals = (-points / np.linalg.norm(points, axis=1, keepdims=True))[:, None]
-    coarse, fine = (hidden_view_factors(points, normals, RADIUS, DiscSample.of(RADIUS, n), BAR) for n in (512, 32768))
+    samples = (DiscSample.of(RADIUS, n) for n in (512, 32768))
+    coarse, fine = (hidden_view_factors(points[:, None], points, normals, sample, BAR) for sample in samples)
     free = element_to_disc(points[:, None], normals, RADIUS)
     assert np.abs(coarse - fine).max() < 0.015 * free.max()
     assert (np.abs(coarse - fine) / free).mean() < 0.006
@@ -173,5 +176,5 @@ def test_the_default_sample_is_good_to_a_percent_of_the_unhidden_factor():
 
 def test_no_boxes_hide_nothing():
     point, normal = np.array([[0.1, 0.2, 0.3]]), DOWN[None, None]
-    found = hidden_view_factors(point, normal, RADIUS, DiscSample.of(RADIUS), NO_BOXES)
+    found = hidden_view_factors(point[:, None], point, normal, DiscSample.of(RADIUS), NO_BOXES)
     assert found[0, 0] == element_to_disc(point[0], DOWN, RADIUS)

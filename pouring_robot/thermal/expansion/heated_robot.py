@@ -137,7 +137,7 @@ class HeatedRobot:
             return self.network.steady(pose, melt, ambient)
         duration = 60.0 * self.heat.after_min
         history = HeatHistory.constant(melt, ambient, duration)
-        return simulate(self.network, history, pose, times_s=np.array([duration])).last
+        return simulate(self.network, history, pose, times_s=np.array([duration]))[-1]
 
     def expansion(self, field: TemperatureField | None) -> ThermalExpansion:
         """Return how much the parts have grown; measured temperatures take the place of computed ones."""

@@ -34,7 +34,7 @@ from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.network.history import Placed
 from pouring_robot.thermal.network.leg_elements import LEGS, LegExposure, LegGrid
 from pouring_robot.thermal.network.steady import steady_temperatures
-from pouring_robot.thermal.network.view_factors import Boxes, DiscSample, element_to_disc, visible_share
+from pouring_robot.thermal.network.view_factors import Boxes, DiscSample, hidden_view_factors
 
 _KEPT_POSES = 32
 
@@ -163,7 +163,6 @@ class ThermalNetwork:
                 self.grid,
                 (upper - origin) @ rotation,
                 (lower - origin) @ rotation,
-                self._ladle.melt_radius_m,
                 self._sample,
                 self._bars_in_the_way,
             )
@@ -226,12 +225,8 @@ class ThermalNetwork:
         cells = self._fixed
         normals = np.broadcast_to(FACE_NORMALS @ rotation, (cells.count, 6, 3))
         faces = (cells.face_centres_m - origin) @ rotation
-        factors = element_to_disc(faces, normals, self._ladle.melt_radius_m)
-        lit = factors.any(axis=1)
-        if lit.any():
-            # Far from the melt one line of sight from the cell's middle serves all its faces.
-            middle = (cells.centres_m[lit] - origin) @ rotation
-            factors[lit] *= visible_share(middle, middle, normals[lit], self._sample, self._bars_in_the_way)
+        middles = (cells.centres_m - origin) @ rotation
+        factors = hidden_view_factors(faces, middles, normals, self._sample, self._bars_in_the_way)
         return np.asarray(np.sum(cells.face_area_m2 * factors, axis=1))
 
 

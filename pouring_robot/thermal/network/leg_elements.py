@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.thermal.network.elements import LegSections
-from pouring_robot.thermal.network.view_factors import Boxes, DiscSample, element_to_disc, visible_share
+from pouring_robot.thermal.network.view_factors import Boxes, DiscSample, hidden_view_factors
 
 LEGS = 4
 FACETS = 16
@@ -122,13 +122,7 @@ class LegExposure:
 
     @classmethod
     def at(
-        cls,
-        grid: LegGrid,
-        upper_m: FloatArray,
-        lower_m: FloatArray,
-        melt_radius_m: float,
-        sample: DiscSample,
-        boxes: Boxes,
+        cls, grid: LegGrid, upper_m: FloatArray, lower_m: FloatArray, sample: DiscSample, boxes: Boxes
     ) -> LegExposure:
         """Place the elements and look at the melt from each.
 
@@ -136,7 +130,6 @@ class LegExposure:
             grid: the elements.
             upper_m: upper U-joint centres in the disc's frame, shape (4, 3), in m.
             lower_m: lower ones.
-            melt_radius_m: of the disc.
             sample: points of the disc.
             boxes: what hides it.
         """
@@ -152,7 +145,7 @@ class LegExposure:
         housing = np.full((LEGS, grid.fixed), 2.0 * math.pi * sections.housing_outer_m * grid.fixed_step_m)
         area = np.concatenate([2.0 * math.pi * sections.rod_radius_m * pieces, housing], axis=1)
         radii = np.repeat([sections.rod_radius_m, sections.housing_outer_m], [grid.moving, grid.fixed])
-        mean, harmonic = _seen_around(centres, along, radii, area > 0.0, melt_radius_m, sample, boxes)
+        mean, harmonic = _seen_around(centres, along, radii, area > 0.0, sample, boxes)
         edges = grid.fixed_edges_m
         inside = [_overlap(grid.moving_edges_m, lengths + a, lengths + b) for a, b in itertools.pairwise(edges)]
         touching = 2.0 * math.pi * sections.rod_radius_m * np.stack(inside, axis=-1)
@@ -182,7 +175,6 @@ def _seen_around(
     along: FloatArray,
     radii: FloatArray,
     exposed: NDArray[np.bool_],
-    melt_radius: float,
     sample: DiscSample,
     boxes: Boxes,
 ) -> tuple[FloatArray, FloatArray]:
@@ -195,10 +187,7 @@ def _seen_around(
     around = np.cos(angles)[:, None] * first[:, None] + np.sin(angles)[:, None] * second[:, None]  # (4, M, 3)
     normals = np.broadcast_to(around[:, None], (*centres.shape[:2], FACETS, 3))
     surface = centres[:, :, None] + radii[None, :, None, None] * normals
-    factors = element_to_disc(surface, normals, melt_radius) * exposed[..., None]
-    lit = factors.any(axis=-1)
-    if lit.any():
-        # Rods are thin: one line of sight from the axis serves all facets of an element.
-        factors[lit] *= visible_share(centres[lit], centres[lit], normals[lit], sample, boxes)
+    factors = np.zeros((*exposed.shape, FACETS))
+    factors[exposed] = hidden_view_factors(surface[exposed], centres[exposed], normals[exposed], sample, boxes)
     harmonic = 2.0 / FACETS * np.einsum("lem,lemk->lek", factors, normals)
     return factors.mean(axis=-1), harmonic

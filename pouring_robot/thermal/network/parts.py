@@ -88,9 +88,8 @@ class MovingPlatform:
         normals = np.broadcast_to(FACE_NORMALS, (cells.count, 6, 3))
         points = cells.face_centres_m - ladle.melt_centre_m + _OFF_THE_FACE_M * normals
         sample = DiscSample.of(ladle.melt_radius_m, count=2048)
-        factors = hidden_view_factors(
-            points.reshape(-1, 3), normals.reshape(-1, 1, 3), ladle.melt_radius_m, sample, in_the_way
-        ).reshape(cells.count, 6)
+        faces, facing = points.reshape(-1, 1, 3), normals.reshape(-1, 1, 3)
+        factors = hidden_view_factors(faces, faces[:, 0], facing, sample, in_the_way).reshape(cells.count, 6)
         clad = (factors > 0.0) & (cladding_m > 0.0)
         area, view = cells.face_area_m2, cells.face_area_m2 * factors
         return cls(

@@ -5,7 +5,7 @@ surface to fixed platform) and re-radiation is steep, so the system is stiff. In
 the slope of a temperature changes; between these points everything is smooth.
 """
 
-# ruff: noqa: N802, N815 - units keep their capitals: K, W, degC
+# ruff: noqa: N815 - units keep their capitals: K, W, degC
 from __future__ import annotations
 
 import itertools
@@ -47,34 +47,6 @@ class TransientOptions:
 DEFAULT_OPTIONS = TransientOptions()
 
 
-@dataclass(frozen=True, eq=False)
-class TransientResult:
-    """Temperatures over time.
-
-    Attributes:
-        times_s: shape (k,).
-        fields: the temperatures at these times, each at the pose then held.
-    """
-
-    times_s: FloatArray
-    fields: tuple[TemperatureField, ...]
-
-    @property
-    def leg_degC(self) -> FloatArray:
-        """Mean of each leg over time, shape (k, 4)."""
-        return np.array([field.leg_degC for field in self.fields])
-
-    @property
-    def platform_degC(self) -> FloatArray:
-        """Mean of the moving platform over time, shape (k,)."""
-        return np.array([field.platform_degC for field in self.fields])
-
-    @property
-    def last(self) -> TemperatureField:
-        """The temperatures at the end."""
-        return self.fields[-1]
-
-
 @one_blas_thread()
 def simulate(
     network: ThermalNetwork,
@@ -84,7 +56,7 @@ def simulate(
     start: TemperatureField | None = None,
     times_s: FloatArray | None = None,
     options: TransientOptions = DEFAULT_OPTIONS,
-) -> TransientResult:
+) -> tuple[TemperatureField, ...]:
     """Follow the temperatures through a history.
 
     Args:
@@ -94,6 +66,9 @@ def simulate(
         start: temperatures at the start of the history; by default all is as warm as the surroundings.
         times_s: when to report, increasing, within the history; by default at its entries.
         options: tolerances.
+
+    Returns:
+        The temperatures at these times, each at the pose then held.
 
     Raises:
         HistoryError: a time to report lies outside the history or out of order, or a pose comes after its end.
@@ -122,11 +97,10 @@ def simulate(
         circuit = network.circuit(schedule.at(float(begin)))
         reported, state = _integrate(circuit, history, (float(begin), float(end)), state, inside, options)
         states += reported
-    fields = tuple(
+    return tuple(
         network.field(schedule.at(float(time)), values, *history.at(float(time)))
         for time, values in zip(wanted, states, strict=True)
     )
-    return TransientResult(wanted, fields)
 
 
 def _check_times(times: FloatArray, history: HeatHistory) -> None:

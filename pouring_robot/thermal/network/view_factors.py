@@ -104,9 +104,11 @@ class DiscSample:
     """Points that stand for equal areas of a disc, on a sunflower spiral: no edge of a bar runs along a row of them.
 
     Attributes:
+        radius_m: of the disc.
         points_m: shape (Q, 3), in m, in the disc's frame.
     """
 
+    radius_m: float
     points_m: FloatArray
 
     @classmethod
@@ -115,7 +117,7 @@ class DiscSample:
         number = np.arange(count) + 0.5
         radii = radius_m * np.sqrt(number / count)
         angles = number * np.pi * (3.0 - np.sqrt(5.0))
-        return cls(np.stack([radii * np.cos(angles), radii * np.sin(angles), np.zeros(count)], axis=-1))
+        return cls(radius_m, np.stack([radii * np.cos(angles), radii * np.sin(angles), np.zeros(count)], axis=-1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,17 +159,14 @@ def blocked(points_m: FloatArray, sample: DiscSample, boxes: Boxes) -> NDArray[n
     return hidden
 
 
-def visible_share(
-    points_m: FloatArray, origins_m: FloatArray, normals: FloatArray, sample: DiscSample, boxes: Boxes
-) -> FloatArray:
+def visible_share(points_m: FloatArray, normals: FloatArray, sample: DiscSample, boxes: Boxes) -> FloatArray:
     """Return which share of its unhidden view factor an element keeps behind boxes.
 
     Weights of the disc's points are the integrand of the view factor; multiplied by :func:`element_to_disc`, the
     share carries the error of the sampling only where something is hidden.
 
     Args:
-        points_m: the elements, shape (N, 3), in m.
-        origins_m: where the lines of sight start, shape (N, 3); a thin rod may use its axis for all its facets.
+        points_m: the elements, shape (N, 3), in m; here the lines of sight start.
         normals: M normals for each element, shape (N, M, 3).
         sample: Q points of the disc.
         boxes: what hides it.
@@ -175,7 +174,7 @@ def visible_share(
     Returns:
         Shape (N, M), 0 to 1.
     """
-    hidden = blocked(origins_m, sample, boxes)
+    hidden = blocked(points_m, sample, boxes)
     counts = np.count_nonzero(hidden, axis=1)
     share = np.repeat((counts < hidden.shape[1])[:, None].astype(float), normals.shape[1], axis=1)
     partly = np.flatnonzero((counts > 0) & (counts < hidden.shape[1]))
@@ -191,23 +190,23 @@ def visible_share(
 
 
 def hidden_view_factors(
-    points_m: FloatArray, normals: FloatArray, radius_m: float, sample: DiscSample, boxes: Boxes
+    facets_m: FloatArray, middles_m: FloatArray, normals: FloatArray, sample: DiscSample, boxes: Boxes
 ) -> FloatArray:
     """Return view factors of elements with several facets each, boxes in between.
 
     Args:
-        points_m: shape (N, 3), in m.
+        facets_m: where the facets are, shape (N, M, 3), in m.
+        middles_m: where the line of sight starts that serves all facets of an element, shape (N, 3): thin or far
+            elements need no more.
         normals: shape (N, M, 3).
-        radius_m: of the disc.
         sample: points of the disc.
         boxes: what hides it.
 
     Returns:
         Shape (N, M), 0 to 1.
     """
-    factors = element_to_disc(points_m[:, None], normals, radius_m)
+    factors = element_to_disc(facets_m, normals, sample.radius_m)
     seen = factors.any(axis=1)
     if seen.any():
-        lit = points_m[seen]
-        factors[seen] *= visible_share(lit, lit, normals[seen], sample, boxes)
+        factors[seen] *= visible_share(middles_m[seen], normals[seen], sample, boxes)
     return factors

@@ -114,21 +114,6 @@ class ErrorTable:
         return pd.DataFrame(self.errors, columns=list(self.names), index=index)
 
     @classmethod
-    def from_frame(
-        cls, frame: pd.DataFrame, *, kind: str = "length", source: str = "table of error sets"
-    ) -> ErrorTable:
-        """Return the table of a pandas frame laid out as :meth:`frame` writes it: K in the index, m or rad inside.
-
-        Raises:
-            TableError: as the constructor, or a cell is no number.
-        """
-        try:
-            temperatures, errors = frame.index.to_numpy(dtype=float), frame.to_numpy(dtype=float)
-        except (TypeError, ValueError) as error:
-            raise TableError(source, f"holds a cell that is no number ({error})") from error
-        return cls(temperatures, errors, tuple(str(name) for name in frame.columns), kind, source)
-
-    @classmethod
     def read_csv(cls, path: Path | str, *, temperature_column: str | None = None) -> ErrorTable:
         """Read a table whose first line names the columns, each with its unit.
 
