@@ -9,7 +9,7 @@ from tests.support import perturbed, placement_error
 
 
 class OneAtATime:
-    """An Evaluator for the drawing."""
+    """An evaluator for the drawing."""
 
     def __init__(self, mechanism, joints):
         self.mechanism, self.joints = mechanism, joints
