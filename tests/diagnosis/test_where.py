@@ -9,6 +9,7 @@ import scipy.stats
 from scipy.spatial.transform import Rotation
 from statsmodels.stats.multitest import multipletests
 
+from pouring_robot.diagnosis.where.fit import overall
 from pouring_robot.diagnosis.where.selection import holm
 from pouring_robot.diagnosis.where.terms import FreeResiduals
 from pouring_robot.diagnosis.where.where import disagreements
@@ -106,7 +107,7 @@ def test_p_values_of_single_tests_are_even_under_noise():
     given = scene(rng)
     data = seen(rng, given)
     draws = [dataclasses.replace(data, residual=rng.normal(size=data.residual.size)) for _ in range(60)]
-    p_values = np.array([disagreements(d, given).fit.p_value for d in draws])
+    p_values = np.array([overall(d, d.residual.size - d.nuisance.dof).p_value for d in draws])
     assert scipy.stats.kstest(p_values, "uniform").pvalue > 1e-3
 
 
@@ -172,8 +173,6 @@ def test_a_region_is_named_in_words_and_repeats_do_not_object():
     region = next(f for f in where.findings if f.what == "region")
     assert region.condition.startswith("low")
     assert not any(f.what == "repeats" for f in where.findings)
-    assert where.fit.repeats_p_value < 1e-4
-    assert where.fit.repeated_rows == 80
 
 
 def test_what_is_not_understood_in_one_component_accuses_nothing_in_others():
@@ -213,7 +212,7 @@ def test_unknown_noise_judges_no_size_but_finds_what_it_depends_on():
         data, residual=data.residual / wrong, sigma=wrong * data.sigma, drives=data.drives / wrong, noise_known=False
     )
     where = disagreements(guessed, given)
-    assert where.fit.p_value is None
+    assert all(f.p_value is None for f in where.findings if f.what in ("lack of fit", "component"))
     assert conditions_found(where) == ["truss travel"]
     size = next(f.size for f in where.findings if f.what == "condition")
     assert size == pytest.approx(1e-3, rel=0.15)
@@ -238,7 +237,8 @@ def test_few_rows_and_lost_cells():
         data.axes,
         data.drives[kept],
     )
-    assert disagreements(lost, given).fit.freedoms == where.fit.freedoms - 3
+    assert lost.cleared.size == data.cleared.size - 3
+    assert disagreements(lost, given).findings
 
 
 def test_nothing_beyond_the_frames_is_refused():
@@ -266,8 +266,9 @@ def test_noise_from_few_repeats_is_trusted_less():
     given = scene(rng)
     data = seen(rng, given)
     data = dataclasses.replace(data, residual=1.3 * data.residual)
-    stated = disagreements(data, given).fit.p_value
-    estimated = disagreements(dataclasses.replace(data, noise_freedoms=12.0), given).fit.p_value
+    freedoms = data.residual.size - data.nuisance.dof
+    stated = overall(data, freedoms).p_value
+    estimated = overall(dataclasses.replace(data, noise_freedoms=12.0), freedoms).p_value
     assert stated < 1e-6
     assert estimated > 0.05
     squares = data.excess(50.0, 30.0)

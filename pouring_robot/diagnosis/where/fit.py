@@ -2,73 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-import scipy.stats
-from numpy.typing import NDArray
 
-from pouring_robot.diagnosis.where.terms import COMPONENTS, FreeResiduals
-from pouring_robot.diagnosis.where.words import size_text
+from pouring_robot.diagnosis.gap import COMPONENTS
+from pouring_robot.diagnosis.where.finding import COMPONENT, LACK_OF_FIT, REPEATS, Finding, size_text
+from pouring_robot.diagnosis.where.terms import FreeResiduals
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM, MRAD
 
 _SAME_DRIVE = 1e-6
-LACK_OF_FIT, REPEATS, COMPONENT, REGION = "lack of fit", "repeats", "component", "region"
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing said of the disagreement.
-
-    Attributes:
-        what: ``lack of fit``, ``repeats``, ``component``, ``condition`` or ``region``.
-        component: in which component it is largest; "" for all together.
-        condition: condition or region; "" for none.
-        size: root mean square, or the span of what a condition does, in m or rad.
-        turning: whether it counts in rad.
-        p_value: probability that noise alone makes as much anywhere; None where the noise is not known.
-        sentence: in words.
-        rivals: conditions that went along and would explain it as well.
-        share: of the sum of squares, what this condition explains beside those before it.
-    """
-
-    what: str
-    component: str
-    condition: str
-    size: float
-    turning: bool
-    p_value: float | None
-    sentence: str
-    rivals: tuple[str, ...] = ()
-    share: float = 1.0
-
-    def as_json(self) -> dict[str, object]:
-        """Return it as ``diagnosis.json`` holds it."""
-        size = {"size_mrad": self.size / MRAD} if self.turning else {"size_mm": self.size / MM}
-        out = {"what": self.what, "component": self.component, "condition": self.condition, **size}
-        out |= {"p_value": self.p_value, "sentence": self.sentence}
-        return out | ({"or": list(self.rivals)} if self.rivals else {})
-
-
-@dataclass(frozen=True)
-class LackOfFit:
-    """Residuals against the noise.
-
-    Attributes:
-        chi_square: sum of squares over the noise.
-        freedoms: equations less what the frames absorb.
-        p_value: of so large a sum by noise alone; None where the noise is not known.
-        repeats_p_value: of so large a misfit of poses given how far their own repeats scatter; None without repeats.
-        repeated_rows: rows whose drives were commanded more than once.
-    """
-
-    chi_square: float
-    freedoms: int
-    p_value: float | None
-    repeats_p_value: float | None
-    repeated_rows: int
 
 
 def _rms(data: FreeResiduals, turning: bool) -> float:
@@ -83,9 +25,7 @@ def overall(data: FreeResiduals, freedoms: int) -> Finding:
     parts = [(_rms(data, False), False)] + ([(_rms(data, True), True)] if data.full_pose else [])
     sizes = " and ".join(f"{size_text(size, turning)} rms" for size, turning in parts)
     times = f": {np.sqrt(total / freedoms):.1f} times the noise" if data.noise_known else ""
-    return Finding(
-        LACK_OF_FIT, "", "", parts[0][0], False, p_value, f"Model and measurement disagree by {sizes}{times}."
-    )
+    return Finding(LACK_OF_FIT, f"Model and measurement disagree by {sizes}{times}.", parts[0][0], p_value)
 
 
 def components(data: FreeResiduals) -> list[Finding]:
@@ -107,7 +47,7 @@ def components(data: FreeResiduals) -> list[Finding]:
         size = sigma * float(np.sqrt((values**2).mean()))
         noise = f" (noise {size_text(sigma, k >= 3)})" if data.noise_known else ""
         sentence = f"{COMPONENTS[k]} disagrees by {size_text(size, k >= 3)} rms{noise}."
-        found.append(Finding(COMPONENT, COMPONENTS[k], "", size, k >= 3, p_value, sentence))
+        found.append(Finding(COMPONENT, sentence, size, p_value, COMPONENTS[k], turning=k >= 3))
     return sorted(found, key=lambda f: (f.turning, -f.size))
 
 
@@ -126,10 +66,10 @@ def _along(data: FreeResiduals, k: int) -> tuple[FloatArray, FloatArray, float]:
     return data.cleared[whole] @ direction, axes, sigma
 
 
-def _alike(data: FreeResiduals, conditions: Conditions) -> tuple[NDArray[np.intp], FloatArray, NDArray[np.intp]]:
-    """Return for each equation of a repeated command its group, and its distance from the group's mean.
+def repeats(data: FreeResiduals, conditions: Conditions) -> list[Finding]:
+    """Return how far repeats of one command lie apart against the noise; nothing with fewer than three differences.
 
-    The frames absorb the same in all rows of a group, so that these distances are free of the frames.
+    The frames absorb the same in all rows of a command, so that distances from its mean are free of the frames.
     """
     commands = np.round(conditions.drives / _SAME_DRIVE).astype(np.int64)
     _, command = np.unique(commands, axis=0, return_inverse=True)
@@ -137,12 +77,7 @@ def _alike(data: FreeResiduals, conditions: Conditions) -> tuple[NDArray[np.intp
     _, group, counts = np.unique(group, return_inverse=True, return_counts=True)
     means = np.bincount(group, data.cleared) / counts
     repeated = np.flatnonzero(counts[group] > 1)
-    return group[repeated], (data.cleared - means[group])[repeated], repeated
-
-
-def repeats(data: FreeResiduals, conditions: Conditions) -> list[Finding]:
-    """Return how far repeats of one command lie apart against the noise; nothing with fewer than three differences."""
-    group, apart, repeated = _alike(data, conditions)
+    group, apart = group[repeated], (data.cleared - means[group])[repeated]
     freedoms = group.size - np.unique(group).size
     chosen = data.component[repeated] < 3
     if freedoms < 3 or not chosen.any() or not data.noise_known:
@@ -151,20 +86,7 @@ def repeats(data: FreeResiduals, conditions: Conditions) -> list[Finding]:
     spare = max(int(chosen.sum()) - np.unique(group[chosen]).size, 1)
     size = float(np.sqrt(((apart * data.sigma[repeated])[chosen] ** 2).sum() / spare))
     sentence = (
-        f"The same command gives poses {size_text(size, False)} rms apart when repeated "
-        f"(noise {size_text(float(data.sigma[repeated][chosen][0]), False)}): something besides the pose changes."
+        f"The same command gives poses {size_text(size)} rms apart when repeated "
+        f"(noise {size_text(float(data.sigma[repeated][chosen][0]))}): something besides the pose changes."
     )
-    return [Finding(REPEATS, "", "", size, False, p_value, sentence)]
-
-
-def lack_of_fit(data: FreeResiduals, conditions: Conditions, p_value: float | None) -> LackOfFit:
-    """Return residuals against the noise, whose ``p_value`` is known, and against repeats."""
-    total, freedoms = float(data.cleared @ data.cleared), data.residual.size - data.nuisance.dof
-    group, apart, repeated = _alike(data, conditions)
-    pure = float(apart @ apart)
-    pure_freedoms = group.size - int(np.unique(group).size)
-    by_repeats = None
-    if pure_freedoms >= 3 and freedoms > pure_freedoms and pure > 0.0:
-        ratio = (total - pure) / (freedoms - pure_freedoms) / (pure / pure_freedoms)
-        by_repeats = float(scipy.stats.f.sf(ratio, freedoms - pure_freedoms, pure_freedoms))
-    return LackOfFit(total, freedoms, p_value, by_repeats, int(np.unique(data.row[repeated]).size))
+    return [Finding(REPEATS, sentence, size, p_value)]

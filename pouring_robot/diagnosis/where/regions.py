@@ -8,9 +8,8 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
-from pouring_robot.diagnosis.where.fit import REGION, Finding
+from pouring_robot.diagnosis.where.finding import REGION, Finding, size_text
 from pouring_robot.diagnosis.where.terms import FreeResiduals
-from pouring_robot.diagnosis.where.words import size_text
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.mechanism.arrays import FloatArray
 
@@ -40,11 +39,11 @@ def regions(data: FreeResiduals, given: Conditions) -> list[Finding]:
             continue
         p_value = float(scipy.stats.mannwhitneyu(score[here], score[there], alternative="greater").pvalue)
         inside_m, outside_m = (float(np.sqrt(squares[part].sum() / counts[part].sum())) for part in (here, there))
-        sizes = f"{size_text(inside_m, False)} rms there, {size_text(outside_m, False)} elsewhere"
+        sizes = f"{size_text(inside_m)} rms there, {size_text(outside_m)} elsewhere"
         sentence = f"Largest where the ladle is {words}: {sizes}."
         p_value = 1.0 if inside_m < _LARGER * outside_m else p_value
-        found.append((p_value, Finding(REGION, "", words, inside_m, False, p_value, sentence)))
-    return [finding for _, finding in sorted(found, key=lambda pair: pair[0])]
+        found.append(Finding(REGION, sentence, inside_m, p_value, condition=words))
+    return sorted(found, key=lambda finding: finding.p_value or 0.0)
 
 
 def _parts(given: Conditions) -> Iterator[tuple[str, NDArray[np.bool_]]]:

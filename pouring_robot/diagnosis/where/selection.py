@@ -67,7 +67,6 @@ class Selection:
         p_values: of all terms beside what was found, not corrected.
         bounds: what the line of each term may at most do between its extremes beside all that was found, in the
             channel's unit: two standard errors beyond the estimate. Infinite where the data cannot say.
-        tests: how many there were.
     """
 
     found: tuple[Found, ...]
@@ -75,7 +74,6 @@ class Selection:
     fitted: int
     p_values: FloatArray
     bounds: FloatArray
-    tests: int
 
 
 def select(data: FreeResiduals, terms: Sequence[Term], alpha: float) -> Selection:
@@ -111,7 +109,6 @@ def select(data: FreeResiduals, terms: Sequence[Term], alpha: float) -> Selectio
         fitted=final.axes.shape[1],
         p_values=final.p_values,
         bounds=tests.bounds(final),
-        tests=len(terms),
     )
 
 
@@ -151,16 +148,15 @@ class _Tests:
         self._rows = scipy.sparse.csr_array(counts)
         self._places = [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
 
-    def _fitted(self, chosen: Sequence[int]) -> tuple[list[int], FloatArray]:
-        places = [j for k in chosen for j in range(self._places[k].start, self._places[k].stop)]
-        return places, self._columns[:, places]
+    def _of(self, chosen: Sequence[int]) -> list[int]:
+        return [j for k in chosen for j in range(self._places[k].start, self._places[k].stop)]
 
     def beside(self, chosen: Sequence[int], only: Sequence[int] | None = None) -> _State:
         """Return what is left beside terms, and how significant others are there: all, or only some."""
-        new = Nuisance(basis(self._fitted(chosen)[1], np.sqrt(_RANK)))
+        new = Nuisance(basis(self._columns[:, self._of(chosen)], np.sqrt(_RANK)))
         residual = new.cleared(self.data.cleared)
-        tried = sorted((set(range(len(self.terms))) if only is None else set(only)) - set(chosen))
-        places = [j for k in tried for j in range(self._places[k].start, self._places[k].stop)]
+        tried = sorted(set(range(len(self.terms)) if only is None else only) - set(chosen))
+        places = self._of(tried)
         columns = np.zeros_like(self._columns)
         columns[:, places] = new.cleared(self._columns[:, places])
         state = _State(np.hstack([self.data.nuisance.axes, new.axes]), columns, residual, np.ones(0))
@@ -209,23 +205,17 @@ class _Tests:
         terms = tuple(k for k in chosen[condition] if corrected[k] < alpha)
         if not terms:
             return None
+        tried: dict[str, tuple[int, ...]] = {}  # conditions not chosen that count without this one
+        for k in np.argsort(corrected, kind="stable").tolist():
+            name = self.terms[k].condition
+            if corrected[k] < alpha and name not in chosen:
+                tried[name] = (*tried.get(name, ()), k)
         rivals = []
-        for rival, places in self._others(corrected, chosen, alpha):
+        for rival, places in list(tried.items())[:_RIVALS]:
             beside = self.beside((*others, *places), terms).p_values[list(terms)]
             if (len(self.terms) * beside >= alpha).all():
                 rivals.append(rival)
         return Found(condition, terms, tuple(float(corrected[k]) for k in terms), tuple(rivals))
-
-    def _others(
-        self, corrected: FloatArray, chosen: Mapping[str, tuple[int, ...]], alpha: float
-    ) -> list[tuple[str, tuple[int, ...]]]:
-        """Return conditions not chosen that count without the one in question, most significant first."""
-        found: dict[str, tuple[int, ...]] = {}
-        for k in np.argsort(corrected, kind="stable").tolist():
-            name = self.terms[k].condition
-            if corrected[k] < alpha and name not in chosen:
-                found[name] = (*found.get(name, ()), k)
-        return list(found.items())[:_RIVALS]
 
     def bounds(self, state: _State) -> FloatArray:
         """Return what the first column of every term may at most do beside a state, see :class:`Selection`."""
@@ -251,7 +241,8 @@ class _Tests:
         out: list[Found] = []
         for item in found:
             chosen = (*chosen, *item.terms)
-            places, columns = self._fitted(chosen)
+            places = self._of(chosen)
+            columns = self._columns[:, places]
             values = np.asarray(np.linalg.lstsq(columns, self.data.cleared, rcond=np.sqrt(_RANK))[0], dtype=np.float64)
             left = self.data.cleared - columns @ values
             part, before = before - left, left

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from pouring_robot.diagnosis.descriptions import poses
+from pouring_robot.diagnosis.gap import COMPONENTS
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.inference.courses import separate, standardised
 from pouring_robot.inference.nuisance import Nuisance
@@ -20,7 +21,6 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.robot.pouring.names import DRIVE_SYMBOLS
 
-COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 POSE = "pose"
 _SOME, _MANY = 40, 80
 """Rows from which a condition may act quadratically, and as a spline; with fewer only in lines."""
@@ -123,37 +123,31 @@ class Term:
         return self.condition, self.channel.name in DRIVE_SYMBOLS, self.by_pose
 
 
-def channels(data: FreeResiduals, count: int) -> tuple[list[Channel], list[Channel]]:
-    """Return the measured components in the fixed platform's axes and the drives (none if their columns are missing).
+def _channels(data: FreeResiduals, count: int) -> tuple[list[Channel], list[Channel]]:
+    """Return the measured components in the fixed platform's axes, and the drives where their columns are known."""
 
-    Args:
-        data: the residuals.
-        count: n, rows of the campaign.
-    """
-    measured = range(6 if data.full_pose else 3)
+    def channel(name: str, turning: bool, column: FloatArray) -> Channel:
+        places = (data.row, np.arange(column.size))
+        by_row = scipy.sparse.csr_array((column, places), shape=(count, column.size))
+        return Channel(name, turning, column, by_row, np.unique(data.row[column != 0.0]).size)
+
     ladle = []
-    for k in measured:
+    for k in range(6 if data.full_pose else 3):
         same_kind = data.component // 3 == k // 3
         column = np.where(same_kind, data.axes[data.component % 3, k % 3], 0.0) / data.sigma
-        ladle.append(_channel(data, count, COMPONENTS[k], k >= 3, column))
-    if data.drives is None:
-        return ladle, []
-    return ladle, [_channel(data, count, DRIVE_SYMBOLS[k], k == 3, data.drives[:, k]) for k in range(4)]
+        ladle.append(channel(COMPONENTS[k], k >= 3, column))
+    columns = () if data.drives is None else data.drives.T
+    return ladle, [channel(DRIVE_SYMBOLS[k], k == 3, column) for k, column in enumerate(columns)]
 
 
-def _channel(data: FreeResiduals, count: int, name: str, turning: bool, column: FloatArray) -> Channel:
-    places = (data.row, np.arange(column.size))
-    by_row = scipy.sparse.csr_array((column, places), shape=(count, column.size))
-    return Channel(name, turning, column, by_row, np.unique(data.row[column != 0.0]).size)
-
-
-def terms(given: Conditions, ladle: Sequence[Channel], drives: Sequence[Channel]) -> list[Term]:
+def terms(data: FreeResiduals, given: Conditions) -> list[Term]:
     """Return what can be tested under these conditions; constant and absent conditions have no term.
 
     Conditions act on the components of the ladle's pose. Sides, turns of a screw, pulls and temperatures of single legs
     act on the drive too, in proportion to the change of the condition alone: what they do on average is a matter of
     pose.
     """
+    ladle, drives = _channels(data, len(given))
     n = len(given)
     found: list[Term] = []
     for name, values, unit in _numbers(given):
@@ -224,7 +218,8 @@ def _of_drives(given: Conditions, drives: Sequence[Channel]) -> Iterator[Term]:
             yield Term(f"{'angle' if k == 3 else 'length'} of {channel.name}", channel, own, by_pose=True)
         if k < 3 and given.screw_pitch_m is not None and n >= _SOME:
             turn = 2.0 * np.pi * given.drives[:, k] / given.screw_pitch_m
-            yield Term(f"turn of {channel.name}", channel, _waves(turn))
+            waves = [np.cos(turn), np.sin(turn), np.cos(2.0 * turn), np.sin(2.0 * turn)]
+            yield Term(f"turn of {channel.name}", channel, _centred(np.column_stack(waves)))
         if k < 3 and given.leg_rise_k is not None and _varies(given.leg_rise_k[:, k]):
             rise = given.leg_rise_k[:, k]
             course = ((rise - rise.mean()) * given.lengths_m[:, k])[:, None]
@@ -240,11 +235,6 @@ def _of_drives(given: Conditions, drives: Sequence[Channel]) -> Iterator[Term]:
 
 def _centred(course: FloatArray) -> FloatArray:
     return np.asarray(course - course.mean(axis=0))
-
-
-def _waves(angle: FloatArray) -> FloatArray:
-    parts: list[Callable[[FloatArray], FloatArray]] = [np.cos, np.sin]
-    return _centred(np.column_stack([f(k * angle) for k in (1, 2) for f in parts]))
 
 
 def _spline(values: FloatArray, n: int, inner: tuple[float, ...] = _KNOTS) -> FloatArray | None:

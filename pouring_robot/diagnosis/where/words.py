@@ -9,10 +9,10 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
+from pouring_robot.diagnosis.where.finding import CONDITION, Finding, size_text
 from pouring_robot.diagnosis.where.selection import Found, Selection
-from pouring_robot.diagnosis.where.terms import POSE, Channel, FreeResiduals, Term
+from pouring_robot.diagnosis.where.terms import POSE, FreeResiduals, Term
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.pouring.names import DRIVE_SYMBOLS, DRIVE_WORDS
 
 _MONOTONE = 0.8
@@ -23,28 +23,6 @@ _WORTH_SAYING = ("load", "time", "melt temperature", "hall temperature", "platfo
 _DRIVES = dict(zip(DRIVE_SYMBOLS, DRIVE_WORDS, strict=True))
 
 
-def size_text(size: float, turning: bool) -> str:
-    """Return a size in m or rad as mm or mrad, two figures."""
-    value = size / (MRAD if turning else MM)
-    digits = 3 if abs(value) < 0.1 else 2 if abs(value) < 1.0 else 1
-    return f"{value:.{digits}f} {'mrad' if turning else 'mm'}"
-
-
-@dataclass(frozen=True, eq=False)
-class Said:
-    """A sentence on one condition.
-
-    Attributes:
-        text: the sentence.
-        channel: where the condition does most.
-        size: what it does there, in m or rad.
-    """
-
-    text: str
-    channel: Channel
-    size: float
-
-
 @dataclass(frozen=True, eq=False)
 class _Part:
     term: Term
@@ -53,14 +31,9 @@ class _Part:
     weight: float
 
 
-def condition_sentence(
-    data: FreeResiduals,
-    selection: Selection,
-    terms: Sequence[Term],
-    found: Found,
-    *,
-    first: bool,
-) -> Said:
+def condition_finding(
+    data: FreeResiduals, selection: Selection, terms: Sequence[Term], found: Found, *, first: bool
+) -> Finding:
     """Return what a condition does, largest part first.
 
     Args:
@@ -78,14 +51,23 @@ def condition_sentence(
     for part in parts:
         if part.weight > _MINOR**2 * parts[0].weight:
             largest.setdefault(part.term.channel.name, part)
-    kept = list(largest.values())
-    text = _sentence(found.condition, kept)
+    text = _sentence(found.condition, list(largest.values()))
     if found.rivals:
         text += f", or with what went along with it: {', '.join(found.rivals)}"
     elif first:
         quiet = _quiet(selection, terms, parts[0])
         text += f", not with {_listed(quiet, 'or')}" if quiet else ""
-    return Said(text + ".", parts[0].term.channel, parts[0].size)
+    return Finding(
+        CONDITION,
+        f"{text}.",
+        parts[0].size,
+        min(2.0 * min(found.p_values), 1.0),
+        parts[0].term.channel.name,
+        parts[0].term.channel.turning,
+        found.condition,
+        found.rivals,
+        found.share,
+    )
 
 
 def _part(found: Found, term: Term, coefficients: FloatArray, row: NDArray[np.intp]) -> _Part:
@@ -96,15 +78,13 @@ def _part(found: Found, term: Term, coefficients: FloatArray, row: NDArray[np.in
     """
     values = term.course @ coefficients
     channel = term.channel
-    squares = np.bincount(row, channel.column**2, len(values))
+    squares = np.maximum(np.bincount(row, channel.column**2, len(values)), 1e-300)
     along = channel.by_row @ found.part
+    weight = float((along**2 / squares).sum())
     if term.by_pose:
-        size = float(np.sqrt((along**2 / np.maximum(squares, 1e-300)).sum() / channel.weight))
-    else:
-        seen = along / np.maximum(squares, 1e-300)
-        values = seen if _span(seen) < _span(values) else values
-        size = _span(values)
-    return _Part(term, size, values, float((along**2 / np.maximum(squares, 1e-300)).sum()))
+        return _Part(term, float(np.sqrt(weight / channel.weight)), values, weight)
+    values = min(values, along / squares, key=_span)
+    return _Part(term, _span(values), values, weight)
 
 
 def _span(values: FloatArray) -> float:
@@ -127,13 +107,15 @@ def _sentence(condition: str, parts: Sequence[_Part]) -> str:
         return f"Repeats with every turn of the screw of {where}: {sizes}"
     if kind in ("length", "angle"):
         return f"Depends on the {kind} of {where}: {sizes}"
-    course = _direction(main)
-    span = ""
     if main.term.by_pose:
         return f"Changes with {condition}, and by how much depends on the pose: {sizes}"
+    course, span = "Changes", ""
     if main.term.values is not None:
         low, high = np.quantile(main.term.values, [0.025, 0.975])
         span = f" from {low:.3g} to {high:.3g} {main.term.unit}".rstrip()
+        if np.ptp(main.values) > 0.0:
+            rank = float(scipy.stats.spearmanr(main.term.values, main.values).statistic)
+            course = "Grows" if abs(rank) > _MONOTONE else "Goes up and down"
     return f"{course} with {condition}: {sizes}{span}"
 
 
@@ -141,14 +123,6 @@ def _named(part: _Part) -> str:
     channel = part.term.channel
     size = size_text(part.size, channel.turning) + (" rms" if part.term.by_pose else "")
     return f"{_DRIVES.get(channel.name, channel.name)} by {size}"
-
-
-def _direction(part: _Part) -> str:
-    """Return whether a part grows, falls or neither."""
-    if part.term.values is None or np.ptp(part.values) == 0.0:
-        return "Changes"
-    rank = float(scipy.stats.spearmanr(part.term.values, part.values).statistic)
-    return "Grows" if abs(rank) > _MONOTONE else "Goes up and down"
 
 
 def _quiet(selection: Selection, terms: Sequence[Term], main: _Part) -> list[str]:
