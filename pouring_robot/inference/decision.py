@@ -10,8 +10,6 @@ import numpy as np
 from scipy.special import expit, logsumexp
 
 from pouring_robot.inference.discrepancy import Challenge, Description, Structure, challenge, structures
-from pouring_robot.inference.evidence import bayes_factor
-from pouring_robot.inference.explanations import Explanation
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.inference.search import credible
@@ -120,7 +118,9 @@ def judge(
 ) -> Judgement:
     """Return what may be said of a hypothesis, of the whole problem."""
     left = structures(hypothesis, descriptions, hypothesis.problem.residual)
-    causes = _without_minor([_cause(hypothesis, effect, thresholds) for effect in _named(hypothesis)], thresholds)
+    named = [_cause(hypothesis, effect, thresholds) for effect in _named(hypothesis)]
+    least = thresholds.minor_share * max((cause.size for cause in named), default=0.0)
+    causes = [cause for cause in named if cause.size > least or cause.evidence > thresholds.minor_evidence]
     challenges = tuple(challenge(hypothesis, cause.indices, descriptions) for cause in causes)
     reasons = _reasons(hypothesis, Judgement("unknown", tuple(causes), tuple(left), challenges, (), thresholds))
     if not causes and not reasons:
@@ -164,12 +164,6 @@ def _named(hypothesis: Hypothesis) -> list[str]:
     return [effect for effect in causes if effect in large or not large]
 
 
-def _without_minor(causes: list[Cause], thresholds: Thresholds) -> list[Cause]:
-    """Leave out causes that are small beside the largest one and hardly evident."""
-    least = thresholds.minor_share * max((cause.size for cause in causes), default=0.0)
-    return [cause for cause in causes if cause.size > least or cause.evidence > thresholds.minor_evidence]
-
-
 def _cause(hypothesis: Hypothesis, effect: str, thresholds: Thresholds) -> Cause:
     """Return an effect at work as a cause with its alternatives."""
     indices = hypothesis.of_effect(effect)
@@ -179,31 +173,21 @@ def _cause(hypothesis: Hypothesis, effect: str, thresholds: Thresholds) -> Cause
     total = float(logsumexp([0.0, *rivals.values()]))
     likely = {rival for rival, margin in rivals.items() if np.exp(margin - total) > thresholds.alternative}
     part = np.sum([hypothesis.part(k) for k in indices], axis=0)
-    left = {e: Nuisance.of(e.columns[:, e.main], _RANK).cleared(part) for e in _choices(hypothesis)}
+    choices = [e for e in hypothesis.problem.explanations if e.cause and e.effect in hypothesis.rivals]
+    left = {e: Nuisance.of(e.columns[:, e.main], _RANK).cleared(part) for e in choices}
     same = {e.effect for e, rest in left.items() if rest @ rest < thresholds.hidden}
     chance = float(expit(evidence - np.log(len(hypothesis.problem.known))) * np.exp(-total))
     size = float(np.sqrt(part @ part / max(len(part), 1)))
     return Cause(effect, hypothesis.items[main].form, indices, tuple(sorted(likely | same)), chance, evidence, size)
 
 
-def _choices(hypothesis: Hypothesis) -> list[Explanation]:
-    return [e for e in hypothesis.problem.explanations if e.cause and e.effect not in hypothesis.effects]
-
-
 def _rivals(hypothesis: Hypothesis, indices: Sequence[int], close: float = 12.0) -> dict[str, float]:
     """Return by how much other effects in the place of one change the log evidence, best form of each, in nats."""
-    residual, others = hypothesis.problem.residual, hypothesis.others(indices)
-    own = hypothesis.worth(indices)
-    first: dict[str, tuple[float, float, Explanation]] = {}
-    for item in _choices(hypothesis):
-        worth = bayes_factor(item.columns, residual, others, item.largest)
-        if item.effect not in first or worth.evidence > first[item.effect][0]:
-            first[item.effect] = (worth.evidence, worth.scale, item)
-    rest = hypothesis.without_items(indices)
+    own, rest = hypothesis.worth(indices), hypothesis.without_items(indices)
     tried = {
-        effect: rest.with_item(item, scale)
-        for effect, (evidence, scale, item) in first.items()
-        if evidence > own - close
+        effect: rest.with_item(item, worth.scale)
+        for effect, (worth, item) in hypothesis.without(indices).best_forms(hypothesis.rivals).items()
+        if worth.evidence > own - close
     }
     return {
         effect: other.log_evidence - hypothesis.log_evidence

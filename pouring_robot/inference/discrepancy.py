@@ -104,7 +104,7 @@ def challenge(hypothesis: Hypothesis, indices: Sequence[int], descriptions: Iter
         indices: of the items that make the cause.
         descriptions: to be tried.
     """
-    residual, others = hypothesis.problem.residual, hypothesis.others(indices)
+    residual, others = hypothesis.problem.residual, hypothesis.without(indices).everything
     own = hypothesis.worth(indices)
     best = Challenge("", -np.inf)
     for description in descriptions:

@@ -50,34 +50,30 @@ class Hypothesis:
         """Ids of the effects at work, each once, in the order they were added."""
         return tuple(dict.fromkeys(item.effect for item in self.items))
 
+    @property
+    def rivals(self) -> frozenset[str]:
+        """Ids of the effects that may be named and are not at work."""
+        return self.problem.known - {*self.effects}
+
     def of_effect(self, effect: str) -> tuple[int, ...]:
         """Return which items are forms of an effect."""
         return tuple(k for k, item in enumerate(self.items) if item.effect == effect)
 
-    def groups(self, skip: Collection[int] = ()) -> list[FloatArray]:
-        """Return the scaled columns of everything fitted, some items left out if wanted."""
+    def groups(self) -> list[FloatArray]:
+        """Return the scaled columns of everything fitted."""
         levels = [BACKGROUND_LEVELS[k] for k in self.levels]
         usual = [level * b.columns for level, b in zip(levels, self.problem.backgrounds, strict=True) if level]
-        pairs = enumerate(zip(self.items, self.scales, strict=True))
-        return [*usual, *(s * item.columns for k, (item, s) in pairs if k not in skip)]
-
-    def _beside(self, index: int) -> Others:
-        if index not in self._cache:
-            self._cache[index] = self.others((index,))
-        return self._cache[index]
-
-    @functools.cached_property
-    def _cache(self) -> dict[int, Others]:
-        return {}
-
-    def others(self, skip: Collection[int] = ()) -> Others:
-        """Return the covariance of everything fitted, some items left out if wanted."""
-        return Others(self.groups(skip), len(self.problem.residual))
+        return [*usual, *(s * item.columns for s, item in zip(self.scales, self.items, strict=True))]
 
     @functools.cached_property
     def everything(self) -> Others:
         """The covariance of everything fitted."""
-        return self.others()
+        return Others(self.groups(), len(self.problem.residual))
+
+    @functools.cached_property
+    def _beside(self) -> dict[int, Others]:
+        """What is fitted beside an item, as far as it was asked for."""
+        return {}
 
     @functools.cached_property
     def log_evidence(self) -> float:
@@ -95,40 +91,50 @@ class Hypothesis:
     def item_bayes_factor(self, index: int, instead: Explanation | None = None) -> BayesFactor:
         """Return what an item is worth beside the others, or what another explanation would be in its place."""
         item = instead or self.items[index]
-        return bayes_factor(item.columns, self.problem.residual, self._beside(index), item.largest)
+        if index not in self._beside:
+            self._beside[index] = self.without((index,)).everything
+        return bayes_factor(item.columns, self.problem.residual, self._beside[index], item.largest)
 
     def worth(self, indices: Collection[int]) -> float:
         """Return the log evidence for some items together, everything else held, in nats."""
-        rest = replace(
-            self,
-            items=tuple(item for k, item in enumerate(self.items) if k not in indices),
-            scales=tuple(scale for k, scale in enumerate(self.scales) if k not in indices),
-        )
-        return self.log_evidence - rest.log_evidence
+        return self.log_evidence - self.without(indices).log_evidence
 
     def candidate_bayes_factor(self, item: Explanation) -> BayesFactor:
         """Return what one more explanation would be worth."""
         return bayes_factor(item.columns, self.problem.residual, self.everything, item.largest)
 
+    def best_forms(self, effects: Collection[str]) -> dict[str, tuple[BayesFactor, Explanation]]:
+        """Return of each effect the form that would be worth most, if it were added."""
+        found: dict[str, tuple[BayesFactor, Explanation]] = {}
+        for item in self.problem.explanations:
+            if item.cause and item.effect in effects:
+                worth = self.candidate_bayes_factor(item)
+                if item.effect not in found or worth.evidence > found[item.effect][0].evidence:
+                    found[item.effect] = worth, item
+        return found
+
+    def beside(self, item: Explanation, scale: float) -> Hypothesis:
+        """Return the hypothesis with one more explanation, all else held."""
+        return replace(self, items=(*self.items, item), scales=(*self.scales, scale))
+
+    def without(self, indices: Collection[int]) -> Hypothesis:
+        """Return the hypothesis with some explanations less, all else held."""
+        keep = [k for k in range(len(self.items)) if k not in indices]
+        items, scales = tuple(self.items[k] for k in keep), tuple(self.scales[k] for k in keep)
+        return replace(self, items=items, scales=scales)
+
     def with_item(self, item: Explanation, scale: float) -> Hypothesis:
         """Return the hypothesis with one more explanation, settled."""
-        return replace(self, items=(*self.items, item), scales=(*self.scales, scale)).settled()
-
-    def without_item(self, index: int) -> Hypothesis:
-        """Return the hypothesis with one explanation less, settled."""
-        return self.without_items((index,))
+        return self.beside(item, scale).settled()
 
     def without_items(self, indices: Collection[int]) -> Hypothesis:
         """Return the hypothesis with some explanations less, settled."""
-        keep = [k for k in range(len(self.items)) if k not in indices]
-        items, scales = tuple(self.items[k] for k in keep), tuple(self.scales[k] for k in keep)
-        return replace(self, items=items, scales=scales).settled()
+        return self.without(indices).settled()
 
     def with_replaced(self, index: int, item: Explanation, scale: float) -> Hypothesis:
         """Return the hypothesis with another explanation in the place of one, settled."""
-        items, scales = list(self.items), list(self.scales)
-        items[index], scales[index] = item, scale
-        return replace(self, items=tuple(items), scales=tuple(scales)).settled()
+        items = (*self.items[:index], item, *self.items[index + 1 :])
+        return replace(self, items=items, scales=(*self.scales[:index], scale, *self.scales[index + 1 :])).settled()
 
     def with_levels_of(self, kinds: Collection[int]) -> Hypothesis:
         """Return the hypothesis with no backgrounds but some at their most probable level, all else unchanged."""
@@ -175,7 +181,11 @@ class Hypothesis:
 
     def coefficients(self) -> tuple[FloatArray, FloatArray]:
         """Return mean and covariance of the coefficients of :meth:`groups`, in prior standard deviations."""
-        return posterior(np.hstack([np.zeros((len(self.problem.residual), 0)), *self.groups()]), self.problem.residual)
+        return posterior(self._columns, self.problem.residual)
+
+    @property
+    def _columns(self) -> FloatArray:
+        return np.hstack([np.zeros((len(self.problem.residual), 0)), *self.groups()])
 
     @functools.cached_property
     def _pull(self) -> FloatArray:
@@ -215,7 +225,7 @@ class Hypothesis:
 
     def effective_dof(self) -> float:
         """Return how many coefficients the data determine, each counted by how far."""
-        columns = np.hstack([np.zeros((len(self.problem.residual), 0)), *self.groups()])
+        columns = self._columns
         return float(self.everything.inner(columns, columns).trace())
 
     def misfit(self) -> float:

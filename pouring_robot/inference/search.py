@@ -148,7 +148,7 @@ def backward(hypothesis: Hypothesis, options: SearchOptions) -> Hypothesis:
     """Return the hypothesis without the items that are not worth their place."""
     while hypothesis.items:
         doubtful = [k for k in range(len(hypothesis.items)) if hypothesis.item_bayes_factor(k).evidence < _BEYOND_DOUBT]
-        shorter = [hypothesis.without_item(k) for k in doubtful]
+        shorter = [hypothesis.without_items((k,)) for k in doubtful]
         best = max(shorter, key=lambda h: h.log_evidence, default=None)
         if best is None or best.log_evidence <= hypothesis.log_evidence - options.least_evidence:
             break

@@ -150,7 +150,7 @@ def test_changing_items(rng):
     nothing = Hypothesis.nothing(built)
     grown = nothing.with_item(items[0], 1.0).with_item(items[1], 1.0)
     assert grown.effects == ("effect 0", "effect 1")
-    assert grown.without_item(0).effects == ("effect 1",)
+    assert grown.without_items((0,)).effects == ("effect 1",)
     assert grown.with_replaced(0, items[2], 1.0).effects == ("effect 2", "effect 1")
     worth = nothing.candidate_bayes_factor(items[0]).evidence
     assert nothing.with_item(items[0], 1.0).log_evidence - nothing.log_evidence == pytest.approx(worth, abs=1e-9)

@@ -14,7 +14,6 @@ from pouring_robot.diagnosis.discrepancy import described, parts_by_row
 from pouring_robot.diagnosis.gap import COMPONENTS, Gap, in_fixed_platform, table_of
 from pouring_robot.effects.facts import axis_over
 from pouring_robot.inference.decision import Cause
-from pouring_robot.inference.evidence import bayes_factor
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
@@ -178,14 +177,8 @@ def evidence_steps(hypothesis: Hypothesis) -> list[tuple[str, float]]:
 
 def rival_margins(hypothesis: Hypothesis, cause: Cause) -> dict[str, float]:
     """Return by how much log evidence drops with another effect in the place of a cause, best form of each, in nats."""
-    residual, others = hypothesis.problem.residual, hypothesis.others(cause.indices)
-    own = hypothesis.worth(cause.indices)
-    found: dict[str, float] = {}
-    for item in hypothesis.problem.explanations:
-        if item.cause and item.effect not in hypothesis.effects:
-            lost = own - bayes_factor(item.columns, residual, others, item.largest).evidence
-            found[item.effect] = min(lost, found.get(item.effect, np.inf))
-    return found
+    own, best = hypothesis.worth(cause.indices), hypothesis.without(cause.indices).best_forms(hypothesis.rivals)
+    return {effect: own - worth.evidence for effect, (worth, _) in best.items()}
 
 
 def _discrepancy(diagnosis: Conclusions) -> bytes:

@@ -63,20 +63,18 @@ def contest(diagnosis: Findings, prospect: Prospect) -> Contest:
         return _against_first(_descriptions(diagnosis, prospect, best))
     if not causes:
         return _against_first([Contender.of(NOTHING, best), *_hidden(best, prospect)])
-    ordered = sorted(causes, key=lambda c: c.probability)
-    found: list[tuple[Contender, list[Contender]]] = []
-    for cause in ordered:
+    found = []
+    for cause in sorted(causes, key=lambda c: c.probability):
         wanted = cause.alternatives if verdict == "group" else None
-        if wanted == ():
-            continue
-        found.append((Contender.of(cause.effect, best), _rivals(best, cause, prospect, wanted)))
-    firsts = [first for first, _ in found]
-    pairs, contenders = [], firsts
-    room = max(1, MOST_RIVALS // len(firsts))
+        if wanted != ():
+            found.append((Contender.of(cause.effect, best), _rivals(best, cause, wanted)))
+    contenders = [first for first, _ in found]
+    pairs = []
+    room = max(1, MOST_RIVALS // len(found))
     for k, (_, rivals) in enumerate(found):
         for rival in rivals[: MOST_RIVALS if k == 0 and verdict == "group" else room]:
             pairs.append((k, len(contenders)))
-            contenders = [*contenders, rival]
+            contenders.append(rival)
     return Contest(tuple(contenders), tuple(pairs))
 
 
@@ -91,41 +89,22 @@ def _carried(hypothesis: Hypothesis, prospect: Prospect) -> Hypothesis:
     return replace(hypothesis, problem=prospect.problem, items=items).settled()
 
 
-def _less(hypothesis: Hypothesis, cause: Cause, prospect: Prospect) -> Hypothesis:
+def _less(hypothesis: Hypothesis, cause: Cause) -> Hypothesis:
     """Return the hypothesis without a cause, nothing else changed."""
-    kept = [k for k, item in enumerate(hypothesis.items) if item.effect != cause.effect]
-    levels = list(hypothesis.levels)
-    if not cause.indices:
-        levels = [
-            0 if b.effect == cause.effect else level
-            for level, b in zip(levels, prospect.problem.backgrounds, strict=True)
-        ]
-    return replace(
-        hypothesis,
-        items=tuple(hypothesis.items[k] for k in kept),
-        scales=tuple(hypothesis.scales[k] for k in kept),
-        levels=tuple(levels),
-    )
+    rest = hypothesis.without(hypothesis.of_effect(cause.effect))
+    if cause.indices:
+        return rest
+    pairs = zip(rest.levels, rest.problem.backgrounds, strict=True)
+    return replace(rest, levels=tuple(0 if b.effect == cause.effect else level for level, b in pairs))
 
 
-def _rivals(best: Hypothesis, cause: Cause, prospect: Prospect, wanted: Collection[str] | None) -> list[Contender]:
+def _rivals(best: Hypothesis, cause: Cause, wanted: Collection[str] | None) -> list[Contender]:
     """Return other effects in the place of a cause, best first: the wanted ones or, by default, the next best."""
-    rest = _less(best, cause, prospect)
-    first: dict[str, tuple[float, float, Explanation]] = {}
-    for item in prospect.problem.explanations:
-        taken = item.effect in best.effects or item.effect == cause.effect or not item.cause
-        if taken or not (wanted is None or item.effect in wanted):
-            continue
-        worth = rest.candidate_bayes_factor(item)
-        if item.effect not in first or worth.evidence > first[item.effect][0]:
-            first[item.effect] = (worth.evidence, worth.scale, item)
-    ordered = sorted(first.values(), key=lambda entry: -entry[0])[:MOST_RIVALS]
-    found = [Contender.of(item.effect, _fixed(rest, item, scale)) for _, scale, item in ordered if scale > 0.0]
+    rest, effects = _less(best, cause), best.rivals - {cause.effect}
+    forms = rest.best_forms(effects if wanted is None else effects & {*wanted}).values()
+    ordered = sorted(forms, key=lambda entry: -entry[0].evidence)[:MOST_RIVALS]
+    found = [Contender.of(item.effect, rest.with_item(item, worth.scale)) for worth, item in ordered if worth.scale > 0]
     return sorted(found, key=lambda c: -c.log_evidence)
-
-
-def _fixed(rest: Hypothesis, item: Explanation, scale: float) -> Hypothesis:
-    return replace(rest, items=(*rest.items, item), scales=(*rest.scales, scale)).settled()
 
 
 def _descriptions(diagnosis: Findings, prospect: Prospect, best: Hypothesis) -> list[Contender]:
@@ -134,7 +113,7 @@ def _descriptions(diagnosis: Findings, prospect: Prospect, best: Hypothesis) -> 
     named = [(structure.description.name, best) for structure in judgement.structures]
     for cause, challenge in zip(judgement.causes, judgement.challenges, strict=False):
         if challenge.margin > 0.0:
-            named.append((challenge.description, _less(best, cause, prospect)))
+            named.append((challenge.description, _less(best, cause)))
     found: dict[str, Contender] = {}
     for name, rest in named[: 2 * MOST_RIVALS]:
         item = prospect.explanation(name)
@@ -142,8 +121,7 @@ def _descriptions(diagnosis: Findings, prospect: Prospect, best: Hypothesis) -> 
             continue
         worth = rest.candidate_bayes_factor(item)
         if worth.scale > 0.0:
-            grown = replace(rest, items=(*rest.items, item), scales=(*rest.scales, worth.scale))
-            found[name] = Contender(name, grown, rest.log_evidence + worth.evidence)
+            found[name] = Contender(name, rest.beside(item, worth.scale), rest.log_evidence + worth.evidence)
     ordered = sorted(found.values(), key=lambda c: -c.log_evidence)[: MOST_RIVALS + 1]
     return ordered if len(ordered) > 1 else [*ordered, Contender.of(" and ".join(best.effects) or NOTHING, best)]
 
@@ -158,10 +136,7 @@ def _hidden(best: Hypothesis, prospect: Prospect) -> list[Contender]:
         worth = 0.5 * float(np.linalg.slogdet(np.eye(len(inner)) + inner)[1])
         seen[item.effect] = (worth, item)
     least = sorted(seen.values(), key=lambda entry: entry[0])[:MOST_RIVALS]
-    return [
-        Contender.of(item.effect, replace(best, items=(*best.items, item), scales=(*best.scales, 1.0)))
-        for _, item in least
-    ]
+    return [Contender.of(item.effect, best.beside(item, 1.0)) for _, item in least]
 
 
 def scaled_columns(hypothesis: Hypothesis, prospect: Prospect) -> FloatArray:
