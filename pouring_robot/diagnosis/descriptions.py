@@ -9,6 +9,7 @@ import numpy as np
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.drives import CHANNELS, LEGS
+from pouring_robot.effects.facts import in_words
 from pouring_robot.effects.joints import axis_parameters, centre_parameters
 from pouring_robot.inference.courses import separate, smooth, standardised, wandering
 from pouring_robot.inference.discrepancy import Description
@@ -68,7 +69,7 @@ def _of_one_condition(given: Conditions) -> Iterator[tuple[str, FloatArray]]:
         yield "session", separate(given.session)
     if given.truss_travel_m is not None:
         yield "truss travel", wandering(given.truss_travel_m)
-    for by, values in _numbers(given):
+    for by, values in _numbers(given).items():
         yield by, smooth(standardised(values), 1.0)
     if given.leg_rise_k is not None:
         yield "leg temperatures", smooth(standardised(given.leg_rise_k), 2.0, most=20)
@@ -78,15 +79,9 @@ def _of_one_condition(given: Conditions) -> Iterator[tuple[str, FloatArray]]:
     yield "way from the pose before", np.diff(pose, axis=0, prepend=pose[:1])
 
 
-def _numbers(given: Conditions) -> list[tuple[str, FloatArray]]:
+def _numbers(given: Conditions) -> dict[str, FloatArray]:
     """Return the conditions that are one number a row, by name; those that the campaign has."""
-    every = (
-        ("load", given.weight_n),
-        ("melt temperature", given.melt_rise_k),
-        ("hall temperature", given.ambient_rise_k),
-        ("platform temperature", given.platform_rise_k),
-    )
-    return [(name, values) for name, values in every if values is not None]
+    return in_words(given, "weight_n", "melt_rise_k", "ambient_rise_k", "platform_rise_k")
 
 
 def poses(given: Conditions) -> FloatArray:
@@ -128,7 +123,7 @@ def _of_pose(maker: _Maker, given: Conditions) -> Iterator[Description]:
     for where in ("seen place", "drives"):
         yield maker(where, "pose", wide)
         yield maker(where, "pose, finely", fine)
-    for by, values in _numbers(given):
+    for by, values in _numbers(given).items():
         if by in _MIXED_WITH_POSE:
             factor = standardised(values)[:, None]
             yield maker("seen place", f"pose and {by}", wide * factor)
@@ -165,6 +160,6 @@ def _of_joints(maker: _Maker, given: Conditions) -> Iterator[Description]:
     courses: list[tuple[str, FloatArray]] = []
     if given.time_known:
         courses.append(("time", wandering(given.time_s, most=12)))
-    courses += [(by, standardised(values)[:, None]) for by, values in _numbers(given) if by in _MOVING_JOINTS]
+    courses += [(by, standardised(values)[:, None]) for by, values in _numbers(given).items() if by in _MOVING_JOINTS]
     for by, course in courses:
         yield Description("joint centres", by, np.hstack([maker.columns(name, course) for name in centres]))

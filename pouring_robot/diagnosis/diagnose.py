@@ -131,18 +131,15 @@ def diagnose(
     return replace(found, flags=tuple(flags))
 
 
+@dataclass(frozen=True)
 class _Work:
     """One campaign, as often as it takes."""
 
-    def __init__(
-        self,
-        campaign: Campaign,
-        model: RobotModel,
-        effects: dict[str, Effect],
-        options: DiagnosisOptions,
-        say: Status,
-    ) -> None:
-        self.campaign, self.model, self.effects, self.options, self.say = campaign, model, effects, options, say
+    campaign: Campaign
+    model: RobotModel
+    effects: dict[str, Effect]
+    options: DiagnosisOptions
+    say: Status
 
     def found(self, wrong: NDArray[np.intp]) -> Diagnosis:
         """Diagnose with some rows left out."""
@@ -171,7 +168,7 @@ class _Work:
             )
         self.say("asking whether what is left has structure")
         judgement = judge(hypothesis, list(descriptions(rows, after.linear)), self.options.thresholds)
-        before = diagnoser.at_rest()
+        before = diagnoser.at_rest
         if not judgement.causes:  # nothing is named, so nothing is added: the model stays as it was given
             after = before
         given = rows.conditions

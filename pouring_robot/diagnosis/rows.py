@@ -9,13 +9,12 @@ effect are the product of the Jacobian by local parameters with the changes that
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.batch import BatchStart
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.effects.base import EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions, NominalRows, conditions_of
@@ -70,12 +69,12 @@ class RowChanges:
 
     def __add__(self, other: RowChanges) -> RowChanges:
         """Return both changes together; to first order in the rotations at one joint."""
-        return RowChanges(
-            self.drives + other.drives,
-            self.placements + other.placements,
-            self.base + other.base,
-            self.scale + other.scale,
-        )
+        return RowChanges(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
+
+    def and_unchanged(self, count: int) -> RowChanges:
+        """Return the same with so many unchanged rows behind."""
+        values = (getattr(self, field.name) for field in fields(self))
+        return RowChanges(*(np.concatenate([v, np.zeros((count, *v.shape[1:]))]) for v in values))
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,14 +100,7 @@ class LinearRows:
     def of(self, rows: NDArray[np.bool_]) -> LinearRows:
         """Return the equations of some rows, by a mask (n,)."""
         kept = rows[self.row]
-        return LinearRows(
-            self.residual[kept],
-            self.jacobian[kept],
-            self.row[kept],
-            self.component[kept],
-            self.scale[kept],
-            self.tracker[kept],
-        )
+        return LinearRows(*(getattr(self, field.name)[kept] for field in fields(self)))
 
     @property
     def free(self) -> FloatArray:
@@ -138,7 +130,7 @@ class CampaignRows:
         self.measured = MeasuredPoses.from_campaign(campaign, noise.position_m, noise.rotation_rad)
         modelled = self.measurement.at(campaign.drives)
         self._drives = campaign.drives + self.measurement.drive_errors(None)
-        self._start: BatchStart = modelled.start
+        self._start = modelled.start
         self.frames = first_frames(modelled, self.measured).frames
         self.conditions = self._conditions()
         self._given = self._by_stack(model)

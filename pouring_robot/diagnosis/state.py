@@ -52,32 +52,25 @@ class State:
         return self.problem.compressed()
 
 
+@dataclass(frozen=True, eq=False)
 class Diagnoser:
     """Searches a campaign for effects, exactly: the robot is linearised again at every answer.
 
-    Args:
+    Attributes:
         rows: the campaign.
         library: what may be found.
         fitted: rows that may be fitted, (n,); the others play no part.
         options: thresholds of the search.
     """
 
-    def __init__(
-        self,
-        rows: CampaignRows,
-        library: Library,
-        fitted: NDArray[np.bool_],
-        options: SearchOptions = DEFAULT_SEARCH,
-    ) -> None:
-        """Keep what is searched."""
-        self.rows, self.library, self.fitted, self.options = rows, library, fitted, options
-
-    def at_rest(self) -> State:
-        """Return the state without any change, its frames refined."""
-        return self._at_rest
+    rows: CampaignRows
+    library: Library
+    fitted: NDArray[np.bool_]
+    options: SearchOptions = DEFAULT_SEARCH
 
     @functools.cached_property
-    def _at_rest(self) -> State:
+    def at_rest(self) -> State:
+        """The state without any change, its frames refined."""
         frames = self.rows.frames
         for _ in range(_FRAME_STEPS):
             linear = self.rows.linearise(self.rows.unchanged(), frames).of(self.fitted)
@@ -96,7 +89,7 @@ class Diagnoser:
 
         The hypothesis is of the whole problem of the state returned with it.
         """
-        state = self.at_rest()
+        state = self.at_rest
         hypothesis = search(state.small, self.options)
         for turn in range(_ROUNDS):
             if not hypothesis.items and not any(hypothesis.levels):
@@ -137,12 +130,11 @@ class Diagnoser:
         known = {id(p): value for p, value in zip(state.parameters, state.values.tolist(), strict=True)}
         from_here = np.array([known.get(id(p), 0.0) for p in parameters])
         before = self._signature(state.parameters, state.values, state.linear)
-        left = (
-            state.linear.residual
-            + before
-            - self._signature(parameters, wanted, state.linear)
-            - self._unnamed(hypothesis, state)
-        )
+        whole = self._carried(hypothesis, state, whole=True)
+        left = state.linear.residual + before - self._signature(parameters, wanted, state.linear)
+        for k, item in enumerate(whole.items):
+            if item.key not in self.library.forms:  # it has no parameters of the robot
+                left -= whole.part(k)
         step = _least_squares(state.linear.free, left)
         share = 1.0
         for _ in range(_HALVINGS):
@@ -156,12 +148,6 @@ class Diagnoser:
             expected = state.linear.residual + gone
             return new, float(np.sqrt(((new.linear.residual - expected) ** 2).mean()))
         return state, 0.0
-
-    def _unnamed(self, hypothesis: Hypothesis, state: State) -> FloatArray:
-        """Return what items without parameters of the robot add to the prediction, whitened, (m,)."""
-        whole = self._carried(hypothesis, state, whole=True)
-        parts = [whole.part(k) for k, item in enumerate(whole.items) if item.key not in self.library.forms]
-        return np.sum(parts, axis=0) if parts else np.zeros(state.linear.residual.size)
 
     def _signature(self, parameters: tuple[EffectParameter, ...], values: FloatArray, linear: LinearRows) -> FloatArray:
         """Return what parameters add to the prediction to first order, whitened, (m,)."""

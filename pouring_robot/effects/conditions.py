@@ -79,6 +79,11 @@ class Conditions:
         return np.asarray(np.arctan2(self.rotation[:, 0, 2], self.rotation[:, 2, 2]))
 
     @property
+    def tilt_drive_rad(self) -> FloatArray:
+        """Commanded angle of the tilt drive, (n,)."""
+        return self.drives[:, 3]
+
+    @property
     def passed(self) -> FloatArray:
         """How much of the campaign's time has passed, 0 to 1, (n,)."""
         return np.asarray((self.time_s - self.time_s.min()) / max(float(np.ptp(self.time_s)), 1e-9))

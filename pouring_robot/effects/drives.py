@@ -11,18 +11,22 @@ from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.pouring.names import DRIVE_JOINTS, DRIVE_SYMBOLS
 
 CHANNELS = tuple(f"drive.{joint}" for joint in DRIVE_JOINTS)
-UNITS = ("mm", "mm", "mm", "mrad")
-SI = (MM, MM, MM, MRAD)
 LEGS = (0, 1, 2)
+"""Drives that are lengths; the fourth is an angle."""
 _MIDDLE_M, _HALF_STROKE_M = 0.55, 0.2
 _HOMES_M = (0.3, 0.4, 0.5)
 """Lengths at which a leg may have been homed."""
 
 
+def of_legs(unit: float, courses: FloatArray) -> dict[str, FloatArray]:
+    """Return the change of all three driven legs along courses (n, 3 or more), of a unit in m."""
+    return {CHANNELS[k]: unit * courses[:, k] for k in LEGS}
+
+
 def of_drive(drive: int, name: str, prior_std: float, course: FloatArray, main: bool = True) -> EffectParameter:
     """Return a parameter that moves one drive along a course (n,), in its own unit."""
-    changes = {CHANNELS[drive]: SI[drive] * course}
-    return EffectParameter(f"{DRIVE_SYMBOLS[drive]}_{name}", UNITS[drive], prior_std, changes, main)
+    unit, si = ("mm", MM) if drive in LEGS else ("mrad", MRAD)
+    return EffectParameter(f"{DRIVE_SYMBOLS[drive]}_{name}", unit, prior_std, {CHANNELS[drive]: si * course}, main)
 
 
 class DriveZeroOffset(Effect):

@@ -6,7 +6,7 @@ import numpy as np
 
 from pouring_robot.effects.base import Effect, EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.effects.drives import CHANNELS, LEGS
+from pouring_robot.effects.drives import CHANNELS, LEGS, of_legs
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.pouring.names import SEATS
 
@@ -15,10 +15,6 @@ _PRIOR_STD_PPM = 12.0
 _BIAS_K = 4.0
 _GAIN = 0.03
 _LAG_S = 500.0
-
-
-def _legs(values: FloatArray) -> dict[str, FloatArray]:
-    return {CHANNELS[k]: _PPM * values[:, k] for k in LEGS}
 
 
 class LegThermalExpansion(Effect):
@@ -32,16 +28,15 @@ class LegThermalExpansion(Effect):
         """Each leg as a whole with its thermometer, which may be biased, lag, or see another part of the leg."""
         lengths, rise = conditions.lengths_m[:, :3], np.asarray(conditions.leg_rise_k)[:, :3]
         prior_std = _PRIOR_STD_PPM
-        main = EffectParameter("expansion", "1e-6/K", prior_std, _legs(lengths * rise), bounds=(0.0, np.inf))
+        main = EffectParameter("expansion", "1e-6/K", prior_std, of_legs(_PPM, lengths * rise), bounds=(0.0, np.inf))
+        late = lengths * (conditions.behind(rise, _LAG_S) - rise)
         shape = [
-            EffectParameter("barrel", "1e-6 m/K", 0.3 * prior_std, _legs(0.3 * rise), main=False),
-            EffectParameter(
-                "lag", "1e-6/K", 0.7 * prior_std, _legs(lengths * (conditions.behind(rise, _LAG_S) - rise)), main=False
-            ),
+            EffectParameter("barrel", "1e-6 m/K", 0.3 * prior_std, of_legs(_PPM, 0.3 * rise), main=False),
+            EffectParameter("lag", "1e-6/K", 0.7 * prior_std, of_legs(_PPM, late), main=False),
         ]
         if conditions.platform_rise_k is not None:
-            nearer = lengths * (conditions.platform_rise_k[:, None] - rise)
-            shape.append(EffectParameter("platform_share", "1e-6/K", 0.2 * prior_std, _legs(nearer), main=False))
+            nearer = of_legs(_PPM, lengths * (conditions.platform_rise_k[:, None] - rise))
+            shape.append(EffectParameter("platform_share", "1e-6/K", 0.2 * prior_std, nearer, main=False))
         for k in LEGS:
             bias, gain = {CHANNELS[k]: _PPM * lengths[:, k]}, {CHANNELS[k]: _PPM * lengths[:, k] * rise[:, k]}
             shape.append(EffectParameter(f"l{k + 1}_thermometer_bias", "1e-6", _BIAS_K * prior_std, bias, main=False))

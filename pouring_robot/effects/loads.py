@@ -6,17 +6,12 @@ import numpy as np
 
 from pouring_robot.effects.base import Effect, EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.effects.drives import CHANNELS, LEGS
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.effects.drives import CHANNELS, LEGS, of_legs
 from pouring_robot.mechanism.poses import MM, MRAD
 
 _LEG_LOAD_N, _LEG_M, _MOMENT_NM, _WEIGHT_N = 5000.0, 0.6, 2000.0, 6500.0
 """Loads at which deflections are given: about the largest of this robot."""
 _LATER = 0.2
-
-
-def _legs(values: FloatArray) -> dict[str, FloatArray]:
-    return {CHANNELS[k]: MM * values[:, k] for k in LEGS}
 
 
 class LegCompliance(Effect):
@@ -36,14 +31,14 @@ class LegCompliance(Effect):
         found = []
         for name, course in courses.items():
             shape = [
-                EffectParameter("stiffening", unit, _LATER, _legs(pull * np.abs(pull)), main=False),
-                EffectParameter("rod_share", unit, 0.3, _legs(rod - pull), main=False),
+                EffectParameter("stiffening", unit, _LATER, of_legs(MM, pull * np.abs(pull)), main=False),
+                EffectParameter("rod_share", unit, 0.3, of_legs(MM, rod - pull), main=False),
                 *(
                     EffectParameter(f"l{k + 1}_difference", unit, 0.1, {CHANNELS[k]: MM * course[:, k]}, main=False)
                     for k in LEGS
                 ),
             ]
-            main = EffectParameter("stretch", unit, 1.0, _legs(course), bounds=(0.0, np.inf))
+            main = EffectParameter("stretch", unit, 1.0, of_legs(MM, course), bounds=(0.0, np.inf))
             found.append(Form(name, (main, *shape)))
         return tuple(found)
 

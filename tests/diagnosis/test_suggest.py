@@ -115,7 +115,7 @@ def lead(campaign, noise, effect, rival):
     """By how much an effect alone explains all rows better than another one alone, in nats."""
     rows = CampaignRows(campaign, RobotModel(), noise)
     library = Library.of(rows, chosen_effects())
-    problem = Diagnoser(rows, library, np.ones(len(rows), dtype=bool)).at_rest().problem
+    problem = Diagnoser(rows, library, np.ones(len(rows), dtype=bool)).at_rest.problem
     nothing = Hypothesis.nothing(problem)
 
     def best(name):
@@ -138,7 +138,7 @@ def test_suggestions_can_be_commanded_and_written(confounded):
     lower, upper = robot.layout.position_lower_m, robot.layout.position_upper_m
     hours = [m.hours_later for m in found.measurements]
     assert hours == sorted(hours) and hours[0] > 0.0
-    for row in json.loads(json.dumps(found.as_list(), allow_nan=False)):
+    for row in json.loads(json.dumps([m.as_dict() for m in found.measurements], allow_nan=False)):
         pose = PlatformPose.from_mm_deg(*(row["pose"][name] for name in ("x_mm", "y_mm", "z_mm", "tilt_deg")))
         assert np.all(np.array(pose.position_m) >= lower) and np.all(np.array(pose.position_m) <= upper)
         commanded = list(robot.kinematics.inverse(pose).values())
@@ -147,12 +147,13 @@ def test_suggestions_can_be_commanded_and_written(confounded):
         assert {row["conditions"][f"approach_q{k}"] for k in (1, 2, 3, 4)} <= {-1.0, 1.0}
         assert 0.0 <= row["conditions"]["payload_kg"] <= 500.0
         assert row["expected_nats"] > 0.0
-    assert len({row["rank"] for row in found.as_list()}) == 4
+    assert len({m.rank for m in found.measurements}) == 4
 
 
 def test_same_seed_same_suggestion(confounded):
     one, other = suggest_measurements(confounded, seed=7), suggest_measurements(confounded, seed=7)
     assert one.as_dict() == other.as_dict()
+    assert [m.as_dict() for m in one.measurements] == [m.as_dict() for m in other.measurements]
     assert one.as_dict() != suggest_measurements(confounded, seed=8).as_dict()
 
 

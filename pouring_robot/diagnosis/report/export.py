@@ -101,8 +101,8 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
             }
             for effect, missing in diagnosis.untestable.items()
         ],
-        "suggested_measurements": diagnosis.suggestion.as_list(),
-        "suggestion": {k: v for k, v in diagnosis.suggestion.as_dict().items() if k != "measurements"},
+        "suggested_measurements": [measurement.as_dict() for measurement in diagnosis.suggestion.measurements],
+        "suggestion": diagnosis.suggestion.as_dict(),
         "data_flags": [flag.to_json(diagnosis.campaign) for flag in diagnosis.flags],
         "model": model_file,
         "amended": not diagnosis.refused,

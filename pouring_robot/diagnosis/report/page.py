@@ -44,7 +44,7 @@ def html_report(diagnosis: Conclusions) -> str:
     if suggested:
         blocks += [Heading("Measurements that tell most"), _measurements(suggested)]
     blocks += [Heading("Findings of the data checks"), Lines([str(f) for f in diagnosis.flags] or ["nothing"])]
-    return html_page(f"Conclusions of {diagnosis.campaign.path.name}", "Conclusions", blocks)
+    return html_page(f"Diagnosis of {diagnosis.campaign.path.name}", "Diagnosis", blocks)
 
 
 def _rows_used(diagnosis: Conclusions) -> str:

@@ -127,8 +127,13 @@ def ladle_scene(diagnosis: Conclusions) -> Scene | None:
         placed = [slot * pose for slot, pose in zip(slots, poses, strict=True)]
         return SceneRobot(name, pin.Model(), ladle.at(placed), np.zeros(0), opacity=opacity, tint=tint, label=label)
 
-    model = [_enlarged(item.nominal, item.model, factor) for item in found]
-    measured = [_enlarged(item.nominal, item.measured, factor) for item in found]
+    def enlarged(nominal: pin.SE3, pose: pin.SE3) -> pin.SE3:
+        return enlarged_pose(nominal, PoseDifference.between(nominal, pose), factor)
+
+    model = [enlarged(item.nominal, item.model) for item in found]
+    measured = [enlarged(item.nominal, item.measured) for item in found]
+    assumed = [("measured", "rotations are the model's: only positions were measured")]
+    assumed = [] if diagnosis.campaign.full_pose else assumed
     said = "as the given model says" if diagnosis.refused else "as the amended model says"
     scene = Scene(
         title=f"Nominal, modelled and measured ladles of {diagnosis.campaign.path.name}",
@@ -147,14 +152,10 @@ def ladle_scene(diagnosis: Conclusions) -> Scene | None:
             )
             for slot, item, end in zip(slots, found, measured, strict=True)
         ),
-        caption=(*(_caption(diagnosis, item, lip) for item in found), *_assumption(diagnosis)),
+        caption=(*(_caption(diagnosis, item, lip) for item in found), *assumed),
         exaggeration=factor,
     )
     return dataclasses.replace(scene, camera=camera_on(scene, VIEW_DIRECTION))
-
-
-def _enlarged(nominal: pin.SE3, found: pin.SE3, factor: float) -> pin.SE3:
-    return enlarged_pose(nominal, PoseDifference.between(nominal, found), factor)
 
 
 class _Ladle:
@@ -185,11 +186,6 @@ class _Ladle:
                 copy.placement = pose * self._pose_platform_to_joint * part.placement
                 visual.addGeometryObject(copy)
         return visual
-
-
-def _assumption(diagnosis: Conclusions) -> list[tuple[str, str]]:
-    full = diagnosis.campaign.full_pose
-    return [] if full else [("measured", "rotations are the model's: only positions were measured")]
 
 
 def _line(diagnosis: Conclusions, item: SeenRow) -> int:

@@ -105,11 +105,6 @@ def gap_table(diagnosis: Conclusions) -> tuple[tuple[str, ...], list[tuple[str, 
     return tuple(GAP_HEAD[k] for k in kept), [tuple(row[k] for k in kept) for row in table]
 
 
-def where_lines(diagnosis: Conclusions) -> list[str]:
-    """Return where model and data disagree, most important first."""
-    return list(diagnosis.where.sentences)
-
-
 def effect_lines(diagnosis: Conclusions, effect: NamedEffect) -> list[str]:
     """Return an effect in sentences: what happens, how large it is, its parameters."""
     cause = effect.cause
@@ -224,7 +219,8 @@ def next_lines(diagnosis: Conclusions) -> list[str]:
             else "measure the same poses again under other conditions: what changes tells what it depends on"
         )
     if verdict == "no_gap":
-        lines += _hidden_lines(diagnosis)
+        hidden = {s.second: s.words for s in diagnosis.suggestion.separations}
+        lines += [f"could be there and not show: {name}; to see it, {words}" for name, words in hidden.items()]
     else:
         lines += _measurement_lines(diagnosis)
     if diagnosis.noise.from_residuals:
@@ -234,12 +230,6 @@ def next_lines(diagnosis: Conclusions) -> list[str]:
     if diagnosis.held_out is None:
         lines.append("measure more poses, so that some can be held out as a check")
     return lines
-
-
-def _hidden_lines(diagnosis: Conclusions) -> list[str]:
-    """Return what could be there and not show."""
-    hidden = {s.second: s.words for s in diagnosis.suggestion.separations}
-    return [f"could be there and not show: {name}; to see it, {words}" for name, words in hidden.items()]
 
 
 def _measurement_lines(diagnosis: Conclusions) -> list[str]:
@@ -326,7 +316,7 @@ def sections(diagnosis: Conclusions, *, short: bool = True) -> list[tuple[str, l
         diagnosis: what was found.
         short: whether only the most important sentences are wanted.
     """
-    where = where_lines(diagnosis)
+    where = list(diagnosis.where.sentences)
     if short and len(where) > _SHOWN_SENTENCES:
         where = [*where[:_SHOWN_SENTENCES], f"{len(where) - _SHOWN_SENTENCES} more in the report"]
     told = [effect_lines(diagnosis, effect) for effect in diagnosis.firm]

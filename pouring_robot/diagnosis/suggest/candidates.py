@@ -19,7 +19,7 @@ from pouring_robot.campaign.plan import random_plan
 from pouring_robot.diagnosis.descriptions import descriptions
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.problem import Library, problem_at
-from pouring_robot.diagnosis.rows import CampaignRows, RowChanges
+from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.inference.discrepancy import Description
 from pouring_robot.inference.explanations import Background, Explanation, Problem
 from pouring_robot.io.temperatures import REFERENCE_DEGC
@@ -124,7 +124,7 @@ class Prospect:
         old, self._after = diagnosis.rows, diagnosis.after
         rows = CampaignRows(_together(old.campaign, possible, diagnosis), diagnosis.model, diagnosis.noise)
         changes = old.changes(self._after.parameters, self._after.values)
-        self._rows, self._linear = rows, rows.linearise(_padded(changes, len(possible)), self._after.frames)
+        self._rows, self._linear = rows, rows.linearise(changes.and_unchanged(len(possible)), self._after.frames)
         new = self._linear.row >= len(old)
         self._old = np.append(diagnosis.fitted, np.zeros(len(possible), dtype=bool))[self._linear.row]
         self._new = np.asarray(new, dtype=np.bool_)
@@ -182,12 +182,3 @@ def _together(campaign: Campaign, possible: Candidates, diagnosis: Findings) -> 
         sessions=(*campaign.sessions, *((SESSION,) * n)),
         **joined,
     )
-
-
-def _padded(changes: RowChanges, count: int) -> RowChanges:
-    """Return changes of rows with unchanged ones behind."""
-
-    def longer(values: FloatArray) -> FloatArray:
-        return np.concatenate([values, np.zeros((count, *values.shape[1:]))])
-
-    return RowChanges(*(longer(v) for v in (changes.drives, changes.placements, changes.base, changes.scale)))

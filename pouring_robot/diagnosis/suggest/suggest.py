@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from pouring_robot.campaign.columns import APPROACHES
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.suggest.candidates import Candidates, Prospect, candidates
-from pouring_robot.diagnosis.suggest.contenders import Contender, Contest, contest, scaled_columns
+from pouring_robot.diagnosis.suggest.contenders import Contender, contest, scaled_columns
 from pouring_robot.diagnosis.suggest.words import separating_words, untestable_words
 from pouring_robot.inference.discrimination import Prediction, choose, expected, total
 from pouring_robot.mechanism.arrays import FloatArray
@@ -23,8 +24,7 @@ MOST = 10
 RANDOM_SETS = 50
 _CANDIDATES = 75
 _LITTLE_NATS = 3.0
-_APPROACHES = ("approach_q1", "approach_q2", "approach_q3", "approach_q4")
-_LEGS = tuple(f"{leg}_degC" for leg in LEGS)
+_COLUMNS = {"approach": APPROACHES, "leg_degC": tuple(f"{leg}_degC" for leg in LEGS)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,14 +106,9 @@ class Suggestion:
     advice: tuple[str, ...] = ()
     seed: int = 0
 
-    def as_list(self) -> list[dict[str, Any]]:
-        """Return the measurements as ``diagnosis.json`` has them."""
-        return [measurement.as_dict() for measurement in self.measurements]
-
     def as_dict(self) -> dict[str, Any]:
-        """Return everything, for people and programs."""
+        """Return ``suggestion`` of ``diagnosis.json``; the measurements stand beside it."""
         return {
-            "measurements": self.as_list(),
             "separations": [
                 {
                     "first": s.first,
@@ -162,7 +157,19 @@ def suggest_measurements(diagnosis: Findings, count: int = MOST, seed: int = 0) 
     by_chance = np.array([expected(predictions, found.pairs, k, chosen) for chosen in sets])
     grown = expected(predictions, found.pairs, k, choice.chosen)
     names = [(found.contenders[a].name, found.contenders[b].name) for a, b in found.pairs]
-    separations = _separations(found, names, grown, np.median(by_chance, axis=0), diagnosis)
+    effects, conditions = diagnosis.diagnoser.library.effects, diagnosis.rows.conditions
+    evidence = [contender.log_evidence for contender in found.contenders]
+    by_luck = np.median(by_chance, axis=0)
+    separations = tuple(
+        Separation(
+            *names[k],
+            evidence[a] - evidence[b],
+            float(grown[k]),
+            float(by_luck[k]),
+            separating_words(*names[k], effects, conditions),
+        )
+        for k, (a, b) in enumerate(found.pairs)
+    )
     order = np.argsort(choice.chosen, kind="stable")  # candidates stand in the order of their time
     measurements = [_measurement(possible, int(choice.chosen[i]), int(i) + 1, names, choice.gains[i]) for i in order]
     together = float(total(grown))
@@ -182,41 +189,14 @@ def _prediction(contender: Contender, prospect: Prospect) -> Prediction:
     return Prediction(columns @ mean, spread + np.eye(len(columns)))
 
 
-def _separations(
-    found: Contest,
-    names: Sequence[tuple[str, str]],
-    grown: FloatArray,
-    by_chance: FloatArray,
-    diagnosis: Findings,
-) -> tuple[Separation, ...]:
-    effects, conditions = diagnosis.diagnoser.library.effects, diagnosis.rows.conditions
-    return tuple(
-        Separation(
-            first,
-            second,
-            found.contenders[a].log_evidence - found.contenders[b].log_evidence,
-            float(grown[k]),
-            float(by_chance[k]),
-            separating_words(first, second, effects, conditions),
-        )
-        for k, ((a, b), (first, second)) in enumerate(zip(found.pairs, names, strict=True))
-    )
-
-
 def _measurement(
     possible: Candidates, index: int, rank: int, names: Sequence[tuple[str, str]], gains: FloatArray
 ) -> SuggestedMeasurement:
-    arrays = possible.arrays
     given: dict[str, float] = {}
-    if "approach" in arrays:
-        given |= dict(zip(_APPROACHES, arrays["approach"][index].tolist(), strict=True))
-    for name in ("payload_kg", "truss_travel_m", "melt_degC", "ambient_degC"):
-        if name in arrays:
-            given[name] = float(arrays[name][index])
-    if "leg_degC" in arrays:
-        given |= dict(zip(_LEGS, arrays["leg_degC"][index].tolist(), strict=True))
-    if "platform_degC" in arrays:
-        given["platform_degC"] = float(arrays["platform_degC"][index])
+    for name in ("approach", "payload_kg", "truss_travel_m", "melt_degC", "ambient_degC", "leg_degC", "platform_degC"):
+        if name in possible.arrays:
+            values = np.atleast_1d(possible.arrays[name][index]).tolist()
+            given |= dict(zip(_COLUMNS.get(name, (name,)), values, strict=True))
     best = int(np.argmax(gains))
     return SuggestedMeasurement(
         possible.poses[index],

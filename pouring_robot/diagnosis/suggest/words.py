@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.effects.facts import FACTS, Facts
+from pouring_robot.effects.facts import FACTS, Facts, held_still
 
 _OPEN = "measure where the two predict most apart: the poses listed"
 
@@ -21,9 +21,10 @@ def separating_words(first: str, second: str, effects: Mapping[str, Effect], con
         conditions: of the campaign.
     """
     both = [effects[name] for name in (first, second) if name in effects]
-    known = [(FACTS.get(effect.driver, Facts()), effect.separation) for effect in both if effect.separation]
-    still = [how for facts, how in known if facts.held_still(conditions)]
-    chosen = still or [how for facts, how in known if not facts.by_pose] or [how for _, how in known]
+    known = [(effect.driver, effect.separation) for effect in both if effect.separation]
+    still = [how for driver, how in known if held_still(driver, conditions)]
+    free = [how for driver, how in known if not FACTS.get(driver, Facts()).by_pose]
+    chosen = still or free or [how for _, how in known]
     return "; ".join(dict.fromkeys(chosen)) or _OPEN
 
 

@@ -15,6 +15,7 @@ from scipy.interpolate import BSpline
 from pouring_robot.diagnosis.descriptions import poses
 from pouring_robot.diagnosis.gap import COMPONENTS
 from pouring_robot.effects.conditions import Conditions
+from pouring_robot.effects.facts import FACTS, in_words
 from pouring_robot.inference.courses import separate, standardised
 from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.mechanism.arrays import FloatArray
@@ -173,17 +174,13 @@ def terms(data: FreeResiduals, given: Conditions) -> list[Term]:
 
 def untested(given: Conditions) -> tuple[str, ...]:
     """Return the conditions that the campaign does not have or did not vary."""
-    tables: list[tuple[str, FloatArray | None]] = [
-        ("load", given.weight_n),
-        ("truss travel", given.truss_travel_m),
-        ("melt temperature", given.melt_rise_k),
-        ("hall temperature", given.ambient_rise_k),
-        ("leg temperatures", given.leg_rise_k),
-        ("platform temperature", given.platform_rise_k),
-        ("side of approach", given.approach),
-        ("time", given.time_s if given.time_known else None),
-    ]
-    return tuple(name for name, v in tables if v is None or not _varies(v.reshape(len(given), -1)[:, 0]))
+    wanted = [name for name, facts in FACTS.items() if facts.word]
+    varied = {
+        word
+        for word, values in in_words(given, *wanted).items()
+        if _varies(values.reshape(len(given), -1)[:, 0]) and (word != "time" or given.time_known)
+    }
+    return tuple(FACTS[name].word for name in wanted if FACTS[name].word not in varied)
 
 
 def _varies(values: FloatArray) -> bool:
@@ -194,16 +191,15 @@ def _numbers(given: Conditions) -> Iterator[tuple[str, FloatArray, str]]:
     """Yield conditions that are one number a row, in the user's unit."""
     hours = (given.time_s - given.time_s.min()) / 3600.0
     yield ("time", hours, "h") if given.time_known else ("order of measurement", given.time_s, "")
-    if given.weight_n is not None:
-        yield "load", given.weight_n / GRAVITY_M_S2, "kg"
-    if given.truss_travel_m is not None:
-        yield "truss travel", given.truss_travel_m, "m"
-    named = [("melt", given.melt_rise_k), ("hall", given.ambient_rise_k), ("platform", given.platform_rise_k)]
+    for name, values in in_words(given, "weight_n").items():
+        yield name, values / GRAVITY_M_S2, "kg"
+    for name, values in in_words(given, "truss_travel_m").items():
+        yield name, values, "m"
+    rises = in_words(given, "melt_rise_k", "ambient_rise_k", "platform_rise_k")
     if given.leg_rise_k is not None:
-        named += [(f"leg {k + 1}", column) for k, column in enumerate(given.leg_rise_k.T)]
-    for name, values in named:
-        if values is not None:
-            yield f"{name} temperature", values, "K above reference"
+        rises |= {f"leg {k + 1} temperature": column for k, column in enumerate(given.leg_rise_k.T)}
+    for name, values in rises.items():
+        yield name, values, "K above reference"
 
 
 def _of_drives(given: Conditions, drives: Sequence[Channel]) -> Iterator[Term]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pouring_robot.diagnosis.where.finding import CONDITION, Finding, size_text
 from pouring_robot.diagnosis.where.selection import Found, Selection
 from pouring_robot.diagnosis.where.terms import POSE, FreeResiduals, Term
+from pouring_robot.effects.facts import FACTS
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.pouring.names import DRIVE_SYMBOLS, DRIVE_WORDS
 
@@ -19,7 +20,10 @@ _MONOTONE = 0.8
 _MINOR = 0.25
 _EXCLUDED = 0.4
 _QUIET_P = 0.02
-_WORTH_SAYING = ("load", "time", "melt temperature", "hall temperature", "platform temperature", "truss travel")
+_WORTH_SAYING = tuple(
+    FACTS[name].word
+    for name in ("weight_n", "time_s", "melt_rise_k", "ambient_rise_k", "platform_rise_k", "truss_travel_m")
+)
 _DRIVES = dict(zip(DRIVE_SYMBOLS, DRIVE_WORDS, strict=True))
 
 
