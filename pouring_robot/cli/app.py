@@ -103,8 +103,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (typer.Abort, KeyboardInterrupt):
         _complain("stopped")
         return 130
-    except BrokenPipeError:
-        # The reader (such as `head`) has gone: say nothing, and keep Python from saying it at exit.
+    except (BrokenPipeError, SystemExit):
+        # The reader (such as `head`) has gone, for which Click and Rich leave by SystemExit, as nothing else here does:
+        # that is no failure; say nothing, and keep Python from saying it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import os
 import signal
 import socket
 import subprocess
@@ -402,3 +403,14 @@ def test_view_listens_on_loopback_until_ctrl_c_and_leaves_nothing(tmp_path):
     with contextlib.closing(socket.socket()) as probe:
         assert probe.connect_ex(("127.0.0.1", port)) != 0
     assert list(empty.iterdir()) == []
+
+
+@pytest.mark.parametrize("arguments", [["robots"], ["effects", "--json"], ["--help"]])
+def test_a_reader_that_has_had_enough_is_no_failure(arguments):
+    """``pouring-robot robots | head -1``, with a reader that is gone before the first line."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-m", "pouring_robot", *arguments]
+    with os.fdopen(writer, "wb") as out:
+        done = subprocess.run(command, stdout=out, stderr=subprocess.PIPE, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
