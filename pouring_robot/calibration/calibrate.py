@@ -23,10 +23,10 @@ from pouring_robot.checks.flags import ROW_CODES, DataFlag, Severity, outlier_ro
 from pouring_robot.estimation.frames import FRAMES
 from pouring_robot.estimation.identifiability import base_parameters
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
-from pouring_robot.estimation.noise import fit_with_noise, repeats, stated_noise
+from pouring_robot.estimation.noise import repeats, stated_noise
 from pouring_robot.estimation.priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor
-from pouring_robot.estimation.solver import Fit, FitOptions, first_frames, identify
+from pouring_robot.estimation.solver import Fit, FitOptions, first_frames, fit_with_noise, identify
 from pouring_robot.estimation.splits import HoldOut, Rows, Split, split
 from pouring_robot.exceptions import CampaignError
 from pouring_robot.io.progress import Status, say_nothing
@@ -231,10 +231,7 @@ def _refused(
 def _inflation(fit: Fit) -> float:
     """Return by how much residuals exceed the noise, where that is no accident; else 1."""
     freedom = fit.freedom()
-    if freedom < 1.0:
-        return 1.0
-    ratio = fit.chi_square() / freedom
-    return float(np.sqrt(ratio)) if scipy.special.chdtrc(freedom, fit.chi_square()) < _SURE else 1.0
+    return fit.scatter() if freedom > 1.0 and scipy.special.chdtrc(freedom, fit.chi_square()) < _SURE else 1.0
 
 
 def _rank_anywhere(seen: FloatArray, workspace: ModelledRows, start: Unknowns, measured: MeasuredPoses) -> int:

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pouring_robot.calibration.acceptance import mean_and_error
+from pouring_robot.calibration.acceptance import mean_and_error, row_scores
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.priors import prior_std
-from pouring_robot.estimation.residuals import MeasuredPoses, whiten
+from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.estimation.solver import FitOptions, first_frames, identify
 from pouring_robot.estimation.splits import Rows, Split
 from pouring_robot.exceptions import CalibrationError
@@ -97,13 +97,9 @@ class _CrossValidation:
             fit = identify(rows[train], measured[train], start, prior, self.options)
         except CalibrationError:
             return np.full((validation.size, 2), _FAILED)  # a choice that cannot be fitted is no choice
-        equations = whiten(measured[validation], rows[validation].predict(fit.unknowns))
-        size = 2 * validation.size
-        place = 2 * equations.rows + (equations.components >= 3)
-        total = np.bincount(place, equations.residual**2, minlength=size)
-        count = np.bincount(place, minlength=size)
-        score = np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(-1, 2)
-        score[equations.failed] = _FAILED
+        seen, prediction = measured[validation], rows[validation].predict(fit.unknowns)
+        score = row_scores(seen.difference(prediction), seen.sigma)
+        score[seen.known.any(axis=1) & ~prediction.closed] = _FAILED
         return score
 
 

@@ -1,8 +1,11 @@
-"""The noise of a campaign: as stated, or from repeats of a pose, or from what a fit leaves over."""
+"""The noise of a campaign: as stated, or from repeats of a pose.
+
+Where it is neither, a fit says what it leaves over: :func:`pouring_robot.estimation.solver.fit_with_noise`.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -10,15 +13,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.estimation.measurement import ModelledRows, Unknowns
 from pouring_robot.estimation.residuals import MeasuredPoses
-from pouring_robot.estimation.solver import Fit, FitOptions, identify
 from pouring_robot.mechanism.arrays import FloatArray
 
 Source = Literal["stated", "repeats", "residuals", "none"]
 _FEWEST_FREEDOMS = 12
 _SAME_DRIVE = 1e-6  # m or rad: the last digit of a campaign file
-_LEAST = 1e-9
 _FIRST_GUESS_M, _FIRST_GUESS_RAD = 1e-3, 1e-3
 
 
@@ -142,40 +142,3 @@ def stated_noise(campaign: Campaign, rows: NDArray[np.intp]) -> NoiseLevel:
         chosen[1] = (chosen[1][0], "none", float("inf"))
     (position, position_source, known), (rotation, rotation_source, turned) = chosen
     return NoiseLevel(position, rotation, position_source, rotation_source, known, turned)
-
-
-def fit_with_noise(
-    rows: ModelledRows,
-    measured: MeasuredPoses,
-    start: Unknowns,
-    prior_std: FloatArray,
-    noise: NoiseLevel,
-    options: FitOptions | None = None,
-) -> tuple[Fit, NoiseLevel]:
-    """Identify, and where the noise is unknown take it from what is left over, until both agree within 1 %.
-
-    The residuals of n equations with p unknowns spent on them have the variance σ² (n - p) / n.
-
-    Raises:
-        CalibrationError: as :func:`~pouring_robot.estimation.solver.identify`.
-    """
-    fit = identify(rows, measured.with_noise(noise.position_m, noise.rotation_rad), start, prior_std, options)
-    evaluations = fit.evaluations
-    for _ in range(12 if noise.from_residuals else 0):
-        factors = [_factor(fit, rotation=False), _factor(fit, rotation=True)]
-        position = noise.position_m * (factors[0] if noise.position_source == "residuals" else 1.0)
-        rotation = noise.rotation_rad * (factors[1] if noise.rotation_source == "residuals" else 1.0)
-        settled = max(abs(position / noise.position_m - 1.0), abs(rotation / noise.rotation_rad - 1.0)) < 0.01
-        noise = replace(noise, position_m=max(position, _LEAST), rotation_rad=max(rotation, _LEAST))
-        if settled:
-            break
-        seen = measured.with_noise(noise.position_m, noise.rotation_rad)
-        fit = identify(rows, seen, fit.unknowns, prior_std, options)
-        evaluations += fit.evaluations
-    return replace(fit, evaluations=evaluations), noise
-
-
-def _factor(fit: Fit, rotation: bool) -> float:
-    """Return the noise the residuals show over the one assumed."""
-    freedom = fit.freedom(rotation)
-    return float(np.sqrt(fit.chi_square(rotation) / freedom)) if freedom > 1.0 else 1.0

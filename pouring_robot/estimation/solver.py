@@ -12,7 +12,7 @@ quadratic up to the bound that 99 % of sound blocks keep, widened while the medi
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +20,14 @@ from numpy.typing import NDArray
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames import fit_frames
 from pouring_robot.estimation.measurement import ModelledRows, Prediction, Unknowns
+from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations
 from pouring_robot.estimation.robust import Loss
 from pouring_robot.estimation.search import Search
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
+
+_LEAST_NOISE = 1e-9  # m or rad: exact data have none
 
 
 def first_frames(rows: ModelledRows, measured: MeasuredPoses) -> Unknowns:
@@ -121,6 +124,11 @@ class Fit:
         chosen = self._chosen(rotation)
         return float((self.weights * self.equations.residual**2)[chosen].sum())
 
+    def scatter(self, rotation: bool | None = None) -> float:
+        """Return the noise that the residuals show over the one assumed; 1 with hardly an equation left over."""
+        freedom = self.freedom(rotation)
+        return float(np.sqrt(self.chi_square(rotation) / freedom)) if freedom > 1.0 else 1.0
+
     def _chosen(self, rotation: bool | None) -> NDArray[np.bool_]:
         if rotation is None:
             return np.ones(len(self.weights), dtype=bool)
@@ -168,3 +176,34 @@ def identify(
         last_step,
         last_step < options.step_tolerance,
     )
+
+
+def fit_with_noise(
+    rows: ModelledRows,
+    measured: MeasuredPoses,
+    start: Unknowns,
+    prior_std: FloatArray,
+    noise: NoiseLevel,
+    options: FitOptions | None = None,
+) -> tuple[Fit, NoiseLevel]:
+    """Identify, and where the noise is unknown take it from what is left over, until both agree within 1 %.
+
+    The residuals of n equations with p unknowns spent on them have the variance σ² (n - p) / n.
+
+    Raises:
+        CalibrationError: as :func:`identify`.
+    """
+    fit = identify(rows, measured.with_noise(noise.position_m, noise.rotation_rad), start, prior_std, options)
+    evaluations = fit.evaluations
+    for _ in range(12 if noise.from_residuals else 0):
+        factors = [fit.scatter(rotation=False), fit.scatter(rotation=True)]
+        position = noise.position_m * (factors[0] if noise.position_source == "residuals" else 1.0)
+        rotation = noise.rotation_rad * (factors[1] if noise.rotation_source == "residuals" else 1.0)
+        settled = max(abs(position / noise.position_m - 1.0), abs(rotation / noise.rotation_rad - 1.0)) < 0.01
+        noise = replace(noise, position_m=max(position, _LEAST_NOISE), rotation_rad=max(rotation, _LEAST_NOISE))
+        if settled:
+            break
+        seen = measured.with_noise(noise.position_m, noise.rotation_rad)
+        fit = identify(rows, seen, fit.unknowns, prior_std, options)
+        evaluations += fit.evaluations
+    return replace(fit, evaluations=evaluations), noise

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from pouring_robot import __version__
 from pouring_robot.diagnosis.conclusions import Conclusions
@@ -17,7 +16,7 @@ from pouring_robot.diagnosis.report.scene import ladle_scene
 from pouring_robot.diagnosis.report.sentences import absent_sources, gap_sentence, headline, next_lines, note_lines
 from pouring_robot.exceptions import DescriptionError, OutputError
 from pouring_robot.io.files import check_folder, write_together
-from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.mechanism.poses import MM, MRAD, pose_figures
 from pouring_robot.robot.metrics import without_nan
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.viewer.page import page as html_of
@@ -156,14 +155,7 @@ def _effect(diagnosis: Conclusions, effect: NamedEffect) -> Metrics:
 
 def _frames(diagnosis: Conclusions) -> Metrics:
     frames = diagnosis.after.frames
-    pairs = {
-        "tracker_to_fixed_platform": frames.T_tracker_base,
-        "platform_to_target": frames.T_end_target,
-    }
     return {
-        name: {
-            "translation_mm": (pose.translation / MM).tolist(),
-            "rotation_vector_rad": np.asarray(pin.log3(pose.rotation)).tolist(),
-        }
-        for name, pose in pairs.items()
+        "tracker_to_fixed_platform": pose_figures(frames.T_tracker_base),
+        "platform_to_target": pose_figures(frames.T_end_target),
     }
