@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +12,6 @@ import numpy as np
 from pouring_robot.effects.base import Effect, EffectParameter, Form
 from pouring_robot.inference.decision import Cause, Judgement
 from pouring_robot.inference.hypotheses import BACKGROUND_LEVELS, Hypothesis
-from pouring_robot.mechanism.arrays import FloatArray
 
 FormsByKey = Mapping[tuple[str, str], Form]
 
@@ -78,30 +78,22 @@ def found_parameters(
         forms: by key of the hypothesis's items.
     """
     mean, covariance = hypothesis.coefficients()
-    deviation = np.sqrt(np.diag(covariance))
-    found: list[tuple[str, tuple[FoundParameter, ...]]] = []
-    place = 0
+    fitted = zip(mean.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True)
 
-    def take(name: str, form: Form, scale: float) -> None:
-        nonlocal place
-        part = slice(place, place + len(form.parameters))
-        found.append((name, _scaled(form, scale, mean[part], deviation[part])))
-        place += len(form.parameters)
+    def of(form: Form, scale: float) -> tuple[FoundParameter, ...]:
+        values = itertools.islice(fitted, len(form.parameters))
+        units = [scale * p.prior_std for p in form.parameters]
+        each = zip(form.parameters, units, values, strict=True)
+        return tuple(FoundParameter(p, unit * value, unit * std) for p, unit, (value, std) in each)
 
-    for level, (effect, form) in zip(hypothesis.levels, backgrounds.items(), strict=True):
-        if BACKGROUND_LEVELS[level]:
-            take(effect, form, BACKGROUND_LEVELS[level])
+    levels = zip(backgrounds.items(), (BACKGROUND_LEVELS[k] for k in hypothesis.levels), strict=True)
+    found = [(effect, of(form, level)) for (effect, form), level in levels if level]
     for item, scale in zip(hypothesis.items, hypothesis.scales, strict=True):
         if item.key in forms:
-            take("/".join(item.key), forms[item.key], scale)
-        else:
-            place += item.columns.shape[1]
+            found.append(("/".join(item.key), of(forms[item.key], scale)))
+        else:  # it has coefficients, but no parameters of the robot
+            list(itertools.islice(fitted, item.columns.shape[1]))
     return found
-
-
-def _scaled(form: Form, scale: float, mean: FloatArray, deviation: FloatArray) -> tuple[FoundParameter, ...]:
-    rows = zip(form.parameters, mean.tolist(), deviation.tolist(), strict=True)
-    return tuple(FoundParameter(p, scale * p.prior_std * value, scale * p.prior_std * std) for p, value, std in rows)
 
 
 def named_effects(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -26,11 +25,13 @@ _NARROW = 4.0
 
 def plots(diagnosis: Conclusions) -> list[tuple[str, bytes]]:
     """Return titles and PNG files, most important first."""
-    makers: list[tuple[str, Callable[[Conclusions], bytes]]] = [
-        ("The gap of each component, before and after (RMS, tracker's axes; logarithmic)", _gap),
-        ("Residuals over conditions, before and after (fixed platform's axes; held-out rows ringed)", _residuals),
+    drawn = [
+        ("The gap of each component, before and after (RMS, tracker's axes; logarithmic)", _gap(diagnosis)),
+        (
+            "Residuals over conditions, before and after (fixed platform's axes; held-out rows ringed)",
+            _residuals(diagnosis),
+        ),
     ]
-    drawn = [(title, make(diagnosis)) for title, make in makers]
     if diagnosis.firm:
         drawn.append(("What each effect does at the pouring lip, in these poses", _signatures(diagnosis)))
     if diagnosis.hypothesis.items:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,17 +38,8 @@ class Contender:
         return cls(name, hypothesis, hypothesis.log_evidence)
 
 
-@dataclass(frozen=True, eq=False)
-class Contest:
-    """Explanations to be told apart.
-
-    Attributes:
-        contenders: the explanations, the best first.
-        pairs: which to tell from which, by index.
-    """
-
-    contenders: tuple[Contender, ...]
-    pairs: tuple[tuple[int, int], ...]
+Contest = tuple[list[Contender], list[tuple[int, int]]]
+"""Explanations to be told apart, the best first, and which to tell from which, by index."""
 
 
 def contest(diagnosis: Findings, prospect: Prospect) -> Contest:
@@ -75,11 +66,11 @@ def contest(diagnosis: Findings, prospect: Prospect) -> Contest:
         for rival in rivals[: MOST_RIVALS if k == 0 and verdict == "group" else room]:
             pairs.append((k, len(contenders)))
             contenders.append(rival)
-    return Contest(tuple(contenders), tuple(pairs))
+    return contenders, pairs
 
 
-def _against_first(found: Sequence[Contender]) -> Contest:
-    return Contest(tuple(found), tuple((0, k) for k in range(1, len(found))))
+def _against_first(found: list[Contender]) -> Contest:
+    return found, [(0, k) for k in range(1, len(found))]
 
 
 def _carried(hypothesis: Hypothesis, prospect: Prospect) -> Hypothesis:

@@ -146,19 +146,19 @@ def suggest_measurements(diagnosis: Findings, count: int = MOST, seed: int = 0) 
     advice = untestable_words(diagnosis.untestable)
     possible = candidates(diagnosis.rows.campaign, PouringRobot(diagnosis.model), _CANDIDATES, seed)
     prospect = Prospect(diagnosis, possible)
-    found = contest(diagnosis, prospect)
-    if not found.pairs:
+    contenders, pairs = contest(diagnosis, prospect)
+    if not pairs:
         return Suggestion((), (), 0.0, advice=advice, seed=seed)
-    predictions = [_prediction(c, prospect) for c in found.contenders]
+    predictions = [_prediction(c, prospect) for c in contenders]
     k = prospect.components
-    choice = choose(predictions, found.pairs, k, min(count, len(possible)))
+    choice = choose(predictions, pairs, k, min(count, len(possible)))
     random = np.random.default_rng([seed, 11])
     sets = [random.choice(len(possible), choice.chosen.size, replace=False) for _ in range(RANDOM_SETS)]
-    by_chance = np.array([expected(predictions, found.pairs, k, chosen) for chosen in sets])
-    grown = expected(predictions, found.pairs, k, choice.chosen)
-    names = [(found.contenders[a].name, found.contenders[b].name) for a, b in found.pairs]
+    by_chance = np.array([expected(predictions, pairs, k, chosen) for chosen in sets])
+    grown = expected(predictions, pairs, k, choice.chosen)
+    names = [(contenders[a].name, contenders[b].name) for a, b in pairs]
     effects, conditions = diagnosis.diagnoser.library.effects, diagnosis.rows.conditions
-    evidence = [contender.log_evidence for contender in found.contenders]
+    evidence = [contender.log_evidence for contender in contenders]
     by_luck = np.median(by_chance, axis=0)
     separations = tuple(
         Separation(
@@ -168,7 +168,7 @@ def suggest_measurements(diagnosis: Findings, count: int = MOST, seed: int = 0) 
             float(by_luck[k]),
             separating_words(*names[k], effects, conditions),
         )
-        for k, (a, b) in enumerate(found.pairs)
+        for k, (a, b) in enumerate(pairs)
     )
     order = np.argsort(choice.chosen, kind="stable")  # candidates stand in the order of their time
     measurements = [_measurement(possible, int(choice.chosen[i]), int(i) + 1, names, choice.gains[i]) for i in order]
