@@ -208,19 +208,20 @@ class RobotModel(StrictModel):
         told = {"format", "description", "layout", "layouts_file", "heat", "effects"}
         return not _says_something(self.model_dump(exclude=told, exclude_defaults=True))
 
-    def left_out(self, name: str = "the model", *, warm: bool = False) -> tuple[str, ...]:
+    def left_out(self, who: str, name: str = "the model", *, warm: bool = False) -> tuple[str, ...]:
         """Return, in a line each, what a robot that is taken as it stands leaves out of the model.
 
         Args:
-            name: of the model, for the lines.
+            who: takes the robot, for the lines.
+            name: of the model, likewise.
             warm: whether the heat section is cared for.
         """
         lines = []
         if self.heat is not None and not warm:
-            lines.append(f"the robot is taken cold; the heat section of {name} is left out")
+            lines.append(f"{who} takes the robot cold; the heat section of {name} is left out")
         effects = ", ".join(dict.fromkeys(entry.effect for entry in self.effects if not entry.placed))
         if effects:
-            lines.append(f"the effects of {name} that depend on conditions are not applied: {effects}")
+            lines.append(f"{who} does not apply the effects of {name} that depend on conditions: {effects}")
         return tuple(lines)
 
     def placement_errors(self) -> dict[str, PlacementError]:

@@ -230,6 +230,6 @@ def load_robot(model: RobotModel | Path | str | None = None) -> PouringRobot:
         UnknownLayoutError: it names a layout that does not exist.
     """
     loaded = RobotModel.of(model)
-    for line in loaded.left_out():
+    for line in loaded.left_out("load_robot"):
         warnings.warn(line, stacklevel=2)
     return PouringRobot(loaded)

@@ -85,7 +85,7 @@ def robot_of(model: Path | None, layout: str | None, *, warm: bool = False) -> P
 
 def say_left_out(model: RobotModel, file: Path | str, *, warm: bool = False) -> None:
     """Say on standard error what a command leaves out of a model: heat, and effects that only a campaign tells of."""
-    for line in model.left_out(str(file), warm=warm):
+    for line in model.left_out("this command", str(file), warm=warm):
         print(f"note: {line}", file=sys.stderr)
 
 
