@@ -17,8 +17,8 @@ BlockKind = Literal["session", "time", "region"]
 HoldOut = Literal["auto", "session", "time", "region"]
 Rows = NDArray[np.intp]
 BLOCKS = 5
-WORSE = 1.02
-"""A held-out error this many times that before is worse; less is chance."""
+WORSE = 1.05
+"""A held-out error this many times that before is worse; less is chance: of 60 coordinates the RMS scatters by 9 %."""
 _FEWEST_SESSIONS, _FEWEST_TRAIN, _FEWEST_TEST = 4, 12, 3
 
 
