@@ -29,7 +29,10 @@ from pouring_robot.effects.surroundings import BaseDrift, MetrologyScale
 from pouring_robot.exceptions import BadInputError, closest
 
 GROUP = "pouring_robot.effects"
-CONDITION_NAMES = frozenset(field.name for field in dataclasses.fields(Conditions))
+CONDITION_NAMES = frozenset(name for name in dir(Conditions) if isinstance(getattr(Conditions, name), property)).union(
+    field.name for field in dataclasses.fields(Conditions)
+)
+"""What :attr:`Effect.needs` may ask for: everything that rows have, measured or worked out."""
 LIBRARY: tuple[type[Effect], ...] = (
     DriveZeroOffset,
     DriveScale,
@@ -69,13 +72,13 @@ def all_effects() -> dict[str, Effect]:
             if not isinstance(getattr(effect, name, None), str):
                 raise BadInputError(f"the effect '{entry.name}' of {entry.value} has no {name}; give its class one")
         # Of a bare string each letter is asked for, and none of them is a condition.
-        for name in effect.needs:
-            if name not in CONDITION_NAMES:
-                said = f"the effect '{effect.id}' of {entry.value} needs '{name}', which is no condition"
-                raise BadInputError(f"{said}{closest(name, CONDITION_NAMES)}")
-        if effect.driven_by and effect.driven_by not in FACTS:
-            said = f"the effect '{effect.id}' of {entry.value} is driven by '{effect.driven_by}', which is no condition"
-            raise BadInputError(f"{said}{closest(effect.driven_by, FACTS)}")
+        asked = [("needs", name, CONDITION_NAMES) for name in effect.needs]
+        if effect.driven_by:
+            asked.append(("is driven by", effect.driven_by, frozenset(FACTS)))
+        for verb, name, known in asked:
+            if name not in known:
+                said = f"the effect '{effect.id}' of {entry.value} {verb} '{name}', which is no condition"
+                raise BadInputError(f"{said}{closest(name, known)}")
         if effect.id in found:
             raise BadInputError(f"two effects are called '{effect.id}'; rename the one of {entry.value}")
         found[effect.id] = effect

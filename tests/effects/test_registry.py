@@ -166,3 +166,11 @@ def test_leaving_out_what_a_package_offers(monkeypatch):
 def test_unknown_effect_to_leave_out():
     with pytest.raises(BadInputError, match=r"no effect 'drive_scales'; did you mean 'drive_scale'\?"):
         chosen_effects(("drive_scales",))
+
+
+def test_an_effect_may_need_what_is_worked_out_from_the_rows(monkeypatch):
+    class Leaning(LooseBolt):
+        needs = ("tilt_rad", "position_m")
+
+    offering(monkeypatch, Entry("bolt", Leaning))
+    assert isinstance(all_effects()["loose_bolt"], Leaning)
