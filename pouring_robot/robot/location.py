@@ -174,11 +174,9 @@ def _by_the_engine(robot: LocatingRobot, poses: FloatArray) -> tuple[NDArray[np.
 
     command = robot.kinematics.commands(poses)
     drives = robot.nominal_solver.mechanism.loops.drives
-    standing = [
-        list(robot.actual_drives(dict(zip(drives, row, strict=True))).values()) for row in command.drives.tolist()
-    ]
+    offsets = robot.actual_drives(dict.fromkeys(drives, 0.0))
     engine = BatchEngine(robot.actual_solver.mechanism, options=robot.actual_solver.options)
-    closed = engine.close(np.array(standing).reshape(-1, len(drives)), command.start)
+    closed = engine.close(command.drives + np.array([offsets[name] for name in drives]), command.start)
     reachable = robot.kinematics.within_limits(command.start.joints)
     reachable &= ~closed.closed | robot.kinematics.within_limits(closed.joints)
     status = np.where(reachable, np.array(STATUS_NAMES)[closed.status], OUT_OF_REACH)
