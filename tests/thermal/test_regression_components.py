@@ -100,7 +100,7 @@ def test_two_sets_by_hand():
     y = [4.0, 1.0, 1.0]
     model = PrincipalComponentRegression(0.75).fit(X, y)
     np.testing.assert_allclose(model.eigenvalues_, [1.5, 0.5], rtol=1e-14)
-    np.testing.assert_allclose(model.pipeline_["pca"].components_, [[0.5**0.5, 0.5**0.5]], rtol=1e-14)
+    np.testing.assert_allclose(model.components_, [[0.5**0.5, 0.5**0.5]], rtol=1e-14)
     assert model.n_components_ == 1
     assert PrincipalComponentRegression().fit(X, y).n_components_ == 2
     # s = 1, so Z = (x1 + x2) / √2 = √2, -1/√2, -1/√2; with y = 4, 1, 1 the coefficient of Z is √2: y = 2 + x1 + x2.

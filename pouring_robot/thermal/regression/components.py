@@ -25,7 +25,6 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.decomposition import PCA
 from sklearn.linear_model import LinearRegression
-from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils.validation import check_is_fitted, validate_data
 
@@ -67,8 +66,8 @@ def variance_inflation_factors(X: ArrayLike) -> FloatArray:
 class PrincipalComponentRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     """Linear regression on the principal components of the correlation matrix, told in the original units.
 
-    Scikit-learn's pipeline of scaling, PCA and ordinary least squares, with as many components as carry the wanted
-    share of variance. In the paper y is the melt temperature and X the sensitive error sets: equations 19 to 21. A
+    Scikit-learn's scaling, PCA and ordinary least squares, with as many components as carry the wanted share of
+    variance. In the paper y is the melt temperature and X the sensitive error sets: equations 19 to 21. A
     constant set takes no part.
 
     Args:
@@ -78,7 +77,8 @@ class PrincipalComponentRegression(RegressorMixin, BaseEstimator):  # type: igno
         eigenvalues_: all λ of the correlation matrix, falling, shape (min(n, k),); they add up to k.
         cumulative_: their cumulative shares.
         n_components_: number m of components kept.
-        pipeline_: the fitted pipeline; its components are u, shape (m, k), and its coefficients γ s_y, shape (m,).
+        components_: the components u kept, shape (m, k).
+        regression_: the regression on them; its coefficients are γ s_y, shape (m,).
         standardised_coef_: β, shape (k,).
         coef_: b, shape (k,), in units of y per unit of the set.
         intercept_: b0, in units of y.
@@ -98,7 +98,8 @@ class PrincipalComponentRegression(RegressorMixin, BaseEstimator):  # type: igno
         sets, target = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=2)
         if not 0.0 < self.explained <= 1.0:
             raise ErrorSetError(f"explained = {self.explained}: give a share above 0, up to 1 (usual: 0.85)")
-        scaled = StandardScaler().fit_transform(sets)
+        scaler = StandardScaler().fit(sets)
+        scaled = scaler.transform(sets)
         if not scaled.any():
             raise ErrorSetError("every set is constant; there is no variance to find components of")
         every = PCA(svd_solver="full").fit(scaled)
@@ -106,10 +107,9 @@ class PrincipalComponentRegression(RegressorMixin, BaseEstimator):  # type: igno
         self.cumulative_ = np.cumsum(every.explained_variance_ratio_)
         # The last share is 1 up to rounding; a wish for all of it must not run past the end.
         self.n_components_ = 1 + int(np.argmax(self.cumulative_ >= self.explained - 1e-12))
-        components = PCA(self.n_components_, svd_solver="full")
-        self.pipeline_ = make_pipeline(StandardScaler(), components, LinearRegression()).fit(sets, target)
-        scaler, components, regression = (step for _, step in self.pipeline_.steps)
-        per_scaled = components.components_.T @ regression.coef_
+        self.components_ = every.components_[: self.n_components_]
+        self.regression_ = LinearRegression().fit(scaled @ self.components_.T, target)
+        per_scaled = self.components_.T @ self.regression_.coef_
         spread = float(np.std(target))
         # A constant y has no spread, and then every coefficient is 0.
         self.standardised_coef_ = per_scaled / spread if spread > 0.0 else np.zeros_like(per_scaled)
