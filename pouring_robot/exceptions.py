@@ -103,12 +103,18 @@ class ClosureError(NoSolutionError):
         iterations: Newton steps taken.
         gap_m: largest distance left between two frames that should coincide, in m.
         gap_rad: largest angle left between them, in rad.
-        worst_loop: the loop with the largest gap.
+        worst_loop: the loop with the largest gap; None for a mechanism without loops.
     """
 
-    def __init__(self, reason: str, *, iterations: int, gap_m: float, gap_rad: float, worst_loop: str) -> None:
+    def __init__(self, reason: str, *, iterations: int, gap_m: float, gap_rad: float, worst_loop: str | None) -> None:
         """Keep the figures and say them in mm and mrad."""
         self.iterations, self.gap_m, self.gap_rad, self.worst_loop = iterations, gap_m, gap_rad, worst_loop
+        if worst_loop is None:
+            super().__init__(
+                f"the arm finds no equilibrium: {reason} after {iterations} iterations; "
+                "check the weight and the stiffness of its drives"
+            )
+            return
         super().__init__(
             f"the loops do not close: {reason} after {iterations} iterations; '{worst_loop}' is left open by "
             f"{gap_m * 1e3:.4g} mm and {gap_rad * 1e3:.4g} mrad; check the drive values and the model's errors"

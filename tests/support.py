@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.pouring.description import PlacementError, perturb_urdf
 from pouring_robot.robot.pouring.poses import PlatformPose
@@ -158,3 +159,47 @@ def circle_meeting(centre_a, radius_a, centre_b, radius_b, side):
     height = np.sqrt(radius_a**2 - along**2)
     normal = np.array([-across[1], across[0]]) / distance
     return np.asarray(centre_a) + along * across / distance + side * height * normal
+
+
+ARM_JOINTS = ("waist", "shoulder", "elbow", "roll", "pitch", "flange_turn")
+
+
+def arm_urdf():
+    """Return a URDF of a six-axis arm on a rail: skew axes, masses off them, a wrist that turns without end."""
+    parts = ['<robot name="arm"><link name="hall"/><link name="foot">']
+    inertial = (
+        '<inertial><origin xyz="0.02 -0.03 0.1"/><mass value="{m}"/>'
+        '<inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    parts.append(
+        inertial.format(m=30) + '</link><joint name="rail" type="prismatic"><parent link="hall"/><child link="foot"/>'
+        '<origin xyz="0.1 0.2 0" rpy="0 0 0.3"/><axis xyz="1 0 0"/>'
+        '<limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
+    )
+    places = (
+        ("waist", "revolute", "0 0 0.1", "0 0 0.2", "0 0 1", 12),
+        ("shoulder", "revolute", "0.15 0.02 0.3", "0.01 0 0", "0 1 0", 10),
+        ("elbow", "revolute", "0 -0.1 0.6", "0 0.02 0.1", "0 1 0", 8),
+        ("roll", "continuous", "0.1 0 0.3", "0 1.5 0", "0 0 1", 4),
+        ("pitch", "revolute", "0 0 0.35", "0.3 0 0", "0 0.6 -0.8", 2),
+        ("flange_turn", "continuous", "0.03 0 0.1", "0 0 0.4", "1 0 0", 1),
+    )
+    parent = "foot"
+    for name, kind, xyz, rpy, axis, mass in places:
+        parts.append(
+            f'<link name="{name}_link">{inertial.format(m=mass)}</link><joint name="{name}" type="{kind}">'
+            f'<parent link="{parent}"/><child link="{name}_link"/><origin xyz="{xyz}" rpy="{rpy}"/>'
+            f'<axis xyz="{axis}"/><limit lower="-3.1" upper="3.1" effort="1" velocity="1"/></joint>'
+        )
+        parent = f"{name}_link"
+    parts.append(
+        f'<link name="flange"/><joint name="flange_mount" type="fixed"><parent link="{parent}"/><child link="flange"/>'
+        '<origin xyz="0 0.02 0.09" rpy="0.1 -0.2 0.5"/></joint></robot>'
+    )
+    return "".join(parts)
+
+
+def arm(**changes):
+    """Return that arm as a mechanism without loops; changes go into its loops file."""
+    keys = {"base_frame": "foot", "end_frame": "flange", "drives": ARM_JOINTS, "locked_joints": ("rail",)}
+    return ClosedChainMechanism(arm_urdf(), LoopsFile(**(keys | changes)))

@@ -62,6 +62,11 @@ class ClosureOptions:
 DEFAULT_OPTIONS = ClosureOptions()
 
 
+def largest_norm(vectors: FloatArray) -> float:
+    """Return the length of the longest row; zero where there is none."""
+    return float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class ClosureResult(Result):
     """A closed configuration and how well it is closed. Its arrays are read-only; results compare by identity.
@@ -90,6 +95,8 @@ class ClosureResult(Result):
     @property
     def headline(self) -> str:
         """How well it is closed."""
+        if not self.mechanism.anchors:
+            return "no loops: the pose follows from the drives"
         return (
             f"left open {self.gap_m * 1e6:.3g} µm and {self.gap_rad * 1e3:.3g} mrad after {self.iterations} iterations"
         )
@@ -112,22 +119,22 @@ class ClosureResult(Result):
     @property
     def gap_m(self) -> float:
         """Largest distance left open between two frames that should coincide, in m."""
-        return float(np.linalg.norm(self.residual[:, :3], axis=1).max())
+        return largest_norm(self.residual[:, :3])
 
     @property
     def gap_rad(self) -> float:
         """Largest angle left open, in rad."""
-        return float(np.linalg.norm(self.residual[:, 3:], axis=1).max())
+        return largest_norm(self.residual[:, 3:])
 
     @property
     def internal_force_n(self) -> float:
         """Largest force with which a loop's two frames pull at each other, in N."""
-        return float(np.linalg.norm(self.internal_wrench[:, :3], axis=1).max())
+        return largest_norm(self.internal_wrench[:, :3])
 
     @property
     def internal_torque_nm(self) -> float:
         """Largest torque between a loop's two frames, in Nm."""
-        return float(np.linalg.norm(self.internal_wrench[:, 3:], axis=1).max())
+        return largest_norm(self.internal_wrench[:, 3:])
 
     @functools.cached_property
     def rank(self) -> int:
@@ -233,6 +240,8 @@ class ClosureSolver:
         """
         options, energy = self.options, self.energy
         best = state = energy.evaluate(commanded, commanded)
+        if not energy.free_columns.size:  # the drives alone say where everything is
+            return state, 0
         damping, climbs, exact, kept = 0.0, 0, False, False
         previous, share_before = np.inf, 1.0
         for iteration in range(1, options.max_iterations + 1):
@@ -240,7 +249,7 @@ class ClosureSolver:
             step = self._step(state, exact, damping, kept)
             length = max(step.max(), -step.min())
             trial = energy.evaluate(pin.integrate(energy.model, state.configuration, step), commanded)
-            closed = energy.can_close and np.abs(trial.residual).max() < options.closed_below
+            closed = energy.can_close and np.abs(trial.residual).max(initial=0.0) < options.closed_below
             short = length < options.step_tolerance
             share = length / previous if 0.0 < previous < np.inf else 1.0  # two steps may be exactly zero
             # A step measures the error before it; it leaves less by as much as steps shrink. The worse of two steps
@@ -291,12 +300,11 @@ class ClosureSolver:
     def _failure(self, reason: str, state: EnergyState, iterations: int) -> ClosureError:
         gaps = np.linalg.norm(state.residual[:, :3], axis=1)
         turns = np.linalg.norm(state.residual[:, 3:], axis=1)
-        worst = int(np.argmax(gaps + 0.1 * turns))
-        name = self.mechanism.loops.names[worst]
+        names = self.mechanism.loops.names
         return ClosureError(
             reason,
             iterations=iterations,
-            gap_m=float(gaps.max()),
-            gap_rad=float(turns.max()),
-            worst_loop=name,
+            gap_m=largest_norm(state.residual[:, :3]),
+            gap_rad=largest_norm(state.residual[:, 3:]),
+            worst_loop=names[int(np.argmax(gaps + 0.1 * turns))] if names else None,
         )

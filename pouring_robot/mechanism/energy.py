@@ -45,14 +45,14 @@ class Loads:
     Attributes:
         gravity: whether the links' weight acts.
         payload_kg: mass carried in addition to the URDF's links.
-        payload_frame: frame that carries it.
+        payload_frame: frame that carries it; None: the loops file's end frame.
         payload_centre_m: its centre of mass in that frame, in m.
         drive_stiffness: stiffness of yielding drives by joint, in N/m or Nm/rad; others are rigid.
     """
 
     gravity: bool = False
     payload_kg: float = 0.0
-    payload_frame: str = "moving_platform"
+    payload_frame: str | None = None
     payload_centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     drive_stiffness: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
@@ -193,7 +193,8 @@ class ClosureEnergy:
         self._anchor_data = [data.extract() for data in self._constraint_data]
         self._is_3d = [anchor.kind == "3d" for anchor in mechanism.anchors]
         translation, rotation = mechanism.loops.stiffness_si
-        self._stiffness = np.array([[translation] * 3 + [0.0 if d3 else rotation] * 3 for d3 in self._is_3d])
+        rows = [[translation] * 3 + [0.0 if d3 else rotation] * 3 for d3 in self._is_3d]
+        self._stiffness = np.array(rows).reshape(-1, 6)
         self._root_stiffness = np.sqrt(self._stiffness).reshape(-1, 1)
         self.springs = np.zeros(self.model.nv)
         for joint, stiffness in loads.drive_stiffness.items():
@@ -201,13 +202,25 @@ class ClosureEnergy:
                 raise BadInputError(f"drive_stiffness: '{joint}' is not a drive; drives: {mechanism.loops.drives}")
             self.springs[self.model.idx_vs[mechanism.joint_id(joint)]] = stiffness
 
+    @property
+    def payload_frame(self) -> str:
+        """The frame that carries the payload.
+
+        Raises:
+            BadInputError: neither the loads nor the loops file name one.
+        """
+        frame = self.loads.payload_frame or self.mechanism.loops.end_frame
+        if frame is None:
+            raise BadInputError("the loops file names no end_frame: say in the loads which payload_frame is loaded")
+        return frame
+
     def _loaded_model(self) -> pin.Model:
         """Return the model itself, or a copy that carries the payload."""
         loads = self.loads
         if not loads.gravity or loads.payload_kg == 0.0:
             return self.mechanism.shared_model
         model = self.mechanism.copy_model()
-        frame = model.frames[self.mechanism.frame_id(loads.payload_frame)]
+        frame = model.frames[self.mechanism.frame_id(self.payload_frame)]
         point_mass = pin.Inertia(loads.payload_kg, np.array(loads.payload_centre_m), np.zeros((3, 3)))
         model.appendBodyToJoint(frame.parentJoint, point_mass, frame.placement)
         return model
@@ -294,6 +307,8 @@ class ClosureEnergy:
             columns: n twists, each of a joint or of a placement somewhere on the tree.
         """
         joints = self.joint_columns()
+        if not self._anchor_data:
+            return np.zeros((self.model.nv, columns.depth.size))
         body = np.stack([a.oMc2.toActionMatrixInverse() for a in self._anchor_data])
         relative_wrench = (state.wrench[:, None, :] @ state.jlog)[:, 0]
         form = bracket_form((relative_wrench[:, None, :] @ body)[:, 0])

@@ -29,7 +29,7 @@ class DriveJacobians:
             base frame) per unit drive velocity, shape (6, drives).
         joints: velocity of every joint column of the model per unit drive velocity, shape (nv, drives).
         closure_margin: smallest singular value of the loops' Jacobian over the free joints (m, rad); zero where
-            the platform can move with the drives locked.
+            the platform can move with the drives locked, infinite where no joint is free.
     """
 
     platform: FloatArray
@@ -106,7 +106,8 @@ def drive_jacobians(solver: ClosureSolver, result: ClosureResult) -> DriveJacobi
     drives = drive_parameters(solver.mechanism)
     transfer = closed_chain_transfer(solver, result, drives)
     loops = result.jacobian.reshape(-1, solver.energy.model.nv)[:, solver.energy.free_columns]
-    margin = float(np.linalg.svd(loops, compute_uv=False)[-1])
+    rows, columns = loops.shape
+    margin = 0.0 if rows < columns else float(np.linalg.svd(loops, compute_uv=False).min(initial=np.inf))
     return DriveJacobians(transfer.matrix, transfer.joints, margin)
 
 

@@ -64,12 +64,12 @@ class LoopsFile(StrictModel):
     Attributes:
         mechanism: what it is called.
         base_frame: poses are seen from it.
-        end_frame: the body that all chains carry.
+        end_frame: the body that all chains carry; a mechanism without loops must name it.
         tool_frames: further frames on that body that are reported; the last is where the tool works.
         cut_joints: joints that carry the end body in the tree only.
         locked_joints: joints that take no part in the closure.
         drives: driven joints.
-        loops: what is closed.
+        loops: what is closed; nothing for a serial arm.
         stiffness: of each closure.
     """
 
@@ -80,7 +80,7 @@ class LoopsFile(StrictModel):
     cut_joints: tuple[str, ...] = ()
     locked_joints: tuple[str, ...] = ()
     drives: tuple[str, ...] = pydantic.Field(min_length=1)
-    loops: tuple[LoopSpec, ...] = pydantic.Field(min_length=1)
+    loops: tuple[LoopSpec, ...] = ()
     stiffness: LoopStiffness = LoopStiffness(
         translation=Quantity(value=DEFAULT_TRANSLATION_STIFFNESS, unit="N/m", source="assumed"),
         rotation=Quantity(value=DEFAULT_ROTATION_STIFFNESS, unit="Nm/rad", source="assumed"),
@@ -121,6 +121,16 @@ class LoopsFile(StrictModel):
         both = set(self.drives) & {*self.locked_joints, *self.cut_joints}
         if both:
             raise ValueError(f"joint '{min(both)}' cannot be a drive and locked or cut as well")
+        return self
+
+    @pydantic.model_validator(mode="after")
+    def _complete_without_loops(self) -> LoopsFile:
+        if self.loops:
+            return self
+        if self.end_frame is None:
+            raise ValueError("without loops, 'end_frame' must name the frame that the drives move")
+        if self.cut_joints:
+            raise ValueError(f"joint '{self.cut_joints[0]}' is cut, but no loop holds what it carried; give the loops")
         return self
 
 

@@ -270,6 +270,8 @@ def _gradient_change(
 
 def _solve(block: FloatArray, right_side: FloatArray) -> FloatArray:
     """Solve with the Hessian of the free joints, scaled to a unit diagonal: metres and radians differ by decades."""
+    if not block.size:
+        return right_side
     diagonal = np.diagonal(block)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, np.inf))
     scaled = block * scale[:, None] * scale[None, :]

@@ -61,16 +61,15 @@ class Weight:
                 moment = model.inertias[joint].mass * model.inertias[joint].lever
                 lever = (moment - merged[joint].mass * merged[joint].lever) / own_mass
                 bodies.append(_Body(own_mass, data.oMi[joint].act(lever), paths[model.names[joint]]))
-        payload = self._payload(1.0)
         if self._energy.loads.payload_kg > 0.0:
-            bodies.append(_Body(self._energy.loads.payload_kg, payload.centre, payload.path))
+            bodies.append(self._payload(self._energy.loads.payload_kg))
         return bodies
 
     def _payload(self, mass: float) -> _Body:
-        loads = self._energy.loads
-        frame = self._data.oMf[self._mechanism.frame_id(loads.payload_frame)]
-        path = self._mechanism.frame_paths[loads.payload_frame]
-        return _Body(mass, frame.act(np.array(loads.payload_centre_m)), path)
+        name = self._energy.payload_frame
+        frame = self._data.oMf[self._mechanism.frame_id(name)]
+        centre = frame.act(np.array(self._energy.loads.payload_centre_m))
+        return _Body(mass, centre, self._mechanism.frame_paths[name])
 
     def _carries(self, body: _Body) -> FloatArray:
         """Return 1 for every joint column that carries a body; (nv,)."""

@@ -148,3 +148,22 @@ def test_a_loop_name_stands_once():
     twice = {"frame_a": "a", "frame_b": "b", "name": "tips"}
     with pytest.raises(ValueError, match="loop 'tips' stands twice"):
         LoopsFile(drives=("m",), loops=(twice, twice))
+
+
+def test_a_serial_arm_has_no_loops(written):
+    loops = load_loops(written("drives: [waist, elbow]\nend_frame: flange\n"))
+    assert loops.loops == ()
+    assert loops.names == ()
+    assert loops.working_frame == "flange"
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("drives: [waist]\n", "end_frame"),
+        ("drives: [waist]\nend_frame: flange\ncut_joints: [mount]\n", "joint 'mount' is cut, but no loop"),
+    ],
+)
+def test_without_loops_the_file_says_what_moves(written, text, problem):
+    with pytest.raises(DescriptionError, match=problem):
+        load_loops(written(text))

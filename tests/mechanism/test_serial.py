@@ -1,0 +1,146 @@
+"""A mechanism without loops: forward kinematics, and G against central differences, with weight and soft drives too."""
+
+import pickle
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from pouring_robot.exceptions import ClosureError
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure import ClosureOptions, ClosureSolver
+from pouring_robot.mechanism.energy import Loads
+from pouring_robot.mechanism.jacobians import drive_jacobians
+from pouring_robot.mechanism.parameters import (
+    DriveParameter,
+    FrameParameter,
+    PayloadParameter,
+    PlacementParameter,
+    StiffnessParameter,
+    drive_parameters,
+    placement_parameters,
+)
+from pouring_robot.mechanism.transfer import closed_chain_transfer
+from tests.support import ARM_JOINTS, arm, perturbed, placement_error, pose_gap, round_off
+
+VALUES = dict(zip(ARM_JOINTS, (0.7, -0.4, 1.1, 9.5, 0.6, -12.0), strict=True))
+SOFT = Loads(
+    gravity=True,
+    payload_kg=12.0,
+    payload_frame="flange",
+    payload_centre_m=(0.03, 0.0, 0.1),
+    drive_stiffness={"shoulder": 2e4, "elbow": 1e4, "roll": 6e3},
+)
+
+
+def solved(mechanism, loads, values=VALUES):
+    solver = ClosureSolver(mechanism, loads)
+    return solver, solver.solve(values, mechanism.neutral_configuration())
+
+
+def displaced(mechanism, joint, twist):
+    """Return the arm with one joint, fixed or moving, displaced by a URDF of its own."""
+    return perturbed(mechanism, {joint: placement_error(twist)})
+
+
+def pose_with(parameter, step, loads):
+    """Return the pose with one parameter changed, everything built and solved anew."""
+    mechanism, values, changed = arm(), dict(VALUES), {}
+    if isinstance(parameter, PlacementParameter):
+        mechanism = displaced(mechanism, parameter.joint, step * np.array(parameter.twist))
+    elif isinstance(parameter, DriveParameter):
+        values[parameter.joint] += step
+    elif isinstance(parameter, StiffnessParameter):
+        own = loads.drive_stiffness
+        changed = {"drive_stiffness": {**own, parameter.joint: own[parameter.joint] + step}}
+    else:
+        changed = {"payload_kg": loads.payload_kg + step}
+    loads = Loads(**{**vars(loads), **changed})
+    return solved(mechanism, loads, values)[1].pose_base_to_end
+
+
+def fourth_order(parameter, step, loads):
+    columns = []
+    for n in (1, 2):
+        ahead, behind = (pose_with(parameter, s * n * step, loads) for s in (1, -1))
+        turn = pin.log3(ahead.rotation @ behind.rotation.T)
+        columns.append(np.r_[ahead.translation - behind.translation, turn])
+    return (8.0 * columns[0] - columns[1]) / (12.0 * step)
+
+
+def test_the_pose_is_that_of_the_tree():
+    mechanism = arm()
+    result = solved(mechanism, Loads())[1]
+    model = mechanism.copy_model()
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, mechanism.with_joint_values(pin.neutral(model), VALUES))
+    expected = data.oMf[model.getFrameId("foot")].actInv(data.oMf[model.getFrameId("flange")])
+    assert max(pose_gap(result.pose_base_to_end, expected)) < round_off(terms=50)
+    assert (result.iterations, result.rank, result.freedoms) == (0, 0, 6)
+    assert result.gap_m == result.gap_rad == result.internal_force_n == 0.0
+    assert result.residual.shape == (0, 6)
+    assert len(result.to_frame()) == 0
+
+
+@pytest.mark.parametrize("loads", [Loads(), Loads(gravity=True), SOFT], ids=["rigid", "heavy", "soft and loaded"])
+def test_every_parameter_matches_central_differences(loads):
+    mechanism = arm()
+    solver, result = solved(mechanism, loads)
+    joints = [*ARM_JOINTS, "rail", "flange_mount"]
+    parameters = [*placement_parameters(joints), *drive_parameters(mechanism)]
+    steps = [1e-4] * len(parameters)
+    if loads is SOFT:
+        parameters += [StiffnessParameter("elbow", "Nm/rad"), StiffnessParameter("roll", "Nm/rad"), PayloadParameter()]
+        steps += [100.0, 50.0, 0.5]
+    transfer = closed_chain_transfer(solver, result, parameters)
+    for column, (parameter, step) in enumerate(zip(parameters, steps, strict=True)):
+        expected = fourth_order(parameter, step, loads)
+        own = np.abs(transfer.matrix[:, column]).max()
+        # What a pose is known to, over the step: the differences can be no better.
+        known = 100 * round_off(terms=50) / step
+        np.testing.assert_allclose(
+            transfer.matrix[:, column], expected, rtol=0, atol=1e-6 * own + known, err_msg=parameter.name
+        )
+
+
+def test_the_base_and_the_tool_move_the_pose_as_frames_do():
+    solver, result = solved(arm(), Loads())
+    pose = result.pose_base_to_end
+    parameters = [FrameParameter(side, c) for side in ("base", "tool") for c in ("tx", "ry")]
+    matrix = closed_chain_transfer(solver, result, parameters).matrix
+    np.testing.assert_allclose(matrix[:, 0], [1, 0, 0, 0, 0, 0], atol=1e-15)
+    np.testing.assert_allclose(matrix[:3, 1], np.cross([0, 1, 0], pose.translation), atol=1e-15)
+    np.testing.assert_allclose(matrix[:3, 2], pose.rotation[:, 0], atol=1e-15)
+    np.testing.assert_allclose(matrix[3:, 3], pose.rotation[:, 1], atol=1e-15)
+
+
+def test_a_soft_drive_sags_to_where_its_spring_carries_the_weight():
+    """One drive yields: its moment about its own axis, from the weights beyond it, over its stiffness."""
+    stiffness, mechanism = 3e4, arm()
+    loads = Loads(gravity=True, drive_stiffness={"elbow": stiffness})
+    result = solved(mechanism, loads)[1]
+    model = mechanism.copy_model()
+    data = model.createData()
+    elbow = model.getJointId("elbow")
+    moment = pin.computeGeneralizedGravity(model, data, result.configuration)[model.idx_vs[elbow]]
+    assert result.joint_values["elbow"] - VALUES["elbow"] == pytest.approx(-moment / stiffness, rel=1e-9)
+    assert abs(moment) > 1.0
+
+
+def test_drives_alone_hold_the_arm():
+    solver, result = solved(arm(), Loads())
+    jacobians = drive_jacobians(solver, result)
+    assert jacobians.closure_margin == np.inf
+    assert np.linalg.matrix_rank(jacobians.platform) == 6
+
+
+def test_an_arm_that_finds_no_equilibrium_says_so():
+    hurried = ClosureSolver(arm(), SOFT, ClosureOptions(max_iterations=2))
+    with pytest.raises(ClosureError, match=r"no equilibrium: .* after 2 iterations"):
+        hurried.solve(VALUES, hurried.mechanism.neutral_configuration())
+
+
+def test_an_arm_survives_pickling():
+    mechanism = pickle.loads(pickle.dumps(arm()))
+    assert isinstance(mechanism, ClosedChainMechanism)
+    assert mechanism.loops == arm().loops
