@@ -1,0 +1,145 @@
+"""The example robots: they load anywhere, close at home, and reach what their closed forms say."""
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+import xacro
+import yaml
+
+from pouring_robot.batch import BatchEngine, BatchStart
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure import ClosureSolver
+from pouring_robot.mechanism.loops import LoopsFile
+from tests.examples import arm, delta, five_bar, hexapod
+from tests.support import ROOT, pose_gap
+
+MACHINES = {"five_bar": five_bar, "delta": delta, "hexapod": hexapod, "arm": arm}
+# Commands at home, and the pose there: from the drawing, in m and rad.
+HOME = {
+    "five_bar": ([0.0, 0.0], [0.0, 0.61, 0.0]),
+    "delta": ([0.0, 0.0, 0.0], [0.0, 0.0, -0.6]),
+    "hexapod": ([0.0] * 6, [0.0, 0.0, 0.7]),
+    "arm": ([0.0, 0.0, 0.0, 0.0, np.pi / 2, 0.0], [0.77, 0.0, 1.07]),
+}
+CLOSED = [name for name in MACHINES if name != "arm"]
+TARGETS = 100
+
+
+def robot_file(name):
+    return yaml.safe_load((ROOT / "examples" / "robots" / name / "robot.yaml").read_text())
+
+
+def urdf_of(name):
+    return xacro.process_file(str(ROOT / "examples" / "robots" / name / robot_file(name)["xacro"])).toxml()
+
+
+def mechanism_of(name):
+    content = robot_file(name)
+    keys = ("base_frame", "end_frame", "tool_frames", "loops", "cut_joints")
+    said = {key: content[key] for key in keys if key in content}
+    return ClosedChainMechanism(urdf_of(name), LoopsFile(drives=[d["joint"] for d in content["drives"]], **said))
+
+
+def at_home(mechanism, name):
+    return mechanism.with_joint_values(mechanism.neutral_configuration(), robot_file(name)["home"])
+
+
+@pytest.fixture(scope="module", params=MACHINES)
+def name(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def mechanism(name):
+    return mechanism_of(name)
+
+
+def targets(name, seed=20261122):
+    drives = MACHINES[name].targets(np.random.default_rng(seed), TARGETS)
+    return drives, [pin.SE3(R, p) for p, R in zip(*MACHINES[name].forward(drives), strict=True)]
+
+
+def on_the_way(name, drives):
+    """Return drive values from home to some others: in one leap a five-bar or a delta may fold the other way."""
+    home = np.array(HOME[name][0])
+    return [home + share * (drives - home) for share in (0.25, 0.5, 0.75, 1.0)]
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_closed_forms_are_each_others_inverse(name):
+    drives, poses = targets(name)
+    position, rotation = np.array([p.translation for p in poses]), np.array([p.rotation for p in poses])
+    arguments = {"five_bar": (position[:, :2],), "delta": (position,)}.get(name, (position, rotation))
+    np.testing.assert_allclose(MACHINES[name].inverse(*arguments), drives, rtol=0.0, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_mujoco_moves_the_tree_as_pinocchio_does(name):
+    urdf = urdf_of(name)
+    model, other = pin.buildModelFromXML(urdf), mujoco.MjModel.from_xml_string(urdf)
+    assert model.nq == other.nq == sum(1 for _ in model.joints) - 1
+    data, state = model.createData(), mujoco.MjData(other)
+    q = np.random.default_rng(1).uniform(model.lowerPositionLimit, model.upperPositionLimit)
+    for k, joint in enumerate(list(model.names)[1:]):
+        state.qpos[other.joint(joint).qposadr] = q[k]
+    mujoco.mj_kinematics(other, state)
+    pin.forwardKinematics(model, data, q)
+    for k, joint in enumerate(list(model.names)[1:], start=1):
+        anchor = state.xanchor[other.joint(joint).id]
+        if model.joints[k].shortname().startswith("JointModelR"):
+            np.testing.assert_allclose(anchor, data.oMi[k].translation, rtol=0.0, atol=1e-12)
+
+
+def test_it_weighs_something_and_its_joints_have_ratings(mechanism):
+    model = pin.buildModelFromXML(mechanism.urdf)
+    assert all(inertia.mass > 0.01 for inertia in list(model.inertias)[1:])
+    assert all(np.linalg.eigvalsh(inertia.inertia).min() > 0.0 for inertia in list(model.inertias)[1:])
+    assert np.all(model.upperEffortLimit > 0.0) and np.all(model.upperVelocityLimit > 0.0)
+    assert np.all(model.lowerPositionLimit < 0.0) and np.all(model.upperPositionLimit > 0.0)
+
+
+def test_home_names_every_joint_and_is_closed(mechanism, name):
+    assert set(robot_file(name)["home"]) == set(mechanism.joint_limits())
+    start = at_home(mechanism, name)
+    result = ClosureSolver(mechanism).solve({}, start)
+    np.testing.assert_allclose(result.configuration, start, rtol=0.0, atol=1e-9)
+    drives, position = HOME[name]
+    values = mechanism.joint_values(start)
+    assert [values[joint] for joint in mechanism.loops.drives] == pytest.approx(drives, abs=1e-15)
+    np.testing.assert_allclose(result.pose_base_to_end.translation, position, rtol=0.0, atol=1e-12)
+    assert result.freedoms == len(drives)
+
+
+def test_every_target_is_reached_from_home(mechanism, name):
+    solver, home = ClosureSolver(mechanism), at_home(mechanism, name)
+    lower, upper = np.array(list(mechanism.joint_limits().values())).T
+    for drives, wanted in zip(*targets(name), strict=True):
+        configuration = home
+        for command in on_the_way(name, drives):
+            result = solver.solve(dict(zip(mechanism.loops.drives, command, strict=True)), configuration)
+            configuration = result.configuration
+        distance, angle = pose_gap(result.pose_base_to_end, wanted)
+        assert distance < 1e-9 and angle < 1e-9
+        values = np.array([result.joint_values[joint] for joint in mechanism.joint_limits()])
+        assert np.all((lower <= values) & (values <= upper))
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_every_target_is_reached_through_the_batch_engine(name):
+    mechanism = mechanism_of(name)
+    home = ClosureSolver(mechanism).solve({}, at_home(mechanism, name))
+    engine = BatchEngine(mechanism)
+    joints = np.zeros((1, engine.structure.chain_count, engine.structure.joint_count))
+    for i, chain in enumerate(engine.structure.joint_names):
+        joints[0, i, : len(chain)] = [home.joint_values[joint] for joint in chain]
+    pose = home.pose_base_to_end
+    start = BatchStart(pose.translation[None], pose.rotation[None], joints)[np.zeros(TARGETS, dtype=int)]
+    drives, wanted = targets(name)
+    for commands in on_the_way(name, drives):
+        closed = engine.close(commands, start)
+        start = closed.as_start()
+    assert np.all(closed.status == 0)
+    for position, rotation, target in zip(closed.position, closed.rotation, wanted, strict=True):
+        distance, angle = pose_gap(pin.SE3(rotation, position), target)
+        assert distance < 1e-9 and angle < 1e-9
