@@ -9,8 +9,9 @@ import pinocchio as pin
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.robot.model import JointPlacement, RobotModel
-from pouring_robot.robot.pouring.description import PlacementError, perturb_urdf
+from pouring_robot.robot.pouring.description import render_urdf
 from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.urdf import PlacementError, perturb_urdf
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT / "tests" / "data"
@@ -53,6 +54,13 @@ def crooked_model(seed, axis_mrad, centre_mm=0.5, layout="paper"):
         placements[f"leg{leg}_s4"] = draw(0.0, axis_mrad)
         placements[f"leg{leg}_seat_mount"] = draw(centre_mm, axis_mrad)
     return RobotModel(layout=layout, joint_placements=placements)
+
+
+def carried_by(model, chain_order):
+    """Return nominal and actual mechanism of a model with its platform on another chain in the tree."""
+    nominal = render_urdf(model.layout, chain_order=chain_order)
+    texts = nominal, perturb_urdf(nominal, model.placement_errors())
+    return tuple(ClosedChainMechanism(text, model.loops()) for text in texts)
 
 
 def placement_error(numbers):

@@ -176,7 +176,7 @@ def calibrate(
     alike = repeats(campaign, np.setdiff1d(np.flatnonzero(campaign.usable), left_out))
     start = fit.unknowns.at(np.zeros_like(fit.unknowns.values))
     shown = regressor(chosen[parts.train].linearise(start), measured.sigma, measured[parts.train].known)
-    poses, workspace = workspace_rows(chosen.model, robot.layout)
+    workspace = workspace_rows(chosen.model)
     return Calibration(
         campaign=campaign,
         present=model,
@@ -198,7 +198,6 @@ def calibrate(
         rank_anywhere=_rank_anywhere(shown, workspace, start, measured),
         ladle=ladle_uncertainty(
             workspace,
-            poses,
             fit.unknowns,
             fit.covariance * inflation**2,
             chosen.model.engine.structure.mechanism.T_end_tool,

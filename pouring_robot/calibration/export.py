@@ -10,10 +10,10 @@ from pouring_robot.calibration.report import headline, html_report
 from pouring_robot.calibration.summary import calibration_metrics, notes_of, warnings_of
 from pouring_robot.exceptions import DescriptionError, OutputError
 from pouring_robot.io.files import check_folder, write_together
-from pouring_robot.robot.model import RobotModel, loops_file
-from pouring_robot.robot.pouring.description import urdf_files
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.urdf import urdf_files
 
-MODEL, FIGURES, REPORT, LOOPS = "calibrated.yaml", "calibration.json", "report.html", "loops.yaml"
+MODEL, FIGURES, REPORT = "calibrated.yaml", "calibration.json", "report.html"
 
 
 def write_calibration(calibration: CalibrationFindings, folder: Path | str) -> list[Path]:
@@ -31,7 +31,7 @@ def write_calibration(calibration: CalibrationFindings, folder: Path | str) -> l
     """
     folder, model = check_folder(folder), described(calibration)
     try:
-        files = urdf_files(model.tree_urdf(), folder, {LOOPS: loops_file().read_bytes()})
+        files = urdf_files(model.tree_urdf(), folder, model.definition.files_beside())
     except DescriptionError as error:
         raise OutputError(folder, error.problem) from error
     files[folder / FIGURES] = json.dumps(calibration_metrics(calibration), indent=1, allow_nan=False) + "\n"

@@ -11,9 +11,6 @@ from pouring_robot.estimation.frames import FRAMES
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.pouring.layout import Layout
-
-_SHARES = (0.1, 0.5, 0.9)  # of the workspace box along each axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,12 +22,14 @@ class LadleUncertainty:
     counts as far as tolerances leave it open.
 
     Attributes:
-        poses: commanded poses x, y, z in m and the tilt in rad, shape (n, 4).
+        position_m: commanded origin of the end body, shape (n, 3), in m.
+        tilt_rad: commanded turn about y, shape (n,), in rad; None for a robot that turns about other axes too.
         std_m: of x, y and z in tracker axes, shape (n, 3), in m.
         std_rad: of the rotation, shape (n, 3), in rad.
     """
 
-    poses: FloatArray
+    position_m: FloatArray
+    tilt_rad: FloatArray | None
     std_m: FloatArray
     std_rad: FloatArray
 
@@ -40,16 +39,13 @@ class LadleUncertainty:
         return np.asarray(1.96 * self.std_m.max(axis=1))
 
 
-def workspace_rows(model: MeasurementModel, layout: Layout) -> tuple[FloatArray, ModelledRows]:
-    """Return the poses of the grid that the robot can take, shape (n, 4), and their rows."""
-    commands = model.kinematics.commands(layout.grid(*[_SHARES] * 4))
-    reached = model.kinematics.within_limits(commands.start.joints)
-    return commands.poses[reached], model.at(commands.drives[reached])
+def workspace_rows(model: MeasurementModel) -> ModelledRows:
+    """Return commands spread over the workspace that the robot can take."""
+    return model.at(*model.model.definition.workspace(model.drawing))
 
 
 def ladle_uncertainty(
     rows: ModelledRows,
-    poses: FloatArray,
     unknowns: Unknowns,
     covariance: FloatArray,
     T_end_tool: pin.SE3,
@@ -60,7 +56,6 @@ def ladle_uncertainty(
 
     Args:
         rows: commands to predict.
-        poses: the same as poses, for the report, shape (n, 4).
         unknowns: the calibrated values.
         covariance: of all unknowns, in m and rad.
         T_end_tool: where the lip sits on the moving platform.
@@ -77,7 +72,9 @@ def ladle_uncertainty(
     arm = T_end_tool.translation - unknowns.frames.T_end_target.translation
     lever = np.einsum("ij,njk,k->ni", unknowns.frames.T_tracker_base.rotation, rotation, arm)
     lip = jacobian[:, :3] + np.cross(turning.transpose(0, 2, 1), lever[:, None, :]).transpose(0, 2, 1)
-    return LadleUncertainty(poses[closed], _std(lip, covariance), _std(turning, covariance))
+    turn = rows.start.rotation[closed]
+    tilt = np.arctan2(turn[:, 0, 2], turn[:, 2, 2]) if np.allclose(turn[:, 1, 1], 1.0) else None
+    return LadleUncertainty(rows.start.position[closed], tilt, _std(lip, covariance), _std(turning, covariance))
 
 
 def _std(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:

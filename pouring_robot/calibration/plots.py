@@ -94,14 +94,15 @@ def _ladle(calibration: CalibrationFindings) -> bytes:
     ladle = calibration.ladle
     half = ladle.half_width_m / MM
     if half.size:
-        places, index = np.unique(ladle.poses[:, [0, 2]].round(6), axis=0, return_inverse=True)
+        places, index = np.unique(ladle.position_m[:, [0, 2]].round(6), axis=0, return_inverse=True)
         worst = np.array([half[index.ravel() == k].max() for k in range(len(places))])
         shown = left.scatter(places[:, 0] / MM, places[:, 1] / MM, c=worst, s=60, cmap="viridis")
         figure.colorbar(shown, ax=left, label="± mm, the worst y and tilt there")
         left.margins(0.2)
-        right.scatter(np.degrees(ladle.poses[:, 3]), half, s=8, color=AFTER)
+        across = np.arange(half.size) if ladle.tilt_rad is None else np.degrees(ladle.tilt_rad)
+        right.scatter(across, half, s=8, color=AFTER)
     left.set(xlabel="x [mm]", ylabel="z [mm]")
-    right.set(xlabel="tilt [°]", ylabel="± mm")
+    right.set(xlabel="pose" if ladle.tilt_rad is None else "tilt [°]", ylabel="± mm")
     for axes in (left, right):
         axes.grid(alpha=0.25)
     return png_of(figure)

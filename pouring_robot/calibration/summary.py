@@ -241,18 +241,20 @@ def _base(calibration: CalibrationFindings) -> Figures:
 
 def _ladle(calibration: CalibrationFindings) -> Figures:
     ladle = calibration.ladle
-    if not len(ladle.poses):
+    if not len(ladle.position_m):
         return {"poses": 0}
     half = ladle.half_width_m / MM
     worst = int(np.argmax(half))
-    x, y, z, tilt = ladle.poses[worst].tolist()
+    pose = dict(zip(("x_mm", "y_mm", "z_mm"), (ladle.position_m[worst] / MM).tolist(), strict=True))
+    if ladle.tilt_rad is not None:
+        pose["tilt_deg"] = math.degrees(ladle.tilt_rad[worst])
     return {
         "poses": len(half),
         "half_width95_mm": {"median": float(np.median(half)), "largest": float(half.max())},
         "with_noise95_mm": {
             "median": float(np.median(np.hypot(half, Z95 * calibration.noise.position_m / MM))),
         },
-        "worst_pose": {"x_mm": x / MM, "y_mm": y / MM, "z_mm": z / MM, "tilt_deg": math.degrees(tilt)},
+        "worst_pose": pose,
     }
 
 
@@ -273,9 +275,10 @@ def next_measurements(calibration: CalibrationFindings) -> list[str]:
     ladle = _ladle(calibration)
     if ladle["poses"]:
         pose = ladle["worst_pose"]
+        tilt = f", tilt {pose['tilt_deg']:.0f}°" if "tilt_deg" in pose else ""
         found.append(
-            f"the ladle is known least at x {pose['x_mm']:.0f}, y {pose['y_mm']:.0f}, z {pose['z_mm']:.0f} mm, tilt "
-            f"{pose['tilt_deg']:.0f}°: measure there (95 % interval ±{ladle['half_width95_mm']['largest']:.3f} mm)"
+            f"the ladle is known least at x {pose['x_mm']:.0f}, y {pose['y_mm']:.0f}, z {pose['z_mm']:.0f} mm{tilt}: "
+            f"measure there (95 % interval ±{ladle['half_width95_mm']['largest']:.3f} mm)"
         )
     if calibration.performance is None:
         found.append("no pose was measured three times: repeat some, to know the repeatability and the noise")

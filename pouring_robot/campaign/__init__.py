@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
-from pouring_robot.campaign.nominal import PoseStack, nominal_poses, planar_poses
+from pouring_robot.campaign.nominal import PoseStack, nominal_poses
 from pouring_robot.campaign.plan import PosePlan, random_plan, read_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, VirtualMeasurement, simulate_campaign
 from pouring_robot.robot.pouring.names import DRIVE_JOINTS
@@ -21,7 +21,6 @@ __all__ = [
     "PoseStack",
     "VirtualMeasurement",
     "nominal_poses",
-    "planar_poses",
     "random_plan",
     "read_plan",
     "simulate_campaign",

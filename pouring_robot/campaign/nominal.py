@@ -7,11 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.rotations import rotation_vectors
-from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
-from pouring_robot.robot.pouring.names import DRIVE_JOINTS
+from pouring_robot.robot.drawing import Drawing
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,28 +48,10 @@ class PoseStack:
         return PoseStack(-np.einsum("nij,nj->ni", transposed, self.position_m), transposed)
 
 
-def planar_poses(position_m: FloatArray, tilt_rad: FloatArray) -> PoseStack:
-    """Return poses turned about y only: positions (n, 3) in m, tilts (n,) in rad."""
-    cos, sin = np.cos(tilt_rad), np.sin(tilt_rad)
-    rotation = np.zeros((tilt_rad.size, 3, 3))
-    rotation[:, 0, 0] = rotation[:, 2, 2] = cos
-    rotation[:, 0, 2], rotation[:, 2, 0] = sin, -sin
-    rotation[:, 1, 1] = 1.0
-    rotation[~np.isfinite(tilt_rad)] = np.nan
-    return PoseStack(np.array(position_m), rotation)
-
-
-def nominal_poses(kinematics: FourUPUKinematics, drives: FloatArray) -> PoseStack:
-    """Return the pose moving platform → fixed platform of the drawing for drives (n, 4) in m and rad.
+def nominal_poses(drawing: Drawing, drives: FloatArray) -> PoseStack:
+    """Return the pose of the end body in the base of the drawing for drives (n, drives), in m and rad.
 
     Rows with missing drives, or drives that no pose has, are NaN.
     """
-    rows = drives.shape[0]
-    position, tilt = np.full((rows, 3), np.nan), np.full(rows, np.nan)
-    for row in np.flatnonzero(np.isfinite(drives).all(axis=1)):
-        try:
-            pose = kinematics.forward(dict(zip(DRIVE_JOINTS, drives[row].tolist(), strict=True)))
-        except (NoSolutionError, BadInputError):
-            continue
-        position[row], tilt[row] = pose.position_m, pose.tilt_rad
-    return planar_poses(position, tilt)
+    start = drawing.starts(drives)
+    return PoseStack(start.position, start.rotation)

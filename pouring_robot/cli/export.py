@@ -14,13 +14,13 @@ OutFolder = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder fo
 
 def export(out: OutFolder, model: options.ModelFile = None, layout: options.LayoutName = None) -> None:
     """Write the robot as built: URDF with its meshes, and loops.yaml that says how the tree closes."""
-    from pouring_robot.robot.model import loops_file
-    from pouring_robot.robot.pouring.description import write_urdf
     from pouring_robot.robot.pouring.ladle_mesh import stale_mesh_note
+    from pouring_robot.robot.urdf import write_urdf
 
     robot = options.robot_of(model, layout)
-    urdf = write_urdf(robot.model.tree_urdf(), out, {"loops.yaml": loops_file().read_bytes()})
+    beside = robot.model.definition.files_beside()
+    urdf = write_urdf(robot.model.tree_urdf(), out, beside)
     console = options.console()
-    options.print_written(console, (urdf, out / "loops.yaml"))
+    options.print_written(console, (urdf, *(out / name for name in beside)))
     note = stale_mesh_note(robot.layout)
     options.print_notes(console, [note] if note else [])

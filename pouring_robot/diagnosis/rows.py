@@ -35,6 +35,7 @@ from pouring_robot.mechanism.parameters import (
 from pouring_robot.robot.effect_stack import EffectEntry
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterCatalogue
+from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.names import DRIVE_JOINTS
 
 SCALE = "metrology.scale"
@@ -155,7 +156,10 @@ class CampaignRows:
         self._start = closure.as_start()
         drives = [p for p in drawing.parameters if isinstance(p, DriveParameter)]
         by_drive = engine.transfer(closure, drives).matrix
-        centres = drawing.kinematics.moving_centres_m
+        kinematics = drawing.drawing
+        if not isinstance(kinematics, FourUPUKinematics):
+            raise DiagnosisError(f"diagnosis knows the pouring robot only, not '{self.model.definition.name}'", "")
+        centres = kinematics.moving_centres_m
         nominal = NominalRows(closure.position, closure.rotation, closure.joints, by_drive, centres)
         return conditions_of(self.campaign, nominal)
 

@@ -24,7 +24,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pouring_robot.batch import BatchClosure, BatchEngine, BatchStart
-from pouring_robot.campaign.nominal import PoseStack, nominal_poses
+from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames import FRAME_PARAMETERS, FRAMES, OuterFrames, displaced_columns
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
@@ -36,7 +36,6 @@ from pouring_robot.mechanism.parameters import (
 )
 from pouring_robot.mechanism.rotations import right_jacobian
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 
 BoolArray = NDArray[np.bool_]
 
@@ -125,7 +124,7 @@ class MeasurementModel:
         """Build the batch engine of the present robot and the map from parameters to placement errors."""
         self.model = model
         self.engine = BatchEngine(model.mechanism(), threads)
-        self.kinematics = FourUPUKinematics(model.nominal_mechanism())
+        self.drawing = model.definition.drawing()
         self._choose(parameters)
 
     def _choose(self, parameters: Sequence[GeometricParameter]) -> None:
@@ -157,22 +156,16 @@ class MeasurementModel:
             BadInputError: a parameter is of another kind, or stands twice.
         """
         other = MeasurementModel.__new__(MeasurementModel)
-        other.model, other.engine, other.kinematics = self.model, self.engine, self.kinematics
+        other.model, other.engine, other.drawing = self.model, self.engine, self.drawing
         other._choose(parameters)
         return other
-
-    def starts(self, drives: FloatArray) -> BatchStart:
-        """Return the drawing's closed poses for commanded drives (n, 4) in m and rad; NaN where no pose has them."""
-        poses = nominal_poses(self.kinematics, drives)
-        tilt = np.arctan2(poses.rotation[:, 0, 2], poses.rotation[:, 2, 2])
-        return self.kinematics.commands(np.column_stack([poses.position_m, tilt])).start
 
     def at(self, drives: FloatArray, start: BatchStart | None = None) -> ModelledRows:
         """Return rows to predict.
 
         Args:
-            drives: commanded drives, shape (n, 4), in m and rad; the model's own drive offsets come on top.
-            start: where to start closing, if known; by default :meth:`starts`.
+            drives: commanded drives, shape (n, drives), in m and rad; the model's own drive offsets come on top.
+            start: where to start closing, if known; by default the drawing's closed poses.
 
         Raises:
             BadInputError: the shape is wrong.
@@ -181,14 +174,14 @@ class MeasurementModel:
         count = len(self.engine.structure.mechanism.loops.drives)
         if drives.ndim != 2 or drives.shape[1] != count:
             raise BadInputError(f"drives must have the shape (n, {count}), not {drives.shape}")
-        return ModelledRows(self, drives, self.starts(drives) if start is None else start)
+        return ModelledRows(self, drives, self.drawing.starts(drives) if start is None else start)
 
     def placement_errors(self, values: FloatArray) -> FloatArray:
         """Return the displacement of every site for parameter values (P,): shape (sites, 6), in m and rad."""
         return np.asarray(self._twists @ values)
 
     def drive_errors(self, values: FloatArray | None) -> FloatArray:
-        """Return what is added to the commanded drives for parameter values (P,): shape (4,), in m and rad.
+        """Return what is added to the commanded drives for parameter values (P,): shape (drives,), in m and rad.
 
         None: what the present robot itself adds.
         """
@@ -250,7 +243,7 @@ class ModelledRows:
 
     Attributes:
         model: the measurement model.
-        drives: commanded drives, shape (n, 4), in m and rad.
+        drives: commanded drives, shape (n, drives), in m and rad.
         start: where to start closing.
     """
 

@@ -7,7 +7,6 @@ It names a layout, the placement errors of joints and the offsets of drives. It 
 
 from __future__ import annotations
 
-import functools
 import io
 import os
 from pathlib import Path
@@ -22,11 +21,13 @@ from pouring_robot.exceptions import BadInputError, DescriptionError, ModelFileE
 from pouring_robot.io.files import write_whole
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.loops import LoopsFile, load_loops
+from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.definition import RobotDefinition
 from pouring_robot.robot.effect_stack import EffectEntry
 from pouring_robot.robot.heat_section import HeatSection
-from pouring_robot.robot.pouring.description import PlacementError, description_folder, perturb_urdf, render_urdf
+from pouring_robot.robot.pouring.definition import PouringDefinition
+from pouring_robot.robot.urdf import PlacementError, perturb_urdf
 
 Triple = tuple[float, float, float]
 _ZERO: Triple = (0.0, 0.0, 0.0)
@@ -113,7 +114,8 @@ class RobotModel(StrictModel):
     Attributes:
         format: kind and version of the file.
         description: a line for people.
-        layout: name of the layout in the dimensions file.
+        robot: another robot than the pouring robot: its robot file, relative to the model file's folder.
+        layout: name of the pouring robot's layout in the dimensions file.
         layouts_file: another dimensions file than the shipped one, relative to the model file's folder.
         joint_placements: placement error of each joint that has one, by URDF joint name.
         drive_offsets: what is added to the command of each drive that has an offset, by URDF joint name.
@@ -123,6 +125,7 @@ class RobotModel(StrictModel):
 
     format: Literal["pouring_robot/model/1"] = "pouring_robot/model/1"
     description: str = ""
+    robot: str | None = None
     layout: str = "paper"
     layouts_file: str | None = None
     joint_placements: dict[str, JointPlacement] = pydantic.Field(default_factory=dict)
@@ -131,6 +134,26 @@ class RobotModel(StrictModel):
     effects: list[EffectEntry] = pydantic.Field(default_factory=list)
 
     _folder: Path = pydantic.PrivateAttr(default_factory=Path)
+    _defined: tuple[Any, RobotDefinition] | None = pydantic.PrivateAttr(default=None)
+
+    @pydantic.model_validator(mode="after")
+    def _one_robot(self) -> RobotModel:
+        if self.robot is not None:
+            for key in ("layout", "layouts_file", "heat"):
+                if key in self.model_fields_set and getattr(self, key) is not None:
+                    raise ValueError(f"'{key}' is of the pouring robot only; leave it out beside 'robot'")
+        return self
+
+    @classmethod
+    def for_robot(cls, path: Path | str) -> RobotModel:
+        """Return the drawing of a robot, by its robot file.
+
+        Raises:
+            DescriptionError: the file, or one that it names, is wrong.
+        """
+        model = cls(robot=str(Path(path).absolute()))
+        model.definition  # noqa: B018 - what is wrong with the file is to be said now
+        return model
 
     @classmethod
     def load(cls, path: Path | str) -> RobotModel:
@@ -172,8 +195,8 @@ class RobotModel(StrictModel):
         if not isinstance(other, RobotModel):
             return NotImplemented
         here, there = (model.layouts_path and model.layouts_path.resolve() for model in (self, other))
-        ours, theirs = (model.model_dump(exclude={"layouts_file"}) for model in (self, other))
-        return ours == theirs and here == there
+        ours, theirs = (model.model_dump(exclude={"robot", "layouts_file"}) for model in (self, other))
+        return ours == theirs and here == there and self.robot_path == other.robot_path
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -187,8 +210,11 @@ class RobotModel(StrictModel):
 
     def file_text(self, folder: Path) -> str:
         """Return what the model file says when it stands in a folder."""
-        content: dict[str, Any] = {"format": self.format, "layout": self.layout}
+        content: dict[str, Any] = {"format": self.format}
+        content |= {"robot": ""} if self.robot else {"layout": self.layout}
         content |= self.model_dump(mode="json", exclude_defaults=True)
+        if self.robot_path:
+            content["robot"] = os.path.relpath(self.robot_path, folder)
         if self.layouts_file:
             content["layouts_file"] = os.path.relpath(self.layouts_path or "", folder)
         stream = io.StringIO()
@@ -203,9 +229,28 @@ class RobotModel(StrictModel):
         return self._folder / self.layouts_file if self.layouts_file else None
 
     @property
+    def robot_path(self) -> Path | None:
+        """The robot file, or None for the pouring robot."""
+        return (self._folder / self.robot).resolve() if self.robot else None
+
+    @property
+    def definition(self) -> RobotDefinition:
+        """The robot of the drawing: URDF, loops, drives, names.
+
+        Raises:
+            DescriptionError: a file of the description is broken.
+            UnknownLayoutError: there is no such layout.
+        """
+        wanted = (self.robot_path, self.layout, self.layouts_path)
+        if self._defined is None or self._defined[0] != wanted:
+            path, layout = self.robot_path, (self.layout, self.layouts_path)
+            self._defined = wanted, RobotDefinition.load(path) if path else PouringDefinition(*layout)
+        return self._defined[1]
+
+    @property
     def is_drawing(self) -> bool:
         """Whether the model says nothing that makes the robot as built differ from the drawing."""
-        told = {"format", "description", "layout", "layouts_file", "heat", "effects"}
+        told = {"format", "description", "robot", "layout", "layouts_file", "heat", "effects"}
         return not _says_something(self.model_dump(exclude=told, exclude_defaults=True))
 
     def left_out(self, who: str, name: str = "the model", *, warm: bool = False) -> tuple[str, ...]:
@@ -240,30 +285,28 @@ class RobotModel(StrictModel):
         """
         if not self.drive_offsets:
             return
-        drives = self.loops().drives
-        joints = {j.get("name"): j.get("type") for j in etree.fromstring(self.nominal_urdf().encode()).iter("joint")}
-        for drive, offset in self.drive_offsets.items():
-            if drive not in drives:
-                raise BadInputError(f"drive_offsets: the robot has no drive '{drive}'{closest(drive, drives)}")
-            unit = "m" if joints[drive] == "prismatic" else "rad"
-            if offset.unit != unit:
-                wanted = "offset_mm" if unit == "m" else "offset_mrad"
-                raise BadInputError(f"drive_offsets: '{drive}' needs {wanted}")
+        drives = {drive.joint: drive for drive in self.definition.drives}
+        for joint, offset in self.drive_offsets.items():
+            if joint not in drives:
+                raise BadInputError(f"drive_offsets: the robot has no drive '{joint}'{closest(joint, drives)}")
+            if offset.unit != drives[joint].unit:
+                wanted = "offset_mm" if drives[joint].unit == "m" else "offset_mrad"
+                raise BadInputError(f"drive_offsets: '{joint}' needs {wanted}")
 
     def loops(self) -> LoopsFile:
-        """Return the shipped declaration of the four loops."""
-        return _shipped_loops()
+        """Return the declaration of the loops."""
+        return self.definition.loops
 
-    def nominal_urdf(self, chain_order: tuple[int, ...] = (1, 2, 3, 4)) -> str:
+    def nominal_urdf(self) -> str:
         """Return the robot of the drawing as URDF.
 
         Raises:
             DescriptionError: the description or the dimensions file is broken.
             UnknownLayoutError: there is no such layout.
         """
-        return render_urdf(self.layout, chain_order=chain_order, layouts_file=self.layouts_path)
+        return self.definition.urdf()
 
-    def urdf(self, chain_order: tuple[int, ...] = (1, 2, 3, 4)) -> str:
+    def urdf(self) -> str:
         """Return the robot as built as URDF: the drawing with every joint displaced by its error.
 
         Raises:
@@ -273,10 +316,14 @@ class RobotModel(StrictModel):
         for joint in self.loops().cut_joints:
             if joint in self.joint_placements:
                 raise BadInputError(
-                    f"joint '{joint}' only carries the platform in the URDF tree; displace the platform's seats "
-                    "(leg1_seat_mount ...) instead"
+                    f"joint '{joint}' only carries the end body in the URDF tree; displace the joints that place the "
+                    f"chains' seats on it ({self._seat_joint()} ...) instead"
                 )
-        return perturb_urdf(self.nominal_urdf(chain_order), self.placement_errors())
+        return perturb_urdf(self.nominal_urdf(), self.placement_errors())
+
+    def _seat_joint(self) -> str:
+        seat, root = self.loops().loops[0].frame_b, etree.fromstring(self.nominal_urdf().encode())
+        return next((str(j.get("name")) for j in root.iterfind("joint") if j.find("child").get("link") == seat), seat)
 
     def tree_urdf(self) -> str:
         """Return the robot as built for programs that know no loops.
@@ -306,13 +353,13 @@ class RobotModel(StrictModel):
             placements[drive] = JointPlacement.from_se3(present * pin.exp6(pin.Motion(axis * offset)))
         return self.model_copy(update={"joint_placements": placements, "drive_offsets": {}})
 
-    def nominal_mechanism(self, chain_order: tuple[int, ...] = (1, 2, 3, 4)) -> ClosedChainMechanism:
+    def nominal_mechanism(self) -> ClosedChainMechanism:
         """Return the mechanism of the drawing."""
-        return ClosedChainMechanism(self.nominal_urdf(chain_order), self.loops(), loops_file())
+        return self.definition.mechanism()
 
-    def mechanism(self, chain_order: tuple[int, ...] = (1, 2, 3, 4)) -> ClosedChainMechanism:
+    def mechanism(self) -> ClosedChainMechanism:
         """Return the mechanism as built."""
-        return ClosedChainMechanism(self.urdf(chain_order), self.loops(), loops_file())
+        return ClosedChainMechanism(self.urdf(), self.loops(), self.definition.path)
 
 
 def _says_something(content: Any) -> bool:
@@ -333,13 +380,3 @@ def meet_at_cut_joints(urdf: str, loops: LoopsFile) -> str:
                 mount, foot, seat = (data.oMf[mechanism.frame_id(name)] for name in (cut, loop.frame_a, loop.frame_b))
                 errors[cut] = PlacementError.from_se3(mount.actInv(foot * seat.actInv(mount)))
     return perturb_urdf(urdf, errors)
-
-
-@functools.cache
-def _shipped_loops() -> LoopsFile:
-    return load_loops(loops_file())
-
-
-def loops_file() -> Path:
-    """Return the shipped loops file."""
-    return description_folder() / "config" / "loops.yaml"

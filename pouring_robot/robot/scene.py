@@ -20,7 +20,7 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism, release_j
 from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
 from pouring_robot.robot.location import LadleLocation
 from pouring_robot.robot.metrics import decimals
-from pouring_robot.robot.pouring.description import description_folder
+from pouring_robot.robot.urdf import description_folder
 from pouring_robot.viewer import GHOST_TINT, Scene, SceneArrow, SceneRobot, camera_on, visual_model
 
 # The largest error is drawn about this long unless the user says otherwise.

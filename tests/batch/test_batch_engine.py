@@ -33,6 +33,7 @@ from pouring_robot.mechanism.closure import ClosureOptions, ClosureSolver
 from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.parameters import DriveParameter, PayloadParameter, PlacementParameter
 from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.pouring.description import render_urdf
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.poses import PlatformPose
 from tests.support import BOX_LOWER, BOX_UPPER, ROOT, perturbed, placement_error, planar_urdf
@@ -146,7 +147,7 @@ def test_all_chain_orders_give_the_same(paper):
     command = command_of(kinematics, 20, seed=7)
     errors = errors_of(FULL_ERRORS, 20, seed=8)
     expected = engine.close(command.drives, command.start, errors)
-    other = BatchEngine(RobotModel().nominal_mechanism(chain_order=(3, 1, 4, 2)))
+    other = BatchEngine(ClosedChainMechanism(render_urdf(chain_order=(3, 1, 4, 2)), RobotModel().loops()))
     found = other.close(command.drives, command.start, errors)
     assert other.structure.site_joints == engine.structure.site_joints
     np.testing.assert_allclose(found.position, expected.position, rtol=0, atol=1e-12)

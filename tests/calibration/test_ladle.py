@@ -18,9 +18,9 @@ def fitted(drawing):
 
 
 def uncertainty(drawing, virtual, covariance, unknowns, *, turned):
-    poses, rows = workspace_rows(virtual.model, drawing.layout)
+    rows = workspace_rows(virtual.model)
     lip = drawing.nominal_solver.mechanism.T_end_tool
-    return rows, lip, ladle_uncertainty(rows, poses, unknowns, covariance, lip, turned=turned)
+    return rows, lip, ladle_uncertainty(rows, unknowns, covariance, lip, turned=turned)
 
 
 def test_carried_covariance_is_the_scatter_of_draws(drawing, fitted):
@@ -49,8 +49,8 @@ def test_a_measured_target_leaves_hundredths_of_a_millimetre(drawing, fitted):
 
 
 def test_workspace_grid(drawing, fitted):
-    poses, rows = workspace_rows(fitted[0].model, drawing.layout)
-    assert 40 < len(poses) == len(rows) <= 81
-    assert (poses[:, :3] >= drawing.layout.position_lower_m).all()
+    rows = workspace_rows(fitted[0].model)
+    assert 40 < len(rows) <= 81
+    assert (rows.start.position >= drawing.layout.position_lower_m).all()
     assert fitted[1].covariance.shape == (FRAMES + 88,) * 2
     assert isinstance(drawing.nominal_solver.mechanism.T_end_tool, pin.SE3)

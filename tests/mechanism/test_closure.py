@@ -14,10 +14,11 @@ from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechan
 from pouring_robot.mechanism.closure import ClosureOptions, ClosureSolver
 from pouring_robot.mechanism.energy import Loads
 from pouring_robot.mechanism.loops import LoopsFile
-from pouring_robot.robot.pouring.description import PlacementError
 from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.urdf import PlacementError
 from tests.support import (
     CHAINS,
+    carried_by,
     circle_meeting,
     displaced,
     oracle_cases,
@@ -158,7 +159,7 @@ def test_agrees_with_plain_kinematics_and_scipy_when_the_loops_stay_open(very_cr
 @pytest.mark.parametrize("order", list(itertools.permutations(CHAINS)), ids=lambda order: "".join(map(str, order)))
 def test_the_carrying_chain_and_the_order_of_the_chains_do_not_matter(as_built, crooked, order):
     for robot in (as_built, crooked):
-        solver = ClosureSolver(robot.model.mechanism(order))
+        solver = ClosureSolver(carried_by(robot.model, order)[1])
         for pose in random_poses(5, seed=3):
             location = robot.locate(pose)
             start = solver.mechanism.with_joint_values(

@@ -4,7 +4,7 @@ import pytest
 
 from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.mechanism.loops import LoopsFile, load_loops
-from pouring_robot.robot.model import loops_file
+from pouring_robot.robot.urdf import description_folder
 
 OWN = """
 mechanism: five-bar
@@ -25,7 +25,7 @@ def written(tmp_path):
 
 
 def test_the_shipped_file_declares_the_four_chains():
-    loops = load_loops(loops_file())
+    loops = load_loops(description_folder() / "config" / "loops.yaml")
     assert loops.names == ("chain_1", "chain_2", "chain_3", "chain_4")
     pairs = [(loop.frame_a, loop.frame_b, loop.type) for loop in loops.loops]
     assert pairs == [(f"leg{i}_foot", f"leg{i}_seat", "6d") for i in (1, 2, 3, 4)]

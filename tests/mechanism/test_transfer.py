@@ -20,9 +20,9 @@ from pouring_robot.mechanism.parameters import (
     placement_parameters,
 )
 from pouring_robot.mechanism.transfer import closed_chain_transfer
-from pouring_robot.robot.pouring.description import PlacementError, perturb_urdf
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
-from tests.support import closure_condition, placement_error, round_off
+from pouring_robot.robot.urdf import PlacementError, perturb_urdf
+from tests.support import carried_by, closure_condition, placement_error, round_off
 
 CHAIN_JOINTS = [f"leg{i}_s{k}" for i in (1, 2, 3, 4) for k in (1, 2, 3, 4, 5)]
 JOINTS = [*CHAIN_JOINTS, *(f"leg{i}_seat_mount" for i in (1, 2, 3, 4))]
@@ -174,8 +174,8 @@ def test_which_chain_carries_the_platform_does_not_change_the_matrix():
     pose = PlatformPose.from_mm_deg(-120.0, 20.0, -650.0, 15.0)
     matrices, lost = [], 0.0
     for order in ((1, 2, 3, 4), (3, 1, 4, 2), (4, 3, 2, 1)):
-        kinematics = FourUPUKinematics(model.nominal_mechanism(order))
-        solver = ClosureSolver(model.mechanism(order))
+        nominal, actual = carried_by(model, order)
+        kinematics, solver = FourUPUKinematics(nominal), ClosureSolver(actual)
         result = solver.solve(kinematics.inverse(pose), kinematics.configuration(pose))
         matrices.append(closed_chain_transfer(solver, result, placement_parameters(JOINTS)).matrix)
         condition, size = closure_condition(solver, result)

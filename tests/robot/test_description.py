@@ -24,16 +24,11 @@ from scipy.spatial.transform import Rotation
 
 from pouring_robot.exceptions import DescriptionError, OutputError, UnknownJointError, UnknownLayoutError
 from pouring_robot.io.cache import CACHE_VARIABLE
-from pouring_robot.robot.pouring import description, layout
-from pouring_robot.robot.pouring.description import (
-    PlacementError,
-    description_folder,
-    layout_names,
-    load_layout,
-    perturb_urdf,
-    render_urdf,
-    write_urdf,
-)
+from pouring_robot.robot import urdf
+from pouring_robot.robot.pouring import description
+from pouring_robot.robot.pouring.description import render_urdf
+from pouring_robot.robot.pouring.layout import layout_names, load_layout
+from pouring_robot.robot.urdf import PlacementError, description_folder, perturb_urdf, write_urdf
 from tests.support import round_off
 
 LAYOUTS = ("paper", "wide")
@@ -604,9 +599,9 @@ def test_broken_xacro_is_refused_on_one_line(
 
 
 def test_missing_description_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(layout, "__file__", str(tmp_path / "pouring_robot" / "robot" / "pouring" / "layout.py"))
+    monkeypatch.setattr(urdf, "__file__", str(tmp_path / "pouring_robot" / "robot" / "urdf.py"))
     with pytest.raises(DescriptionError, match="missing; reinstall"):
-        layout.description_folder()
+        urdf.description_folder()
 
 
 def test_folder_is_a_ros_package() -> None:

@@ -7,10 +7,11 @@ import pytest
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnknownJointError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pouring.description import PlacementError
+from pouring_robot.robot.pouring.description import render_urdf
 from pouring_robot.robot.pouring.dh import DHTable, NotUPUError, UnknownParameterError
 from pouring_robot.robot.pouring.dh.chain import adjoint, inverse
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
+from pouring_robot.robot.urdf import PlacementError
 from tests.support import perturbed
 
 LAYOUTS = ("paper", "wide")
@@ -185,7 +186,9 @@ def test_nominal_chain_is_pinocchios(table, nominal, chain):
 
 
 def test_any_carrying_chain_gives_the_same_table(table, layout):
-    other = DHTable.from_mechanism(RobotModel(layout=layout).nominal_mechanism((3, 1, 4, 2)))
+    other = DHTable.from_mechanism(
+        ClosedChainMechanism(render_urdf(layout, chain_order=(3, 1, 4, 2)), RobotModel().loops())
+    )
     assert other.parameters == table.parameters
 
 

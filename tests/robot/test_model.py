@@ -17,7 +17,9 @@ from pouring_robot.exceptions import (
     UnknownLayoutError,
 )
 from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
+from pouring_robot.robot.pouring.description import render_urdf
 from pouring_robot.robot.pouring.layout import shipped_layouts_file
+from pouring_robot.robot.urdf import perturb_urdf
 from tests.support import ACTUAL, crooked_model
 
 HEAD = "format: pouring_robot/model/1\nlayout: paper\n"
@@ -104,7 +106,7 @@ PLACED = "joint_placements:\n  leg1_s1:\n    translation_mm: "
             "line 5: .*did you mean 'translation_mm'",
         ),
         (HEAD + "joint_placements:\n  leg1_s9: {}\n", "no joint 'leg1_s9'; did you mean 'leg1_s"),
-        (HEAD + "joint_placements:\n  moving_platform_mount: {}\n", "displace the platform's seats"),
+        (HEAD + "joint_placements:\n  moving_platform_mount: {}\n", "displace the joints that place the chains' seats"),
         (HEAD + PLACED + "[.nan, 0, 0]\n", "line 5: .*finite"),
         (HEAD + PLACED + "[.inf, 0, 0]\n", "line 5: .*finite"),
         (HEAD + PLACED + "[0, 0]\n", "line 5"),
@@ -172,8 +174,9 @@ def test_models_are_frozen_and_equal_by_content():
 
 
 def test_chain_order_changes_the_tree_only():
-    model = crooked_model(3, 1.0)
-    first, second = (pin.buildModelFromXML(model.urdf(order)) for order in ((1, 2, 3, 4), (3, 1, 4, 2)))
+    errors = crooked_model(3, 1.0).placement_errors()
+    orders = (1, 2, 3, 4), (3, 1, 4, 2)
+    first, second = (pin.buildModelFromXML(perturb_urdf(render_urdf(chain_order=o), errors)) for o in orders)
     assert sorted(first.names) == sorted(second.names)
     masses = [sum(inertia.mass for inertia in robot.inertias) for robot in (first, second)]
     assert masses[0] == pytest.approx(masses[1], rel=1e-12)

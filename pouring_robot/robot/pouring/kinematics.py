@@ -23,7 +23,7 @@ from pouring_robot.robot.pouring.names import CHAIN_JOINTS, DRIVE_JOINTS, LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 
 if TYPE_CHECKING:
-    from pouring_robot.batch.samples import BatchCommand
+    from pouring_robot.batch.samples import BatchCommand, BatchStart
 
 
 @dataclass(frozen=True)
@@ -131,6 +131,17 @@ class FourUPUKinematics:
         places = {name: (i, k) for i, chain in enumerate(CHAIN_JOINTS) for k, name in enumerate(chain)}
         drives = np.stack([joints[:, *places[name]] for name in self.mechanism.loops.drives], axis=1)
         return BatchCommand(poses, drives, BatchStart(poses[:, :3], rotation, joints))
+
+    def starts(self, drives: FloatArray, /) -> BatchStart:
+        """Return the closed poses of drive values (n, 4), in m and rad; NaN where no pose has them."""
+        poses = np.full((len(drives), 4), np.nan)
+        for row in np.flatnonzero(np.isfinite(drives).all(axis=1)):
+            try:
+                pose = self.forward(dict(zip(self.mechanism.loops.drives, drives[row].tolist(), strict=True)))
+            except (NoSolutionError, BadInputError):
+                continue
+            poses[row] = *pose.position_m, pose.tilt_rad
+        return self.commands(poses).start
 
     def within_limits(self, joints: FloatArray) -> NDArray[np.bool_]:
         """Return where all joints are within their limits, shape (n,), for joint values (n, chains, joints)."""

@@ -22,8 +22,7 @@ from pouring_robot.io.typed_yaml import read_yaml, validate
 from pouring_robot.mechanism.arrays import read_only
 from pouring_robot.robot.pouring import layout_schema
 from pouring_robot.robot.pouring.layout_schema import Ladle, LayoutEntry, LayoutsFile
-
-"""Numbers of the mechanism's chains, as they stand in the names of its joints."""
+from pouring_robot.robot.urdf import description_folder, read_text
 
 
 @dataclass(frozen=True)
@@ -110,19 +109,6 @@ def shipped_layouts_file() -> Path:
     return description_folder() / "config" / "layouts.yaml"
 
 
-def description_folder() -> Path:
-    """Return the folder of the robot description: inside an installed package, beside it in a checkout.
-
-    Raises:
-        DescriptionError: neither is there.
-    """
-    here = Path(__file__).resolve().parents[2]
-    for folder in (here / "robot_description", here.parent / "robot_description"):
-        if (folder / "urdf" / "pouring_robot.urdf.xacro").is_file():
-            return folder
-    raise DescriptionError(here / "robot_description", "the robot description is missing; reinstall pouring_robot")
-
-
 def layout_names(layouts_file: Path | None = None) -> tuple[str, ...]:
     """Return the names of the layouts in a dimensions file (default: the shipped one), in the file's order.
 
@@ -170,19 +156,6 @@ def check_layout(name: str, path: Path, text: str) -> LayoutEntry:
     if name not in layouts:
         raise UnknownLayoutError(name, tuple(layouts), path)
     return layouts[name]
-
-
-def read_text(path: Path) -> str:
-    """Return the text of a file of the description.
-
-    Raises:
-        DescriptionError: it cannot be read.
-    """
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise DescriptionError(path, f"cannot be read: {reason}") from error
 
 
 @lru_cache(maxsize=16)

@@ -6,10 +6,9 @@ from collections.abc import Mapping
 
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
-from pouring_robot.robot.model import loops_file
-from pouring_robot.robot.pouring.description import perturb_urdf
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.urdf import perturb_urdf
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
 
 
@@ -43,7 +42,7 @@ class WarmRobot(PouringRobot):
         passive = passive_lengths_m or passive_lengths(robot, robot.kinematics.joint_values(pose))
         urdf = perturb_urdf(robot.model.nominal_urdf(), expansion.placements(robot.kinematics, passive))
         urdf = perturb_urdf(urdf, robot.model.placement_errors())
-        mechanism = ClosedChainMechanism(urdf, robot.kinematics.mechanism.loops, loops_file())
+        mechanism = ClosedChainMechanism(urdf, robot.kinematics.mechanism.loops, robot.model.definition.path)
         self.actual_solver = ClosureSolver(mechanism, robot.actual_solver.energy.loads, robot.actual_solver.options)
 
     def actual_drives(self, drives: dict[str, float]) -> dict[str, float]:

@@ -21,7 +21,6 @@ import pinocchio as pin
 from pouring_robot.exceptions import BadInputError, UnknownJointError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.robot.pouring.description import PlacementError
 from pouring_robot.robot.pouring.dh.chain import DHChain
 from pouring_robot.robot.pouring.dh.derivation import dh_chain
 from pouring_robot.robot.pouring.dh.fit import fit_errors
@@ -30,6 +29,7 @@ from pouring_robot.robot.pouring.dh.parameters import (
     UnknownParameterError,
     chain_parameters,
 )
+from pouring_robot.robot.urdf import PlacementError
 
 
 class DHTable:

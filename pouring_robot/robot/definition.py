@@ -1,0 +1,315 @@
+"""What a robot is, whichever it is: its URDF, its loops, its drives and what they are called in files.
+
+A robot is a ``robot.yaml``; the pouring robot is one too (:mod:`pouring_robot.robot.pouring.definition`):
+
+    format: pouring_robot/robot/1
+    name: ur10
+    urdf: ur10.urdf                       # or xacro: and mappings:
+    base_frame: base_link
+    end_frame: tool0
+    drives:
+      - {joint: shoulder_pan_joint}       # column: the name of its campaign column, by default the joint's
+"""
+
+from __future__ import annotations
+
+import functools
+import io
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import pydantic
+from lxml import etree
+from ruamel.yaml import YAML
+from scipy.stats import qmc
+
+from pouring_robot.exceptions import DescriptionError, closest
+from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.loops import LoopsFile, LoopSpec, LoopStiffness, load_loops
+from pouring_robot.mechanism.poses import MM
+from pouring_robot.robot.urdf import read_text
+
+if TYPE_CHECKING:
+    from pouring_robot.batch import BatchStart
+    from pouring_robot.robot.drawing import Drawing
+
+FORMAT = "pouring_robot/robot/1"
+_WORKSPACE_SAMPLES = 200
+ROTATIONS, SLIDES = "rotations", "slides"
+"""Groups of drives where a file names none: angles and lengths."""
+
+
+class DriveEntry(StrictModel):
+    """One drive of a robot file.
+
+    Attributes:
+        joint: the URDF joint that it moves.
+        column: name of its column in a campaign, without unit; by default the joint's name.
+        ratio: by how much the joint moves for a command of one of the same kind (a gear; below 1 slows down).
+        mm_per_turn: travel of a sliding joint for a whole turn of its motor; the command is then an angle.
+    """
+
+    joint: str
+    column: str = ""
+    ratio: float = 1.0
+    mm_per_turn: float | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _moves(self) -> DriveEntry:
+        if self.ratio == 0.0 or self.mm_per_turn == 0.0:
+            raise ValueError("a ratio of 0 moves nothing")
+        if self.ratio != 1.0 and self.mm_per_turn is not None:
+            raise ValueError("give either ratio or mm_per_turn")
+        return self
+
+
+class RobotFile(StrictModel):
+    """A robot file as written; paths are relative to it.
+
+    Attributes:
+        format: kind and version of the file.
+        name: what the robot is called in campaigns and reports.
+        urdf: the URDF; or ``xacro`` with its ``mappings``.
+        base_frame: poses are seen from it. Where ``loops`` is a file, this and all down to ``locked_joints`` may be
+            left to it.
+        end_frame: the body whose pose is measured.
+        tool_frames: further frames on that body; the last is where the error counts.
+        loops: what is closed, in the file itself or in a loops file; none for a serial arm.
+        cut_joints: joints that carry the end body in the tree only.
+        locked_joints: joints that take no part in the closure.
+        stiffness: of each closure.
+        drives: what the controller commands, in this order.
+        groups: drives that share a cause, by the group's name; by default all angles and all lengths.
+        payload_frame: where a payload hangs.
+        travel: joints that carry the base.
+        home: joint values (m, rad) near which the robot closes; by default all zero.
+    """
+
+    format: Literal["pouring_robot/robot/1"]
+    name: str = pydantic.Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")
+    urdf: str | None = None
+    xacro: str | None = None
+    mappings: dict[str, str] = pydantic.Field(default_factory=dict)
+    base_frame: str | None = None
+    end_frame: str | None = None
+    tool_frames: tuple[str, ...] = ()
+    loops: tuple[LoopSpec, ...] | str = ()
+    cut_joints: tuple[str, ...] = ()
+    locked_joints: tuple[str, ...] = ()
+    stiffness: LoopStiffness | None = None
+    drives: tuple[DriveEntry, ...] = pydantic.Field(min_length=1)
+    groups: dict[str, tuple[str, ...]] = pydantic.Field(default_factory=dict)
+    payload_frame: str | None = None
+    travel: tuple[str, ...] = ()
+    home: dict[str, float] = pydantic.Field(default_factory=dict)
+
+    @pydantic.model_validator(mode="after")
+    def _whole(self) -> RobotFile:
+        if (self.urdf is None) == (self.xacro is None):
+            raise ValueError("give either urdf or xacro")
+        if not isinstance(self.loops, str) and (self.base_frame is None or self.end_frame is None):
+            raise ValueError("base_frame and end_frame are needed; only a loops file may name them instead")
+        joints = {entry.joint for entry in self.drives}
+        for group, members in self.groups.items():
+            for member in members:
+                if member not in joints:
+                    raise ValueError(f"group '{group}' names '{member}', which is no drive{closest(member, joints)}")
+        columns = [entry.column or entry.joint for entry in self.drives]
+        twice = {column for column in columns if columns.count(column) > 1}
+        if twice:
+            raise ValueError(f"two drives have the column '{min(twice)}'")
+        return self
+
+    @classmethod
+    def load(cls, path: Path | str) -> RobotFile:
+        """Read a robot file.
+
+        Raises:
+            DescriptionError: it cannot be read, or a key or value in it is wrong.
+        """
+        return validate(cls, read_yaml(path), path)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One drive.
+
+    Attributes:
+        joint: the URDF joint that it moves.
+        column: name of its campaign column, without unit.
+        unit: of the joint, ``m`` or ``rad``.
+        command: kind of the commanded quantity, which decides the units of its column.
+        factor: joint value (SI) for a command of one (SI).
+        symbol: short name in tables and parameters.
+        words: name in sentences.
+    """
+
+    joint: str
+    column: str
+    unit: Literal["m", "rad"]
+    command: Literal["length", "angle"]
+    factor: float = 1.0
+    symbol: str = ""
+    words: str = ""
+
+
+class RobotDefinition:
+    """A robot of the drawing: everything that holds for all machines built after it.
+
+    Args:
+        file: the robot file.
+        path: where it lies; the paths in it are relative to its folder.
+
+    Raises:
+        DescriptionError: the URDF or the loops file is wrong, or a joint in the file is none of the URDF's.
+    """
+
+    def __init__(self, file: RobotFile, path: Path) -> None:
+        """Resolve what the file names."""
+        self.file, self.path = file, path
+        self.loops = self._loops()
+        root = self._root()
+        kinds = {str(joint.get("name")): str(joint.get("type")) for joint in root.iterfind("joint")}
+        self._links = tuple(str(link.get("name")) for link in root.iterfind("link"))
+        self.drives = tuple(self._drive(entry, kinds) for entry in file.drives)
+        for name in (*file.travel, *file.home):
+            if name not in kinds:
+                raise DescriptionError(path, f"'{name}' is not a joint of the robot{closest(name, kinds)}")
+
+    @classmethod
+    def load(cls, path: Path | str) -> RobotDefinition:
+        """Read a robot file and all that it names.
+
+        Raises:
+            DescriptionError: a file cannot be read, or something in it is wrong.
+        """
+        return cls(RobotFile.load(path), Path(path))
+
+    def __repr__(self) -> str:
+        """Return name and drives."""
+        return f"<{type(self).__name__}: {self.name}, {len(self.drives)} drives, {len(self.loops.loops)} loops>"
+
+    @property
+    def name(self) -> str:
+        """What the robot is called."""
+        return self.file.name
+
+    def _loops(self) -> LoopsFile:
+        file = self.file
+        own: dict[str, Any] = {
+            "base_frame": file.base_frame,
+            "end_frame": file.end_frame,
+            "tool_frames": file.tool_frames,
+            "cut_joints": file.cut_joints,
+            "locked_joints": file.locked_joints,
+            "stiffness": file.stiffness,
+        }
+        said = {key: value for key, value in own.items() if value}
+        said["drives"] = tuple(entry.joint for entry in file.drives)
+        if isinstance(file.loops, str):
+            return load_loops(self.path.parent / file.loops).model_copy(update=said)
+        try:
+            return LoopsFile(mechanism=file.name, loops=file.loops, **said)
+        except pydantic.ValidationError as problem:
+            first = problem.errors(include_url=False)[0]
+            raise DescriptionError(self.path, first["msg"].removeprefix("Value error, ")) from problem
+
+    def _root(self) -> etree._Element:
+        try:
+            return etree.fromstring(self.urdf().encode())
+        except etree.XMLSyntaxError as problem:
+            raise DescriptionError(self.source, f"line {problem.lineno}: {problem.msg}") from problem
+
+    def _drive(self, entry: DriveEntry, kinds: Mapping[str, str]) -> Drive:
+        kind = kinds.get(entry.joint)
+        if kind not in ("prismatic", "revolute", "continuous"):
+            what = "is not a joint of the robot" if kind is None else f"is {kind}; a drive slides or turns"
+            near = closest(entry.joint, kinds) if kind is None else ""
+            raise DescriptionError(self.path, f"drive '{entry.joint}' {what}{near}")
+        column = entry.column or entry.joint
+        if entry.mm_per_turn is not None:
+            if kind != "prismatic":
+                raise DescriptionError(self.path, f"drive '{entry.joint}' turns, so it has no mm_per_turn")
+            factor = entry.mm_per_turn * MM / (2.0 * math.pi)
+            return Drive(entry.joint, column, "m", "angle", factor, column, column)
+        if kind == "prismatic":
+            return Drive(entry.joint, column, "m", "length", entry.ratio, column, column)
+        return Drive(entry.joint, column, "rad", "angle", entry.ratio, column, column)
+
+    @property
+    def source(self) -> Path:
+        """The file that the geometry comes from."""
+        return self.path.parent / (self.file.urdf or self.file.xacro or "")
+
+    def urdf(self) -> str:
+        """Return the robot of the drawing as URDF.
+
+        Raises:
+            DescriptionError: the file is missing or wrong.
+        """
+        if self.file.urdf is not None:
+            return read_text(self.source)
+        from pouring_robot.robot.rendering import run_xacro
+
+        return run_xacro(self.source, self.file.mappings)
+
+    def files_beside(self) -> dict[str, bytes]:
+        """Return what makes the exported URDF a robot again, by file name: its robot file."""
+        said = self.file.model_dump(mode="json", exclude_defaults=True, exclude={"xacro", "mappings"})
+        own = self.loops.model_dump(mode="json", exclude_defaults=True, exclude={"mechanism", "drives"})
+        stream = io.StringIO()
+        YAML().dump({**said, "urdf": f"{self._root().get('name', 'robot')}.urdf", **own}, stream)
+        return {"robot.yaml": stream.getvalue().encode()}
+
+    def mechanism(self) -> ClosedChainMechanism:
+        """Return the mechanism of the drawing."""
+        return ClosedChainMechanism(self.urdf(), self.loops, self.path)
+
+    def drawing(self, mechanism: ClosedChainMechanism | None = None) -> Drawing:
+        """Return what closes the robot of the drawing for drive values.
+
+        Args:
+            mechanism: that of the drawing, if it is at hand.
+        """
+        from pouring_robot.robot.drawing import HomeDrawing
+
+        return HomeDrawing(mechanism or self.mechanism(), self.file.home)
+
+    def workspace(self, drawing: Drawing) -> tuple[FloatArray, BatchStart]:
+        """Return drive values spread over the workspace, (n, drives), in m and rad, and the drawing's closed poses.
+
+        Evenly between the drives' limits; what does not close there is left out.
+        """
+        limits = drawing.mechanism.joint_limits()
+        lower, upper = np.transpose([limits.get(drive.joint, (-math.pi, math.pi)) for drive in self.drives])
+        shares = qmc.Halton(len(self.drives), scramble=False).random(_WORKSPACE_SAMPLES + 1)[1:]
+        drives = lower + (upper - lower) * shares
+        start = drawing.starts(drives)
+        closed = np.flatnonzero(np.isfinite(start.position).all(axis=1))
+        return drives[closed], start[closed]
+
+    @functools.cached_property
+    def groups(self) -> dict[str, tuple[Drive, ...]]:
+        """The drives that share a cause, by the group's name."""
+        if self.file.groups:
+            by_joint = {drive.joint: drive for drive in self.drives}
+            return {name: tuple(by_joint[joint] for joint in members) for name, members in self.file.groups.items()}
+        units = {ROTATIONS: "rad", SLIDES: "m"}
+        found = {name: tuple(drive for drive in self.drives if drive.unit == unit) for name, unit in units.items()}
+        return {name: members for name, members in found.items() if members}
+
+    @property
+    def thermometers(self) -> tuple[str, ...]:
+        """Names that a temperature column may have beside ``ambient``: links and groups."""
+        return tuple(dict.fromkeys((*self._links, *self.groups)))
+
+    @property
+    def travels(self) -> tuple[str, ...]:
+        """Names of the columns that say where the base stands, in m."""
+        return self.file.travel

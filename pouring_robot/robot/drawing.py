@@ -1,0 +1,45 @@
+"""The robot of the drawing as the controller believes it: closed poses for drive values."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from typing import Protocol
+
+from pouring_robot.batch import BatchEngine, BatchStart
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+
+
+class Drawing(Protocol):
+    """Closes the robot of the drawing."""
+
+    mechanism: ClosedChainMechanism
+
+    def starts(self, drives: FloatArray, /) -> BatchStart:
+        """Return the closed poses of drive values (n, drives), in m and rad; NaN where no pose has them."""
+
+
+class HomeDrawing:
+    """Closes any robot, from a home configuration outwards.
+
+    Args:
+        mechanism: of the drawing.
+        home: joint values (m, rad) near which it closes; joints that are not named stand at zero.
+    """
+
+    def __init__(self, mechanism: ClosedChainMechanism, home: Mapping[str, float]) -> None:
+        """Keep both; the home is closed at first use."""
+        self.mechanism, self.home = mechanism, dict(home)
+
+    @functools.cached_property
+    def _engine(self) -> BatchEngine:
+        return BatchEngine(self.mechanism)
+
+    def starts(self, drives: FloatArray, /) -> BatchStart:
+        """Return the closed poses of drive values (n, drives), in m and rad; NaN where no pose has them.
+
+        Raises:
+            ClosureError: the robot does not close at its home.
+        """
+        raise NotImplementedError

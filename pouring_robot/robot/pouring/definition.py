@@ -1,0 +1,74 @@
+"""The pouring robot as a definition like any other: its layouts, its closed-form kinematics, its names."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from pathlib import Path
+
+import numpy as np
+
+from pouring_robot.batch import BatchStart
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.robot.definition import RobotDefinition, RobotFile
+from pouring_robot.robot.drawing import Drawing
+from pouring_robot.robot.pouring.description import render_urdf
+from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
+from pouring_robot.robot.pouring.layout import load_layout
+from pouring_robot.robot.pouring.names import DRIVE_SYMBOLS, DRIVE_WORDS, LEGS
+from pouring_robot.robot.urdf import description_folder
+
+_SHARES = (0.1, 0.5, 0.9)  # of the workspace box along each axis
+THERMOMETERS = ("melt", *LEGS, "platform")
+
+
+class PouringDefinition(RobotDefinition):
+    """The pouring robot of one layout.
+
+    Args:
+        layout: name of a layout in the dimensions file.
+        layouts_file: dimensions file; by default the shipped one.
+
+    Raises:
+        DescriptionError: the description or the dimensions file is broken.
+        UnknownLayoutError: there is no such layout.
+    """
+
+    def __init__(self, layout: str = "paper", layouts_file: Path | None = None) -> None:
+        """Read the shipped robot file."""
+        self.layout, self.layouts_file = layout, layouts_file
+        super().__init__(*_shipped())
+        names = zip(self.drives, DRIVE_SYMBOLS, DRIVE_WORDS, strict=True)
+        self.drives = tuple(dataclasses.replace(d, symbol=symbol, words=words) for d, symbol, words in names)
+
+    def urdf(self) -> str:
+        """Return the robot of the drawing as URDF."""
+        return render_urdf(self.layout, layouts_file=self.layouts_file)
+
+    def files_beside(self) -> dict[str, bytes]:
+        """Return the loops file."""
+        return {"loops.yaml": (self.path.parent / str(self.file.loops)).read_bytes()}
+
+    def drawing(self, mechanism: ClosedChainMechanism | None = None) -> FourUPUKinematics:
+        """Return the closed-form kinematics."""
+        return FourUPUKinematics(mechanism or self.mechanism())
+
+    def workspace(self, drawing: Drawing) -> tuple[FloatArray, BatchStart]:
+        """Return drive values of the poses of a grid over the workspace box, (n, 4), and the closed poses."""
+        if not isinstance(drawing, FourUPUKinematics):
+            raise TypeError(f"the pouring robot's drawing is FourUPUKinematics, not {type(drawing).__name__}")
+        commands = drawing.commands(load_layout(self.layout, self.layouts_file).grid(*[_SHARES] * 4))
+        reached = np.flatnonzero(drawing.within_limits(commands.start.joints))
+        return commands.drives[reached], commands.start[reached]
+
+    @property
+    def thermometers(self) -> tuple[str, ...]:
+        """Melt, legs and moving platform."""
+        return THERMOMETERS
+
+
+@functools.cache
+def _shipped() -> tuple[RobotFile, Path]:
+    path = description_folder() / "robot.yaml"
+    return RobotFile.load(path), path
