@@ -199,7 +199,7 @@ class TableError(BadInputError):
 
 
 class UnsupportedMechanismError(BadInputError):
-    """The batch engine cannot take this mechanism; the one-at-a-time solver can.
+    """The engine for stars cannot take this mechanism; the general one can.
 
     Attributes:
         problem: what stands against it, on one line.
@@ -209,8 +209,8 @@ class UnsupportedMechanismError(BadInputError):
         """Name the problem and the way out."""
         self.problem = problem
         super().__init__(
-            f"the batch engine takes serial chains that end on one common body, but {problem}; "
-            "use ClosureSolver for this mechanism"
+            f"this engine takes serial chains that end on one common body, but {problem}; "
+            "engine_for finds the engine for any mechanism"
         )
 
 

@@ -1,7 +1,8 @@
-"""The batch engine: closures and transfer matrices of many samples at once, on all cores.
+"""The batch engine of stars and serial arms: closures and transfer matrices of many samples at once, on all cores.
 
-It solves what ``closure.ClosureSolver`` solves, without loads, on arrays read from the same
-Pinocchio model. A sample that has no answer says so by its status and holds NaN; nothing is left out in silence.
+It solves what ``closure.ClosureSolver`` solves, without loads, on arrays read from the same Pinocchio model; a serial
+arm's closure is its forward kinematics. A sample that has no answer says so by its status and holds NaN; nothing is
+left out in silence.
 """
 
 from __future__ import annotations
@@ -9,18 +10,19 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
+import pinocchio as pin
 
 from pouring_robot.batch.kernels.samples import close_samples
+from pouring_robot.batch.kernels.serial import carry_samples
 from pouring_robot.batch.kernels.transfer import Columns, branch_samples, make_transfer_room, transfer_samples
 from pouring_robot.batch.kernels.workspace import make_room
-from pouring_robot.batch.samples import BatchClosure, BatchStart, SiteErrors
+from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors
 from pouring_robot.batch.structure import StarStructure, fixed
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.mechanism.arrays import FloatArray, lock_fields
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import DEFAULT_OPTIONS, ClosureOptions
 from pouring_robot.mechanism.parameters import DriveParameter, LocalParameter, PlacementParameter
@@ -28,29 +30,8 @@ from pouring_robot.mechanism.parameters import DriveParameter, LocalParameter, P
 _SAMPLES_AT_A_TIME = 512
 
 
-@dataclass(frozen=True, eq=False)
-class BatchTransfer:
-    """G of many samples, read-only.
-
-    Attributes:
-        parameters: one a column.
-        matrix: shape (n, 6, columns): displacement of the end frame's origin (m) and rotation vector (rad), in base
-            axes, per unit of each parameter. NaN where the status is not 0.
-        status: as in :class:`~pouring_robot.batch.samples.BatchClosure`, shape (n,); 4 where the
-            sample is closed but its drives do not determine the platform.
-    """
-
-    parameters: tuple[LocalParameter, ...]
-    matrix: FloatArray
-    status: NDArray[np.uint8]
-
-    def __post_init__(self) -> None:
-        """Lock the arrays."""
-        lock_fields(self, "matrix", "status")
-
-
 class BatchEngine:
-    """Closes a star mechanism for many samples. Safe to use from several threads.
+    """Closes a star mechanism, or places a serial arm, for many samples. Safe to use from several threads.
 
     Args:
         mechanism: the mechanism; samples may displace its joints further.
@@ -80,6 +61,22 @@ class BatchEngine:
         """All placement parameters of the mechanism, six a site."""
         return self.structure.parameters
 
+    def start_at(self, configurations: FloatArray) -> BatchStart:
+        """Return Pinocchio configurations, shape (n, nq), as starts."""
+        mechanism, model = self.structure.mechanism, self.structure.mechanism.shared_model
+        base, end = (mechanism.frame_id(str(n)) for n in (mechanism.loops.base_frame, mechanism.loops.end_frame))
+        count, data = len(configurations), model.createData()
+        position, rotation = np.empty((count, 3)), np.empty((count, 3, 3))
+        joints = np.zeros((count, *self.structure.star.revolute.shape))
+        for row, configuration in enumerate(configurations):
+            pin.framesForwardKinematics(model, data, configuration)
+            pose = data.oMf[base].actInv(data.oMf[end])
+            position[row], rotation[row] = pose.translation, pose.rotation
+            values = mechanism.joint_values(configuration)
+            for i, names in enumerate(self.structure.joint_names):
+                joints[row, i, : len(names)] = [values[name] for name in names]
+        return BatchStart(position, rotation, joints)
+
     def close(
         self, drives: FloatArray, start: BatchStart, errors: SiteErrors | FloatArray | None = None
     ) -> BatchClosure:
@@ -87,7 +84,8 @@ class BatchEngine:
 
         Args:
             drives: drive values in the order of the loops file, m or rad, shape (n, drives).
-            start: where to start from, of n samples; it also holds the values of locked joints.
+            start: where to start from, of n samples; it also holds the values of locked joints. Nothing else of it
+                counts for a serial arm.
             errors: placement errors: one set for all samples, shape (sites * 6,), in the order of
                 :attr:`parameters`; a set for each, shape (n, sites * 6); or one displaced site a sample.
                 They displace the mechanism's present placements, as ``perturb_urdf`` does.
@@ -97,13 +95,30 @@ class BatchEngine:
         """
         star, count = self.structure.star, len(start)
         drives = _shaped(drives, (count, len(star.drives)), "drives")
-        start.check(self.structure)
-        placed = SiteErrors.take(errors, count, self.structure)
-        result = BatchClosure.empty(self.structure, count)
-        status, iterations = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
+        self._check(start)
+        placed = SiteErrors.take(errors, count, self.structure.site_count)
+        result = BatchClosure.empty(count, star.revolute.shape, len(self.structure.mechanism.anchors))
+        status, iterations = np.empty(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
         options = self.options
         limits = (options.step_tolerance, options.closed_below, options.left_over, options.round_off)
         settings = fixed([*limits, options.max_gap_m, options.max_gap_rad])
+
+        def carry(first: int, last: int) -> None:
+            carry_samples(
+                star,
+                make_room(star),
+                self.structure.site_axes,
+                first,
+                last,
+                drives,
+                start.joints,
+                placed.errors,
+                placed.site,
+                result.position,
+                result.rotation,
+                result.joints,
+                status,
+            )
 
         def run(first: int, last: int) -> None:
             close_samples(
@@ -128,7 +143,7 @@ class BatchEngine:
                 status,
             )
 
-        self._share(run, count)
+        self._share(carry if self.structure.is_serial else run, count)
         result.status[:], result.iterations[:] = status, iterations
         return result.locked()
 
@@ -149,10 +164,13 @@ class BatchEngine:
             UnknownJointError: a parameter names a joint that is in no chain.
             BadInputError: a parameter is of another kind, or a shape does not fit.
         """
+        if self.structure.is_serial:  # it is its only branch
+            found = self.transfer_open_branch(closed.joints, parameters, errors)
+            return replace(found, status=np.where(closed.status == 0, found.status, closed.status))
         star, count = self.structure.star, len(closed)
         chosen = self._chosen(parameters)
         columns = self._columns(chosen)
-        placed, start = SiteErrors.take(errors, count, self.structure), closed.as_start()
+        placed, start = SiteErrors.take(errors, count, self.structure.site_count), closed.as_start()
         matrix, status = np.empty((count, len(chosen), 6)), np.empty(count, dtype=np.int64)
 
         def run(first: int, last: int) -> None:
@@ -174,8 +192,8 @@ class BatchEngine:
             )
 
         self._share(run, count)
-        found = np.where(closed.status == 0, status, closed.status).astype(np.uint8)
-        return BatchTransfer(chosen, np.swapaxes(matrix, 1, 2), found)
+        all_status = np.where(closed.status == 0, status, closed.status).astype(np.uint8)
+        return BatchTransfer(chosen, np.swapaxes(matrix, 1, 2), all_status)
 
     def transfer_open_branch(
         self,
@@ -198,7 +216,7 @@ class BatchEngine:
         joints = _shaped(joints, (count, *star.revolute.shape), "joints")
         chosen = self._chosen(parameters)
         columns = self._columns(chosen)
-        placed = SiteErrors.take(errors, count, self.structure)
+        placed = SiteErrors.take(errors, count, self.structure.site_count)
         matrix, status = np.empty((count, len(chosen), 6)), np.empty(count, dtype=np.int64)
 
         def run(first: int, last: int) -> None:
@@ -218,6 +236,12 @@ class BatchEngine:
 
         self._share(run, count)
         return BatchTransfer(chosen, np.swapaxes(matrix, 1, 2), status.astype(np.uint8))
+
+    def _check(self, start: BatchStart) -> None:
+        start.check(self.structure.star.revolute.shape)
+        for i, names in enumerate(self.structure.joint_names):
+            if np.any(np.nan_to_num(start.joints[:, i, len(names) :])):
+                raise BadInputError(f"chain {i + 1} has {len(names)} joints; the start's values beyond them must be 0")
 
     def _chosen(self, parameters: Sequence[LocalParameter] | None) -> tuple[LocalParameter, ...]:
         return tuple(self.parameters if parameters is None else parameters)

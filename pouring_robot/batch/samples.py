@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.batch.structure import IntArray, StarStructure, fixed
+from pouring_robot.batch.structure import IntArray, fixed
 from pouring_robot.exceptions import BadInputError, BatchClosureError
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
+from pouring_robot.mechanism.parameters import LocalParameter
 
 STATUS_NAMES = ("closed", "not converged", "left open too far", "not finite", "singular")
 """Meaning of the status codes 0 to 4; only transfer matrices can be singular."""
@@ -17,12 +18,13 @@ STATUS_NAMES = ("closed", "not converged", "left open too far", "not finite", "s
 
 @dataclass(frozen=True, eq=False)
 class BatchStart:
-    """Where closures start.
+    """Where closures start. What an engine does not need of it may be NaN.
 
     Attributes:
         position: origin of the end frame in the base frame, in m, shape (n, 3).
         rotation: axes of the end frame in the base frame, shape (n, 3, 3).
-        joints: joint values by chain, from base to tip, in m and rad, shape (n, chains, joints).
+        joints: the joints as its engine takes them, n first. A star's engine: values by chain, from base to tip, in m
+            and rad, shape (n, chains, joints); the general engine: Pinocchio's configurations, shape (n, nq).
 
     Raises:
         BadInputError: the arrays do not fit each other.
@@ -40,7 +42,7 @@ class BatchStart:
         shapes = (self.position.shape, self.rotation.shape, self.joints.shape[:1])
         if shapes != ((count, 3), (count, 3, 3), (count,)):
             raise BadInputError(
-                f"a start needs position (n, 3), rotation (n, 3, 3) and joints (n, chains, joints), not {shapes[0]}, "
+                f"a start needs position (n, 3), rotation (n, 3, 3) and joints (n, ...), not {shapes[0]}, "
                 f"{shapes[1]} and {self.joints.shape}"
             )
 
@@ -48,14 +50,11 @@ class BatchStart:
         """Return the number of samples."""
         return len(self.position)
 
-    def check(self, structure: StarStructure) -> None:
-        """Raise BadInputError unless the joints are those of the structure."""
-        expected = (len(self), structure.chain_count, structure.joint_count)
+    def check(self, joints: tuple[int, ...]) -> None:
+        """Raise BadInputError unless the joints of a sample have that shape."""
+        expected = (len(self), *joints)
         if self.joints.shape != expected:
             raise BadInputError(f"the start's joints must have the shape {expected}, not {self.joints.shape}")
-        for i, names in enumerate(structure.joint_names):
-            if np.any(np.nan_to_num(self.joints[:, i, len(names) :])):
-                raise BadInputError(f"chain {i + 1} has {len(names)} joints; the start's values beyond them must be 0")
 
     def __getitem__(self, samples: IntArray | slice) -> BatchStart:
         """Return some samples, or the same ones many times, by index."""
@@ -136,13 +135,12 @@ class SiteErrors:
         return cls.one_each(parameter // 6, error)
 
     @classmethod
-    def take(cls, errors: SiteErrors | FloatArray | None, count: int, structure: StarStructure) -> SiteErrors:
+    def take(cls, errors: SiteErrors | FloatArray | None, count: int, sites: int) -> SiteErrors:
         """Return what the kernels take for ``count`` samples from what the engine's methods accept.
 
         Raises:
             BadInputError: a shape does not fit, or a site does not exist.
         """
-        sites = structure.site_count
         nothing = fixed(np.zeros(0), np.int64)
         if errors is None:
             return cls(fixed(np.zeros((0, sites, 6))), nothing)
@@ -171,8 +169,8 @@ class BatchClosure:
     Attributes:
         position: origin of the end frame in the base frame, in m, shape (n, 3).
         rotation: axes of the end frame in the base frame, shape (n, 3, 3).
-        joints: joint values by chain, in m and rad, shape (n, chains, joints).
-        residual: what is left open in each loop, log6, in m and rad, shape (n, chains, 6).
+        joints: the joints as in :class:`BatchStart`.
+        residual: what is left open in each loop, log6, in m and rad, shape (n, loops, 6).
         iterations: Newton steps taken, shape (n,).
         status: 0 closed, 1 not converged, 2 left open too far, 3 input not finite, shape (n,).
     """
@@ -185,14 +183,13 @@ class BatchClosure:
     status: NDArray[np.uint8]
 
     @classmethod
-    def empty(cls, structure: StarStructure, count: int) -> BatchClosure:
-        """Return room for ``count`` samples."""
-        chains, joints = structure.chain_count, structure.joint_count
+    def empty(cls, count: int, joints: tuple[int, ...], loops: int) -> BatchClosure:
+        """Return room for ``count`` samples with joints of that shape, and so many loops."""
         return cls(
             np.empty((count, 3)),
             np.empty((count, 3, 3)),
-            np.empty((count, chains, joints)),
-            np.empty((count, chains, 6)),
+            np.empty((count, *joints)),
+            np.empty((count, loops, 6)),
             np.empty(count, dtype=np.int32),
             np.empty(count, dtype=np.uint8),
         )
@@ -227,3 +224,24 @@ class BatchClosure:
     def as_start(self) -> BatchStart:
         """Return the closed poses as starts of further closures; samples that failed stay NaN."""
         return BatchStart(self.position, self.rotation, self.joints)
+
+
+@dataclass(frozen=True, eq=False)
+class BatchTransfer:
+    """G of many samples, read-only.
+
+    Attributes:
+        parameters: one a column.
+        matrix: shape (n, 6, columns): displacement of the end frame's origin (m) and rotation vector (rad), in base
+            axes, per unit of each parameter. NaN where the status is not 0.
+        status: as in :class:`BatchClosure`, shape (n,); 4 where the
+            sample is closed but its drives do not determine the platform.
+    """
+
+    parameters: tuple[LocalParameter, ...]
+    matrix: FloatArray
+    status: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        """Lock the arrays."""
+        lock_fields(self, "matrix", "status")

@@ -1,8 +1,9 @@
 """The geometry of a mechanism as plain arrays, for the compiled kernels.
 
-A star: serial chains of one-freedom joints start on one body and end on one common free body. Everything is read
-from the mechanism's Pinocchio model. Each joint frame is turned so that the joint's axis is its z axis; the turn is
-folded into the placements on both sides, so a kernel needs to know one kind of revolute and one of prismatic joint.
+A star: serial chains of one-freedom joints start on one body and end on one common free body. A serial arm is a star
+of one chain whose joints are all driven or locked: the body at its tip follows. Everything is read from the mechanism's
+Pinocchio model. Each joint frame is turned so that the joint's axis is its z axis; the turn is folded into the
+placements on both sides, so a kernel needs to know one kind of revolute and one of prismatic joint.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.exceptions import UnknownJointError, UnsupportedMechanismError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism, LoopAnchor
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.parameters import PlacementParameter, placement_parameters
 
 IntArray = NDArray[np.int64]
@@ -63,7 +64,7 @@ class StarStructure:
         star: the arrays.
         joint_names: names of each chain's joints from base to tip.
         site_joints: joint whose placement a site displaces, chain by chain: the J joints, then the seat; empty
-            where a chain is shorter. A site's number is its index here.
+            where a chain is shorter, and in place of a serial arm's seat. A site's number is its index here.
         site_axes: turn of each site's frame that puts the joint's axis on z, shape (sites, 3, 3).
     """
 
@@ -80,23 +81,23 @@ class StarStructure:
         Raises:
             UnsupportedMechanismError: the mechanism is no star.
         """
-        chains = _chains(mechanism)
-        joints = max(len(chain) for chain in chains)
+        chains = _chains(mechanism) if mechanism.anchors else [_serial_chain(mechanism)]
+        joints = max(len(chain.joints) for chain in chains)
         placements = np.tile(np.r_[np.eye(3).ravel(), np.zeros(3)], (len(chains), joints + 2, 1))
         axes = np.tile(np.eye(3), (len(chains), joints + 1, 1, 1))
         revolute = np.zeros((len(chains), joints), dtype=bool)
-        for i, (chain, anchor) in enumerate(zip(chains, mechanism.anchors, strict=True)):
-            turns, revolute[i, : len(chain)] = _turns(mechanism, chain)
-            axes[i, : len(chain)] = turns
-            for k, placement in enumerate(_chain_placements(mechanism, chain, anchor)):
+        for i, chain in enumerate(chains):
+            length = len(chain.joints)
+            turns, revolute[i, :length] = _turns(mechanism, chain.joints)
+            axes[i, :length] = turns
+            for k, placement in enumerate(_chain_placements(mechanism, chain)):
                 before = np.eye(3) if k == 0 else turns[k - 1]
-                after = turns[k] if k < len(chain) else np.eye(3)
-                at = k if k < len(chain) else joints  # the tip stands behind the joints that do nothing
+                after = turns[k] if k < length else np.eye(3)
+                at = k if k < length else joints  # the tip stands behind the joints that do nothing
                 turned = before.T @ placement.rotation @ after
                 placements[i, at] = np.r_[turned.ravel(), before.T @ placement.translation]
-            seat = _end_placement(mechanism).actInv(anchor.placement_b)
-            placements[i, joints + 1] = np.r_[seat.rotation.ravel(), seat.translation]
-        drives, passive = _roles(mechanism, chains)
+            placements[i, joints + 1] = np.r_[chain.seat.rotation.ravel(), chain.seat.translation]
+        drives, passive = _roles(mechanism, [chain.joints for chain in chains])
         star = Star(
             placements=fixed(placements),
             revolute=fixed(revolute, np.bool_),
@@ -107,14 +108,20 @@ class StarStructure:
             joint_count=(0,) * joints,
             passive_count=(0,) * passive.shape[1],
         )
-        names = tuple(tuple(mechanism.shared_model.names[j] for j in chain) for chain in chains)
-        seats = (_seat_joint(mechanism, i) for i in range(len(chains)))
-        sites = tuple((*chain, *[""] * (joints - len(chain)), next(seats)) for chain in names)
+        names = tuple(tuple(mechanism.shared_model.names[j] for j in chain.joints) for chain in chains)
+        sites = (
+            (*own, *[""] * (joints - len(own)), chain.seat_joint) for own, chain in zip(names, chains, strict=True)
+        )
         return cls(mechanism, star, names, sum(sites, ()), fixed(axes.reshape(-1, 3, 3)))
 
     def __reduce__(self) -> tuple[Callable[[ClosedChainMechanism], StarStructure], tuple[ClosedChainMechanism]]:
         """Pickle as the mechanism: the arrays come back as they were made."""
         return StarStructure.from_mechanism, (self.mechanism,)
+
+    @property
+    def is_serial(self) -> bool:
+        """Whether no loop is closed: the drives carry the end frame."""
+        return not self.mechanism.anchors
 
     @property
     def chain_count(self) -> int:
@@ -154,33 +161,62 @@ def fixed(array: ArrayLike, kind: type[np.float64] | type[np.int64] | type[np.bo
     return view
 
 
-def _chains(mechanism: ClosedChainMechanism) -> list[list[int]]:
-    """Return the joints of each chain from base to tip, after checking that they make a star."""
+@dataclass(frozen=True)
+class _Chain:
+    """One chain: its joints from base to tip, frame a on the last of them, frame b in the end frame and its joint."""
+
+    joints: list[int]
+    tip: pin.SE3
+    seat: pin.SE3
+    seat_joint: str
+
+
+def _joints_between(mechanism: ClosedChainMechanism, tip: int, what: str) -> list[int]:
+    """Return the joints from the base frame's body to joint ``tip``, after checking that each has one freedom."""
+    model = mechanism.shared_model
+    base = model.frames[mechanism.frame_id(mechanism.loops.base_frame)].parentJoint
+    support = [0, *list(model.supports[tip])[1:]]
+    if base not in support:
+        raise UnsupportedMechanismError(f"{what} does not start on the base frame's body")
+    joints = support[support.index(base) + 1 :]
+    if not joints:
+        raise UnsupportedMechanismError(f"{what} has no joint")
+    wide = [model.names[j] for j in joints if model.nvs[j] != 1]
+    if wide:
+        raise UnsupportedMechanismError(f"joint '{wide[0]}' of {what} has more than one freedom")
+    return joints
+
+
+def _serial_chain(mechanism: ClosedChainMechanism) -> _Chain:
+    """Return the chain of a mechanism without loops: the end frame is its tip and seat in one."""
+    model, end = mechanism.shared_model, mechanism.shared_model.frames[_end_frame(mechanism)]
+    joints = _joints_between(mechanism, end.parentJoint, f"the chain to '{end.name}'")
+    passive = set(mechanism.passive_columns.tolist())
+    for j in joints:
+        if model.idx_vs[j] in passive:
+            raise UnsupportedMechanismError(f"joint '{model.names[j]}' is neither driven nor locked")
+    for name in mechanism.loops.drives:
+        if mechanism.joint_id(name) not in joints:
+            raise UnsupportedMechanismError(f"drive '{name}' does not move '{end.name}'")
+    return _Chain(joints, end.placement, pin.SE3.Identity(), "")
+
+
+def _chains(mechanism: ClosedChainMechanism) -> list[_Chain]:
+    """Return the chains, after checking that they make a star."""
     model, loops = mechanism.shared_model, mechanism.loops
     names = list(model.names)
-    base = model.frames[mechanism.frame_id(loops.base_frame)].parentJoint
     end = {anchor.joint_b for anchor in mechanism.anchors}
     if len(end) != 1 or model.nvs[next(iter(end))] != _FREE_BODY_FREEDOMS:
         raise UnsupportedMechanismError("the second frames of its loops are not on one free body (see cut_joints)")
-    if loops.end_frame is None or model.frames[mechanism.frame_id(loops.end_frame)].parentJoint not in end:
+    if loops.end_frame is None or model.frames[_end_frame(mechanism)].parentJoint not in end:
         raise UnsupportedMechanismError("its end_frame is not on the body the chains end on")
-    chains = []
-    for anchor in mechanism.anchors:
-        support = [0, *list(model.supports[anchor.joint_a])[1:]]
+    to_end, chains = model.frames[_end_frame(mechanism)].placement.inverse(), []
+    for i, anchor in enumerate(mechanism.anchors):
         if anchor.kind != "6d":
             raise UnsupportedMechanismError(f"loop '{anchor.name}' holds its origins only (3d)")
-        if base not in support:
-            raise UnsupportedMechanismError(
-                f"the chain of loop '{anchor.name}' does not start on the base frame's body"
-            )
-        chain = support[support.index(base) + 1 :]
-        if not chain:
-            raise UnsupportedMechanismError(f"the chain of loop '{anchor.name}' has no joint")
-        wide = [names[j] for j in chain if model.nvs[j] != 1]
-        if wide:
-            raise UnsupportedMechanismError(f"joint '{wide[0]}' of loop '{anchor.name}' has more than one freedom")
-        chains.append(chain)
-    every = [j for chain in chains for j in chain]
+        joints = _joints_between(mechanism, anchor.joint_a, f"the chain of loop '{anchor.name}'")
+        chains.append(_Chain(joints, anchor.placement_a, to_end * anchor.placement_b, seat_joint(mechanism, i)))
+    every = [j for chain in chains for j in chain.joints]
     shared = {names[j] for j in every if every.count(j) > 1}
     if shared:
         raise UnsupportedMechanismError(f"two chains share joint '{min(shared)}'")
@@ -191,6 +227,9 @@ def _roles(mechanism: ClosedChainMechanism, chains: list[list[int]]) -> tuple[In
     """Return chain and joint of each drive, and each chain's passive joints, filled up with -1."""
     model = mechanism.shared_model
     where = {model.idx_vs[j]: (i, k) for i, chain in enumerate(chains) for k, j in enumerate(chain)}
+    drives = np.array([where.get(c, (-1, -1)) for c in mechanism.drive_columns.tolist()], dtype=np.int64)
+    if not mechanism.anchors:
+        return drives, np.full((1, 1), -1, dtype=np.int64)
     free_body = mechanism.anchors[0].joint_b
     free = set(range(model.idx_vs[free_body], model.idx_vs[free_body] + _FREE_BODY_FREEDOMS))
     passive_columns = mechanism.passive_columns.tolist()
@@ -202,7 +241,6 @@ def _roles(mechanism: ClosedChainMechanism, chains: list[list[int]]) -> tuple[In
             j for j in range(1, model.njoints) if min(outside) in range(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])
         )
         raise UnsupportedMechanismError(f"joint '{model.names[owner]}' belongs to no chain")
-    drives = np.array([where[c] for c in mechanism.drive_columns.tolist()], dtype=np.int64)
     per_chain = [[where[c][1] for c in passive_columns if where.get(c, (-1, 0))[0] == i] for i in range(len(chains))]
     passive = np.full((len(chains), max(1, *map(len, per_chain))), -1, dtype=np.int64)
     for i, places in enumerate(per_chain):
@@ -244,19 +282,19 @@ def _turn_to(axis: FloatArray) -> FloatArray:
     return np.stack([first, np.cross(unit, first), unit], axis=1)
 
 
-def _chain_placements(mechanism: ClosedChainMechanism, chain: list[int], anchor: LoopAnchor) -> list[pin.SE3]:
+def _chain_placements(mechanism: ClosedChainMechanism, chain: _Chain) -> list[pin.SE3]:
     """Return the placements along a chain: of its joints, the first one in the base frame, and of frame a."""
     model = mechanism.shared_model
     base = model.frames[mechanism.frame_id(mechanism.loops.base_frame)].placement
-    first = base.actInv(model.jointPlacements[chain[0]])
-    return [first, *(model.jointPlacements[j] for j in chain[1:]), anchor.placement_a]
+    first = base.actInv(model.jointPlacements[chain.joints[0]])
+    return [first, *(model.jointPlacements[j] for j in chain.joints[1:]), chain.tip]
 
 
-def _end_placement(mechanism: ClosedChainMechanism) -> pin.SE3:
-    return mechanism.shared_model.frames[mechanism.frame_id(mechanism.loops.end_frame or "")].placement
+def _end_frame(mechanism: ClosedChainMechanism) -> int:
+    return mechanism.frame_id(mechanism.loops.end_frame or "")
 
 
-def _seat_joint(mechanism: ClosedChainMechanism, loop: int) -> str:
+def seat_joint(mechanism: ClosedChainMechanism, loop: int) -> str:
     """Return the fixed joint that carries frame b of a loop, or nothing where none does."""
     model = mechanism.shared_model
     frame = model.frames[mechanism.frame_id(mechanism.loops.loops[loop].frame_b)]

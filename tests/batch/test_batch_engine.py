@@ -504,7 +504,7 @@ def test_a_mechanism_that_is_no_star_is_refused(changes, problem):
     with pytest.raises(UnsupportedMechanismError, match=problem) as caught:
         BatchEngine(mechanism)
     assert "\n" not in str(caught.value)
-    assert "ClosureSolver" in str(caught.value)
+    assert "engine_for" in str(caught.value)
 
 
 def test_results_and_commands_pickle(paper):
