@@ -101,7 +101,7 @@ def stand(random: np.random.Generator) -> Tracker:
 def sized(
     hidden: Hidden, ratio: float, largest: float, machine: Machine, scene: Scene, tracker: Tracker
 ) -> tuple[Hidden, dict[str, Any]]:
-    """Return an effect that shows as many times the noise as wanted or is the largest, and what the truth says of it."""
+    """Return an effect that shows as much above the noise as wanted, at most the largest, and the truth of it."""
     plain, size = tracker.see(machine, scene, Hidden()), 1e-5
     for _ in range(3):  # nearly linear
         shown, _ = tracker.beyond_frames(tracker.see(machine, scene, hidden.times(size)), plain)

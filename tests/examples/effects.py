@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -131,7 +132,8 @@ def thermal(machine: Machine, scene: Scene, random: np.random.Generator) -> Hidd
     geometry: dict[str, Array] = {}
     for k, link in enumerate(machine.links.values()):
         growth = geometry.setdefault(link.argument, np.zeros((len(scene.time), *link.shape)))
-        growth[(..., *link.index)] += link.length * (scene.warmth[:, k] - REFERENCE_DEGC)
+        number: Any = (..., *link.index)
+        growth[number] += link.length * (scene.warmth[:, k] - REFERENCE_DEGC)
     return Hidden(geometry=geometry, told={"per_K": 1.0})
 
 

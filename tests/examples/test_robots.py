@@ -4,13 +4,10 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-import xacro
-import yaml
 
 from pouring_robot.batch import BatchEngine, BatchStart
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureSolver
-from pouring_robot.mechanism.loops import LoopsFile
+from pouring_robot.robot.definition import RobotDefinition
 from tests.examples import arm, delta, five_bar, hexapod
 from tests.support import ROOT, pose_gap
 
@@ -22,27 +19,15 @@ HOME = {
     "hexapod": ([0.0] * 6, [0.0, 0.0, 0.7]),
     "arm": ([0.0, 0.0, 0.0, 0.0, np.pi / 2, 0.0], [0.77, 0.0, 1.07]),
 }
-CLOSED = [name for name in MACHINES if name != "arm"]
 TARGETS = 100
 
 
-def robot_file(name):
-    return yaml.safe_load((ROOT / "examples" / "robots" / name / "robot.yaml").read_text())
-
-
-def urdf_of(name):
-    return xacro.process_file(str(ROOT / "examples" / "robots" / name / robot_file(name)["xacro"])).toxml()
-
-
-def mechanism_of(name):
-    content = robot_file(name)
-    keys = ("base_frame", "end_frame", "tool_frames", "loops", "cut_joints")
-    said = {key: content[key] for key in keys if key in content}
-    return ClosedChainMechanism(urdf_of(name), LoopsFile(drives=[d["joint"] for d in content["drives"]], **said))
+def robot_of(name):
+    return RobotDefinition.load(ROOT / "examples" / "robots" / name / "robot.yaml")
 
 
 def at_home(mechanism, name):
-    return mechanism.with_joint_values(mechanism.neutral_configuration(), robot_file(name)["home"])
+    return mechanism.with_joint_values(mechanism.neutral_configuration(), robot_of(name).file.home)
 
 
 @pytest.fixture(scope="module", params=MACHINES)
@@ -52,7 +37,7 @@ def name(request):
 
 @pytest.fixture(scope="module")
 def mechanism(name):
-    return mechanism_of(name)
+    return robot_of(name).mechanism()
 
 
 def targets(name, seed=20261122):
@@ -76,7 +61,7 @@ def test_closed_forms_are_each_others_inverse(name):
 
 @pytest.mark.parametrize("name", MACHINES)
 def test_mujoco_moves_the_tree_as_pinocchio_does(name):
-    urdf = urdf_of(name)
+    urdf = robot_of(name).urdf()
     model, other = pin.buildModelFromXML(urdf), mujoco.MjModel.from_xml_string(urdf)
     assert model.nq == other.nq == sum(1 for _ in model.joints) - 1
     data, state = model.createData(), mujoco.MjData(other)
@@ -100,7 +85,7 @@ def test_it_weighs_something_and_its_joints_have_ratings(mechanism):
 
 
 def test_home_names_every_joint_and_is_closed(mechanism, name):
-    assert set(robot_file(name)["home"]) == set(mechanism.joint_limits())
+    assert set(robot_of(name).file.home) == set(mechanism.joint_limits())
     start = at_home(mechanism, name)
     result = ClosureSolver(mechanism).solve({}, start)
     np.testing.assert_allclose(result.configuration, start, rtol=0.0, atol=1e-9)
@@ -125,9 +110,7 @@ def test_every_target_is_reached_from_home(mechanism, name):
         assert np.all((lower <= values) & (values <= upper))
 
 
-@pytest.mark.parametrize("name", CLOSED)
-def test_every_target_is_reached_through_the_batch_engine(name):
-    mechanism = mechanism_of(name)
+def test_every_target_is_reached_through_the_batch_engine(mechanism, name):
     home = ClosureSolver(mechanism).solve({}, at_home(mechanism, name))
     engine = BatchEngine(mechanism)
     joints = np.zeros((1, engine.structure.chain_count, engine.structure.joint_count))

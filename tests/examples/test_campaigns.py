@@ -1,0 +1,90 @@
+"""The virtual campaigns: independent, reproducible, and they hold what their truth says."""
+
+import ast
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from tests.examples.campaigns import main, write
+from tests.examples.effects import EFFECTS, LARGEST, effects_of
+from tests.examples.machines import MACHINES
+
+HERE = Path(__file__).parent
+CASES = [(machine.name, effect) for machine in MACHINES.values() for effect in effects_of(machine)]
+
+
+def read(folder):
+    with (folder / "campaign.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    table = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+    return table, yaml.safe_load((folder / "campaign.yaml").read_text())
+
+
+def left_by_frames(machine, table, settings):
+    """Return what two fitted frames leave of a campaign, in noise; from the numbers of its files alone."""
+    unit, factor = ("mm", 1e-3) if machine.unit == "m" else ("rad", 1.0)
+    drives = factor * np.stack([table[f"{column}_{unit}"] for column in machine.columns], axis=1)
+    position, rotation = machine.forward(drives)
+    seen = 1e-3 * np.stack([table[f"{axis}_mm"] for axis in "xyz"], axis=1)
+    turned = Rotation.from_rotvec(np.stack([table[f"r{axis}_rad"] for axis in "xyz"], axis=1))
+    sigma = 1e-3 * settings["metrology"]["sigma_position_mm"], settings["metrology"]["sigma_rotation_rad"]
+
+    def gaps(frames):
+        base, target = Rotation.from_rotvec(frames[3:6]), Rotation.from_rotvec(frames[9:])
+        place = frames[:3] + base.apply(position + np.einsum("nij,j->ni", rotation, frames[6:9]))
+        turn = (turned * (base * Rotation.from_matrix(rotation) * target).inv()).as_rotvec()
+        return np.concatenate([(seen - place) / sigma[0], turn / sigma[1]], axis=1).ravel()
+
+    turn, _ = Rotation.align_vectors(seen - seen.mean(axis=0), position - position.mean(axis=0))
+    shift = seen.mean(axis=0) - turn.apply(position.mean(axis=0))
+    mounted = (Rotation.from_matrix(rotation).inv() * turn.inv() * turned).mean()
+    return least_squares(gaps, np.r_[shift, turn.as_rotvec(), np.zeros(3), mounted.as_rotvec()]).fun
+
+
+def test_no_module_knows_the_library():
+    modules = [path for path in HERE.glob("*.py") if not path.name.startswith("test_")]
+    assert len(modules) >= 8
+    for path in modules:
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            assert not [name for name in names if "pouring" in name or name == "pinocchio"], path.name
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_a_null_campaign_is_frames_and_noise(name, tmp_path):
+    assert write(tmp_path, MACHINES[name], seed=5)["kind"] == "null"
+    left = left_by_frames(MACHINES[name], *read(tmp_path))
+    # Chi-squared with at least as many freedoms as numbers less frames; five standard deviations on both sides.
+    assert np.sum(left**2) / len(left) == pytest.approx(1.0, abs=12 / len(left) + 5.0 * np.sqrt(2.0 / len(left)))
+
+
+@pytest.mark.parametrize(("name", "effect"), CASES)
+def test_an_effect_shows_as_much_as_the_truth_says(name, effect, tmp_path):
+    truth = write(tmp_path, MACHINES[name], seed=6, effect=effect)
+    told = truth["effects"][0]
+    assert told["effect"] == effect and 0.0 < told["size"] <= LARGEST[effect]
+    left = left_by_frames(MACHINES[name], *read(tmp_path))
+    expected = np.sqrt(1.0 + told["ratio_to_noise"] ** 2)
+    assert np.sqrt(np.mean(left**2)) == pytest.approx(expected, rel=0.15)
+
+
+def test_the_command_writes_the_same_again(tmp_path, capsys):
+    for folder in ("a", "b"):
+        main(["hexapod", "--seed", "3", "--effect", "lost_motion", "--ratio", "4", str(tmp_path / folder)])
+    assert "lost_motion 4.0 times the noise" in capsys.readouterr().out
+    for file in ("campaign.csv", "campaign.yaml", "truth.json"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+    assert json.loads((tmp_path / "a" / "truth.json").read_text())["effects"][0]["effect"] == "lost_motion"
+
+
+def test_what_turns_has_no_scale(tmp_path):
+    assert set(EFFECTS) - set(effects_of(MACHINES["arm"])) == {"scale"}
+    with pytest.raises(SystemExit):
+        main(["arm", "--effect", "scale", str(tmp_path)])
