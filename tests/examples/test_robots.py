@@ -1,5 +1,7 @@
 """The example robots: they load anywhere, close at home, and reach what their closed forms say."""
 
+import functools
+
 import mujoco
 import numpy as np
 import pinocchio as pin
@@ -22,6 +24,7 @@ HOME = {
 TARGETS = 100
 
 
+@functools.cache
 def robot_of(name):
     return RobotDefinition.load(ROOT / "examples" / "robots" / name / "robot.yaml")
 
