@@ -159,6 +159,29 @@ def planar_urdf(name, chains):
     return "".join(parts) + "</robot>"
 
 
+def platform_star(chains, drives, **changes):
+    """Return a planar platform on chains of revolute joints, each (name, ground x, link lengths, seat x)."""
+    urdf = planar_urdf("star", [chain[:3] for chain in chains]).removesuffix("</robot>")
+    first = chains[0][0]
+    parts = [
+        f'<link name="platform"/><joint name="platform_mount" type="fixed"><parent link="{first}_tip"/>',
+        '<child link="platform"/></joint>',
+    ]
+    for name, _, _, seat_x in chains:
+        parts.append(
+            f'<link name="{name}_seat"/><joint name="{name}_seat_mount" type="fixed"><parent link="platform"/>'
+            f'<child link="{name}_seat"/><origin xyz="{seat_x} 0 0"/></joint>'
+        )
+    loops = {
+        "base_frame": "ground",
+        "end_frame": "platform",
+        "cut_joints": ("platform_mount",),
+        "drives": drives,
+        "loops": [{"name": name, "frame_a": f"{name}_tip", "frame_b": f"{name}_seat"} for name, *_ in chains],
+    }
+    return ClosedChainMechanism(urdf + "".join(parts) + "</robot>", LoopsFile(**(loops | changes)))
+
+
 def circle_meeting(centre_a, radius_a, centre_b, radius_b, side):
     """Return the point of the x-z plane at the given distances from two centres, on the given side (+1, -1)."""
     across = np.subtract(centre_b, centre_a)

@@ -1,4 +1,8 @@
+from .choice import engine_for as engine_for
 from .engine import BatchEngine as BatchEngine
+from .general import GeneralEngine as GeneralEngine
+from .homotopy import HomotopyStarts as HomotopyStarts
+from .interface import Engine as Engine
 from .samples import STATUS_NAMES as STATUS_NAMES
 from .samples import BatchClosure as BatchClosure
 from .samples import BatchCommand as BatchCommand

@@ -216,7 +216,17 @@ class ClosureSolver:
         if not np.all(np.isfinite(configuration)):
             raise BadInputError("the start configuration holds a value that is not a finite number")
         state, iterations = self._minimise(configuration)
-        result = ClosureResult(
+        result = self._result(state, configuration, iterations)
+        if result.gap_m > self.options.max_gap_m or result.gap_rad > self.options.max_gap_rad:
+            raise self._failure("the parts do not fit together", state, iterations, settled=True)
+        return result
+
+    def result_at(self, configuration: FloatArray) -> ClosureResult:
+        """Return what holds at a configuration, shape (nq,), that is known to be closed with drives at command."""
+        return self._result(self.energy.evaluate(configuration, configuration), configuration, 0)
+
+    def _result(self, state: EnergyState, commanded: FloatArray, iterations: int) -> ClosureResult:
+        return ClosureResult(
             self.mechanism,
             read_only(state.configuration),
             read_only(state.residual),
@@ -224,11 +234,8 @@ class ClosureSolver:
             state.energy,
             iterations,
             read_only(state.jacobian),
-            read_only(configuration.copy()),  # the caller may go on with its own
+            read_only(commanded.copy()),  # the caller may go on with its own
         )
-        if result.gap_m > self.options.max_gap_m or result.gap_rad > self.options.max_gap_rad:
-            raise self._failure("the parts do not fit together", state, iterations)
-        return result
 
     def _minimise(self, commanded: FloatArray) -> tuple[EnergyState, int]:
         """Run Newton: Gauss-Newton far away, the exact Hessian where residuals stay, a watchdog over both.
@@ -273,7 +280,7 @@ class ClosureSolver:
             else:
                 best = state = energy.evaluate(best.configuration, commanded)  # the Hessian reads the workspace
                 damping, climbs = max(10.0 * damping, 1e-4), 0
-        raise self._failure("Newton's steps do not settle", best, options.max_iterations)
+        raise self._failure("Newton's steps do not settle", best, options.max_iterations, settled=False)
 
     def _step(self, state: EnergyState, exact: bool, damping: float, kept: bool) -> FloatArray:
         """Return the Newton step over all velocity columns, or one with the kept factors of the step before; (nv,)."""
@@ -297,7 +304,7 @@ class ClosureSolver:
         step[free] = np.linalg.lstsq(hessian, downhill, rcond=1e-12)[0]
         return step
 
-    def _failure(self, reason: str, state: EnergyState, iterations: int) -> ClosureError:
+    def _failure(self, reason: str, state: EnergyState, iterations: int, *, settled: bool) -> ClosureError:
         gaps = np.linalg.norm(state.residual[:, :3], axis=1)
         turns = np.linalg.norm(state.residual[:, 3:], axis=1)
         names = self.mechanism.loops.names
@@ -307,4 +314,5 @@ class ClosureSolver:
             gap_m=largest_norm(state.residual[:, :3]),
             gap_rad=largest_norm(state.residual[:, 3:]),
             worst_loop=names[int(np.argmax(gaps + 0.1 * turns))] if names else None,
+            settled=settled,
         )

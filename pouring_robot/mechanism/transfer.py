@@ -169,7 +169,7 @@ class _Observer:
         twists = np.zeros((6, len(parameters)))
         for k, parameter in enumerate(parameters):
             if isinstance(parameter, PlacementParameter):
-                _known_placement(self.mechanism, parameter.joint)
+                self.mechanism.require_placement(parameter.joint)
                 paths = self.mechanism.frame_paths
                 sign = (parameter.joint in paths[self.frame]) - (parameter.joint in paths[self.base])
                 if sign:
@@ -186,13 +186,6 @@ class _Observer:
         return twists
 
 
-def _known_placement(mechanism: ClosedChainMechanism, joint: str) -> None:
-    if joint not in mechanism.path_depths:
-        raise UnknownJointError(joint, mechanism.path_depths)
-    if joint in mechanism.loops.cut_joints:
-        raise BadInputError(f"joint '{joint}' is cut, so displacing it changes nothing; displace the platform's seats")
-
-
 def _placement_columns(
     solver: ClosureSolver, result: ClosureResult, parameters: Sequence[LocalParameter]
 ) -> TwistColumns:
@@ -207,7 +200,7 @@ def _placement_columns(
     for k, parameter in enumerate(parameters):
         if not isinstance(parameter, PlacementParameter):
             continue
-        _known_placement(mechanism, parameter.joint)
+        mechanism.require_placement(parameter.joint)
         pose = mechanism.pose_world_to_placement(data, parameter.joint)
         twist = pose.toActionMatrix() @ np.array(parameter.twist)
         depth[k] = mechanism.path_depths[parameter.joint]

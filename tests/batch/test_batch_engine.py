@@ -30,13 +30,12 @@ from pouring_robot.exceptions import (
 from pouring_robot.io.cache import CACHE_VARIABLE
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureOptions, ClosureSolver
-from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.parameters import DriveParameter, PayloadParameter, PlacementParameter
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.description import render_urdf
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.poses import PlatformPose
-from tests.support import BOX_LOWER, BOX_UPPER, ROOT, perturbed, placement_error, planar_urdf
+from tests.support import BOX_LOWER, BOX_UPPER, ROOT, perturbed, placement_error, platform_star
 
 SITES, PARAMETERS = 24, 144
 # Up to 2 mm and 4 mrad in every component of every placement at once.
@@ -409,29 +408,6 @@ def test_shapes_and_names_that_do_not_fit_are_refused(paper):
         engine.transfer(closed, [PlacementParameter("a", "m", "leg1_s9", (1.0, 0.0, 0.0, 0.0, 0.0, 0.0))])
     nothing = engine.close(command.drives[:0], command.start[:0]).require_all()
     assert engine.transfer(nothing).matrix.shape == (0, 6, PARAMETERS)
-
-
-def platform_star(chains, drives, **changes):
-    """Return a planar platform on chains of revolute joints, each (name, ground x, link lengths, seat x)."""
-    urdf = planar_urdf("star", [chain[:3] for chain in chains]).removesuffix("</robot>")
-    first = chains[0][0]
-    parts = [
-        f'<link name="platform"/><joint name="platform_mount" type="fixed"><parent link="{first}_tip"/>',
-        '<child link="platform"/></joint>',
-    ]
-    for name, _, _, seat_x in chains:
-        parts.append(
-            f'<link name="{name}_seat"/><joint name="{name}_seat_mount" type="fixed"><parent link="platform"/>'
-            f'<child link="{name}_seat"/><origin xyz="{seat_x} 0 0"/></joint>'
-        )
-    loops = {
-        "base_frame": "ground",
-        "end_frame": "platform",
-        "cut_joints": ("platform_mount",),
-        "drives": drives,
-        "loops": [{"name": name, "frame_a": f"{name}_tip", "frame_b": f"{name}_seat"} for name, *_ in chains],
-    }
-    return ClosedChainMechanism(urdf + "".join(parts) + "</robot>", LoopsFile(**(loops | changes)))
 
 
 CHAINS = (("a", 0.0, (0.5, 0.6, 0.1), 0.0), ("b", 1.0, (0.5, 0.6, 0.1), 0.4), ("c", 0.4, (0.8, 0.1), 0.2))

@@ -1,0 +1,29 @@
+"""Which engine a mechanism gets."""
+
+from __future__ import annotations
+
+from pouring_robot.batch.engine import BatchEngine
+from pouring_robot.batch.general import GeneralEngine
+from pouring_robot.batch.interface import Engine
+from pouring_robot.exceptions import UnsupportedMechanismError
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure import DEFAULT_OPTIONS, ClosureOptions
+
+
+def engine_for(
+    mechanism: ClosedChainMechanism, threads: int | None = None, options: ClosureOptions = DEFAULT_OPTIONS
+) -> Engine:
+    """Return the fastest engine that takes a mechanism; results do not depend on which it is.
+
+    Args:
+        mechanism: any mechanism that names an end frame.
+        threads: how many threads share the work, where threads can; by default one a core.
+        options: when a closure counts as found.
+
+    Raises:
+        BadInputError: the mechanism names no end frame, or the number of threads is not positive.
+    """
+    try:
+        return BatchEngine(mechanism, threads, options)
+    except UnsupportedMechanismError:  # no star, no serial arm
+        return GeneralEngine(mechanism, options)

@@ -1,0 +1,222 @@
+"""Batches of any mechanism, row by row with Pinocchio: any loops, joints of several freedoms, shared joints.
+
+It gives what the one-at-a-time solver and G give, and is as fast as they are.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors
+from pouring_robot.batch.structure import fixed, seat_joint
+from pouring_robot.exceptions import BadInputError, ClosureError, SingularPoseError, UnknownJointError
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure import DEFAULT_OPTIONS, ClosureOptions, ClosureSolver
+from pouring_robot.mechanism.parameters import (
+    DriveParameter,
+    LocalParameter,
+    PlacementParameter,
+    placement_parameters,
+)
+from pouring_robot.mechanism.transfer import closed_chain_transfer
+
+_CLOSED, _NOT_CONVERGED, _GAP_TOO_LARGE, _NOT_FINITE, _SINGULAR = range(5)
+
+
+class GeneralStructure:
+    """The sites of any mechanism: moving joints that stand between base, end and loops, and the loops' seats.
+
+    Args:
+        mechanism: the mechanism; names an end frame.
+
+    Raises:
+        BadInputError: the mechanism names no end frame.
+    """
+
+    def __init__(self, mechanism: ClosedChainMechanism) -> None:
+        """Find the joints whose placement matters."""
+        if mechanism.loops.end_frame is None:
+            raise BadInputError("the loops file names no end_frame; name the frame whose pose is wanted")
+        self.mechanism = mechanism
+        self.site_joints = _site_joints(mechanism)
+
+    @property
+    def site_count(self) -> int:
+        """Number of sites."""
+        return len(self.site_joints)
+
+    @functools.cached_property
+    def parameters(self) -> tuple[PlacementParameter, ...]:
+        """All placement parameters, six a site."""
+        return placement_parameters(self.site_joints)
+
+    def site(self, joint: str) -> int:
+        """Return the number of the site that displaces a joint's placement.
+
+        Raises:
+            UnknownJointError: no site displaces it.
+        """
+        if joint not in self.site_joints:
+            raise UnknownJointError(joint, self.site_joints)
+        return self.site_joints.index(joint)
+
+
+class GeneralEngine:
+    """Closes any mechanism for many samples, one after the other.
+
+    Args:
+        mechanism: the mechanism; samples may displace its joints further.
+        options: when a closure counts as found.
+
+    Raises:
+        BadInputError: the mechanism names no end frame.
+    """
+
+    def __init__(self, mechanism: ClosedChainMechanism, options: ClosureOptions = DEFAULT_OPTIONS) -> None:
+        """Find the sites."""
+        self.structure = GeneralStructure(mechanism)
+        self.options = options
+
+    @property
+    def parameters(self) -> tuple[PlacementParameter, ...]:
+        """All placement parameters of the mechanism, six a site."""
+        return self.structure.parameters
+
+    def start_at(self, configurations: FloatArray) -> BatchStart:
+        """Return Pinocchio configurations, shape (n, nq), as starts."""
+        poses = [self._pose(self.structure.mechanism, configuration) for configuration in configurations]
+        position = np.array([pose.translation for pose in poses]).reshape(-1, 3)
+        rotation = np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)
+        return BatchStart(position, rotation, configurations)
+
+    def close(
+        self, drives: FloatArray, start: BatchStart, errors: SiteErrors | FloatArray | None = None
+    ) -> BatchClosure:
+        """Close the loops of every sample.
+
+        Args:
+            drives: drive values in the order of the loops file, m or rad, shape (n, drives).
+            start: configurations to start from; they also hold the values of locked joints.
+            errors: placement errors, as every :class:`~pouring_robot.batch.interface.Engine` takes them.
+
+        Raises:
+            BadInputError: a shape does not fit.
+        """
+        mechanism, count = self.structure.mechanism, len(start)
+        names, drives = mechanism.loops.drives, fixed(drives)
+        if drives.shape != (count, len(names)):
+            raise BadInputError(f"'drives' must have the shape {(count, len(names))}, not {drives.shape}")
+        start.check((mechanism.shared_model.nq,))
+        solvers = _Solvers(self.structure, SiteErrors.take(errors, count, self.structure.site_count), self.options)
+        result = BatchClosure.empty(count, (mechanism.shared_model.nq,), len(mechanism.anchors))
+        for array in (result.position, result.rotation, result.joints, result.residual):
+            array.fill(np.nan)
+        result.iterations.fill(0)
+        for row in range(count):
+            solver = solvers.of(row)
+            if solver is None or not np.isfinite(drives[row]).all() or not np.isfinite(start.joints[row]).all():
+                result.status[row] = _NOT_FINITE
+                continue
+            try:
+                closed = solver.solve(dict(zip(names, drives[row].tolist(), strict=True)), start.joints[row])
+            except ClosureError as problem:
+                result.status[row] = _GAP_TOO_LARGE if problem.settled else _NOT_CONVERGED
+                result.iterations[row] = problem.iterations
+                continue
+            pose = self._pose(solver.mechanism, closed.configuration)
+            result.position[row], result.rotation[row] = pose.translation, pose.rotation
+            result.joints[row], result.residual[row] = closed.configuration, closed.residual
+            result.iterations[row], result.status[row] = closed.iterations, _CLOSED
+        return result.locked()
+
+    def transfer(
+        self,
+        closed: BatchClosure,
+        parameters: Sequence[LocalParameter] | None = None,
+        errors: SiteErrors | FloatArray | None = None,
+    ) -> BatchTransfer:
+        """Return the closed chain's G, exact at any residual.
+
+        Args:
+            closed: closed samples; those that failed give NaN and keep their status.
+            parameters: placement and drive parameters; by default all of :attr:`parameters`.
+            errors: the placement errors the samples were closed with.
+
+        Raises:
+            UnknownJointError: a parameter names a joint that the mechanism does not have.
+            BadInputError: a parameter is of another kind, or a shape does not fit.
+        """
+        count, chosen = len(closed), tuple(self.parameters if parameters is None else parameters)
+        for parameter in chosen:
+            if not isinstance(parameter, PlacementParameter | DriveParameter):
+                raise BadInputError(
+                    f"the batch engine has no column for '{parameter.name}'; it takes placement errors and drives: "
+                    "use closed_chain_transfer for the others"
+                )
+        solvers = _Solvers(self.structure, SiteErrors.take(errors, count, self.structure.site_count), self.options)
+        matrix, status = np.full((count, 6, len(chosen)), np.nan), closed.status.copy()
+        for row in np.flatnonzero(closed.status == _CLOSED).tolist():
+            solver = solvers.of(row)
+            if solver is None:
+                status[row] = _NOT_FINITE
+                continue
+            try:
+                found = closed_chain_transfer(solver, solver.result_at(closed.joints[row]), chosen)
+                matrix[row] = found.matrix
+            except SingularPoseError:
+                status[row] = _SINGULAR
+        return BatchTransfer(chosen, matrix, status)
+
+    @staticmethod
+    def _pose(mechanism: ClosedChainMechanism, configuration: FloatArray) -> pin.SE3:
+        """Return the pose of the end frame in the base frame."""
+        model, data, loops = mechanism.shared_model, mechanism.thread_data(), mechanism.loops
+        pin.framesForwardKinematics(model, data, configuration)
+        base, end = (data.oMf[mechanism.frame_id(name)] for name in (loops.base_frame, str(loops.end_frame)))
+        return base.actInv(end)
+
+
+class _Solvers:
+    """The solver of each sample: the mechanism's own, or one of the mechanism displaced by the sample's errors."""
+
+    def __init__(self, structure: GeneralStructure, placed: SiteErrors, options: ClosureOptions) -> None:
+        self._structure, self._placed, self._options = structure, placed, options
+        self._common: ClosureSolver | None = None
+        if not len(placed.errors):
+            self._common = ClosureSolver(structure.mechanism, options=options)
+        elif len(placed.errors) == 1 and not placed.site.size:
+            self._common = self._displaced(structure.site_joints, placed.errors[0])
+
+    def of(self, row: int) -> ClosureSolver | None:
+        """Return the solver of one sample, or None if an error of it is not a finite number."""
+        if self._common is not None:
+            return self._common
+        joints, errors = self._structure.site_joints, self._placed.errors[row]
+        if self._placed.site.size:
+            joints = (joints[self._placed.site[row]],)
+        return self._displaced(joints, errors) if np.isfinite(errors).all() else None
+
+    def _displaced(self, joints: tuple[str, ...], errors: FloatArray) -> ClosureSolver:
+        moved = {
+            joint: pin.SE3(pin.exp3(error[3:]), error[:3])
+            for joint, error in zip(joints, errors, strict=True)
+            if error.any()
+        }
+        return ClosureSolver(self._structure.mechanism.displaced(moved), options=self._options)
+
+
+def _site_joints(mechanism: ClosedChainMechanism) -> tuple[str, ...]:
+    """Return the moving joints that some but not all of base, end and loop frames hang on, then the loops' seats."""
+    model, loops, paths = mechanism.shared_model, mechanism.loops, mechanism.frame_paths
+    ends = [loops.base_frame, str(loops.end_frame), *(n for loop in loops.loops for n in (loop.frame_a, loop.frame_b))]
+    hang = [paths[name] for name in ends]
+    common = set(hang[0]).intersection(*hang)
+    every = dict.fromkeys(name for path in hang for name in path)
+    moving = [n for n in every if n not in common and n not in loops.cut_joints and model.existJointName(n)]
+    seats = (seat_joint(mechanism, i) for i in range(len(loops.loops)))
+    return tuple(dict.fromkeys([*moving, *(name for name in seats if name and name not in loops.cut_joints)]))

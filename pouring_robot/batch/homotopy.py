@@ -1,0 +1,61 @@
+"""Starts for a mechanism whose inverse kinematics nobody knows: from a closed home, in steps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pouring_robot.batch.interface import Engine
+from pouring_robot.batch.samples import BatchStart
+from pouring_robot.batch.structure import fixed
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closure import ClosureSolver
+
+
+class HomotopyStarts:
+    """Closed poses for any drive values, followed from one closed home configuration.
+
+    The drives go straight from home to target in even steps, all samples at once; each step starts from the last.
+
+    Args:
+        engine: of the mechanism.
+        home: joint values near which it closes, m or rad; drives stand there, passive joints start there; joints that
+            are not named start at zero.
+        steps: from home to target.
+
+    Raises:
+        UnknownJointError: a name is no joint.
+        BadInputError: a value is not finite, a named joint has several freedoms, or there is no step.
+        ClosureError: the mechanism does not close at its home.
+    """
+
+    def __init__(self, engine: Engine, home: Mapping[str, float], steps: int = 8) -> None:
+        """Close the home."""
+        if steps < 1:
+            raise BadInputError(f"the number of steps must be positive, not {steps}")
+        self.engine, self.steps = engine, steps
+        mechanism = engine.structure.mechanism
+        configuration = mechanism.with_joint_values(mechanism.neutral_configuration(), home)
+        closed = ClosureSolver(mechanism, options=engine.options).solve_from(configuration)
+        self._home = engine.start_at(closed.configuration[None])
+        self._home_drives = np.array([home.get(name, 0.0) for name in mechanism.loops.drives])
+
+    def starts(self, drives: FloatArray) -> BatchStart:
+        """Return closed poses for drive values, shape (n, drives), in m and rad; NaN where a step finds none.
+
+        A serial arm needs no start: it gets its home's locked joints.
+
+        Raises:
+            BadInputError: the shape is wrong.
+        """
+        drives = fixed(drives)
+        if drives.ndim != 2 or drives.shape[1] != self._home_drives.size:
+            raise BadInputError(f"drives must have the shape (n, {self._home_drives.size}), not {drives.shape}")
+        start = self._home[np.zeros(len(drives), dtype=np.int64)]
+        serial = not self.engine.structure.mechanism.anchors
+        for step in range(self.steps if serial else 1, self.steps + 1):
+            share = step / self.steps
+            start = self.engine.close((1.0 - share) * self._home_drives + share * drives, start).as_start()
+        return start
