@@ -17,7 +17,7 @@ from pouring_robot.robot.model import RobotModel
 from pouring_robot.sweeps import SweepConfig
 from tests.support import ROOT
 
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PAGES += [ROOT / "robot_description" / "README.md", *sorted((ROOT / "examples").glob("*/README.md"))]
 WITH_BLOCKS = [page for page in PAGES if "```console" in page.read_text() or "```python" in page.read_text()]
 # Shown and not run here, with the reason; by a part of the command or the block.
@@ -163,8 +163,7 @@ def test_the_rooms_are_listed_in_the_order_of_imports():
     assert listed == layers[::-1]
 
 
-def test_pages_are_on_the_map():
-    index = (ROOT / "docs" / "index.md").read_text()
-    assert [
-        page.name for page in (ROOT / "docs").glob("*.md") if page.name != "index.md" and page.name not in index
-    ] == []
+@pytest.mark.parametrize("index", (ROOT / "docs").rglob("index.md"), ids=lambda page: str(page.relative_to(ROOT)))
+def test_pages_are_on_the_map(index):
+    pages = {page.name for page in index.parent.glob("*.md")} - {"index.md"}
+    assert [name for name in sorted(pages) if name not in index.read_text()] == []
