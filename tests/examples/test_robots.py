@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pouring_robot.batch import BatchEngine, BatchStart
+from pouring_robot.batch import BatchEngine, GeneralEngine, HomotopyStarts
 from pouring_robot.mechanism.closure import ClosureSolver
 from pouring_robot.robot.definition import RobotDefinition
 from tests.examples import arm, delta, five_bar, hexapod
@@ -113,18 +113,11 @@ def test_every_target_is_reached_from_home(mechanism, name):
         assert np.all((lower <= values) & (values <= upper))
 
 
-def test_every_target_is_reached_through_the_batch_engine(mechanism, name):
-    home = ClosureSolver(mechanism).solve({}, at_home(mechanism, name))
-    engine = BatchEngine(mechanism)
-    joints = np.zeros((1, engine.structure.chain_count, engine.structure.joint_count))
-    for i, chain in enumerate(engine.structure.joint_names):
-        joints[0, i, : len(chain)] = [home.joint_values[joint] for joint in chain]
-    pose = home.pose_base_to_end
-    start = BatchStart(pose.translation[None], pose.rotation[None], joints)[np.zeros(TARGETS, dtype=int)]
+@pytest.mark.parametrize("kind", [BatchEngine, GeneralEngine])
+def test_every_target_is_reached_through_the_engines(mechanism, name, kind):
+    engine = kind(mechanism)
     drives, wanted = targets(name)
-    for commands in on_the_way(name, drives):
-        closed = engine.close(commands, start)
-        start = closed.as_start()
+    closed = engine.close(drives, HomotopyStarts(engine, robot_of(name).file.home).starts(drives))
     assert np.all(closed.status == 0)
     for position, rotation, target in zip(closed.position, closed.rotation, wanted, strict=True):
         distance, angle = pose_gap(pin.SE3(rotation, position), target)
