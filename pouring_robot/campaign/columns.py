@@ -1,50 +1,66 @@
 """The columns of a campaign: which there are and what they measure. Units ride on their names.
 
-Inside, values are in m, rad, kg and s, and temperatures in °C, as the names of the fields say.
+Which drives, travels and thermometers there are says the robot. Inside, values are in m, rad, kg and s, and
+temperatures in °C, as the names of the fields say.
 """
 
 from __future__ import annotations
 
 from pouring_robot.io.quantities import Quantity, QuantityTable
-from pouring_robot.robot.pouring.names import DRIVE_COLUMNS, LEGS
+from pouring_robot.robot.definition import RobotDefinition
 
-DRIVES = DRIVE_COLUMNS
-LENGTH_DRIVES = DRIVES[:3]
-APPROACHES = tuple(f"approach_{drive}" for drive in DRIVES)
-PARTS = (*LEGS, "platform")
-"""Parts of the robot with a thermometer."""
-TEMPERATURES = ("melt", "ambient", *PARTS)
 POSITION = ("x", "y", "z")
 ROTATION = ("rx", "ry", "rz")
+MEASURED = (*POSITION, *ROTATION)
+AMBIENT = "ambient"
 
-CONDITIONS = (
-    Quantity("session", "label"),
-    Quantity("time", "time"),
-    *(Quantity(name, "sign") for name in APPROACHES),
-    Quantity("payload", "mass"),
-    Quantity("truss_travel", "length"),
-    *(Quantity(name, "temperature") for name in TEMPERATURES),
-)
-"""What may be known of a pose besides drives and measurement; every one is optional."""
 
-CAMPAIGN = (
-    Quantity("sample", "label"),
-    *CONDITIONS[:2],
-    *(Quantity(name, "length", required=True) for name in LENGTH_DRIVES),
-    Quantity(DRIVES[3], "angle", required=True),
-    *CONDITIONS[2:],
-    *(Quantity(name, "length", required=True) for name in POSITION),
-    *(Quantity(name, "angle", part_of="a rotation vector") for name in ROTATION),
-)
-"""Columns of a campaign file."""
+def drive_names(robot: RobotDefinition) -> tuple[str, ...]:
+    """Return what a campaign calls the drives."""
+    return tuple(drive.column for drive in robot.drives)
 
-PLAN = (
-    Quantity("sample", "label"),
-    *(Quantity(name, "length", required=True) for name in POSITION),
-    Quantity("tilt", "angle", required=True),
-    *CONDITIONS,
-)
-"""Columns of a pose plan: the poses to command, and optional conditions."""
+
+def approach_names(robot: RobotDefinition) -> tuple[str, ...]:
+    """Return the columns that say from which side a drive came: +1 rising, -1 falling."""
+    return tuple(f"approach_{name}" for name in drive_names(robot))
+
+
+def condition_columns(robot: RobotDefinition) -> tuple[Quantity, ...]:
+    """Return what may be known of a pose besides drives and measurement; every one is optional."""
+    taken = {*drive_names(robot), *MEASURED, "time", "payload", *robot.travels, AMBIENT}
+    parts = (name for name in robot.thermometers if name not in taken)
+    return (
+        Quantity("session", "label"),
+        Quantity("time", "time"),
+        *(Quantity(name, "sign") for name in approach_names(robot)),
+        Quantity("payload", "mass"),
+        *(Quantity(name, "length") for name in robot.travels),
+        *(Quantity(name, "temperature") for name in (AMBIENT, *parts)),
+    )
+
+
+def campaign_columns(robot: RobotDefinition) -> tuple[Quantity, ...]:
+    """Return the columns of a campaign file."""
+    session, time, *others = condition_columns(robot)
+    return (
+        Quantity("sample", "label"),
+        session,
+        time,
+        *(Quantity(drive.column, drive.command, required=True) for drive in robot.drives),
+        *others,
+        *(Quantity(name, "length", required=True) for name in POSITION),
+        *(Quantity(name, "angle", part_of="a rotation vector") for name in ROTATION),
+    )
+
+
+def plan_columns(robot: RobotDefinition) -> tuple[Quantity, ...]:
+    """Return the columns of a pose plan: the poses to command, and optional conditions."""
+    return (
+        Quantity("sample", "label"),
+        *(Quantity(name, "length", required=True) for name in POSITION),
+        Quantity("tilt", "angle", required=True),
+        *condition_columns(robot),
+    )
 
 
 def sessions_of(table: QuantityTable) -> tuple[str, ...]:

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import functools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.metadata import CampaignMetadata, metadata_path, read_metadata
 from pouring_robot.campaign.writer import campaign_files
-from pouring_robot.exceptions import BadInputError, CampaignError
+from pouring_robot.exceptions import BadInputError, CampaignError, closest
 from pouring_robot.io.files import check_outputs, write_together
-from pouring_robot.io.quantities import read_quantities
+from pouring_robot.io.quantities import Quantity, read_quantities
 from pouring_robot.mechanism.arrays import FloatArray, read_only
 from pouring_robot.report.result import Result
-from pouring_robot.robot.pouring.names import DRIVE_JOINTS, LEGS
+from pouring_robot.robot.definition import RobotDefinition
+from pouring_robot.robot.pouring.definition import PouringDefinition
 
 if TYPE_CHECKING:
     import pandas
@@ -34,6 +37,7 @@ class Campaign(Result):
     Missing cells are NaN. An array is None when no column of it was in the file (or every cell of them is empty).
 
     Attributes:
+        robot: whose campaign it is: its drives, travels and thermometers.
         path: the table's file; where a campaign was made in memory, the name it would have.
         metadata: what holds for all rows.
         lines: (n,) line of each row in the file (the header is line 1; in Parquet, the row from 1).
@@ -41,20 +45,16 @@ class Campaign(Result):
         sessions: (n,) the session of each row; all "1" without a column.
         headings: heading in the file of each quantity that was there, by quantity name (``q1`` → ``q1_mm``).
         ignored_columns: headings that are no part of the contract and were left out.
-        drives: (n, 4) commanded drives q1 q2 q3 in m and q4 in rad (:data:`DRIVE_JOINTS`).
-        approach: (n, 4) +1 where the drive was rising when it stopped, -1 falling.
-        time_s: (n,) time of measurement, in s.
-        payload_kg: (n,) mass in the ladle, in kg.
-        truss_travel_m: (n,) place along the rails, in m.
-        melt_degC: (n,) temperature of the melt, in °C.
-        ambient_degC: (n,) temperature of the hall, in °C.
-        leg_degC: (n, 4) temperature of each leg, in °C.
-        platform_degC: (n,) temperature of the moving platform, in °C.
+        drives: (n, drives) commanded values of the driven joints, in m and rad, in the robot's order.
         position_m: (n, 3) measured origin of the target in the tracker frame, in m.
         rotation_vector_rad: (n, 3) measured rotation vector of the target in the tracker frame, in rad; None for a
             campaign of positions only.
+        approach: (n, drives) +1 where the drive was rising when it stopped, -1 falling.
+        conditions: (n,) values of each condition that is known, by quantity name, in s, kg, m and °C: ``time``,
+            ``payload``, ``ambient``, the robot's travels and thermometers.
     """
 
+    robot: RobotDefinition
     path: Path
     metadata: CampaignMetadata
     lines: NDArray[np.int64]
@@ -66,19 +66,13 @@ class Campaign(Result):
     position_m: FloatArray
     rotation_vector_rad: FloatArray | None = None
     approach: FloatArray | None = None
-    time_s: FloatArray | None = None
-    payload_kg: FloatArray | None = None
-    truss_travel_m: FloatArray | None = None
-    melt_degC: FloatArray | None = None  # noqa: N815 - units are spelt as in the campaign files
-    ambient_degC: FloatArray | None = None  # noqa: N815
-    leg_degC: FloatArray | None = None  # noqa: N815
-    platform_degC: FloatArray | None = None  # noqa: N815
+    conditions: Mapping[str, FloatArray] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check shapes and make the arrays read-only.
 
         Raises:
-            BadInputError: an array has the wrong shape, or there is no row.
+            BadInputError: an array has the wrong shape, there is no row, or a condition is none of the robot's.
         """
         rows = int(np.asarray(self.lines).size)
         if rows == 0:
@@ -88,59 +82,91 @@ class Campaign(Result):
         object.__setattr__(self, "lines", lines)
         if len(self.samples) != rows or len(self.sessions) != rows:
             raise BadInputError(f"a campaign of {rows} rows needs as many samples and sessions")
-        for name, width in ARRAYS.items():
+        for name, width in self._widths.items():
             values = getattr(self, name)
-            if values is None:
-                continue
-            shape = (rows, width) if width else (rows,)
-            if np.shape(values) != shape:
-                raise BadInputError(f"'{name}' of the campaign must have shape {shape}, not {np.shape(values)}")
-            object.__setattr__(self, name, read_only(np.array(values, dtype=np.float64)))
+            if values is not None:
+                object.__setattr__(self, name, _checked(name, values, (rows, width)))
+        unknown = next((name for name in self.conditions if name not in self._condition_names), None)
+        if unknown is not None:
+            raise BadInputError(f"'{unknown}' is no condition of {self.robot.name}{closest(unknown, self._quantities)}")
+        kept = {name: _checked(name, values, (rows,)) for name, values in self.conditions.items()}
+        object.__setattr__(self, "conditions", MappingProxyType(kept))
+
+    @functools.cached_property
+    def _quantities(self) -> dict[str, Quantity]:
+        return {quantity.name: quantity for quantity in columns.campaign_columns(self.robot)}
+
+    @functools.cached_property
+    def _condition_names(self) -> tuple[str, ...]:
+        given = columns.condition_columns(self.robot)
+        return tuple(q.name for q in given if q.kind not in ("label", "sign"))
+
+    @functools.cached_property
+    def _places(self) -> dict[str, tuple[str, int]]:
+        """Array and column of each quantity that is part of an array."""
+        arrays = {
+            "drives": columns.drive_names(self.robot),
+            "approach": columns.approach_names(self.robot),
+            "position_m": columns.POSITION,
+            "rotation_vector_rad": columns.ROTATION,
+        }
+        return {name: (array, index) for array, names in arrays.items() for index, name in enumerate(names)}
+
+    @property
+    def _widths(self) -> dict[str, int]:
+        count = len(self.robot.drives)
+        return {"drives": count, "approach": count, "position_m": 3, "rotation_vector_rad": 3}
 
     @classmethod
-    def of(cls, campaign: Campaign | Path | str) -> Campaign:
+    def of(cls, campaign: Campaign | Path | str, robot: RobotDefinition | None = None) -> Campaign:
         """Return a campaign: itself, or read from its table.
+
+        Args:
+            campaign: a campaign, or the path of its table.
+            robot: whose campaign it is; by default the pouring robot.
 
         Raises:
             CampaignError: as :meth:`read`.
-            BadInputError: it is neither.
+            BadInputError: it is neither, or the campaign of another robot.
         """
         if isinstance(campaign, Path | str):
-            return cls.read(campaign)
+            return cls.read(campaign, robot)
         if not isinstance(campaign, Campaign):
             raise BadInputError(f"a campaign is a Campaign or the path of its table, not a {type(campaign).__name__}")
+        if robot is not None and campaign.robot.name != robot.name:
+            raise BadInputError(f"the campaign is one of {campaign.robot.name}, the model one of {robot.name}")
         return campaign
 
     @classmethod
-    def read(cls, path: Path | str) -> Campaign:
+    def read(cls, path: Path | str, robot: RobotDefinition | None = None) -> Campaign:
         """Read a campaign: a CSV, Parquet or Excel table with units on its headings, and the YAML of the same stem.
 
         Empty cells become NaN. What is wrong with the *values* is the business of
         :func:`pouring_robot.checks.check.check_campaign`; here only what cannot be understood is refused.
+
+        Args:
+            path: the table.
+            robot: whose campaign it is; by default the pouring robot.
 
         Raises:
             CampaignError: the table or the YAML file is missing, a heading is misspelt, has a wrong unit or stands
                 twice, a required column is missing, or a cell is no number; names file, line and column.
             CampaignFileError: a key or value of the YAML file is wrong; names line and key.
         """
-        path = Path(path)
-        table = read_quantities(path, columns.CAMPAIGN, "q1_mm", CampaignError)
-        metadata = read_metadata(metadata_path(path))
-        arrays = arrays_from(table.numbers)
-        drives, position = arrays.pop("drives"), arrays.pop("position_m")
-        if drives is None or position is None:  # the reader of tables has made sure of both
-            raise CampaignError(path, "holds no drives or no positions")
+        path, robot = Path(path), robot or PouringDefinition()
+        quantities = columns.campaign_columns(robot)
+        example = next(quantity for quantity in quantities if quantity.required).headings[-1]
+        table = read_quantities(path, quantities, example, CampaignError)
         return cls(
+            robot=robot,
             path=path,
-            metadata=metadata,
+            metadata=read_metadata(metadata_path(path)),
             lines=table.table.lines,
             samples=table.labels.get("sample", ("",) * len(table)),
             sessions=columns.sessions_of(table),
             headings=table.headings,
             ignored_columns=table.unknown,
-            drives=drives,
-            position_m=position,
-            **arrays,
+            **arrays_from(table.numbers, robot),
         )
 
     def save(self, path: Path | str, *, overwrite: bool = False) -> tuple[Path, Path]:
@@ -164,7 +190,7 @@ class Campaign(Result):
         Raises:
             OutputError: the suffix is that of the YAML file.
         """
-        return campaign_files(path, self.quantity, self.samples, self.sessions, self.metadata)
+        return campaign_files(path, self._quantities.values(), self.command, self.samples, self.sessions, self.metadata)
 
     @property
     def headline(self) -> str:
@@ -206,9 +232,28 @@ class Campaign(Result):
         names = np.array(self.sessions)
         return {name: np.flatnonzero(names == name) for name in dict.fromkeys(self.sessions)}
 
+    @property
+    def time_s(self) -> FloatArray | None:
+        """Time of measurement, (n,), in s."""
+        return self.conditions.get("time")
+
+    @property
+    def payload_kg(self) -> FloatArray | None:
+        """Mass of the payload, (n,), in kg."""
+        return self.conditions.get("payload")
+
     def drive_values(self, row: int) -> dict[str, float]:
         """Return the commanded drives of a row by joint name, in m and rad: what the solvers take."""
-        return {name: float(value) for name, value in zip(DRIVE_JOINTS, self.drives[row], strict=True)}
+        return {drive.joint: float(value) for drive, value in zip(self.robot.drives, self.drives[row], strict=True)}
+
+    def with_conditions(self, **changes: FloatArray | None) -> Campaign:
+        """Return the same with other conditions, (n,) each by quantity name; None takes one out.
+
+        Raises:
+            BadInputError: the robot has no such condition, or a shape is wrong.
+        """
+        given = {**self.conditions, **changes}
+        return dataclasses.replace(self, conditions={k: v for k, v in given.items() if v is not None})
 
     def quantity(self, name: str) -> FloatArray | None:
         """Return a numeric quantity by its name (``q1``, ``approach_q3``, ``leg2``, ``time``, ``rx``), (n,), or None.
@@ -218,25 +263,34 @@ class Campaign(Result):
         Raises:
             BadInputError: there is no such quantity.
         """
-        if name not in _PLACES:
-            raise BadInputError(f"a campaign has no quantity '{name}'; known: {', '.join(_PLACES)}")
-        array, column = _PLACES[name]
+        if name not in self._places:
+            if name not in self._condition_names:
+                raise BadInputError(f"a campaign has no quantity '{name}'; known: {', '.join(self._quantities)}")
+            return self.conditions.get(name)
+        array, column = self._places[name]
         values: FloatArray | None = getattr(self, array)
-        if values is None or column is None:
-            return values
-        return values[:, column] if np.isfinite(values[:, column]).any() or name in _MEASURED else None
+        if values is None:
+            return None
+        kept = np.isfinite(values[:, column]).any() or array != "approach"
+        return values[:, column] if kept else None
+
+    def command(self, name: str) -> FloatArray | None:
+        """Return a quantity as its column holds it: that of a drive with a gear is the motor's, not the joint's."""
+        values = self.quantity(name)
+        array, column = self._places.get(name, ("", 0))
+        return values / self.robot.drives[column].factor if array == "drives" and values is not None else values
 
     def heading(self, name: str) -> str:
         """Return the heading of a quantity in the file, or the one it would have."""
-        return self.headings.get(name, _CANONICAL[name])
+        return self.headings.get(name, self._quantities[name].canonical)
 
     def missing_conditions(self) -> tuple[str, ...]:
         """Return the conditions the campaign does not have, by canonical heading (``payload_kg``, ``leg1_degC``).
 
         What depends on them cannot be tested with it.
         """
-        absent = [q for q in columns.CONDITIONS if q.kind != "label" and self.quantity(q.name) is None]
-        names = [q.canonical for q in absent]
+        known = columns.condition_columns(self.robot)
+        names = [q.canonical for q in known if q.kind != "label" and self.quantity(q.name) is None]
         return tuple(names if "session" in self.headings else ["session", *names])
 
     def subset(self, rows: Sequence[int] | NDArray[np.intp] | BoolArray) -> Campaign:
@@ -249,8 +303,9 @@ class Campaign(Result):
         chosen = np.flatnonzero(chosen) if chosen.dtype == bool and chosen.size == len(self) else chosen
         if chosen.size == 0 or chosen.dtype.kind not in "iu" or chosen.min() < -len(self) or chosen.max() >= len(self):
             raise BadInputError(f"rows of a campaign are indices from 0 to {len(self) - 1}, at least one")
-        changed: dict[str, Any] = {name: getattr(self, name) for name in ARRAYS}
-        changed = {name: None if values is None else values[chosen] for name, values in changed.items()}
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in self._widths}
+        changed: dict[str, Any] = {name: None if v is None else v[chosen] for name, v in arrays.items()}
+        changed["conditions"] = {name: values[chosen] for name, values in self.conditions.items()}
         changed["lines"] = self.lines[chosen]
         changed["samples"] = tuple(self.samples[i] for i in chosen)
         changed["sessions"] = tuple(self.sessions[i] for i in chosen)
@@ -261,58 +316,40 @@ class Campaign(Result):
         import pandas
 
         content: dict[str, object] = {}
-        for quantity in columns.CAMPAIGN:
+        for quantity in self._quantities.values():
             if quantity.name == "sample":
                 content["sample"] = list(self.samples)
             elif quantity.name == "session":
                 content["session"] = list(self.sessions)
             else:
-                values = self.quantity(quantity.name)
+                values = self.command(quantity.name)
                 if values is not None:
                     content[quantity.canonical] = values
         return pandas.DataFrame(content)
 
 
-ARRAYS: dict[str, int] = {
-    "drives": 4,
-    "position_m": 3,
-    "rotation_vector_rad": 3,
-    "approach": 4,
-    "time_s": 0,
-    "payload_kg": 0,
-    "truss_travel_m": 0,
-    "melt_degC": 0,
-    "ambient_degC": 0,
-    "leg_degC": 4,
-    "platform_degC": 0,
-}
-"""Arrays of a campaign with their number of columns; 0: one value a row."""
-
-_CANONICAL = {quantity.name: quantity.canonical for quantity in columns.CAMPAIGN}
-_GROUPS: dict[str, tuple[str, ...]] = {
-    "drives": columns.DRIVES,
-    "position_m": columns.POSITION,
-    "rotation_vector_rad": columns.ROTATION,
-    "approach": columns.APPROACHES,
-    "leg_degC": LEGS,
-}
-_MEASURED = {*columns.DRIVES, *columns.POSITION, *columns.ROTATION}
-_PLACES: dict[str, tuple[str, int | None]] = {
-    **{name: (array, index) for array, names in _GROUPS.items() for index, name in enumerate(names)},
-    **{heading.rpartition("_")[0]: (heading, None) for heading, width in ARRAYS.items() if width == 0},
-}
-
-Quantities = dict[str, FloatArray]
+def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    if np.shape(values) != shape:
+        raise BadInputError(f"'{name}' of the campaign must have shape {shape}, not {np.shape(values)}")
+    return read_only(np.array(values, dtype=np.float64))
 
 
-def arrays_from(quantities: Quantities) -> dict[str, FloatArray | None]:
-    """Return the arrays of a campaign from single quantities, (n,) each, by name; absent ones become NaN or None."""
-    rows = next(iter(quantities.values())).size
-    empty = np.full(rows, np.nan)
-    arrays: dict[str, FloatArray | None] = {}
-    for array, width in ARRAYS.items():
-        names = _GROUPS.get(array, (array.rpartition("_")[0],))
-        given = np.stack([quantities.get(name, empty) for name in names], axis=-1)
-        held = np.isfinite(given).any() or array in ("drives", "position_m")
-        arrays[array] = (given if width else given[:, 0]) if held else None
-    return arrays
+def arrays_from(quantities: Mapping[str, FloatArray], robot: RobotDefinition) -> dict[str, Any]:
+    """Return drives, approach, measurement and conditions of a campaign from its columns, (n,) each by quantity name.
+
+    Of drives and positions absent ones become NaN; of the others, what is absent or empty becomes None.
+    """
+    empty = np.full(next(iter(quantities.values())).size, np.nan)
+
+    def stack(names: Sequence[str]) -> FloatArray:
+        return np.stack([quantities.get(name, empty) for name in names], axis=-1)
+
+    approach, rotation = stack(columns.approach_names(robot)), stack(columns.ROTATION)
+    conditions = (q.name for q in columns.condition_columns(robot) if q.kind not in ("label", "sign"))
+    return {
+        "drives": stack(columns.drive_names(robot)) * [drive.factor for drive in robot.drives],
+        "position_m": stack(columns.POSITION),
+        "rotation_vector_rad": rotation if np.isfinite(rotation).any() else None,
+        "approach": approach if np.isfinite(approach).any() else None,
+        "conditions": {n: quantities[n] for n in conditions if n in quantities and np.isfinite(quantities[n]).any()},
+    }

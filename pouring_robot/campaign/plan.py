@@ -51,7 +51,9 @@ def read_plan(path: Path | str, robot: PouringRobot) -> PosePlan:
     Raises:
         CampaignError: the file is wrong, or the robot cannot take a pose; names file, line and column.
     """
-    table = read_quantities(path, columns.PLAN, "x_mm, y_mm, z_mm, tilt_deg", CampaignError)
+    table = read_quantities(
+        path, columns.plan_columns(robot.model.definition), "x_mm, y_mm, z_mm, tilt_deg", CampaignError
+    )
     place = np.column_stack([table.numbers[name] for name in (*columns.POSITION, "tilt")])
     poses, drives = [], []
     for row, (x, y, z, tilt) in enumerate(place.tolist()):
@@ -66,7 +68,7 @@ def read_plan(path: Path | str, robot: PouringRobot) -> PosePlan:
         poses.append(pose)
         drives.append(list(commanded.values()))
     conditions = {name: values for name, values in table.numbers.items() if name not in (*columns.POSITION, "tilt")}
-    for name in columns.APPROACHES:
+    for name in columns.approach_names(robot.model.definition):
         values = conditions.get(name, np.empty(0))
         wrong = np.flatnonzero(np.isfinite(values) & (np.abs(values) != 1.0))
         if wrong.size:
@@ -74,7 +76,11 @@ def read_plan(path: Path | str, robot: PouringRobot) -> PosePlan:
     commanded_drives = np.array(drives)
     samples = table.labels.get("sample", tuple(str(i) for i in range(len(poses))))
     return PosePlan(
-        tuple(poses), commanded_drives, samples, columns.sessions_of(table), _approaches(commanded_drives) | conditions
+        tuple(poses),
+        commanded_drives,
+        samples,
+        columns.sessions_of(table),
+        _approaches(robot, commanded_drives) | conditions,
     )
 
 
@@ -105,14 +111,15 @@ def random_plan(robot: PouringRobot, count: int, seed: int) -> PosePlan:
     if len(poses) < count:
         raise BadInputError("hardly any pose of the workspace box is within the joint limits; check the layout")
     commanded = np.array(drives)
-    conditions = _approaches(commanded) | _random_conditions(robot, count, random)
+    conditions = _approaches(robot, commanded) | _random_conditions(robot, count, random)
     return PosePlan(tuple(poses), commanded, tuple(str(i) for i in range(count)), ("1",) * count, conditions)
 
 
-def _approaches(drives: FloatArray) -> dict[str, FloatArray]:
+def _approaches(robot: PouringRobot, drives: FloatArray) -> dict[str, FloatArray]:
     """Return +1 where a drive rose to its value from the pose before, -1 where it fell; the first rose."""
     steps = np.diff(drives, axis=0, prepend=drives[:1] - 1.0)
-    return {name: np.where(steps[:, k] >= 0.0, 1.0, -1.0) for k, name in enumerate(columns.APPROACHES)}
+    names = columns.approach_names(robot.model.definition)
+    return {name: np.where(steps[:, k] >= 0.0, 1.0, -1.0) for k, name in enumerate(names)}
 
 
 def _random_conditions(robot: PouringRobot, count: int, random: np.random.Generator) -> dict[str, FloatArray]:
@@ -126,7 +133,7 @@ def _random_conditions(robot: PouringRobot, count: int, random: np.random.Genera
         "melt": np.full(count, round(float(random.uniform(1400.0, 1700.0)), 1)),
         "ambient": np.round(REFERENCE_DEGC + 4.0 * np.sin(time / 9000.0) + random.normal(0.0, 0.1, count), 2),
     }
-    for name in columns.PARTS:
+    for name in (part for part in robot.model.definition.thermometers if part not in conditions):
         # A part warms towards its own temperature within an hour, and its sensor is read to 0.01 K.
         warm, lag = random.uniform(40.0, 160.0), random.uniform(1800.0, 5400.0)
         course = 20.0 + warm * (1.0 - np.exp(-time / lag)) + random.normal(0.0, 0.3, count)

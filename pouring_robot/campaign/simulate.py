@@ -7,12 +7,11 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.campaign.columns import DRIVES, LENGTH_DRIVES, POSITION, ROTATION
+from pouring_robot.campaign.columns import POSITION, ROTATION, drive_names
 from pouring_robot.campaign.data import Campaign, arrays_from
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.plan import PosePlan
@@ -23,7 +22,6 @@ from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import pose_figures
 from pouring_robot.mechanism.rotations import rotation_vectors
-from pouring_robot.robot.pouring.names import DRIVE_JOINTS
 from pouring_robot.robot.robot import PouringRobot
 
 ActualPoses = Callable[[PosePlan], list[pin.SE3]]
@@ -162,7 +160,7 @@ def simulate_campaign(
 def _close(robot: PouringRobot, plan: PosePlan, path: Path, progress: Progress) -> list[pin.SE3]:
     actual = []
     for row in range(len(plan)):
-        drives = dict(zip(DRIVE_JOINTS, plan.drives[row].tolist(), strict=True))
+        drives = dict(zip(robot.model.loops().drives, plan.drives[row].tolist(), strict=True))
         try:
             actual.append(robot.forward(drives, near=plan.poses[row]).pose_base_to_end)
         except NoSolutionError as error:
@@ -208,15 +206,17 @@ def _campaign(
         ladle_centre_of_mass_m=ladle.centre_of_mass_m,
         reference_temperature_degC=REFERENCE_DEGC,
     )
-    drives = dict(zip(DRIVES, plan.drives.T, strict=True))
-    arrays: dict[str, Any] = arrays_from(drives | plan.conditions | measured)
+    definition = robot.model.definition
+    drives = dict(zip(drive_names(definition), plan.drives.T, strict=True))
+    lengths = (drive.column for drive in definition.drives if drive.command == "length")
     return Campaign(
+        robot=definition,
         path=path,
         metadata=metadata,
         lines=np.arange(2, len(plan) + 2),
         samples=plan.samples,
         sessions=plan.sessions,
-        headings={"session": "session", **{name: f"{name}_mm" for name in (*POSITION, *LENGTH_DRIVES)}},
+        headings={"session": "session", **{name: f"{name}_mm" for name in (*POSITION, *lengths)}},
         ignored_columns=(),
-        **arrays,
+        **arrays_from(drives | plan.conditions | measured, definition),
     )

@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from pouring_robot.campaign import columns
 from pouring_robot.campaign.metadata import CampaignMetadata, metadata_text
 from pouring_robot.exceptions import OutputError
+from pouring_robot.io.quantities import Quantity
 from pouring_robot.io.tables import PARQUET_SUFFIXES, csv_text
 from pouring_robot.mechanism.arrays import FloatArray
 
 # Digits written: a hundredth of the best tracker's noise.
 _DIGITS = {"length": 6, "angle": 10, "mass": 3, "temperature": 3, "time": 3, "sign": 0}
 Cells = Mapping[str, list[str]]
-_WRITTEN_IN_MM = (*columns.LENGTH_DRIVES, *columns.POSITION)
 
 
 def campaign_files(
     path: Path,
-    quantity: Callable[[str], FloatArray | None],
+    quantities: Iterable[Quantity],
+    command: Callable[[str], FloatArray | None],
     samples: Sequence[str],
     sessions: Sequence[str],
     metadata: CampaignMetadata,
@@ -31,7 +31,8 @@ def campaign_files(
 
     Args:
         path: of the table; its suffix says whether it is CSV or Parquet.
-        quantity: gives the values (n,) of a quantity by name, in SI units and °C, or None.
+        quantities: the columns that a campaign of the robot may have.
+        command: gives the values (n,) of a quantity by name, as its column holds them, or None.
         samples: n names.
         sessions: n sessions.
         metadata: what holds for all rows.
@@ -42,12 +43,12 @@ def campaign_files(
     if path.suffix.lower() in (".yaml", ".yml"):
         raise OutputError(path, "give the name of the table, such as campaign.csv; the YAML is written beside it")
     cells = {"sample": list(samples)} if any(samples) else {}
-    for column in columns.CAMPAIGN:
-        values = None if column.kind == "label" else quantity(column.name)
+    for column in quantities:
+        values = None if column.kind == "label" else command(column.name)
         if column.name == "session":
             cells["session"] = list(sessions)
         elif values is not None:
-            millimetres = column.name in _WRITTEN_IN_MM
+            millimetres = column.kind == "length" and column.required
             digits = _DIGITS[column.kind]
             scaled = np.round(values * 1e3 if millimetres else values, digits) + 0.0
             heading = f"{column.name}_mm" if millimetres else column.canonical

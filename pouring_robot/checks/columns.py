@@ -13,7 +13,7 @@ from pouring_robot.checks.flags import FEW_ROWS, DataFlag, FlagCode, Rows, Sever
 from pouring_robot.estimation.frames import FEWEST_ROWS, robust_sigma
 from pouring_robot.mechanism.arrays import FloatArray
 
-_SAME_POSE = (1e-4, 1e-4, 1e-4, 1e-4)  # m, m, m, rad: closer commands are the same pose
+_SAME_POSE = 1e-4  # m or rad: closer commands are the same pose
 _LONGEST_RUN = 4
 _LONGEST_TEMPERATURE_RUN = 10
 _TEMPERATURE_SPIKE_K = 25.0
@@ -28,7 +28,7 @@ def check_columns(campaign: Campaign) -> Iterator[DataFlag]:
 def distinct_poses(campaign: Campaign) -> int:
     """Return how many different poses were commanded; closer than 0.1 mm and 0.1 mrad counts as the same."""
     drives = campaign.drives[campaign.usable]
-    return len(np.unique(np.round(drives / np.array(_SAME_POSE)), axis=0)) if len(drives) else 0
+    return len(np.unique(np.round(drives / _SAME_POSE), axis=0)) if len(drives) else 0
 
 
 def _row_count(campaign: Campaign) -> Iterator[DataFlag]:
@@ -41,14 +41,14 @@ def _row_count(campaign: Campaign) -> Iterator[DataFlag]:
         yield found(campaign, FlagCode.TOO_FEW_ROWS, f"{usable} rows can be used", metrics=metrics)
     if usable >= FEWEST_ROWS > poses:
         message = f"{usable} rows show only {poses} different pose{'s' if poses > 1 else ''}"
-        yield found(campaign, FlagCode.ONE_POSE, message, (), columns.DRIVES, metrics)
+        yield found(campaign, FlagCode.ONE_POSE, message, (), columns.drive_names(campaign.robot), metrics)
 
 
 def _missing_drives(campaign: Campaign) -> Iterator[DataFlag]:
     missing = ~np.isfinite(campaign.drives)
     rows = np.flatnonzero(missing.any(axis=1))
     if rows.size:
-        names = [columns.DRIVES[k] for k in np.flatnonzero(missing.any(axis=0))]
+        names = [columns.drive_names(campaign.robot)[k] for k in np.flatnonzero(missing.any(axis=0))]
         message = f"a commanded drive is missing in {where(campaign, rows)}"
         yield found(campaign, FlagCode.MISSING_DRIVES, message, rows, names, {"rows": float(rows.size)})
 
@@ -81,14 +81,14 @@ def _stuck_drives(campaign: Campaign) -> Iterator[DataFlag]:
     drives = campaign.drives[campaign.usable]
     if len(drives) < FEWEST_ROWS or distinct_poses(campaign) < FEWEST_ROWS:
         return
-    for index, name in enumerate(columns.DRIVES):
+    for index, name in enumerate(columns.drive_names(campaign.robot)):
         if np.ptp(drives[:, index]) == 0.0:
             yield _stuck(campaign, name, np.flatnonzero(campaign.usable), Severity.WARNING)
 
 
 def _stuck_temperatures(campaign: Campaign) -> Iterator[DataFlag]:
     """Find a leg or platform sensor that stands still while most of its neighbours change."""
-    names = [name for name in columns.PARTS if campaign.quantity(name) is not None]
+    names = [name for name in _parts(campaign) if campaign.quantity(name) is not None]
     changes = {name: np.diff(_values(campaign, name)) != 0.0 for name in names}
     for name in names:
         others = [changes[other] for other in names if other != name]
@@ -97,11 +97,16 @@ def _stuck_temperatures(campaign: Campaign) -> Iterator[DataFlag]:
                 yield _stuck(campaign, name, rows, Severity.WARNING)
 
 
+def _parts(campaign: Campaign) -> tuple[str, ...]:
+    """Return the thermometers on the robot: what is poured may stay as hot as it is."""
+    return tuple(name for name in campaign.robot.thermometers if name != "melt")
+
+
 def _stuck(campaign: Campaign, name: str, rows: Rows, severity: Severity) -> DataFlag:
     lines = campaign.lines[rows[[0, -1]]]
     message = f"column '{campaign.heading(name)}' keeps one value from line {lines[0]} to line {lines[1]}"
     remedy = ""
-    if name in columns.DRIVES:
+    if name in columns.drive_names(campaign.robot):
         remedy = "if the drive really stood still its errors cannot be found; else mend the column"
     else:
         message += " while the rest of the row changes"
@@ -111,7 +116,7 @@ def _stuck(campaign: Campaign, name: str, rows: Rows, severity: Severity) -> Dat
 
 def _temperature_jumps(campaign: Campaign) -> Iterator[DataFlag]:
     """Find single readings that leave both neighbours: a leg or a hall does not warm and cool within one pose."""
-    for name in ("ambient", *columns.PARTS):
+    for name in ("ambient", *_parts(campaign)):
         if campaign.quantity(name) is None or len(campaign) < 5:
             continue
         values = _values(campaign, name)
@@ -126,7 +131,7 @@ def _temperature_jumps(campaign: Campaign) -> Iterator[DataFlag]:
 
 
 def _approach(campaign: Campaign) -> Iterator[DataFlag]:
-    for name in columns.APPROACHES:
+    for name in columns.approach_names(campaign.robot):
         values = _values(campaign, name)
         rows = np.flatnonzero(np.isfinite(values) & (np.abs(values) != 1.0))
         if rows.size:
@@ -157,7 +162,7 @@ def _noise_level(campaign: Campaign) -> Iterator[DataFlag]:
 
 
 def _temperatures(campaign: Campaign) -> Iterator[DataFlag]:
-    if all(campaign.quantity(name) is None for name in columns.TEMPERATURES):
+    if all(campaign.quantity(name) is None for name in (columns.AMBIENT, *campaign.robot.thermometers)):
         yield found(campaign, FlagCode.NO_TEMPERATURES, "there is no temperature in the campaign")
 
 

@@ -10,7 +10,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.campaign.columns import PARTS
 from pouring_robot.campaign.data import Campaign
 
 Rows = NDArray[np.intp]
@@ -75,8 +74,7 @@ class FlagCode(enum.StrEnum):
     NO_TEMPERATURES = (
         "no_temperatures",
         _NOTE,
-        f"effects of heat cannot be tested; record at least the legs and the platform ({PARTS[0]}_degC …, "
-        "platform_degC)",
+        "effects of heat cannot be tested; record the temperature of the parts that warm (<part>_degC)",
     )
     MISSING_DRIVES = "missing_drives", _WARNING, "these rows cannot be used; fill in what was commanded"
     IGNORED_COLUMNS = "ignored_columns", _NOTE, "rename them if they hold a condition; else all is well"

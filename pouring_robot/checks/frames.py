@@ -116,13 +116,16 @@ class FrameChecks:
                 continue
             for factor, mistake in _LENGTH_MISTAKES if index < 3 else _ANGLE_MISTAKES:
                 if np.mean((known * factor >= low) & (known * factor <= high)) > 0.9:
-                    self._flag_drive_unit(columns.DRIVES[index], mistake, float(np.median(np.abs(known))), factor)
+                    self._flag_drive_unit(
+                        self.campaign.robot.drives[index].column, mistake, float(np.median(np.abs(known))), factor
+                    )
                     drives[:, index] = values * factor
                     break
         return drives
 
     def _flag_drive_unit(self, name: str, mistake: str, median: float, factor: float) -> None:
-        unit, heading = "m" if name in columns.LENGTH_DRIVES else "rad", self.campaign.heading(name)
+        unit = next(drive.unit for drive in self.campaign.robot.drives if drive.column == name)
+        heading = self.campaign.heading(name)
         message = f"column '{heading}' seems to hold {mistake}: its values come to {median:g} {unit} (median)"
         self._found(FlagCode.DRIVE_UNIT, message, [name], {f"median_{unit}": median, "factor": factor})
 
@@ -140,7 +143,13 @@ class FrameChecks:
         rows = np.flatnonzero(complete & (beyond | ~self.data.poses.complete))
         if rows.size:
             message = f"the robot cannot take the drive values of {where(self.campaign, rows)}"
-            self._found(FlagCode.UNREACHABLE_DRIVES, message, columns.DRIVES, {"rows": float(rows.size)}, rows)
+            self._found(
+                FlagCode.UNREACHABLE_DRIVES,
+                message,
+                columns.drive_names(self.campaign.robot),
+                {"rows": float(rows.size)},
+                rows,
+            )
 
     def _no_agreement(self, names: tuple[str, ...], misfit: float, unit: str) -> None:
         headings = ", ".join(self.campaign.heading(name) for name in names)
@@ -179,7 +188,8 @@ class FrameChecks:
 
     def _position_mistakes(self) -> Iterator[Mistake]:
         data = self.data
-        drives = [self.campaign.heading(name) for name in columns.DRIVES]
+        names_of = columns.drive_names(self.campaign.robot)
+        drives = [self.campaign.heading(name) for name in names_of]
         for factor, wrong in _LENGTH_MISTAKES:
             undone = dataclasses.replace(data, position_m=data.position_m * factor)
             message = f"the measured positions seem to hold {wrong}"
@@ -198,12 +208,12 @@ class FrameChecks:
         for factor, wrong in _ANGLE_MISTAKES:
             message = f"column '{drives[3]}' seems to hold {wrong}"
             scaled = data.drives * np.array([1.0, 1.0, 1.0, factor])
-            yield from self._with_drives(scaled, FlagCode.DRIVE_UNIT, message, columns.DRIVES[3:])
+            yield from self._with_drives(scaled, FlagCode.DRIVE_UNIT, message, names_of[3:])
         for order in itertools.permutations(range(3)):
             moved = [i for i in range(3) if order[i] != i]
             if moved:
-                wrong = ", ".join(f"'{drives[i]}' holds {columns.DRIVES[order[i]]}" for i in moved)
-                message, names = f"columns of drives seem to be exchanged: {wrong}", [columns.DRIVES[i] for i in moved]
+                wrong = ", ".join(f"'{drives[i]}' holds {names_of[order[i]]}" for i in moved)
+                message, names = f"columns of drives seem to be exchanged: {wrong}", [names_of[i] for i in moved]
                 back = data.drives[:, [*np.argsort(order), 3]]
                 yield from self._with_drives(back, FlagCode.DRIVES_EXCHANGED, message, names)
 

@@ -83,10 +83,11 @@ def smooth_terms(campaign: Campaign, poses: PoseStack, *, with_time: bool = True
     """
     tilt = np.arctan2(poses.rotation[:, 0, 2], poses.rotation[:, 0, 0])
     pose_terms = [_scaled(values) for values in (*poses.position_m.T, tilt)]
-    conditions = [campaign.payload_kg, campaign.truss_travel_m]
-    if with_time:
-        conditions += [campaign.time_s, campaign.platform_degC]
-        conditions += [] if campaign.leg_degC is None else list(campaign.leg_degC.T)
+    # What is poured and the hall move nothing by themselves; parts warm with time.
+    slow = ("time", *(name for name in campaign.robot.thermometers if name != "melt"))
+    conditions = [
+        campaign.quantity(name) for name in ("payload", *campaign.robot.travels, *(slow if with_time else ()))
+    ]
     conditions += [] if campaign.approach is None else list(campaign.approach.T)
     terms = [np.ones(len(campaign)), *pose_terms]
     terms += [_scaled(_filled(values)) for values in conditions if values is not None and np.isfinite(values).any()]

@@ -26,7 +26,7 @@ def quantity_range(campaign: Campaign, name: str, kind: Kind) -> dict[str, Any] 
     if values is None:
         return None
     unit, factor = _SHOWN_UNIT.get(kind, (next(iter(UNITS[kind]), ""), 1.0))
-    if name == "truss_travel":
+    if name in campaign.robot.travels:
         unit, factor = "m", 1.0
     known = values[np.isfinite(values)] * factor
     return {
@@ -40,7 +40,7 @@ def quantity_range(campaign: Campaign, name: str, kind: Kind) -> dict[str, Any] 
 def campaign_metrics(campaign: Campaign, found: Examination) -> dict[str, Any]:
     """Return everything a user should know of a campaign before a fit, ready for JSON; units are in the names."""
     metadata, fit = campaign.metadata, found.fit
-    numeric = [quantity for quantity in columns.CAMPAIGN if quantity.kind != "label"]
+    numeric = [quantity for quantity in columns.campaign_columns(campaign.robot) if quantity.kind != "label"]
     ranges = {quantity.name: quantity_range(campaign, quantity.name, quantity.kind) for quantity in numeric}
     figures: dict[str, Any] = {
         "file": str(campaign.path),

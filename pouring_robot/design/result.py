@@ -22,6 +22,7 @@ from pouring_robot.io.tables import csv_text
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.result import Result
+from pouring_robot.robot.pouring.definition import PouringDefinition
 from pouring_robot.robot.pouring.names import LEGS
 
 if TYPE_CHECKING:
@@ -162,7 +163,8 @@ class MeasurementPlan(Result):
         """
         request = self.request
         headings = ["sample", "x_mm", "y_mm", "z_mm", "tilt_deg"]
-        headings += list(columns.APPROACHES) if request.both_sides else []
+        approaches = columns.approach_names(PouringDefinition())
+        headings += list(approaches) if request.both_sides else []
         headings += ["payload_kg"] if request.loads_kg else []
         headings += [f"{leg}_degC" for leg in LEGS] if request.leg_degC else []
         rows = []
@@ -170,7 +172,7 @@ class MeasurementPlan(Result):
             x, y, z, tilt = pose
             row = [f"{number}{'b' if visit.side < 0 else ''}", *(f"{value / MM:.1f}" for value in (x, y, z))]
             row.append(f"{math.degrees(tilt):.2f}")
-            row += [str(visit.side)] * len(columns.APPROACHES) if request.both_sides else []
+            row += [str(visit.side)] * len(approaches) if request.both_sides else []
             row += [f"{visit.payload_kg:g}"] if request.loads_kg else []
             row += [f"{visit.leg_degC:g}"] * len(LEGS) if request.leg_degC else []
             rows.append(row)

@@ -11,10 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pouring_robot.campaign.columns import approach_names
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
+from pouring_robot.robot.pouring.names import LEGS
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +133,7 @@ def conditions_of(campaign: Campaign, nominal: NominalRows) -> Conditions:
     if reference is None:
         reference = REFERENCE_DEGC
         assumed.append(f"reference temperature {reference:g} °C")
-    payload = filler("payload_kg")
+    payload = filler("payload")
     weight = pull = moment = None
     if payload is not None and metadata.ladle_tare_kg is not None and metadata.ladle_centre_of_mass_m is not None:
         weight = (metadata.ladle_tare_kg + payload) * GRAVITY_M_S2
@@ -139,9 +141,9 @@ def conditions_of(campaign: Campaign, nominal: NominalRows) -> Conditions:
         turn = nominal.by_drive[:, 3:]
         rise = nominal.by_drive[:, 2] + arm[:, 1, None] * turn[:, 0] - arm[:, 0, None] * turn[:, 1]
         pull, moment = -weight[:, None] * rise[:, :3], -weight * rise[:, 3]
-    known = filler("time_s")
+    known = filler("time")
     names = {name: k for k, name in enumerate(dict.fromkeys(campaign.sessions))}
-    above = {name: filler(f"{name}_degC") for name in ("melt", "ambient", "leg", "platform")}
+    above = {name: filler(name) for name in ("melt", "ambient", "platform")} | {"leg": filler(*LEGS)}
     rises = {f"{name}_rise_k": None if v is None else v - reference for name, v in above.items()}
     return Conditions(
         drives=np.array(campaign.drives),
@@ -153,11 +155,11 @@ def conditions_of(campaign: Campaign, nominal: NominalRows) -> Conditions:
         session=np.array([names[name] for name in campaign.sessions], dtype=np.intp),
         time_s=np.arange(len(campaign), dtype=float) if known is None else known,
         time_known=known is not None,
-        approach=filler("approach"),
+        approach=filler(*approach_names(campaign.robot)),
         weight_n=weight,
         leg_pull_n=pull,
         tilt_moment_nm=moment,
-        truss_travel_m=filler("truss_travel_m"),
+        truss_travel_m=filler("truss_travel"),
         screw_pitch_m=metadata.screw_pitch_m,
         truss_span_m=metadata.truss_span_m,
         filled=tuple(filler.filled),
@@ -176,21 +178,22 @@ class _Filler:
         self._time = np.asarray(time) if whole else np.arange(len(campaign), dtype=float)
         self.filled: list[str] = []
 
-    def __call__(self, name: str) -> FloatArray | None:
-        """Return an array without gaps; None where the campaign does not have it, or a column of it is empty."""
-        values: FloatArray | None = getattr(self._campaign, name)
-        if values is None:
+    def __call__(self, *names: str) -> FloatArray | None:
+        """Return quantities without gaps, (n,) or a column each; None where the campaign lacks one of them."""
+        given = [self._campaign.quantity(name) for name in names]
+        columns = [self._without_gaps(n, v) for n, v in zip(names, given, strict=True) if v is not None]
+        if len(columns) < len(names):
             return None
-        table = np.array(values, dtype=float).reshape(len(values), -1)
-        for column in table.T:
-            known = np.isfinite(column)
-            if not known.any():
-                return None
-            if not known.all():
-                order = np.argsort(self._time[known], kind="stable")
-                times, cells = self._time[known][order], column[known][order]
-                filled = np.interp(self._time[~known], times, cells)
-                column[~known] = np.sign(filled) + (filled == 0.0) if name == "approach" else filled
-                if name not in self.filled:
-                    self.filled.append(name)
-        return table.reshape(values.shape)
+        return columns[0] if len(names) == 1 else np.column_stack(columns)
+
+    def _without_gaps(self, name: str, values: FloatArray) -> FloatArray:
+        known = np.isfinite(values)
+        if known.all():
+            return values
+        order = np.argsort(self._time[known], kind="stable")
+        times, cells = self._time[known][order], values[known][order]
+        filled = np.interp(self._time[~known], times, cells)
+        whole = np.array(values)
+        whole[~known] = np.sign(filled) + (filled == 0.0) if name.startswith("approach_") else filled
+        self.filled.append(self._campaign.heading(name))
+        return whole

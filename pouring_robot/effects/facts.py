@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pouring_robot.campaign.columns import APPROACHES
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.robot.pouring.names import LEGS
+from pouring_robot.robot.pouring.names import DRIVE_COLUMNS, LEGS
 
+APPROACHES = tuple(f"approach_{column}" for column in DRIVE_COLUMNS)
 _KILO, _HOUR_S = 1e3, 3600.0
 
 

@@ -17,16 +17,17 @@ def measure(robot, count=60, seed=1, **options):
 
 
 def damaged(campaign, **changes):
-    """Return the campaign with arrays changed by functions of a copy, or replaced."""
-    replaced = {}
+    """Return the campaign with arrays or conditions changed by functions of a copy, or replaced."""
+    replaced, conditions = {}, {}
     for name, change in changes.items():
+        there = conditions if name in campaign.conditions else replaced
         if callable(change):
-            values = np.array(getattr(campaign, name))
+            values = np.array(campaign.conditions[name] if there is conditions else getattr(campaign, name))
             result = change(values)
-            replaced[name] = values if result is None else result
+            there[name] = values if result is None else result
         else:
-            replaced[name] = change
-    return dataclasses.replace(campaign, **replaced)
+            there[name] = change
+    return dataclasses.replace(campaign, **replaced).with_conditions(**conditions)
 
 
 def codes(flags):

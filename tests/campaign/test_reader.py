@@ -75,8 +75,8 @@ def test_every_unit_gives_the_same_si_value(tmp_path, name, unit):
 def test_temperatures_in_kelvin(tmp_path):
     cells = {key: value for key, value in BASE.items() if key != "leg1_degC"} | {"leg1_K": 353.15}
     campaign = Campaign.read(write_text(tmp_path, ",".join(cells), [",".join(map(str, cells.values()))]))
-    assert campaign.leg_degC[0, 0] == pytest.approx(80.0, abs=1e-12)
-    assert np.isnan(campaign.leg_degC[0, 1:]).all()
+    assert campaign.conditions["leg1"][0] == pytest.approx(80.0, abs=1e-12)
+    assert not {"leg2", "leg3", "leg4"} & set(campaign.conditions)
 
 
 @pytest.mark.parametrize(

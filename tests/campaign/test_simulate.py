@@ -24,7 +24,9 @@ def test_round_trip_simulate_read_check(tmp_path, as_built, full):
     measured.campaign.save(tmp_path / "c.csv")
     campaign = Campaign.read(tmp_path / "c.csv")
     assert campaign.full_pose is full
-    for name in ("drives", "position_m", "approach", "time_s", "payload_kg", "leg_degC", "platform_degC"):
+    for name in ("time", "payload", "leg1", "leg4", "platform"):
+        np.testing.assert_allclose(campaign.quantity(name), measured.campaign.quantity(name), atol=1e-6, err_msg=name)
+    for name in ("drives", "position_m", "approach"):
         np.testing.assert_allclose(getattr(campaign, name), getattr(measured.campaign, name), atol=1e-6, err_msg=name)
     assert campaign.metadata == measured.campaign.metadata
     assert "seed 21" in campaign.metadata.description

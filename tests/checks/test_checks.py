@@ -83,17 +83,17 @@ DAMAGES = {
     "repeated_rows": [lambda c: damaged(c, drives=copied, position_m=copied, rotation_vector_rad=copied)],
     "stuck_column": [
         lambda c: damaged(c, position_m=set_rows(slice(20, 26), 1, 0.4)),
-        lambda c: damaged(c, leg_degC=set_rows(slice(20, 40), 2, 55.0)),
+        lambda c: damaged(c, leg3=set_rows(slice(20, 40), ..., 55.0)),
         lambda c: damaged(c, rotation_vector_rad=set_rows(slice(20, 25), 1, 0.4)),
     ],
     "column_jump": [
-        lambda c: damaged(c, leg_degC=set_rows([15], 1, 900.0)),
-        lambda c: damaged(c, ambient_degC=set_rows([15], 0, -100.0)),
+        lambda c: damaged(c, leg2=set_rows([15], ..., 900.0)),
+        lambda c: damaged(c, ambient=set_rows([15], ..., -100.0)),
     ],
     "bad_approach": [lambda c: damaged(c, approach=set_rows([4], 2, 0.0))],
     "time_not_increasing": [
-        lambda c: damaged(c, time_s=set_rows([30], 0, 1.0)),
-        lambda c: damaged(c, time_s=np.zeros(len(c))),
+        lambda c: damaged(c, time=set_rows([30], ..., 1.0)),
+        lambda c: damaged(c, time=np.zeros(len(c))),
     ],
     "missing_drives": [lambda c: damaged(c, drives=set_rows([3, 9], 1, np.nan))],
     "no_noise_level": [
@@ -101,7 +101,7 @@ DAMAGES = {
         lambda c: damaged(c, metadata=c.metadata.model_copy(update={"sigma_rotation_rad": None})),
     ],
     "no_temperatures": [
-        lambda c: damaged(c, leg_degC=None, platform_degC=None, melt_degC=None, ambient_degC=None),
+        lambda c: damaged(c, **dict.fromkeys((*c.robot.thermometers, "ambient"))),
     ],
     "too_few_rows": [lambda c: c.subset(range(12)), lambda c: c.subset(range(3))],
     "one_pose": [lambda c: damaged(c, drives=lambda v: np.repeat(v[:1], len(v), axis=0))],
@@ -229,7 +229,7 @@ def test_a_new_session_explains_a_clock_that_restarts(drawing, clean):
     campaign = clean.campaign
     time = np.array(campaign.time_s)
     time[30:] -= time[30] - 1.0
-    restarted = damaged(campaign, time_s=time)
+    restarted = damaged(campaign, time=time)
     assert codes(check_campaign(restarted, drawing)) == {"time_not_increasing"}
     assert check_campaign(damaged(restarted, sessions=("1",) * 30 + ("2",) * 30), drawing) == []
 
@@ -243,5 +243,5 @@ def test_a_real_repeat_is_no_repeated_row(drawing):
     vectors = np.concatenate([first.rotation_vector_rad, first.rotation_vector_rad + noise])
     time = np.arange(120.0)
     assert "repeated_rows" not in codes(
-        check_campaign(damaged(both, position_m=rows, rotation_vector_rad=vectors, time_s=time), drawing)
+        check_campaign(damaged(both, position_m=rows, rotation_vector_rad=vectors, time=time), drawing)
     )

@@ -136,7 +136,9 @@ def test_a_group_says_what_looks_alike_and_what_would_tell(hot):
 def test_missing_columns_are_named(tmp_path):
     data = campaign(tmp_path, NOTHING, rows=40)
     spanless = data.metadata.model_copy(update={"truss_span_m": None})
-    bare = replace(data, leg_degC=None, payload_kg=None, metadata=spanless)
+    bare = replace(data, metadata=spanless).with_conditions(
+        **dict.fromkeys(("leg1", "leg2", "leg3", "leg4", "payload"))
+    )
     diagnosis = diagnose(bare)
     lines = untestable_lines(diagnosis)
     assert "leg_thermal_expansion: add columns leg1_degC, leg2_degC, leg3_degC, leg4_degC" in lines

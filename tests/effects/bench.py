@@ -17,6 +17,7 @@ from pouring_robot.effects import LIBRARY, conditions
 from pouring_robot.estimation.frames import OuterFrames
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.pouring.definition import PouringDefinition
 from tests.rig.conditions import CENTRE_OF_MASS, GRAVITY, PITCH_M, REFERENCE_DEGC, SPAN_M, TARE_KG, plan
 from tests.rig.effects import FORMS, textbook
 from tests.rig.machine import Errors
@@ -43,6 +44,7 @@ def campaign_of(scene, position, rotation):
     """Return a campaign of the rig's rows, nothing rounded, thermometers true."""
     rows = len(scene)
     return Campaign(
+        robot=PouringDefinition(),
         path=Path("rig.csv"),
         metadata=METADATA,
         lines=np.arange(2, rows + 2),
@@ -54,13 +56,15 @@ def campaign_of(scene, position, rotation):
         position_m=position,
         rotation_vector_rad=rotation,
         approach=scene.approach,
-        time_s=scene.time_s,
-        payload_kg=scene.payload_kg,
-        truss_travel_m=scene.travel_m,
-        melt_degC=scene.melt,
-        ambient_degC=scene.ambient,
-        leg_degC=scene.leg_temperature,
-        platform_degC=scene.plate_temperature,
+        conditions={
+            "time": scene.time_s,
+            "payload": scene.payload_kg,
+            "truss_travel": scene.travel_m,
+            "melt": scene.melt,
+            "ambient": scene.ambient,
+            **{f"leg{k + 1}": values for k, values in enumerate(scene.leg_temperature.T)},
+            "platform": scene.plate_temperature,
+        },
     )
 
 
@@ -100,9 +104,11 @@ class Bench:
         position = seen.position_m + SIGMA_M * noise[0]
         return dataclasses.replace(self.campaign, position_m=position, rotation_vector_rad=np.array(turn))
 
-    def without(self, name):
-        """Return the conditions of the campaign without one of its arrays."""
-        return self.rows_of(dataclasses.replace(self.campaign, **{name: None})).conditions
+    def without(self, *names):
+        """Return the conditions of the campaign without some of its quantities."""
+        if names == ("approach",):
+            return self.rows_of(dataclasses.replace(self.campaign, approach=None)).conditions
+        return self.rows_of(self.campaign.with_conditions(**dict.fromkeys(names))).conditions
 
     def errors(self, effect, form, seed=1):
         """Return what a form of the rig does at size one."""

@@ -116,7 +116,7 @@ def test_backlash_on_one_side_leaves_the_other_alone(bench):
 
 def test_backlash_without_loads_has_no_load_parameters(bench):
     """The payload is not needed; without it the play cannot depend on it."""
-    names = [p.name for p in EFFECTS["drive_backlash"].form("both_sides", bench.without("payload_kg")).parameters]
+    names = [p.name for p in EFFECTS["drive_backlash"].form("both_sides", bench.without("payload")).parameters]
     assert names[:4] == ["l1_play", "l2_play", "l3_play", "theta46_play"]
     assert not any("load" in name for name in names)
     assert any("load" in p.name for p in bench.form("drive_backlash", "both_sides").parameters)

@@ -1,7 +1,5 @@
 """The effect stack of a model file: read, written, put into the robot row by row, and what is wrong with one."""
 
-import dataclasses
-
 import numpy as np
 import pydantic
 import pytest
@@ -110,7 +108,7 @@ def test_value_in_another_unit_is_refused(bench):
 
 
 def test_condition_that_the_campaign_does_not_say(bench):
-    campaign = dataclasses.replace(bench.campaign, truss_travel_m=None)
+    campaign = bench.campaign.with_conditions(truss_travel=None)
     model = RobotModel(effects=[entry("truss_deflection", "moving_load", {"sink": 1.0})])
     with pytest.raises(DiagnosisError, match="'truss_deflection' needs truss_travel_m, and the campaign") as problem:
         bench.rows_of(campaign, model)

@@ -45,7 +45,7 @@ def test_legs_grow_by_length_and_temperature(bench):
     given = bench.rows.conditions
     main = bench.form("leg_thermal_expansion", "own_temperature").parameters[0]
     for k in range(3):
-        expected = 1e-6 * given.lengths_m[:, k] * (bench.campaign.leg_degC[:, k] - 20.0)
+        expected = 1e-6 * given.lengths_m[:, k] * (bench.campaign.conditions[f"leg{k + 1}"] - 20.0)
         assert np.allclose(main.changes[CHANNELS[k]], expected, rtol=1e-12)
     assert len(main.changes) == 3, "leg 4 is passive"
 
@@ -63,7 +63,7 @@ def test_biased_thermometer_can_be_made_up_for(bench):
 
 
 def test_without_a_platform_thermometer_legs_can_still_be_tested(bench):
-    form = EFFECTS["leg_thermal_expansion"].form("own_temperature", bench.without("platform_degC"))
+    form = EFFECTS["leg_thermal_expansion"].form("own_temperature", bench.without("platform"))
     names = {p.name for p in form.parameters}
     assert "platform_share" not in names
     assert {"expansion", "barrel", "lag", "l3_thermometer_gain"} <= names

@@ -173,7 +173,7 @@ def test_dead_load_bends_whatever_is_in_the_ladle(bench):
 
 def test_heavier_ladle_pulls_harder(bench):
     """Weight and forces go with tare and payload; without either nothing can be said."""
-    twice = replace(bench.campaign, payload_kg=2.0 * bench.campaign.payload_kg + TARE_KG)
+    twice = bench.campaign.with_conditions(payload=2.0 * bench.campaign.payload_kg + TARE_KG)
     heavier = bench.rows_of(twice).conditions
     assert heavier.leg_pull_n == pytest.approx(2.0 * bench.rows.conditions.leg_pull_n, rel=1e-12)
     assert heavier.tilt_moment_nm == pytest.approx(2.0 * bench.rows.conditions.tilt_moment_nm, rel=1e-12)

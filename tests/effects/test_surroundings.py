@@ -47,7 +47,7 @@ def test_main_courses_are_of_one_size(bench, form):
 
 def test_scale_by_air_needs_the_air(bench):
     """Without a hall thermometer the scale is constant."""
-    form = EFFECTS["metrology_scale"].form("constant", bench.without("ambient_degC"))
+    form = EFFECTS["metrology_scale"].form("constant", bench.without("ambient"))
     assert [p.name for p in form.parameters] == ["scale"]
     assert [p.name for p in bench.form("metrology_scale", "constant").parameters] == ["scale", "scale_by_air"]
 

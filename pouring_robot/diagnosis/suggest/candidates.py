@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pouring_robot.campaign.data import ARRAYS, Campaign
+from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.diagnosis.descriptions import descriptions
 from pouring_robot.diagnosis.findings import Findings
@@ -42,17 +42,19 @@ class Candidates:
 
     Attributes:
         poses: n poses of the moving platform.
-        drives: (n, 4) in m and rad.
+        drives: (n, drives) in m and rad.
         hot: whether the machine is hot, (n,).
         hours_later: after the last row of the campaign, (n,).
-        arrays: condition arrays as a campaign has them, by field name; only those that the campaign has.
+        approach: (n, drives) +1 or -1; None where the campaign does not say it of every drive.
+        conditions: (n,) each by quantity name; only those that the campaign has.
     """
 
     poses: tuple[PlatformPose, ...]
     drives: FloatArray
     hot: NDArray[np.bool_]
     hours_later: FloatArray
-    arrays: dict[str, FloatArray]
+    approach: FloatArray | None
+    conditions: dict[str, FloatArray]
 
     def __len__(self) -> int:
         """Return the number of candidates."""
@@ -79,18 +81,18 @@ def candidates(campaign: Campaign, robot: PouringRobot, count: int, seed: int) -
     loads = np.array([0.0, 0.5, 1.0]) * robot.layout.ladle.payload_kg
     reference = campaign.metadata.reference_temperature_degC
     cold = REFERENCE_DEGC if reference is None else reference
+    approach = random.choice([-1.0, 1.0], plan.drives.shape)
     made: dict[str, FloatArray] = {
-        "approach": random.choice([-1.0, 1.0], (count, 4)),
-        "time_s": last + _HOUR_S * later,
-        "payload_kg": random.choice(loads, count),
-        "truss_travel_m": np.round(random.uniform(0.0, span, count), 2),
-        "melt_degC": np.where(hot, _MELT_DEGC, cold),
-        "ambient_degC": np.full(count, cold),
-        "leg_degC": _warm(campaign.leg_degC, cold, _LEG_RISE_K, hot),
-        "platform_degC": _warm(campaign.platform_degC, cold, _PLATFORM_RISE_K, hot),
+        "time": last + _HOUR_S * later,
+        "payload": random.choice(loads, count),
+        "truss_travel": np.round(random.uniform(0.0, span, count), 2),
+        "melt": np.where(hot, _MELT_DEGC, cold),
+        "ambient": np.full(count, cold),
     }
-    kept = {name: values for name, values in made.items() if _recorded(getattr(campaign, name))}
-    return Candidates(plan.poses, plan.drives, hot, later, kept)
+    for name in (part for part in campaign.robot.thermometers if part not in made):
+        made[name] = _warm(campaign.quantity(name), cold, _PLATFORM_RISE_K if name == "platform" else _LEG_RISE_K, hot)
+    kept = {name: values for name, values in made.items() if name in campaign.conditions}
+    return Candidates(plan.poses, plan.drives, hot, later, approach if _recorded(campaign.approach) else None, kept)
 
 
 def _recorded(values: FloatArray | None) -> bool:
@@ -99,11 +101,9 @@ def _recorded(values: FloatArray | None) -> bool:
 
 
 def _warm(seen: FloatArray | None, cold: float, rise_k: float, hot: NDArray[np.bool_]) -> FloatArray:
-    """Return temperatures of a part, (n,) or (n, 4): cold, or as hot as it was seen, at least by a plausible rise."""
-    if seen is None or not _recorded(seen):
-        return np.zeros(len(hot))
-    highest = np.round(np.maximum(np.nanmax(seen, axis=0), cold + rise_k))
-    return np.asarray(np.where(hot if seen.ndim == 1 else hot[:, None], highest, cold))
+    """Return temperatures of a part, (n,): cold, or as hot as it was seen, at least by a plausible rise."""
+    highest = cold + rise_k if seen is None else max(float(np.nanmax(seen)), cold + rise_k)
+    return np.asarray(np.where(hot, np.round(highest), cold))
 
 
 class Prospect:
@@ -165,15 +165,20 @@ def _together(campaign: Campaign, possible: Candidates, diagnosis: Findings) -> 
     n, frames = len(possible), diagnosis.after.frames
     outer, inner = frames.T_tracker_base, frames.T_end_target
     seen = [outer * pose.to_se3() * inner for pose in possible.poses]
-    arrays: dict[str, Any] = possible.arrays | {
+    arrays: dict[str, Any] = {
         "drives": possible.drives,
+        "approach": possible.approach,
         "position_m": np.array([pose.translation for pose in seen]),
         "rotation_vector_rad": Rotation.from_matrix([pose.rotation for pose in seen]).as_rotvec(),
     }
+    empty = np.full(n, np.nan)
     joined: dict[str, Any] = {
-        name: np.concatenate([values, arrays.get(name, np.full((n, *values.shape[1:]), np.nan))])
-        for name in ARRAYS
+        name: np.concatenate([values, np.tile(empty[:, None], values.shape[1]) if added is None else added])
+        for name, added in arrays.items()
         if (values := getattr(campaign, name)) is not None
+    }
+    joined["conditions"] = {
+        name: np.append(values, possible.conditions.get(name, empty)) for name, values in campaign.conditions.items()
     }
     return replace(
         campaign,

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pouring_robot.campaign.columns import APPROACHES
+from pouring_robot.campaign.columns import approach_names, condition_columns
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.suggest.candidates import Candidates, Prospect, candidates
 from pouring_robot.diagnosis.suggest.contenders import Contender, contest, scaled_columns
@@ -16,7 +16,7 @@ from pouring_robot.diagnosis.suggest.words import separating_words, untestable_w
 from pouring_robot.inference.discrimination import Prediction, choose, expected, total
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.robot.pouring.names import LEGS
+from pouring_robot.robot.definition import RobotDefinition
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
 
@@ -24,7 +24,6 @@ MOST = 10
 RANDOM_SETS = 50
 _CANDIDATES = 75
 _LITTLE_NATS = 3.0
-_COLUMNS = {"approach": APPROACHES, "leg_degC": tuple(f"{leg}_degC" for leg in LEGS)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +170,10 @@ def suggest_measurements(diagnosis: Findings, count: int = MOST, seed: int = 0) 
         for k, (a, b) in enumerate(pairs)
     )
     order = np.argsort(choice.chosen, kind="stable")  # candidates stand in the order of their time
-    measurements = [_measurement(possible, int(choice.chosen[i]), int(i) + 1, names, choice.gains[i]) for i in order]
+    robot = diagnosis.rows.campaign.robot
+    measurements = [
+        _measurement(robot, possible, int(choice.chosen[i]), int(i) + 1, names, choice.gains[i]) for i in order
+    ]
     together = float(total(grown))
     if together < _LITTLE_NATS:
         advice = (
@@ -190,13 +192,17 @@ def _prediction(contender: Contender, prospect: Prospect) -> Prediction:
 
 
 def _measurement(
-    possible: Candidates, index: int, rank: int, names: Sequence[tuple[str, str]], gains: FloatArray
+    robot: RobotDefinition,
+    possible: Candidates,
+    index: int,
+    rank: int,
+    names: Sequence[tuple[str, str]],
+    gains: FloatArray,
 ) -> SuggestedMeasurement:
-    given: dict[str, float] = {}
-    for name in ("approach", "payload_kg", "truss_travel_m", "melt_degC", "ambient_degC", "leg_degC", "platform_degC"):
-        if name in possible.arrays:
-            values = np.atleast_1d(possible.arrays[name][index]).tolist()
-            given |= dict(zip(_COLUMNS.get(name, (name,)), values, strict=True))
+    sides = () if possible.approach is None else possible.approach[index].tolist()
+    given = dict(zip(approach_names(robot), sides, strict=False))
+    canonical = {quantity.name: quantity.canonical for quantity in condition_columns(robot) if quantity.name != "time"}
+    given |= {canonical[n]: float(v[index]) for n, v in possible.conditions.items() if n in canonical}
     best = int(np.argmax(gains))
     return SuggestedMeasurement(
         possible.poses[index],
