@@ -42,6 +42,8 @@ IDS = {
     "base_drift": {"base_drift"},
     "metrology_scale": {"metrology_scale"},
     "thermal": {"link_thermal_expansion"},
+    "compliance": {"drive_compliance"},
+    "session_offset": {"session_offset"},
 }
 """What the library calls the effects, without the group of drives."""
 

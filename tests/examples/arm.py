@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
+
+from tests.examples.drawing import ALUMINIUM, STEEL, ball_kg, bar_kg, slope
 
 Array = npt.NDArray[np.float64]
 
@@ -16,6 +20,33 @@ ORIGINS = np.array(
 """Of each joint in the one before it."""
 
 
+MASSES = np.array(
+    [
+        0.0,  # the turret stays at its height
+        bar_kg(ALUMINIUM, 0.075, UPPER),
+        bar_kg(ALUMINIUM, 0.065, float(np.hypot(FORE / 2, ELBOW))),
+        bar_kg(ALUMINIUM, 0.045, FORE / 2),
+        ball_kg(0.050),
+        bar_kg(STEEL, 0.035, 0.03),
+    ]
+)
+CENTRES = np.array(
+    [[0, 0, 0], [0, 0, UPPER / 2], [FORE / 4, 0, ELBOW / 2], [FORE / 4, 0, 0], [0, 0, 0], [-0.015, 0, 0]]
+)
+"""Centre of mass of what each joint carries, in the joint's frame."""
+
+
+def _frames(drives: Array, origin: Array | float, tilt: Array | float) -> Iterator[tuple[Array, Array]]:
+    """Yield position (n, 3) and rotation (n, 3, 3) behind each joint."""
+    position, rotation = np.zeros((len(drives), 3)), np.tile(np.eye(3), (len(drives), 1, 1))
+    places = np.broadcast_to(ORIGINS + origin, (len(drives), 6, 3))
+    turns = Rotation.from_rotvec(np.zeros((6, 3)) + tilt).as_matrix()
+    for k, axis in enumerate(AXES):
+        position = position + np.einsum("nij,nj->ni", rotation, places[:, k])
+        rotation = rotation @ turns[k] @ Rotation.from_rotvec(drives[:, k, None] * axis).as_matrix()
+        yield position, rotation
+
+
 def forward(drives: Array, origin: Array | float = 0.0, tilt: Array | float = 0.0) -> tuple[Array, Array]:
     """Return position (n, 3) and rotation (n, 3, 3) of the flange for joint angles, shape (n, 6).
 
@@ -24,13 +55,19 @@ def forward(drives: Array, origin: Array | float = 0.0, tilt: Array | float = 0.
         origin: by how much the joints are displaced, in the joint before, shape (6, 3) or (n, 6, 3).
         tilt: rotation vector by which a joint's frame is turned, shape (6, 3).
     """
-    position, rotation = np.zeros((len(drives), 3)), np.tile(np.eye(3), (len(drives), 1, 1))
-    places = np.broadcast_to(ORIGINS + origin, (len(drives), 6, 3))
-    turns = Rotation.from_rotvec(np.zeros((6, 3)) + tilt).as_matrix()
-    for k, axis in enumerate(AXES):
-        position = position + np.einsum("nij,nj->ni", rotation, places[:, k])
-        rotation = rotation @ turns[k] @ Rotation.from_rotvec(drives[:, k, None] * axis).as_matrix()
-    return position, rotation
+    *_, flange = _frames(drives, origin, tilt)
+    return flange
+
+
+def weight(drives: Array, payload: Array) -> Array:
+    """Return the torque of gravity on each joint, shape (n, 6), in Nm, with a payload (n,) in kg at the flange."""
+
+    def height_kg(angles: Array) -> Array:
+        frames = list(_frames(angles, 0.0, 0.0))
+        own = sum(m * (p + R @ c)[:, 2] for m, c, (p, R) in zip(MASSES, CENTRES, frames, strict=True))
+        return np.asarray(own + payload * frames[-1][0][:, 2])
+
+    return -slope(height_kg, drives)
 
 
 def inverse(position: Array, rotation: Array) -> Array:

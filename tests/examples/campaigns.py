@@ -70,9 +70,9 @@ def _cross(vectors: Array) -> Array:
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
 
 
-def plan(machine: Machine, random: np.random.Generator) -> Scene:
-    """Return a scene: random poses, both sides approached, one or two days, parts that warm up and cool down."""
-    rows, sessions = int(random.integers(110, 170)), int(random.choice([1, 1, 2]))
+def plan(machine: Machine, random: np.random.Generator, sessions: int) -> Scene:
+    """Return a scene: random poses, both sides approached, one day or more, parts that warm up and cool down."""
+    rows = int(random.integers(110, 170))
     session = 1 + (np.arange(rows) * sessions) // rows
     time = np.cumsum(random.uniform(40.0, 90.0, size=rows)) + (session - 1) * 72_000.0
     hours = time / 3600.0
@@ -87,6 +87,7 @@ def plan(machine: Machine, random: np.random.Generator) -> Scene:
         time=time,
         ambient=ambient,
         warmth=warmth,
+        payload=random.choice(machine.payloads or (0.0,), size=rows),
     )
 
 
@@ -126,7 +127,8 @@ def write(folder: Path, machine: Machine, seed: int, effect: str = NULL, ratio: 
         ratio: how many times the noise it shows; drawn if not given.
     """
     random = np.random.default_rng([seed, sum(map(ord, machine.name + effect))])
-    scene, tracker = plan(machine, random), stand(random)
+    sessions = int(random.choice([2, 3] if effect == "session_offset" else [1, 1, 2]))
+    scene, tracker = plan(machine, random, sessions), stand(random)
     drawn = float(np.exp(random.uniform(*np.log(RATIOS))))
     hidden, effects = Hidden(), []
     if effect != NULL:
@@ -153,6 +155,7 @@ def _table(machine: Machine, scene: Scene, position: Array, vector: Array) -> li
         (["time_s"], scene.time[:, None], 1),
         ([f"{column}_{unit}" for column in machine.columns], factor * scene.drives, digits),
         ([f"approach_{column}" for column in machine.columns], scene.approach, 0),
+        (["payload_kg"] if machine.payloads else [], scene.payload[:, None][:, : bool(machine.payloads)], 1),
         (["ambient_degC"], scene.ambient[:, None], 2),
         ([f"{link}_degC" for link in machine.links], scene.warmth, 2),
         (["x_mm", "y_mm", "z_mm"], 1e3 * position, 5),

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from tests.examples.drawing import ALUMINIUM, ball_kg, bar_kg, slope
+
 Array = npt.NDArray[np.float64]
 
 AZIMUTH = 2.0 * np.pi / 3.0 * np.arange(3)
@@ -57,6 +59,19 @@ def inverse(position: Array) -> Array:
     level, drop = np.sum(reach * OUTWARDS, axis=-1), -reach[..., 2]
     share = (np.sum(reach**2, axis=-1) + UPPER**2 - FORE**2) / (2.0 * UPPER)
     return np.asarray(np.arctan2(drop, level) - np.arccos(share / np.hypot(level, drop)))
+
+
+def weight(drives: Array, payload: Array) -> Array:
+    """Return the torque of gravity on each drive, shape (n, 3), in Nm, with a payload (n,) in kg at the gripper."""
+    upper_kg, fore_kg = bar_kg(ALUMINIUM, 0.016, UPPER[0]), bar_kg(ALUMINIUM, 0.007, FORE[0])
+    end_kg = bar_kg(ALUMINIUM, 0.06, 0.012) + bar_kg(ALUMINIUM, 0.008, 0.06) + 6.0 * ball_kg(0.010)
+
+    def height_kg(angles: Array) -> Array:
+        elbows, platform = -UPPER * np.sin(angles), forward(angles)[0][:, 2]
+        arms = (upper_kg / 2.0 + fore_kg / 2.0 + ball_kg(0.012)) * elbows.sum(axis=1)
+        return np.asarray(arms + (1.5 * fore_kg + end_kg + payload) * platform)
+
+    return -slope(height_kg, drives)
 
 
 def targets(random: np.random.Generator, count: int) -> Array:

@@ -25,6 +25,7 @@ class Scene:
         time: in s, shape (n,).
         ambient: in °C, shape (n,).
         warmth: temperature of each part with a thermometer, in °C, shape (n, parts).
+        payload: in kg, shape (n,).
     """
 
     drives: Array
@@ -33,6 +34,7 @@ class Scene:
     time: Array
     ambient: Array
     warmth: Array
+    payload: Array
 
 
 @dataclass(frozen=True)
@@ -111,14 +113,32 @@ def placement(machine: Machine, scene: Scene, random: np.random.Generator) -> Hi
     return Hidden(geometry=geometry, told={"m": 1.0})
 
 
+def compliance(machine: Machine, scene: Scene, random: np.random.Generator) -> Hidden:
+    """Each drive yields to the weight it carries: by the size where it carries as much as drives do on average."""
+    if machine.weight is None:
+        raise ValueError(f"gravity does not move the {machine.name}")
+    force = machine.weight(scene.drives, scene.payload)
+    softness = random.uniform(0.6, 1.4, size=len(machine.columns)) / np.sqrt(np.mean(force**2))
+    return Hidden(drive=softness * force, told=_per_drive(machine, f"{machine.unit}_per_N", softness))
+
+
+def session_offset(machine: Machine, scene: Scene, random: np.random.Generator) -> Hidden:
+    """The tracker is set up anew each session, and nobody says so: the base seems to stand elsewhere."""
+    twists = np.stack([_twist(random) for _ in range(int(scene.session.max()))])
+    twists[0] = 0.0
+    return Hidden(base=twists[scene.session.astype(int) - 1], told={"m": 1.0, "rad": 0.3})
+
+
+def _twist(random: np.random.Generator) -> Array:
+    twist = random.normal(size=6)
+    return np.asarray(twist * np.repeat([1.0 / np.linalg.norm(twist[:3]), 0.3 / np.linalg.norm(twist[3:])], 3))
+
+
 def base_drift(machine: Machine, scene: Scene, random: np.random.Generator) -> Hidden:
     """The base creeps with time, evenly or ever more slowly."""
     hours = (scene.time - scene.time[0]) / 3600.0
     course = hours / hours[-1] if random.random() < 0.5 else 1.0 - np.exp(-3.0 * hours / hours[-1])
-    twist = random.normal(size=6)
-    twist[:3] /= np.linalg.norm(twist[:3])
-    twist[3:] *= 0.3 / np.linalg.norm(twist[3:])
-    return Hidden(base=course[:, None] * twist, told={"m_in_all": 1.0, "rad_in_all": 0.3})
+    return Hidden(base=course[:, None] * _twist(random), told={"m_in_all": 1.0, "rad_in_all": 0.3})
 
 
 def metrology_scale(machine: Machine, scene: Scene, random: np.random.Generator) -> Hidden:
@@ -146,6 +166,8 @@ EFFECTS: dict[str, Effect] = {
     "base_drift": base_drift,
     "metrology_scale": metrology_scale,
     "thermal": thermal,
+    "compliance": compliance,
+    "session_offset": session_offset,
 }
 """What can be hidden, by name."""
 
@@ -158,10 +180,14 @@ LARGEST = {
     "base_drift": 3e-3,
     "metrology_scale": 1e-3,
     "thermal": 2.6e-5,
+    "compliance": 2e-3,
+    "session_offset": 3e-3,
 }
 """Sizes beyond which no machine is let out of the workshop, in m, rad, as a share, or a K."""
 
 
 def effects_of(machine: Machine) -> tuple[str, ...]:
-    """Return the effects that make sense for a machine: only what slides has a scale."""
-    return tuple(name for name in EFFECTS if name != "scale" or machine.unit == "m")
+    """Return the effects that make sense for a machine: what slides has a scale, what gravity moves yields."""
+    without = {"scale"} if machine.unit != "m" else set()
+    without |= {"compliance"} if machine.weight is None else set()
+    return tuple(name for name in EFFECTS if name not in without)

@@ -7,6 +7,8 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from tests.examples.drawing import ALUMINIUM, STEEL, ball_kg, bar_kg, slope
+
 Array = npt.NDArray[np.float64]
 
 HOME = np.array([0.0, 0.0, 0.70])
@@ -58,6 +60,32 @@ def _pose(anchors: Array, feet: Array, lengths: Array) -> Array:
     if np.abs(found.fun).max() > 1e-12:
         raise ValueError(f"legs of {lengths} m do not fit")
     return np.asarray(found.x)
+
+
+def weight(drives: Array, payload: Array) -> Array:
+    """Return the force of gravity along each leg, shape (n, 6), in N, with a payload (n,) in kg on the table."""
+    table_kg, barrel_kg = bar_kg(ALUMINIUM, 0.33, 0.02), bar_kg(ALUMINIUM, 0.022, 0.40)
+    rods = LENGTH - 0.40 + 0.15
+    position, rotation = forward(drives)
+    turns = Rotation.from_matrix(rotation)
+
+    def moved(twist: Array) -> tuple[Array, Array]:
+        return position + twist[:, :3], (Rotation.from_rotvec(twist[:, 3:]) * turns).as_matrix()
+
+    def height_kg(twist: Array) -> Array:
+        place, axes = moved(twist)
+        feet = place[:, None, 2] + axes[:, 2] @ TABLE.T
+        rising = feet / (LENGTH + inverse(place, axes))  # of a leg's direction
+        legs = barrel_kg * 0.20 * rising + 3.0 * ball_kg(0.016) * feet
+        legs += bar_kg(STEEL, 0.012, 1.0) * rods * (feet - rods / 2.0 * rising)
+        load = table_kg * 0.03 + payload * 0.10
+        return np.asarray(legs.sum(axis=1) + (table_kg + payload) * place[:, 2] + load * axes[:, 2, 2])
+
+    at, step = np.zeros((len(drives), 6)), 1e-5
+    ways = [moved(sign * step * unit + at) for unit in np.eye(6) for sign in (1.0, -1.0)]
+    lengths = np.stack([inverse(*way) for way in ways]).reshape(6, 2, len(drives), 6)
+    jacobian = (lengths[:, 0] - lengths[:, 1]) / (2.0 * step)  # of legs by twists: (twist, n, leg)
+    return np.asarray(-np.linalg.solve(jacobian.transpose(1, 0, 2), slope(height_kg, at)[..., None])[..., 0])
 
 
 def targets(random: np.random.Generator, count: int) -> Array:

@@ -46,6 +46,8 @@ class Machine:
         centres: arguments of ``forward`` that displace joint centres (m), with their shapes.
         tilts: likewise those that tilt joint axes (rad).
         links: parts with a thermometer, by the name of the URDF's link.
+        payloads: masses (kg) that it carries in turn; none for one that gravity does not move.
+        weight: force or torque of gravity on each drive, (n, drives), for drive values and payload (n,).
     """
 
     name: str
@@ -57,6 +59,8 @@ class Machine:
     centres: Mapping[str, tuple[int, ...]]
     tilts: Mapping[str, tuple[int, ...]]
     links: Mapping[str, Link]
+    payloads: tuple[float, ...] = ()
+    weight: Callable[[Array, Array], Array] | None = None
 
 
 def _numbered(name: str, argument: str, lengths: Array) -> dict[str, Link]:
@@ -93,6 +97,8 @@ MACHINES = {
             {"base": (3, 3), "platform": (3, 3), "upper": (3,), "fore": (3,)},
             {},
             _numbered("arm{}_upper", "upper", delta.UPPER) | _numbered("arm{}_fore", "fore", delta.FORE),
+            (0.0, 1.0, 3.0),
+            delta.weight,
         ),
         Machine(
             "hexapod",
@@ -104,6 +110,8 @@ MACHINES = {
             {"base": (6, 3), "table": (6, 3)},
             {},
             _numbered("leg{}_barrel", "leg", hexapod.LENGTH),
+            (0.0, 60.0, 150.0),
+            hexapod.weight,
         ),
         Machine(
             "arm",
@@ -119,6 +127,8 @@ MACHINES = {
                 "elbow": Link("origin", (6, 3), (3, 0), arm.FORE / 2),
                 "forearm": Link("origin", (6, 3), (4, 0), arm.FORE / 2),
             },
+            (0.0, 5.0, 10.0),
+            arm.weight,
         ),
     )
 }

@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.mechanism.closure import ClosureSolver
 from pouring_robot.mechanism.parameters import drive_parameters, placement_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
@@ -119,3 +120,17 @@ def test_longer_links(name, joints, axis, argument):
             found = closed_chain_transfer(solver, result, columns).matrix @ along
             longer = np.eye(len(joints))[k]
             assert relative_error(found, difference(name, drives, **{argument: longer})) < TOLERANCE
+
+
+@pytest.mark.parametrize("name", [name for name in MACHINES if MACHINES[name].payloads])
+def test_weight_on_the_drives(name):
+    payload = MACHINES[name].payloads[-1]
+    for drives in drives_of(name):
+        solver, result = closed(name, drives)
+        parameters = drive_parameters(solver.mechanism)
+        moved = closed_chain_transfer(solver, result, parameters, robot_of(name).file.payload_frame)
+        model = solver.mechanism.shared_model
+        slope = pin.computeGeneralizedGravity(model, model.createData(), result.configuration)
+        force = -moved.joints.T @ slope - payload * GRAVITY_M_S2 * moved.matrix[2]
+        found = MACHINES[name].weight(drives[None], np.array([payload]))[0]
+        assert relative_error(found, force) < TOLERANCE
