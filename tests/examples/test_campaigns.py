@@ -11,9 +11,11 @@ import yaml
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from pouring_robot.campaign.data import Campaign
 from tests.examples.campaigns import main, write
 from tests.examples.effects import EFFECTS, LARGEST, effects_of
 from tests.examples.machines import MACHINES
+from tests.examples.test_robots import robot_of
 
 HERE = Path(__file__).parent
 CASES = [(machine.name, effect) for machine in MACHINES.values() for effect in effects_of(machine)]
@@ -73,6 +75,16 @@ def test_an_effect_shows_as_much_as_the_truth_says(name, effect, tmp_path):
     left = left_by_frames(MACHINES[name], *read(tmp_path))
     expected = np.sqrt(1.0 + told["ratio_to_noise"] ** 2)
     assert np.sqrt(np.mean(left**2)) == pytest.approx(expected, rel=0.15)
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_the_library_reads_every_column(name, tmp_path):
+    write(tmp_path, MACHINES[name], seed=7)
+    campaign, (table, _) = Campaign.read(tmp_path / "campaign.csv", robot_of(name)), read(tmp_path)
+    assert not campaign.ignored_columns
+    unit, factor = ("mm", 1e-3) if MACHINES[name].unit == "m" else ("rad", 1.0)
+    for k, column in enumerate(MACHINES[name].columns):
+        np.testing.assert_allclose(campaign.drives[:, k], factor * table[f"{column}_{unit}"], rtol=1e-15)
 
 
 def test_the_command_writes_the_same_again(tmp_path, capsys):
