@@ -43,7 +43,7 @@ SCALE = "metrology.scale"
 
 def local_parameters(model: RobotModel) -> tuple[GeometricParameter, ...]:
     """Return all local parameters an effect may change inside the mechanism."""
-    catalogue = ParameterCatalogue(model.nominal_mechanism())
+    catalogue = ParameterCatalogue(model.definition)
     return (*catalogue.drives, *catalogue.placements)
 
 

@@ -23,7 +23,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from pouring_robot.batch import BatchClosure, BatchEngine, BatchStart
+from pouring_robot.batch import BatchClosure, BatchStart, engine_for
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames import FRAME_PARAMETERS, FRAMES, OuterFrames, displaced_columns
 from pouring_robot.exceptions import BadInputError
@@ -123,7 +123,7 @@ class MeasurementModel:
     def __init__(self, model: RobotModel, parameters: Sequence[GeometricParameter], threads: int | None = None) -> None:
         """Build the batch engine of the present robot and the map from parameters to placement errors."""
         self.model = model
-        self.engine = BatchEngine(model.mechanism(), threads)
+        self.engine = engine_for(model.mechanism(), threads)
         self.drawing = model.definition.drawing()
         self._choose(parameters)
 

@@ -37,10 +37,24 @@ from pouring_robot.robot.urdf import read_text
 
 if TYPE_CHECKING:
     from pouring_robot.batch import BatchStart
+    from pouring_robot.robot.dh.table import DHTable
     from pouring_robot.robot.drawing import Drawing
 
 FORMAT = "pouring_robot/robot/1"
 _WORKSPACE_SAMPLES = 200
+ParameterGroups = Mapping[str, tuple[str, tuple[str, ...]]]
+ParameterSets = Mapping[str, tuple[str, ...]]
+_GROUPS: ParameterGroups = {
+    "drives": ("zero offsets of the drives", ("drive.*",)),
+    "joint_places": ("places of the joints", ("*.t?",)),
+    "joint_axes": ("axes of the joints", ("*.r?",)),
+}
+_SETS: ParameterSets = {
+    "geometry": ("drives", "joint_places", "joint_axes"),
+    "centres": ("drives", "joint_places"),
+    "axes": ("joint_axes",),
+    "all": ("drives", "joint_places", "joint_axes"),
+}
 ROTATIONS, SLIDES = "rotations", "slides"
 """Groups of drives where a file names none: angles and lengths."""
 
@@ -293,6 +307,20 @@ class RobotDefinition:
         start = drawing.starts(drives)
         closed = np.flatnonzero(np.isfinite(start.position).all(axis=1))
         return drives[closed], start[closed]
+
+    def dh_table(self, nominal: ClosedChainMechanism) -> DHTable | None:
+        """Return the DH table of the drawing; None for a robot that has none."""
+        return None
+
+    @property
+    def parameter_groups(self) -> ParameterGroups:
+        """What one physical cause moves together: its meaning on the machine, and the patterns of its parameters."""
+        return _GROUPS
+
+    @property
+    def parameter_sets(self) -> ParameterSets:
+        """Named sets of groups."""
+        return _SETS
 
     @functools.cached_property
     def groups(self) -> dict[str, tuple[Drive, ...]]:

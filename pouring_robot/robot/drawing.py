@@ -6,7 +6,7 @@ import functools
 from collections.abc import Mapping
 from typing import Protocol
 
-from pouring_robot.batch import BatchEngine, BatchStart
+from pouring_robot.batch import BatchStart, HomotopyStarts, engine_for
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 
@@ -30,11 +30,11 @@ class HomeDrawing:
 
     def __init__(self, mechanism: ClosedChainMechanism, home: Mapping[str, float]) -> None:
         """Keep both; the home is closed at first use."""
-        self.mechanism, self.home = mechanism, dict(home)
+        self.mechanism, self._home = mechanism, dict(home)
 
     @functools.cached_property
-    def _engine(self) -> BatchEngine:
-        return BatchEngine(self.mechanism)
+    def _followed(self) -> HomotopyStarts:
+        return HomotopyStarts(engine_for(self.mechanism), self._home)
 
     def starts(self, drives: FloatArray, /) -> BatchStart:
         """Return the closed poses of drive values (n, drives), in m and rad; NaN where no pose has them.
@@ -42,4 +42,4 @@ class HomeDrawing:
         Raises:
             ClosureError: the robot does not close at its home.
         """
-        raise NotImplementedError
+        return self._followed.starts(drives)

@@ -79,7 +79,7 @@ class PouringRobot:
         """Every geometric error of the drawing by name; its ``table`` is the DH table."""
         from pouring_robot.robot.parameters import ParameterCatalogue
 
-        return ParameterCatalogue(self.nominal_solver.mechanism)
+        return ParameterCatalogue(self.model.definition, self.nominal_solver.mechanism)
 
     @functools.cached_property
     def layout(self) -> Layout:

@@ -6,7 +6,7 @@ import numpy as np
 
 from pouring_robot.batch import StarStructure
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.pouring.dh.chain import inverse
+from pouring_robot.robot.dh.chain import inverse
 from pouring_robot.sweeps.parameters import homogeneous
 
 

@@ -1,7 +1,7 @@
 """The parameters of a sweep: those of the catalogue that its file names, and what their values do to the joints.
 
 All of them act on top of the robot as it is: DH errors first, exactly as
-:meth:`~pouring_robot.robot.pouring.dh.table.DHTable.placement_errors` has them, then placement errors.
+:meth:`~pouring_robot.robot.dh.table.DHTable.placement_errors` has them, then placement errors.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import DriveParameter
+from pouring_robot.robot.dh.chain import SITES, SYMBOLS, TRANSFORMS
 from pouring_robot.robot.parameters import Parameter, ParameterCatalogue
-from pouring_robot.robot.pouring.dh.chain import SITES, SYMBOLS, TRANSFORMS
 from pouring_robot.sweeps.config import SweepConfig
 
 
@@ -63,8 +63,8 @@ class ErrorMap:
 
     def __init__(self, catalogue: ParameterCatalogue, parameters: Sequence[Parameter]) -> None:
         """Sort the columns by what they do."""
-        self.joints = catalogue.table.joints
-        self._chains = catalogue.table.chains
+        self.joints = catalogue.joints
+        self._chains = catalogue.table.chains if catalogue.table else {}
         drives = [drive.joint for drive in catalogue.drives]
         site = {joint: k for k, joint in enumerate(self.joints)}
         self._drive_columns = np.zeros((len(parameters), len(drives)))

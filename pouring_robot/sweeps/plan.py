@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import pouring_robot
 from pouring_robot.batch import BatchCommand
-from pouring_robot.exceptions import UnknownFrameError
+from pouring_robot.exceptions import BadInputError, UnknownFrameError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM
@@ -91,10 +91,12 @@ class SweepPlan:
             if config.model
             else RobotModel(layout=config.layout or "paper")
         )
+        if self.model.robot:
+            raise BadInputError(f"a sweep knows the pouring robot only, not {self.model.definition.name}")
         nominal = self.model.nominal_mechanism()
         self.mechanism: ClosedChainMechanism = self.model.mechanism()
         self.layout: Layout = load_layout(self.model.layout, self.model.layouts_path)
-        self.catalogue = ParameterCatalogue(nominal)
+        self.catalogue = ParameterCatalogue(self.model.definition, nominal)
         self.parameters = select(self.catalogue, config)
         self.draws = Draws.of(config, self.parameters)
         self._refuse_many_chains()

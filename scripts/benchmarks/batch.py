@@ -27,7 +27,7 @@ from pouring_robot.io.files import check_writable, write_whole
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureSolver
-from pouring_robot.robot.pouring.dh.table import DHTable
+from pouring_robot.robot.dh.table import DHTable
 from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.robot.urdf import PlacementError, perturb_urdf
 

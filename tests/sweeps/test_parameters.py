@@ -14,7 +14,7 @@ from tests.support import round_off
 
 @pytest.fixture(scope="module")
 def catalogue():
-    return ParameterCatalogue(RobotModel().nominal_mechanism())
+    return ParameterCatalogue(RobotModel().definition)
 
 
 def test_a_pattern_means_the_errors_of_the_machine(catalogue):

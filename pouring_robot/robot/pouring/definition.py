@@ -11,12 +11,14 @@ import numpy as np
 from pouring_robot.batch import BatchStart
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.robot.definition import RobotDefinition, RobotFile
+from pouring_robot.robot.definition import ParameterGroups, ParameterSets, RobotDefinition, RobotFile
+from pouring_robot.robot.dh.table import DHTable
 from pouring_robot.robot.drawing import Drawing
 from pouring_robot.robot.pouring.description import render_urdf
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.layout import load_layout
 from pouring_robot.robot.pouring.names import DRIVE_SYMBOLS, DRIVE_WORDS, LEGS
+from pouring_robot.robot.pouring.parameter_groups import GROUPS, SETS
 from pouring_robot.robot.urdf import description_folder
 
 _SHARES = (0.1, 0.5, 0.9)  # of the workspace box along each axis
@@ -61,6 +63,20 @@ class PouringDefinition(RobotDefinition):
         commands = drawing.commands(load_layout(self.layout, self.layouts_file).grid(*[_SHARES] * 4))
         reached = np.flatnonzero(drawing.within_limits(commands.start.joints))
         return commands.drives[reached], commands.start[reached]
+
+    def dh_table(self, nominal: ClosedChainMechanism) -> DHTable:
+        """Return the DH table of the four chains."""
+        return DHTable.from_mechanism(nominal)
+
+    @property
+    def parameter_groups(self) -> ParameterGroups:
+        """What one physical cause moves together: its meaning on the machine, and the patterns of its parameters."""
+        return GROUPS
+
+    @property
+    def parameter_sets(self) -> ParameterSets:
+        """Named sets of groups."""
+        return SETS
 
     @property
     def thermometers(self) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ import pinocchio as pin
 
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.pouring.dh.chain import JOINT_KINDS, SITES, DHChain, adjoint, inverse
+from pouring_robot.robot.dh.chain import JOINT_KINDS, SITES, DHChain, adjoint, inverse
 
 # The error sizes of the paper's study (its section 4.3); here they only weigh lengths against angles.
 LENGTH_SCALE_M = 2e-4

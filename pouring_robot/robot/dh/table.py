@@ -5,8 +5,8 @@
     urdf = perturb_urdf(nominal_urdf, placements)                                 # the same robot, exactly
     table.errors_from_placements(placements)                                      # and back
 
-Conventions, and why a DH error is a displaced joint placement: see :mod:`~pouring_robot.robot.pouring.dh.derivation`
-and :mod:`~pouring_robot.robot.pouring.dh.chain`.
+Conventions, and why a DH error is a displaced joint placement: see :mod:`~pouring_robot.robot.dh.derivation`
+and :mod:`~pouring_robot.robot.dh.chain`.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ import pinocchio as pin
 from pouring_robot.exceptions import BadInputError, UnknownJointError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.robot.pouring.dh.chain import DHChain
-from pouring_robot.robot.pouring.dh.derivation import dh_chain
-from pouring_robot.robot.pouring.dh.fit import fit_errors
-from pouring_robot.robot.pouring.dh.parameters import (
+from pouring_robot.robot.dh.chain import DHChain
+from pouring_robot.robot.dh.derivation import dh_chain
+from pouring_robot.robot.dh.fit import fit_errors
+from pouring_robot.robot.dh.parameters import (
     DHParameter,
     UnknownParameterError,
     chain_parameters,
@@ -36,7 +36,7 @@ class DHTable:
     """The DH parameters of all chains, in order: chain by chain, transform by transform, a, α, d, θ.
 
     Args:
-        chains: the chains, as :func:`~pouring_robot.robot.pouring.dh.derivation.dh_chain` gives them.
+        chains: the chains, as :func:`~pouring_robot.robot.dh.derivation.dh_chain` gives them.
         drives: names of the driven joints.
     """
 

@@ -24,7 +24,7 @@ import pinocchio as pin
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.robot.pouring.dh.chain import JOINT_KINDS, SEAT, TRANSFORMS, DHChain, inverse
+from pouring_robot.robot.dh.chain import JOINT_KINDS, SEAT, TRANSFORMS, DHChain, inverse
 
 _GEOMETRY_TOLERANCE = 1e-9  # m and rad: looser than round-off, tighter than any machining error
 _REPRODUCTION_TOLERANCE = 1e-12

@@ -8,7 +8,7 @@ from typing import Literal
 
 from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.mechanism.parameters import PlacementParameter, Twist
-from pouring_robot.robot.pouring.dh.chain import ALPHA, SITES, SYMBOLS, TRANSFORMS, VARIABLES, A, D, DHChain
+from pouring_robot.robot.dh.chain import ALPHA, SITES, SYMBOLS, TRANSFORMS, VARIABLES, A, D, DHChain
 
 Transform = Literal["O0", "01", "12", "23", "34", "45", "56", "6o"]
 Symbol = Literal["a", "alpha", "d", "theta"]

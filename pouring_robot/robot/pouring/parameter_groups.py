@@ -1,0 +1,27 @@
+"""What people ask for by one name among the errors of the pouring robot."""
+
+from __future__ import annotations
+
+GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "drives": ("zero offsets of the drives", ("drive.*",)),
+    "fixed_centres": ("places of the upper U joints on the fixed platform", ("*_s1.t?",)),
+    "moving_centres": ("places of the lower U joints on the moving platform", ("*_seat_mount.t?",)),
+    "fixed_axes": ("axes of the upper U joints", ("*_s1.r?", "*_s2.r?")),
+    "moving_axes": ("axes of the lower U joints", ("*_s4.r?", "*_s5.r?", "*_seat_mount.r?")),
+    "leg_axes": ("directions of the legs in their rods", ("*_s3.r?",)),
+    "leg_offsets": ("distances inside the legs and U joints", ("*_s2.t?", "*_s3.t?", "*_s4.t?", "*_s5.t?")),
+    "dh_fixed_platform": ("fixed-platform installation, DH table", ("theta_e?_0",)),
+    "dh_upper_joints": ("upper U joints, DH table", ("*_e?_01", "*_e?_12", "*_e?_1", "d_e?_2")),
+    "dh_rods": ("fixed and moving rods, DH table", ("*_e?_23", "*_e?_34", "d_e?_3", "theta_e?_4")),
+    "dh_lower_joints": ("lower U joints, DH table", ("*_e?_45", "*_e?_56", "d_e?_5", "d_e?_6")),
+    "dh_moving_platform": ("moving-platform installation, DH table", ("*_e?_6o", "*_e?_o")),
+}
+"""What one physical cause moves together: its meaning on the machine, and the patterns of its parameters."""
+SETS: dict[str, tuple[str, ...]] = {
+    "geometry": ("drives", "fixed_centres", "moving_centres", "fixed_axes", "moving_axes"),
+    "centres": ("drives", "fixed_centres", "moving_centres"),
+    "axes": ("fixed_axes", "moving_axes"),
+    "all": ("drives", "fixed_centres", "moving_centres", "fixed_axes", "moving_axes", "leg_axes", "leg_offsets"),
+    "dh": ("drives", "dh_fixed_platform", "dh_upper_joints", "dh_rods", "dh_lower_joints", "dh_moving_platform"),
+}
+"""Named sets of groups. ``centres`` are the errors that close exactly."""
