@@ -28,6 +28,10 @@ class PoseStack:
         """Return the number of poses."""
         return int(self.position_m.shape[0])
 
+    def __getitem__(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> PoseStack:
+        """Return the poses of the rows given by indices or a mask."""
+        return PoseStack(self.position_m[rows], self.rotation[rows])
+
     @property
     def complete(self) -> NDArray[np.bool_]:
         """Which rows hold a whole pose, (n,)."""

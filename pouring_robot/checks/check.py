@@ -9,7 +9,7 @@ from pouring_robot.checks.columns import check_columns
 from pouring_robot.checks.flags import DataFlag, Severity
 from pouring_robot.checks.frames import Comparison, FrameChecks
 from pouring_robot.checks.residuals import check_rows
-from pouring_robot.estimation.frames import FrameFit
+from pouring_robot.estimation.frame_fit import FrameFit
 from pouring_robot.robot.robot import PouringRobot
 
 

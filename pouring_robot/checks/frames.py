@@ -21,7 +21,8 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses
 from pouring_robot.checks.columns import distinct_poses
 from pouring_robot.checks.flags import DataFlag, FlagCode, found, where
-from pouring_robot.estimation.frames import FEWEST_ROWS, FrameFit, affine_map, fit_frames, robust_sigma, rotation_misfit
+from pouring_robot.estimation.frame_fit import FrameFit, fit_frames
+from pouring_robot.estimation.frame_starts import FEWEST_ROWS, affine_map
 from pouring_robot.exceptions import FrameFitError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.rotations import rotation_matrices
@@ -229,12 +230,12 @@ class FrameChecks:
         vectors = self.data.rotation_vector_rad
         if self.fit is None or vectors is None or np.isfinite(vectors).all(axis=1).sum() < FEWEST_ROWS:
             return
-        frames = self.data.fit(1.0, rotations=False)
         sigma = self.campaign.metadata.sigma_rotation_rad or 0.0
 
         def misfit(factor: float) -> float:
-            rotation = rotation_matrices(vectors * factor)
-            return robust_sigma(rotation_misfit(self.data.poses, rotation, frames.frames))
+            # Rotations of the wrong sense could be fitted at the cost of positions.
+            fit = dataclasses.replace(self.data, rotation_vector_rad=vectors * factor).fit(_HOPELESS_M / _HOPELESS_RAD)
+            return max(fit.rotation_scale_rad or 0.0, fit.position_scale_m * _HOPELESS_RAD / _HOPELESS_M)
 
         before = misfit(1.0)
         if before <= max(_SUSPECT_RAD, _SUSPECT_SIGMAS * sigma):

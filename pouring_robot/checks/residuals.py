@@ -11,7 +11,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag, FlagCode, Rows, Severity, found
 from pouring_robot.checks.frames import Comparison
 from pouring_robot.checks.smoothing import ARM_M, drive_errors, filled, robust_fit, smooth_terms, unexplained
-from pouring_robot.estimation.frames import FrameFit
+from pouring_robot.estimation.frame_fit import FrameFit
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
-from pouring_robot.estimation.frames import FrameFit, robust_sigma
+from pouring_robot.estimation.frame_fit import FrameFit, robust_sigma
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.campaign.nominal import PoseStack
-from pouring_robot.estimation.frames import fit_frames
+from pouring_robot.estimation.frame_fit import fit_frames
 from pouring_robot.estimation.measurement import ModelledRows, Prediction, Unknowns
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations

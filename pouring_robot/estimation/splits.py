@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.estimation.frames import FEWEST_ROWS
+from pouring_robot.estimation.frame_starts import FEWEST_ROWS
 from pouring_robot.exceptions import BadInputError, CalibrationError
 from pouring_robot.mechanism.arrays import FloatArray
 

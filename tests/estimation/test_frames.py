@@ -6,7 +6,9 @@ import pytest
 
 from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.checks.smoothing import drive_sensitivity
-from pouring_robot.estimation.frames import affine_map, displaced_columns, fit_frames
+from pouring_robot.estimation.frame_fit import fit_frames
+from pouring_robot.estimation.frame_starts import affine_map
+from pouring_robot.estimation.frames import displaced_columns
 from pouring_robot.exceptions import FrameFitError
 from pouring_robot.mechanism.rotations import rotation_matrices
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, measure

@@ -1,0 +1,274 @@
+"""The fit of the two outer frames to what was measured: robust, of any robot, from anywhere.
+
+What the poses do not tell of the twelve unknowns is found from them and held. A platform that turns about y only
+leaves the y coordinate of t_2 open, against the place of the base along its own y: t_2 then has a y of 0. Positions
+alone leave R_2 open; it is then the unit rotation. :class:`FrameFit` names what is held.
+
+A direction of the unknowns counts as untold when the misfit hides it. Let J be the Jacobian, places over the misfit of
+places, turns over that of turns, unknown lengths counted in the spread of the target's places, and σ its singular
+values over the root of the number of rows. The poses themselves are known no better than the misfit, so every σ is
+uncertain by one (Weyl's inequality), and a misfit that is all of one kind moves the unknowns by 1/σ: with σ < 1 by more
+than a radian or the whole spread.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+import scipy.linalg
+
+from pouring_robot.campaign.nominal import PoseStack
+from pouring_robot.estimation.frame_starts import FEWEST_ROWS, frame_starts
+from pouring_robot.estimation.frames import FRAME_PARAMETERS, FRAMES, OuterFrames
+from pouring_robot.exceptions import FrameFitError
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.rotations import skew
+
+_RESOLUTION = 1e-6
+"""Least misfit, in the spread and in rad: no instrument reads finer, so what shows less is told by no data."""
+_MAD_TO_SIGMA = 1.4826
+_HUBER = 1.5
+_TURNS = 0.1  # rad for a shift by the spread: what turns less shifts
+_STEPS, _TRIAL_STEPS = 60, 8
+_CONVERGED = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class FrameFit:
+    """The two fitted frames and what they leave over.
+
+    Attributes:
+        frames: the two.
+        untold: what the data do not tell of the frames: combinations of :data:`FRAME_PARAMETERS`, by name and in m
+            and rad, that change nothing of what is seen. The first name of each is held: a place of the target is 0
+            along it, a rotation stays where the fit started, for positions only at the unit rotation.
+        position_residual_m: (n, 3) measured minus fitted position in tracker axes, in m; NaN where missing.
+        rotation_residual_rad: (n, 3) rotation vector from fitted to measured, in tracker axes, in rad; NaN where
+            missing; None for positions only.
+        position_scale_m: robust standard deviation of a position coordinate, in m.
+        rotation_scale_rad: robust standard deviation of a rotation component, in rad; None for positions only.
+    """
+
+    frames: OuterFrames
+    untold: tuple[dict[str, float], ...]
+    position_residual_m: FloatArray
+    rotation_residual_rad: FloatArray | None
+    position_scale_m: float
+    rotation_scale_rad: float | None
+
+    def to_fixed_platform(self, vectors: FloatArray) -> FloatArray:
+        """Turn vectors (n, 3) from tracker axes into the axes of the fixed platform."""
+        turned: FloatArray = vectors @ self.frames.T_tracker_base.rotation
+        return turned
+
+
+def robust_sigma(values: FloatArray) -> float:
+    """Return the standard deviation of zero-mean values by their median size, NaN left out; 0 without values."""
+    kept = np.abs(values[np.isfinite(values)])
+    return float(_MAD_TO_SIGMA * np.median(kept)) if kept.size else 0.0
+
+
+def fit_frames(
+    poses: PoseStack, position_m: FloatArray, rotation: FloatArray | None = None, metres_per_rad: float = 1.0
+) -> FrameFit:
+    """Fit both frames by iteratively reweighted least squares (Huber), so that single wrong rows hardly count.
+
+    Args:
+        poses: pose of the moving platform in the fixed platform for every row; NaN rows do not count.
+        position_m: (n, 3) measured positions, in m; missing coordinates NaN.
+        rotation: (n, 3, 3) measured rotations; NaN where missing. None: positions only.
+        metres_per_rad: how rotations weigh against positions: noise of a coordinate over noise of a rotation
+            component, in m. Were it fitted too, one of the two would be fitted at the cost of the other.
+
+    Raises:
+        FrameFitError: fewer than :data:`FEWEST_ROWS` rows have a pose and a complete position.
+    """
+    complete = poses.complete & np.isfinite(position_m).all(axis=1)
+    if complete.sum() < FEWEST_ROWS:
+        raise FrameFitError(int(complete.sum()), FEWEST_ROWS)
+    measured = PoseStack(position_m, rotation if rotation is not None else np.full((len(poses), 3, 3), np.nan))
+    fit = _Fit(poses, measured, metres_per_rad)
+    starts = [OuterFrames(*pair) for pair in frame_starts(poses[complete], measured[complete], metres_per_rad)]
+    tried = [fit.refined(start, fit.untold(start), _TRIAL_STEPS) for start in starts]
+    frames = min(tried, key=fit.absolute_misfit)
+    misfit_m, misfit_rad = (robust_sigma(part) for part in fit.residual(frames))
+    untold = fit.untold(frames, misfit_m, misfit_rad)
+    frames = fit.refined(untold.zeroed(frames), untold)
+    named = fit.untold(frames, misfit_m, misfit_rad).named()
+    position, turn = fit.residual(frames)
+    if rotation is None or not np.isfinite(rotation).any():
+        return FrameFit(frames, named, position, None, robust_sigma(position), None)
+    return FrameFit(frames, named, position, turn, robust_sigma(position), robust_sigma(turn))
+
+
+@dataclass(frozen=True, eq=False)
+class _Axes:
+    """Twelve unknowns that hardly mix, lengths in the spread of the target's places.
+
+    The base turns about the middle of these, the target about its own origin.
+
+    Attributes:
+        middle: of the target's places in the base, (3,), in m.
+        length: root mean square of their distances from it, in m.
+        inner: place of the target in the moving platform, (3,), in m.
+    """
+
+    middle: FloatArray
+    length: float
+    inner: FloatArray
+
+    @classmethod
+    def of(cls, frames: OuterFrames, poses: PoseStack) -> _Axes:
+        """Return those of frames and poses as they are."""
+        places = frames.places(poses[poses.complete])
+        middle = places.mean(axis=0)
+        spread = float(np.sqrt(((places - middle) ** 2).sum(axis=1).mean()))
+        return cls(middle, spread or 1.0, np.array(frames.T_end_target.translation))
+
+    @property
+    def columns(self) -> FloatArray:
+        """Displacements of :data:`FRAME_PARAMETERS`, (12, 12), in m and rad, for a unit of each."""
+        columns = np.eye(FRAMES)
+        columns[0:3, 3:6], columns[6:9, 9:12] = skew(self.middle), skew(self.inner)
+        columns[:, [0, 1, 2, 6, 7, 8]] *= self.length
+        return columns
+
+    def moved(self, frames: OuterFrames, values: FloatArray) -> OuterFrames:
+        """Return displaced frames; turning the target never shifts it, so what is held of its place stays."""
+        base, tool = values[:6], values[6:]
+        shift = self.length * base[:3] + np.cross(self.middle, base[3:])
+        inner = pin.SE3(pin.exp3(tool[3:]) @ frames.T_end_target.rotation, self.inner + self.length * tool[:3])
+        return OuterFrames(frames.T_tracker_base * pin.SE3(pin.exp3(base[3:]), shift), inner)
+
+
+@dataclass(frozen=True, eq=False)
+class _Untold:
+    """What the data do not tell of the frames.
+
+    Attributes:
+        axes: the unknowns it is written in.
+        base: (6, k) orthonormal directions of the base that show by nothing.
+        tool: (6, l) orthonormal directions of the target that show by nothing when the base gives way.
+        answer: (6, l) how the base gives way.
+    """
+
+    axes: _Axes
+    base: FloatArray
+    tool: FloatArray
+    answer: FloatArray
+
+    @property
+    def free(self) -> FloatArray:
+        """Projector (12, 12) of the unknowns on what is not held."""
+        held = scipy.linalg.block_diag(self.base @ self.base.T, self.tool @ self.tool.T)
+        return np.asarray(np.eye(FRAMES) - held)
+
+    def zeroed(self, frames: OuterFrames) -> OuterFrames:
+        """Return the frames with the target's place at zero along the untold shifts that turn nothing."""
+        _, turned, shares = np.linalg.svd(np.concatenate([self.tool[3:], self.answer[3:]]))
+        shares = shares[np.flatnonzero(np.r_[turned, np.zeros(len(shares) - turned.size)] < _TURNS)].T
+        shifts = self.tool[:3] @ shares
+        along = shifts.T @ self.axes.inner
+        back = shares @ along / -self.axes.length
+        moved = self.axes.moved(frames, np.concatenate([self.answer @ back, np.zeros(3), self.tool[3:] @ back]))
+        inner = pin.SE3(moved.T_end_target.rotation, self.axes.inner - shifts @ along)
+        return OuterFrames(moved.T_tracker_base, inner)
+
+    def named(self) -> tuple[dict[str, float], ...]:
+        """Return the directions by names of :data:`FRAME_PARAMETERS`, in m and rad, the one held first."""
+        base, tool = _led(self.base), _led(self.tool)
+        alone = np.concatenate([base, np.zeros_like(base)])
+        both = np.concatenate([self.answer @ self.tool.T @ tool, tool])
+        return tuple(self._shares(direction) for direction in (*both.T, *alone.T))
+
+    def _shares(self, direction: FloatArray) -> dict[str, float]:
+        held = direction.copy()
+        held[:6] *= not direction[6:].any()
+        lead = int(np.argmax(np.isclose(held, 1.0)))
+        values = self.axes.columns @ direction
+        values /= values[lead]
+        order = [lead, *(k for k in range(FRAMES) if k != lead)]
+        return {FRAME_PARAMETERS[k].name: float(values[k]) for k in order if abs(values[k]) > _RESOLUTION}
+
+
+def _led(directions: FloatArray) -> FloatArray:
+    """Return directions (6, k) that span the same, each one in an entry where the others are zero."""
+    if not directions.shape[1]:
+        return directions
+    leads = np.sort(scipy.linalg.qr(directions.T, pivoting=True)[2][: directions.shape[1]])
+    led = directions @ np.linalg.inv(directions[leads])
+    return np.asarray(np.where(np.abs(led) > _RESOLUTION, led, 0.0))
+
+
+class _Fit:
+    """The search, for one campaign; see :func:`fit_frames`."""
+
+    def __init__(self, poses: PoseStack, measured: PoseStack, metres_per_rad: float) -> None:
+        """Keep what is compared."""
+        self.poses, self.measured, self.arm = poses, measured, metres_per_rad
+
+    def residual(self, frames: OuterFrames) -> tuple[FloatArray, FloatArray]:
+        """Return measured minus expected places, (n, 3) in m, and turns, (n, 3) in rad."""
+        residual = self.measured.difference(frames.seen(self.poses))
+        return residual[:, :3], residual[:, 3:]
+
+    def absolute_misfit(self, frames: OuterFrames) -> float:
+        """Return the sum of the rows' distances, in m, an angle by the length that weighs as much."""
+        position, turn = (np.nansum(np.linalg.norm(part, axis=1)) for part in self.residual(frames))
+        return float(position + self.arm * turn)
+
+    def untold(self, frames: OuterFrames, misfit_m: float = 0.0, misfit_rad: float = 0.0) -> _Untold:
+        """Return what the data do not tell, given the misfit: directions with a σ below one; see the module."""
+        axes = _Axes.of(frames, self.poses)
+        jacobian = frames.jacobian(self.poses) @ axes.columns
+        jacobian[:, :3] /= max(misfit_m, _RESOLUTION * axes.length)
+        jacobian[:, 3:] /= max(misfit_rad, _RESOLUTION)
+        known = np.isfinite(np.concatenate([self.measured.position_m, self.measured.rotation[:, 0]], axis=1))
+        rows = jacobian[known & np.isfinite(jacobian).all(axis=2)]
+        compact = np.asarray(np.linalg.qr(rows / np.sqrt(len(self.poses)), mode="r"))
+        left, sizes, right = np.linalg.svd(compact[:, :6], full_matrices=False)
+        told = sizes >= 1.0
+        projected = left[:, told].T @ compact[:, 6:]
+        _, hidden, turned = np.linalg.svd(compact[:, 6:] - left[:, told] @ projected)
+        tool = _clean(turned[hidden < 1.0].T)
+        answer = -(right[told].T / sizes[told]) @ projected @ tool
+        return _Untold(axes, _clean(right[~told].T), tool, answer)
+
+    def refined(self, frames: OuterFrames, untold: _Untold, steps: int = _STEPS) -> OuterFrames:
+        """Run Gauss-Newton with Huber weights, a row's position and rotation judged apart."""
+        for _ in range(steps):
+            axes = _Axes.of(frames, self.poses)
+            step = untold.free @ self._step(frames, axes.columns @ untold.free)
+            frames = axes.moved(frames, step)
+            if np.abs(step).max() < _CONVERGED:
+                break
+        return frames
+
+    def _step(self, frames: OuterFrames, columns: FloatArray) -> FloatArray:
+        position, turn = self.residual(frames)
+        residual = np.column_stack([position, self.arm * turn])
+        jacobian = frames.jacobian(self.poses) @ columns
+        jacobian[:, 3:] *= self.arm
+        scale = max(robust_sigma(residual), 1e-12)
+        parts = [_weighted(jacobian[:, part], residual[:, part], scale) for part in (slice(0, 3), slice(3, 6))]
+        compact = np.asarray(np.linalg.qr(np.concatenate(parts), mode="r"))
+        step: FloatArray = np.linalg.lstsq(compact[:, :FRAMES], compact[:, FRAMES], rcond=1e-9)[0]
+        return step
+
+
+def _clean(directions: FloatArray) -> FloatArray:
+    """Return orthonormal directions without round-off, so that what is held stays exactly."""
+    cleaned = np.where(np.abs(directions) > 1e-12, directions, 0.0)
+    return np.asarray(cleaned / np.linalg.norm(cleaned, axis=0))
+
+
+def _weighted(jacobian: FloatArray, residual: FloatArray, scale: float) -> FloatArray:
+    """Return the known equations, residual last, each row by the root of Huber's weight of its length."""
+    known = np.isfinite(residual) & np.isfinite(jacobian).all(axis=2)
+    filled = np.where(known, residual, 0.0)
+    length = np.sqrt((filled**2).sum(axis=1) / np.maximum(known.sum(axis=1), 1))
+    weight = (_HUBER * scale / np.maximum(length, _HUBER * scale)) ** 0.5
+    weights = np.broadcast_to(weight[:, None], known.shape)[known]
+    return np.asarray(np.column_stack([jacobian[known], residual[known]]) * weights[:, None])

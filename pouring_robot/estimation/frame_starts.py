@@ -1,0 +1,197 @@
+r"""Where a fit of the two outer frames starts: from anywhere, whatever the robot, whatever single rows say.
+
+With R_1, t_1 and R_2, t_2 the outer frames, R, p the pose of a row, s and S what is seen of it, and A = R_1ᵀ,
+
+.. math:: A s = p + R t_2 + c, \qquad R^T A S = R_2
+
+Once A is given, c and t_2 are linear and R_2 is a mean. Eliminated, they leave a quadratic form of the nine entries of
+A (in robotics the problem is known as AX = YB), and that is minimised over all rotations by Newton's method from the 24
+rotations that take axes into axes. Nothing is inverted that few, flat or straight poses leave singular. The form is
+made of all rows, and of small sets of rows drawn at random, of which some hold no gross error; all rows then judge by
+their absolute misfit (least squares of random sets: Fischler & Bolles, CACM 24, 1981).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pouring_robot.campaign.nominal import PoseStack
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.rotations import rotation_matrices, skew
+
+FEWEST_ROWS = 6
+"""Rows that a fit of the frames needs at the least."""
+_MOST_ROWS = 400  # a start needs no more
+_SETS = 32  # of six rows; were a quarter of them wrong, all sets would hold a wrong one once in 500 times
+_SEED = 20260722
+_STEPS = 20
+_LONGEST_TURN = 0.7  # rad: beyond it a quadratic says little of rotations
+_APART = 0.1  # rad: nearer starts are the same
+_MOST_STARTS = 3
+_ROUND_OFF = 1e-9
+"""Relative: a squared sum of rotations that is less does not vary."""
+
+
+def frame_starts(poses: PoseStack, measured: PoseStack, metres_per_rad: float) -> list[tuple[pin.SE3, pin.SE3]]:
+    """Return up to three starts that differ, T_tracker_base and T_end_target each, the best first.
+
+    Args:
+        poses: of the moving platform in the fixed one; complete.
+        measured: of the target in the tracker frame; positions complete, rotations NaN where missing.
+        metres_per_rad: how rotations weigh against positions, in m.
+    """
+    chosen = np.unique(np.linspace(0, len(poses) - 1, min(len(poses), _MOST_ROWS)).astype(int))
+    p, turned = poses.position_m[chosen], poses.rotation[chosen]
+    seen, seen_turned = measured.position_m[chosen], measured.rotation[chosen]
+    middle, centre = np.median(seen, axis=0), np.median(p, axis=0)
+    form = _Form(p - centre, turned, seen - middle, seen_turned, metres_per_rad, _row_sets(len(chosen)))
+    rotations = form.least()
+    misfit, constants, inner, inner_rotation = form.rest(rotations)
+    starts: list[tuple[pin.SE3, pin.SE3]] = []
+    for k in np.argsort(misfit):
+        outer = rotations[k].T
+        if all(_angle(other.rotation.T @ outer) > _APART for other, _ in starts):
+            place = outer @ (constants[k] - centre) + middle
+            starts.append((pin.SE3(outer, place), pin.SE3(inner_rotation[k], inner[k])))
+    return starts[:_MOST_STARTS]
+
+
+def affine_map(poses: PoseStack, position_m: FloatArray, rows: NDArray[np.bool_]) -> tuple[FloatArray, float]:
+    """Return the best affine map from fixed-platform to tracker axes, (3, 3), and how well the poses determine it.
+
+    A sound campaign gives a rotation. Mirrored axes give a negative determinant. The second value is the least
+    over the largest singular value of what of the poses' positions their rotations do not explain: below 0.01 the map
+    says little.
+    """
+    p, r = poses.position_m[rows], poses.rotation[rows].reshape(-1, 9)
+    p, r = p - p.mean(axis=0), r - r.mean(axis=0)
+    turns = _varying(r)
+    design = np.column_stack([p, turns, np.ones(len(p))])
+    rest = p - turns @ (turns.T @ p)
+    singular = np.linalg.svd(rest, compute_uv=False)
+    spread = float(singular[-1] / singular[0]) if len(p) > design.shape[1] and singular[0] > 0.0 else 0.0
+    return _robust_linear(design, position_m[rows])[:3].T, spread
+
+
+def _varying(terms: FloatArray) -> FloatArray:
+    """Return orthonormal columns that span centred columns (n, k), as far as they vary."""
+    left, singular, _ = np.linalg.svd(terms, full_matrices=False)
+    return np.asarray(left[:, singular > _ROUND_OFF * np.sqrt(len(terms))])
+
+
+def _robust_linear(design: FloatArray, target: FloatArray) -> FloatArray:
+    """Solve design @ solution = target, rows weighed by one over their misfit (least absolute deviations)."""
+    weight = np.ones(len(design))
+    scale = np.linalg.norm(design, axis=0)
+    scale[scale == 0.0] = 1.0
+    solution = np.zeros((design.shape[1], target.shape[1]))
+    for _ in range(25):
+        root = np.sqrt(weight)[:, None]
+        solution = np.linalg.lstsq(root * design / scale, root * target, rcond=1e-9)[0] / scale[:, None]
+        misfit = np.linalg.norm(target - design @ solution, axis=1)
+        weight = 1.0 / np.maximum(misfit, 1e-3 * np.median(misfit) + 1e-12)
+        weight /= weight.max()
+    return solution
+
+
+def _row_sets(count: int) -> FloatArray:
+    """Return the sets of rows, (1 + sets, count), 1 where a row is in: all rows, and sets of six drawn at random."""
+    random = np.random.default_rng(_SEED)
+    drawn = random.random((_SETS, count)).argsort(axis=1).argsort(axis=1) < FEWEST_ROWS
+    return np.vstack([np.ones(count), drawn])
+
+
+def _angle(rotation: FloatArray) -> float:
+    return float(Rotation.from_matrix(rotation).magnitude())
+
+
+class _Form:
+    """The quadratic forms of A, one a set of rows: their sum of squares with c, t_2 and R_2 at their best.
+
+    Args:
+        p: (n, 3) positions of the poses, in m; ``turned`` their rotations (n, 3, 3).
+        seen: (n, 3) measured positions, in m; ``seen_turned`` measured rotations (n, 3, 3), NaN where missing.
+        metres_per_rad: how rotations weigh against positions, in m.
+        sets: (K, n) weights of the rows in each set.
+    """
+
+    def __init__(
+        self,
+        p: FloatArray,
+        turned: FloatArray,
+        seen: FloatArray,
+        seen_turned: FloatArray,
+        metres_per_rad: float,
+        sets: FloatArray,
+    ) -> None:
+        """Sum up the rows of each set."""
+        n, self.arm = len(p), metres_per_rad
+        # Equations of a row: (A s - R t_2 - p) - c, by the entries of A, by t_2 and by one.
+        self.rows = np.zeros((n, 3, 13))
+        for axis in range(3):
+            self.rows[:, axis, 3 * axis : 3 * axis + 3] = seen
+        self.rows[:, :, 9:12], self.rows[:, :, 12] = -turned, -p
+        weight = sets.sum(axis=1)
+        self.mean = np.einsum("kn,nij->kij", sets, self.rows, optimize=True) / weight[:, None, None]
+        squares = np.einsum("nij,nil->njl", self.rows, self.rows).reshape(n, -1)
+        gram = (sets @ squares).reshape(-1, 13, 13)
+        gram -= weight[:, None, None] * np.swapaxes(self.mean, 1, 2) @ self.mean  # with c at its best
+        inverse = np.linalg.pinv(gram[:, 9:12, 9:12], rcond=_ROUND_OFF, hermitian=True)
+        kept = [*range(9), 12]
+        self.to_inner = -inverse @ gram[:, 9:12, kept]
+        reduced = gram[:, kept][:, :, kept] + gram[:, kept, 9:12] @ self.to_inner
+        self.matrix, self.vector = reduced[:, :9, :9], -reduced[:, :9, 9]
+        # Rᵀ A S is R_2 of a row; entry by entry it is (Rᵀ ⊗ Sᵀ) times those of A.
+        known = np.isfinite(seen_turned).all(axis=(1, 2))
+        turns = np.einsum("nji,nlk->nikjl", turned[known], seen_turned[known]).reshape(-1, 81)
+        counts = np.maximum(sets[:, known].sum(axis=1), 1.0)[:, None, None]
+        self.turns = turns.reshape(-1, 9, 9)
+        self.mean_turn = (sets[:, known] @ turns).reshape(-1, 9, 9) / counts
+        scatter = np.eye(9) - np.swapaxes(self.mean_turn, 1, 2) @ self.mean_turn
+        self.matrix = self.matrix + 0.5 * metres_per_rad**2 * counts * scatter * known.any()
+
+    def least(self) -> FloatArray:
+        """Return the rotation A of the least sum of squares, (K, 3, 3), of each set."""
+        form, vector = self.matrix[:, None], self.vector[:, None]
+        rotation = np.tile(Rotation.create_group("O").as_matrix(), (len(self.matrix), 1, 1, 1))
+        axes = skew(np.eye(3))
+        twice = 0.5 * (axes[:, None] @ axes + axes @ axes[:, None])
+        floor = _ROUND_OFF * np.trace(self.matrix, axis1=1, axis2=2)[:, None, None] + np.finfo(float).tiny
+        for _ in range(_STEPS):
+            flat = rotation.reshape(*rotation.shape[:2], 9)
+            slope = flat @ self.matrix - vector
+            along = (rotation[:, :, None] @ axes).reshape(*flat.shape[:2], 3, 9)
+            gradient = (along @ slope[..., None])[..., 0]
+            back = np.swapaxes(rotation, 2, 3) @ slope.reshape(rotation.shape)
+            curvature = along @ form @ np.swapaxes(along, 2, 3) + np.einsum("ksij,abij->ksab", back, twice)
+            size, frame = np.linalg.eigh(curvature)
+            # Downhill whatever the curvature's sign.
+            parts = (np.swapaxes(frame, 2, 3) @ gradient[..., None])[..., 0] / np.maximum(np.abs(size), floor)
+            step = -(frame @ parts[..., None])[..., 0]
+            length = np.linalg.norm(step, axis=-1, keepdims=True)
+            rotation = rotation @ rotation_matrices(step * np.minimum(1.0, _LONGEST_TURN / np.maximum(length, 1e-12)))
+        flat = rotation.reshape(*rotation.shape[:2], 9)
+        cost = np.einsum("ksi,ksi->ks", flat @ self.matrix - 2.0 * vector, flat)
+        best: FloatArray = rotation[np.arange(len(rotation)), np.argmin(cost, axis=1)]
+        return best
+
+    def rest(self, rotations: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return the absolute misfit of all rows (K,), in m, and c (K, 3), t_2 (K, 3), R_2 (K, 3, 3) for given A."""
+        flat = rotations.reshape(-1, 9)
+        one = np.ones((len(flat), 1))
+        inner = (self.to_inner @ np.concatenate([flat, one], axis=1)[..., None])[..., 0]
+        values = np.concatenate([flat, inner, one], axis=1)
+        constants = (self.mean @ values[..., None])[..., 0]
+        left = np.einsum("nij,kj->kni", self.rows, values, optimize=True) - constants[:, None]
+        misfit = np.linalg.norm(left, axis=2).sum(axis=1)
+        if not len(self.turns):
+            return misfit, constants, inner, np.tile(np.eye(3), (len(flat), 1, 1))
+        u, _, vt = np.linalg.svd((self.mean_turn @ flat[..., None]).reshape(-1, 3, 3))
+        u[:, :, 2] *= np.linalg.det(u @ vt)[:, None]
+        inner_rotation = u @ vt
+        turned = np.einsum("nij,kj->kni", self.turns, flat, optimize=True) - inner_rotation.reshape(-1, 1, 9)
+        misfit = misfit + np.sqrt(0.5) * self.arm * np.linalg.norm(turned, axis=2).sum(axis=1)
+        return misfit, constants, inner, inner_rotation
