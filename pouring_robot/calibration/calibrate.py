@@ -34,7 +34,7 @@ from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.report.result import Result
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.parameters import ParameterGroup, all_parameters
+from pouring_robot.robot.parameters import ParameterCatalogue, ParameterGroup, all_parameters
 from pouring_robot.robot.robot import PouringRobot
 
 if TYPE_CHECKING:
@@ -131,12 +131,12 @@ def calibrate(
         CalibrationError: too few rows, or the fit fails; nothing is to be exported.
         BadInputError: the parameters or tolerances are wrong.
     """
-    options, campaign, model = options or CalibrationOptions(), Campaign.of(campaign), RobotModel.of(model)
+    options, model = options or CalibrationOptions(), RobotModel.of(model)
+    campaign = Campaign.of(campaign, model.definition)
     tolerances = options.tolerances or Tolerances.load()
-    robot = PouringRobot(model)
-    candidates = robot.parameters.groups(options.parameters)
+    candidates = ParameterCatalogue(model.definition).groups(options.parameters)
     progress("checking the data")
-    flags, left_out = _checked(campaign, robot)
+    flags, left_out = _checked(campaign, model)
     parts = split(campaign, left_out, options.hold_out)
     everything = MeasurementModel(model, all_parameters(candidates), options.threads)
     rows = everything.at(campaign.drives)
@@ -207,9 +207,9 @@ def calibrate(
     )
 
 
-def _checked(campaign: Campaign, robot: PouringRobot) -> tuple[tuple[DataFlag, ...], NDArray[np.intp]]:
+def _checked(campaign: Campaign, model: RobotModel) -> tuple[tuple[DataFlag, ...], NDArray[np.intp]]:
     """Return what the checks found and the rows to leave out; refuse data that are wrong as a whole."""
-    flags = tuple(check_campaign(campaign, robot))
+    flags = tuple(check_campaign(campaign, PouringRobot(model)))
     for flag in flags:
         if flag.severity == Severity.ERROR and flag.code not in ROW_CODES:
             raise CampaignError(campaign.path, f"{flag.message}; {flag.remedy}")

@@ -37,6 +37,7 @@ def calibrate(
     campaign: options.CampaignFile,
     out: OutFolder,
     model: options.ModelFile = None,
+    robot: options.RobotFile = None,
     parameters: Parameters = None,
     tolerances: options.TolerancesFile = None,
     hold_out: options.HoldOutBy = "auto",
@@ -51,14 +52,13 @@ def calibrate(
     from pouring_robot.campaign.data import Campaign
     from pouring_robot.estimation.solver import FitOptions
     from pouring_robot.io.files import check_folder
-    from pouring_robot.robot.model import RobotModel
     from pouring_robot.robot.tolerances import Tolerances
 
     check_folder(out)
-    present = RobotModel.of(model)
+    present = options.model_of(model, robot)
     if model:
         options.say_left_out(present, model, warm=True)
-    data = Campaign.read(campaign)
+    data = Campaign.read(campaign, present.definition)
     chosen = CalibrationOptions(
         parameters=tuple(parameters or ("geometry",)),
         tolerances=Tolerances.load(tolerances),

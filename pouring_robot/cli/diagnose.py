@@ -34,6 +34,7 @@ def diagnose(
     campaign: options.CampaignFile,
     out: OutFolder,
     model: options.ModelFile = None,
+    robot: options.RobotFile = None,
     exclude: Exclude = None,
     hold_out: options.HoldOutBy = "auto",
     as_json: options.AsJson = False,
@@ -44,14 +45,13 @@ def diagnose(
     from pouring_robot.diagnosis.diagnose import diagnose as run
     from pouring_robot.diagnosis.report.export import METRICS, MODEL, diagnosis_metrics
     from pouring_robot.io.files import check_folder
-    from pouring_robot.robot.model import RobotModel
 
     check_folder(out)
-    present = RobotModel.of(model)
+    present = options.model_of(model, robot)
     chosen = DiagnosisOptions(exclude=tuple(dict.fromkeys(exclude or ())), hold_out=hold_out)
     with progress.status() as say:
         say("reading")
-        data = Campaign.read(campaign)
+        data = Campaign.read(campaign, present.definition)
         try:
             found = run(data, present, chosen, say)
         except DiagnosisError as problem:

@@ -33,7 +33,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.loops import LoopsFile, LoopSpec, LoopStiffness, load_loops
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.robot.urdf import read_text
+from pouring_robot.robot.urdf import meshes_from, read_text
 
 if TYPE_CHECKING:
     from pouring_robot.batch import BatchStart
@@ -268,10 +268,10 @@ class RobotDefinition:
             DescriptionError: the file is missing or wrong.
         """
         if self.file.urdf is not None:
-            return read_text(self.source)
+            return meshes_from(read_text(self.source), self.source.parent)
         from pouring_robot.robot.rendering import run_xacro
 
-        return run_xacro(self.source, self.file.mappings)
+        return meshes_from(run_xacro(self.source, self.file.mappings), self.source.parent)
 
     def files_beside(self) -> dict[str, bytes]:
         """Return what makes the exported URDF a robot again, by file name: its robot file."""

@@ -15,6 +15,7 @@ from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import DriveParameter, GeometricParameter
 from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.pouring.names import INNER_JOINTS
 from pouring_robot.robot.urdf import description_folder
 
 LEFT_BY_WORKMANSHIP_MM, LEFT_BY_WORKMANSHIP_MRAD = 0.015, 0.012
@@ -106,7 +107,7 @@ def kind_of(parameter: GeometricParameter) -> Kind:
         return "leg_drive_offset" if parameter.unit == "m" else "tilt_drive_offset"
     if parameter.unit == "rad":
         return "joint_axis"
-    return "joint_centre" if parameter.joint.endswith(("_s1", "_seat_mount")) else "inner_offset"
+    return "inner_offset" if parameter.joint in INNER_JOINTS else "joint_centre"
 
 
 def _read(path: Path) -> Tolerances:

@@ -109,6 +109,21 @@ def perturb_urdf(urdf: str, placements: Mapping[str, PlacementError]) -> str:
     return text + "\n"
 
 
+def meshes_from(urdf: str, folder: Path) -> str:
+    """Return the URDF with the addresses of meshes that are relative to its folder made absolute."""
+    if "<mesh" not in urdf:
+        return urdf
+    try:
+        root = etree.fromstring(urdf.encode())
+    except etree.XMLSyntaxError as error:
+        raise DescriptionError("URDF", f"line {error.lineno}: {error.msg}") from error
+    for mesh in root.iter("mesh"):
+        address = mesh.get("filename", "")
+        if "://" not in address:
+            mesh.set("filename", str((folder / address).resolve()))
+    return str(etree.tostring(root, encoding="unicode")) + "\n"
+
+
 def write_urdf(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = None) -> Path:
     """Write a URDF and its meshes into a folder, all or nothing.
 
@@ -143,6 +158,8 @@ def urdf_files(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
         raise DescriptionError("URDF", f"line {error.lineno}: {error.msg}") from error
     files: dict[Path, bytes | str] = {}
     for mesh in root.iter("mesh"):
+        if (mesh.get("filename") or "").startswith("package://") and not mesh.get("filename").startswith(MESH_PACKAGE):
+            continue  # of a package that only its owner has: the address stays
         source = _mesh_path(mesh.get("filename", ""))
         try:
             files[folder / "meshes" / source.name] = source.read_bytes()

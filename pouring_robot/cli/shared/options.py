@@ -29,6 +29,10 @@ ModelFile = Annotated[
     Path | None,
     typer.Option("--model", metavar="FILE", help="Model file of the robot as built (default: the drawing)."),
 ]
+RobotFile = Annotated[
+    Path | None,
+    typer.Option("--robot", metavar="FILE", help="Robot file, robot.yaml, of another robot than the pouring robot."),
+]
 LayoutName = Annotated[
     str | None,
     typer.Option("--layout", metavar="NAME", help="Layout of the dimensions file (default: paper)."),
@@ -79,8 +83,26 @@ def robot_of(model: Path | None, layout: str | None, *, warm: bool = False) -> P
     if model is None:
         return PouringRobot(RobotModel(layout=layout) if layout else None)
     found = RobotModel.load(model)
+    if found.robot:
+        raise BadInputError(f"{model}: this command knows the pouring robot only, not {found.definition.name}")
     say_left_out(found, model, warm=warm)
     return PouringRobot(found)
+
+
+def model_of(model: Path | None, robot: Path | None, layout: str | None = None) -> RobotModel:
+    """Return the model of a model file, or the drawing of a robot file or of a layout.
+
+    Raises:
+        BadInputError: more than one is given, or a file is wrong.
+    """
+    from pouring_robot.robot.model import RobotModel
+
+    given = [name for name, value in (("--model", model), ("--robot", robot), ("--layout", layout)) if value]
+    if len(given) > 1:
+        raise BadInputError(f"give {' or '.join(given)}, not both: a model file names its robot and its layout")
+    if robot is not None:
+        return RobotModel.for_robot(robot)
+    return RobotModel(layout=layout) if layout else RobotModel.of(model)
 
 
 def say_left_out(model: RobotModel, file: Path | str, *, warm: bool = False) -> None:
