@@ -81,6 +81,8 @@ class StarStructure:
         Raises:
             UnsupportedMechanismError: the mechanism is no star.
         """
+        for mimic in mechanism.mimics:
+            raise UnsupportedMechanismError(f"joint '{mimic.joint}' mimics '{mimic.leader}'")
         chains = _chains(mechanism) if mechanism.anchors else [_serial_chain(mechanism)]
         joints = max(len(chain.joints) for chain in chains)
         placements = np.tile(np.r_[np.eye(3).ravel(), np.zeros(3)], (len(chains), joints + 2, 1))

@@ -24,27 +24,13 @@ from numpy.typing import NDArray
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownFrameError, UnknownJointError, closest
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.displacement import displace_model
+from pouring_robot.mechanism.joint_types import Mimic, change_joints, make_spherical, read_mimics
 from pouring_robot.mechanism.loops import LoopsFile
 
 IndexArray = NDArray[np.intp]
 
 GRAVITY_M_S2 = 9.80665
 """Standard gravity, wherever something weighs; Pinocchio's own default is 9.81."""
-
-
-def release_joints(urdf: str, joints: tuple[str, ...]) -> str:
-    """Return the URDF with the given fixed joints turned into floating ones.
-
-    Raises:
-        UnknownJointError: the URDF has no such joint.
-    """
-    root = etree.fromstring(urdf.encode())
-    found = {joint.get("name"): joint for joint in root.iterfind("joint")}
-    for name in joints:
-        if name not in found:
-            raise UnknownJointError(name, found)
-        found[name].set("type", "floating")
-    return str(etree.tostring(root, encoding="unicode"))
 
 
 @dataclass(frozen=True)
@@ -103,6 +89,7 @@ class ClosedChainMechanism:
         for name, joint in zip(loops.drives, self._drive_ids, strict=True):
             if self._model.joints[joint].nv != 1:
                 raise DescriptionError(self._source, f"drive '{name}' must have one freedom")
+        self._check_mimics()
 
     def __reduce__(self) -> tuple[type[ClosedChainMechanism], tuple[Any, ...]]:
         """Pickle as what it was built from: Pinocchio's constraint models cannot be pickled."""
@@ -146,18 +133,36 @@ class ClosedChainMechanism:
             )
 
     def _build(self) -> pin.Model:
+        kinds = self._loops.joint_types | dict.fromkeys(self._loops.cut_joints, "floating")
         try:
-            released = release_joints(self._urdf, self._loops.cut_joints)
+            self._tree_urdf = change_joints(self._urdf, kinds)
+            self._mimics = read_mimics(self._tree_urdf)
         except UnknownJointError as problem:
-            raise DescriptionError(self._source, f"cut_joints: {problem}") from problem
+            key = "cut_joints" if problem.name in self._loops.cut_joints else "joint_types"
+            raise DescriptionError(self._source, f"{key}: {problem}") from problem
         except etree.XMLSyntaxError as problem:
             raise DescriptionError("URDF", f"not valid XML: {problem}") from problem
+        except BadInputError as problem:
+            raise DescriptionError("URDF", str(problem)) from problem
         try:
-            model = pin.buildModelFromXML(released)
+            model = pin.buildModelFromXML(self._tree_urdf)
         except (ValueError, RuntimeError) as problem:
             raise DescriptionError("URDF", f"Pinocchio cannot build it: {problem}") from problem
+        spherical = {name for name, kind in kinds.items() if kind == "spherical"}
+        if spherical:
+            model = make_spherical(model, spherical)
         model.gravity.linear = np.array([0.0, 0.0, -GRAVITY_M_S2])
         return model
+
+    def _check_mimics(self) -> None:
+        for mimic in self._mimics:
+            if any(len(self.joint_columns.get(name, ())) != 1 for name in (mimic.joint, mimic.leader)):
+                problem = f"joint '{mimic.joint}' mimics '{mimic.leader}': both must be joints of one freedom"
+                raise DescriptionError("URDF", problem)
+            if mimic.joint in self._loops.drives:
+                raise DescriptionError(
+                    self._source, f"drive '{mimic.joint}' mimics '{mimic.leader}' in the URDF; drive that one instead"
+                )
 
     def _frame_id(self, name: str, problem: str) -> int:
         if not self._model.existFrame(name):
@@ -189,6 +194,16 @@ class ClosedChainMechanism:
         return self._urdf
 
     @property
+    def tree_urdf(self) -> str:
+        """The same with cut joints floating and ``joint_types`` applied; spherical joints turn about one axis in it."""
+        return self._tree_urdf
+
+    @property
+    def mimics(self) -> tuple[Mimic, ...]:
+        """Joints that follow others."""
+        return self._mimics
+
+    @property
     def loops(self) -> LoopsFile:
         """The declaration of loops and drives."""
         return self._loops
@@ -214,26 +229,38 @@ class ClosedChainMechanism:
         return self._model.copy()
 
     @functools.cached_property
+    def joint_columns(self) -> dict[str, range]:
+        """Velocity indices of every moving joint by name."""
+        model = self._model
+        return {
+            str(model.names[j]): range(model.idx_vs[j], model.idx_vs[j] + model.nvs[j]) for j in range(1, model.njoints)
+        }
+
+    @functools.cached_property
     def drive_columns(self) -> IndexArray:
         """Velocity indices of the drives, in the order of the loops file."""
         return np.array([self._model.idx_vs[j] for j in self._drive_ids], dtype=np.intp)
 
     @functools.cached_property
     def passive_columns(self) -> IndexArray:
-        """Velocity indices that closure has to find: neither driven nor locked."""
-        fixed = {*self._drive_ids, *self._locked_ids}
-        columns = [
-            self._model.idx_vs[j] + k
-            for j in range(1, self._model.njoints)
-            if j not in fixed
-            for k in range(self._model.nvs[j])
-        ]
-        return np.array(columns, dtype=np.intp)
+        """Velocity indices that closure has to find: neither driven nor locked, nor following another joint."""
+        fixed = {*self._drive_ids, *self._locked_ids, *(self.joint_id(mimic.joint) for mimic in self._mimics)}
+        free = (own for j, own in enumerate(self.joint_columns.values(), start=1) if j not in fixed)
+        return np.array([column for own in free for column in own], dtype=np.intp)
 
     @functools.cached_property
     def closing_columns(self) -> IndexArray:
         """Velocity indices of all joints that are not locked: drives and passive joints together."""
         return np.sort(np.concatenate([self.drive_columns, self.passive_columns]))
+
+    @functools.cached_property
+    def coupling(self) -> FloatArray:
+        """How all joints move with those that lead, shape (nv, nv): the unit matrix, but for what mimics others."""
+        coupling = np.eye(self._model.nv)
+        for mimic in self._mimics:
+            follower, leader = (self.joint_columns[name].start for name in (mimic.joint, mimic.leader))
+            coupling[follower, follower], coupling[follower, leader] = 0.0, mimic.ratio
+        return coupling
 
     @functools.cached_property
     def frame_paths(self) -> dict[str, tuple[str, ...]]:
@@ -341,6 +368,19 @@ class ClosedChainMechanism:
             stored = (value,) if joint.nq == 1 else (np.cos(value), np.sin(value))
             result[joint.idx_q : joint.idx_q + joint.nq] = stored
         return result
+
+    def with_mimics(self, configuration: FloatArray, values: Mapping[str, float]) -> FloatArray:
+        """Return a configuration with joints that mimic others where their leaders put them; shape (nq,).
+
+        Args:
+            configuration: shape (nq,).
+            values: of joints in it (m or rad) that may stand more than a turn away: a configuration does not say so.
+        """
+        if not self._mimics:
+            return configuration
+        values = self.joint_values(configuration) | dict(values)
+        followed = {m.joint: m.ratio * values[m.leader] + m.offset for m in self._mimics}
+        return self.with_joint_values(configuration, followed)
 
     def joint_values(self, configuration: FloatArray) -> dict[str, float]:
         """Return the value of every one-freedom joint by name, in m or rad."""

@@ -18,8 +18,9 @@ import pinocchio as pin
 
 from pouring_robot.exceptions import BadInputError, ClosureError
 from pouring_robot.mechanism.arrays import FloatArray, read_only
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism, IndexArray
 from pouring_robot.mechanism.energy import NO_LOADS, ClosureEnergy, EnergyState, Loads
+from pouring_robot.mechanism.null_space import Spectrum, is_regular
 from pouring_robot.report.result import Result
 
 if TYPE_CHECKING:
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 # Singular values of the constraint Jacobian (m and rad, all of order one) below this are zero: perturbations
 # of interest start at a micrometre or a microradian.
 RANK_TOLERANCE = 1e-8
+# A joint idles if it has at least this share in a motion that opens no loop.
+_IDLE_SHARE = 1e-6
 # Of the search: the iteration from which residuals count as lasting, how many steps may climb, when damping ends.
 _FIRST_EXACT = 4
 _PATIENCE = 4
@@ -139,13 +142,27 @@ class ClosureResult(Result):
     @functools.cached_property
     def rank(self) -> int:
         """Rank of the loops' Jacobian over all joints that move: freedoms = joint freedoms - rank."""
-        columns = self.mechanism.closing_columns
-        return int(np.linalg.matrix_rank(self.jacobian.reshape(-1, self.jacobian.shape[2])[:, columns], RANK_TOLERANCE))
+        return int(np.linalg.matrix_rank(self._loop_rows(self.mechanism.closing_columns), RANK_TOLERANCE))
+
+    def _loop_rows(self, columns: IndexArray) -> FloatArray:
+        """Return how the loops open with the given velocity columns and what follows them; (6 loops, columns)."""
+        rows = self.jacobian.reshape(-1, self.jacobian.shape[2])
+        return np.asarray(rows @ self.mechanism.coupling[:, columns])
 
     @property
     def freedoms(self) -> int:
         """Freedoms left to the closed mechanism, were its loops rigid."""
         return int(self.mechanism.closing_columns.size) - self.rank
+
+    @functools.cached_property
+    def idle_joints(self) -> tuple[str, ...]:
+        """Joints that can move while drives and loops stand still, such as a rod that spins about its own axis."""
+        mechanism = self.mechanism
+        columns = mechanism.passive_columns
+        _, values, directions = np.linalg.svd(self._loop_rows(columns))
+        idle = directions[np.count_nonzero(values > RANK_TOLERANCE) :] @ mechanism.coupling[:, columns].T
+        moving = set(np.flatnonzero((np.abs(idle) > _IDLE_SHARE).any(axis=0)).tolist())
+        return tuple(name for name, own in mechanism.joint_columns.items() if moving.intersection(own))
 
     def pose(self, base_frame: str, frame: str) -> pin.SE3:
         """Return the pose of ``frame`` in ``base_frame``.
@@ -205,7 +222,7 @@ class ClosureSolver:
             BadInputError: a value is not finite.
             ClosureError: the loops stay open, or Newton does not converge.
         """
-        return self.solve_from(self.mechanism.with_joint_values(start, drives))
+        return self._solve(self.mechanism.with_joint_values(start, drives), drives)
 
     def solve_from(self, configuration: FloatArray) -> ClosureResult:
         """Close the loops from a configuration that already holds the drive values; shape (nq,).
@@ -213,8 +230,12 @@ class ClosureSolver:
         Raises:
             ClosureError: the loops stay open, or Newton does not converge.
         """
+        return self._solve(configuration, {})
+
+    def _solve(self, configuration: FloatArray, values: Mapping[str, float]) -> ClosureResult:
         if not np.all(np.isfinite(configuration)):
             raise BadInputError("the start configuration holds a value that is not a finite number")
+        configuration = self.mechanism.with_mimics(configuration, values)
         state, iterations = self._minimise(configuration)
         result = self._result(state, configuration, iterations)
         if result.gap_m > self.options.max_gap_m or result.gap_rad > self.options.max_gap_rad:
@@ -285,24 +306,20 @@ class ClosureSolver:
     def _step(self, state: EnergyState, exact: bool, damping: float, kept: bool) -> FloatArray:
         """Return the Newton step over all velocity columns, or one with the kept factors of the step before; (nv,)."""
         energy = self.energy
-        free, block = energy.free_columns, energy.free_block
-        downhill = -state.gradient[free]
-        step = np.zeros(energy.model.nv)
+        downhill = -energy.reduced(state.gradient)
         if kept and self._factors is not None:
-            step[free] = self._factors.solve(downhill)
-            return step
+            return energy.expanded(self._factors.solve(downhill))
         for full in (energy.hessian, energy.gauss_newton_hessian)[0 if exact else 1 :]:
-            hessian = full(state)[block]
+            hessian = energy.reduced_block(full(state))
             if damping:
                 hessian[np.diag_indices_from(hessian)] *= 1.0 + damping
             self._factors = eigenpy.LLT(hessian)
-            if self._factors.info() == eigenpy.ComputationInfo.Success:  # positive definite: the step goes downhill
-                step[free] = self._factors.solve(downhill)
-                return step
-        self._factors = None
-        # Gauss-Newton singular: the least-norm step keeps what is undetermined in place.
-        step[free] = np.linalg.lstsq(hessian, downhill, rcond=1e-12)[0]
-        return step
+            if is_regular(self._factors, hessian):  # positive definite: the step goes downhill
+                return energy.expanded(self._factors.solve(downhill))
+            self._factors, spectrum = None, Spectrum.of(hessian)
+            if spectrum.is_semidefinite:  # what idles stays where it is
+                break
+        return energy.expanded(spectrum.solve(downhill))
 
     def _failure(self, reason: str, state: EnergyState, iterations: int, *, settled: bool) -> ClosureError:
         gaps = np.linalg.norm(state.residual[:, :3], axis=1)

@@ -232,9 +232,30 @@ class ClosureEnergy:
         return np.sort(np.concatenate([self.mechanism.passive_columns, yielding]))
 
     @functools.cached_property
-    def free_block(self) -> tuple[NDArray[np.intp], ...]:
-        """Index of the free columns' block of a Hessian."""
+    def _basis(self) -> FloatArray | None:
+        """How all joints move with the free ones, (nv, free); None where no joint follows another."""
+        mechanism = self.mechanism
+        return np.asarray(mechanism.coupling[:, self.free_columns]) if mechanism.mimics else None
+
+    @functools.cached_property
+    def _free_block(self) -> tuple[NDArray[np.intp], ...]:
         return np.ix_(self.free_columns, self.free_columns)
+
+    def reduced(self, gradient: FloatArray) -> FloatArray:
+        """Return the part of a gradient by all velocity columns that the free ones feel; (nv, ...) to (free, ...)."""
+        return np.asarray(gradient[self.free_columns] if self._basis is None else self._basis.T @ gradient)
+
+    def reduced_block(self, hessian: FloatArray) -> FloatArray:
+        """Return the free columns' part of a Hessian over all velocity columns; (nv, nv) to (free, free)."""
+        return np.asarray(hessian[self._free_block] if self._basis is None else self._basis.T @ hessian @ self._basis)
+
+    def expanded(self, motion: FloatArray) -> FloatArray:
+        """Return the motion of all velocity columns for one of the free ones; (free, ...) to (nv, ...)."""
+        if self._basis is not None:
+            return np.asarray(self._basis @ motion)
+        every = np.zeros((self.model.nv, *motion.shape[1:]))
+        every[self.free_columns] = motion
+        return every
 
     @property
     def can_close(self) -> bool:

@@ -105,7 +105,7 @@ def drive_jacobians(solver: ClosureSolver, result: ClosureResult) -> DriveJacobi
     """
     drives = drive_parameters(solver.mechanism)
     transfer = closed_chain_transfer(solver, result, drives)
-    loops = result.jacobian.reshape(-1, solver.energy.model.nv)[:, solver.energy.free_columns]
+    loops = solver.energy.reduced(result.jacobian.reshape(-1, solver.energy.model.nv).T).T
     rows, columns = loops.shape
     margin = 0.0 if rows < columns else float(np.linalg.svd(loops, compute_uv=False).min(initial=np.inf))
     return DriveJacobians(transfer.matrix, transfer.joints, margin)

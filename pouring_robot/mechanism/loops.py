@@ -15,6 +15,7 @@ from ruamel.yaml.comments import CommentedMap
 
 from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
+from pouring_robot.mechanism.joint_types import JointKind
 
 LoopKind = Literal["6d", "3d"]
 
@@ -68,6 +69,7 @@ class LoopsFile(StrictModel):
         tool_frames: further frames on that body that are reported; the last is where the tool works.
         cut_joints: joints that carry the end body in the tree only.
         locked_joints: joints that take no part in the closure.
+        joint_types: joints of another kind than the URDF says, such as ``spherical``, which URDF does not know.
         drives: driven joints.
         loops: what is closed; nothing for a serial arm.
         stiffness: of each closure.
@@ -79,6 +81,7 @@ class LoopsFile(StrictModel):
     tool_frames: tuple[str, ...] = ()
     cut_joints: tuple[str, ...] = ()
     locked_joints: tuple[str, ...] = ()
+    joint_types: dict[str, JointKind] = pydantic.Field(default_factory=dict)
     drives: tuple[str, ...] = pydantic.Field(min_length=1)
     loops: tuple[LoopSpec, ...] = ()
     stiffness: LoopStiffness = LoopStiffness(
@@ -118,6 +121,9 @@ class LoopsFile(StrictModel):
             twice = {name for name in names if names.count(name) > 1}
             if twice:
                 raise ValueError(f"{what} '{min(twice)}' stands twice")
+        changed = set(self.joint_types) & {*self.drives, *self.cut_joints}
+        if changed:
+            raise ValueError(f"joint '{min(changed)}' is driven or cut, so joint_types cannot change it")
         both = set(self.drives) & {*self.locked_joints, *self.cut_joints}
         if both:
             raise ValueError(f"joint '{min(both)}' cannot be a drive and locked or cut as well")
@@ -139,10 +145,6 @@ def _from_gepetto(content: CommentedMap, path: Path) -> dict[str, Any]:
     unknown = {str(key) for key in content} - {"closed_loop", "type", "name_mot", "joint_name", "joint_type"}
     if unknown:
         raise DescriptionError(path, f"unknown key '{min(unknown)}' beside 'closed_loop'")
-    if content.get("joint_name"):
-        raise DescriptionError(
-            path, "'joint_name' and 'joint_type' change joints after loading; write those joints into the URDF"
-        )
     pairs, drives = content["closed_loop"], content.get("name_mot") or []
     if not isinstance(pairs, list) or any(not isinstance(pair, list) or len(pair) != 2 for pair in pairs):
         raise DescriptionError(path, "'closed_loop' must be a list of pairs of frame names")
@@ -153,7 +155,18 @@ def _from_gepetto(content: CommentedMap, path: Path) -> dict[str, Any]:
         {"name": f"loop_{i}", "frame_a": pair[0], "frame_b": pair[1], "type": str(kind).lower()}
         for i, (pair, kind) in enumerate(zip(pairs, kinds, strict=True), start=1)
     ]
-    return {"loops": loops, "drives": [drives] if isinstance(drives, str) else drives}
+    drives = [drives] if isinstance(drives, str) else drives
+    return {"loops": loops, "drives": drives, "joint_types": _gepetto_joint_types(content, path)}
+
+
+def _gepetto_joint_types(content: CommentedMap, path: Path) -> dict[str, str]:
+    """Return the changes of joints under ``joint_name`` and ``joint_type``, such as ``UJOINT_XY``, in our words."""
+    names, kinds = content.get("joint_name") or [], content.get("joint_type") or []
+    if not isinstance(names, list) or not isinstance(kinds, list) or len(names) != len(kinds):
+        raise DescriptionError(path, "'joint_name' and 'joint_type' must be lists of one length")
+    return {
+        str(name): str(kind).lower().replace("ujoint", "universal") for name, kind in zip(names, kinds, strict=True)
+    }
 
 
 def load_loops(path: Path | str) -> LoopsFile:

@@ -25,7 +25,8 @@ from pouring_robot.exceptions import BadInputError, SingularPoseError, UnknownJo
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
-from pouring_robot.mechanism.energy import EnergyState, TwistColumns
+from pouring_robot.mechanism.energy import ClosureEnergy, EnergyState, TwistColumns
+from pouring_robot.mechanism.null_space import SINGULAR_RATIO, Spectrum, unit_scale
 from pouring_robot.mechanism.parameters import (
     DriveParameter,
     FrameParameter,
@@ -42,7 +43,9 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-_SINGULAR_RATIO = 1e-13
+# Idle freedoms may move the observed frame by so little (m or rad per m or rad), and feel this share of a parameter:
+# eigenvectors are known to round-off over the gap to the softest direction that counts, which is 1e-6 of the stiffest.
+_IDLE = 1e-7
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -117,17 +120,16 @@ def closed_chain_transfer(
     Raises:
         UnknownJointError: a parameter names an absent joint.
         BadInputError: a parameter does not apply, such as the stiffness of a rigid drive.
-        SingularPoseError: the drives do not determine the platform here.
+        SingularPoseError: the drives do not determine the observed frame here. Joints may idle inside.
     """
     observer = _Observer(solver.mechanism, result, frame)
     energy = solver.energy
     state = energy.evaluate(result.configuration, result.commanded)
     hessian = energy.hessian(state)
     gradient_change = _gradient_change(solver, result, state, hessian, parameters)
-    free = energy.free_columns
-    motion = _rigid_motion(solver, parameters)
-    motion[free] -= _solve(hessian[energy.free_block], gradient_change[free])
-    matrix = observer.joint_twists() @ motion + observer.direct_twists(parameters)
+    twists = observer.joint_twists()
+    motion = _rigid_motion(solver, parameters) - _answer(energy, hessian, gradient_change, twists)
+    matrix = twists @ motion + observer.direct_twists(parameters)
     return TransferMatrix(observer.frame, tuple(parameters), matrix, motion)
 
 
@@ -218,7 +220,7 @@ def _rigid_motion(solver: ClosureSolver, parameters: Sequence[LocalParameter]) -
         if isinstance(parameter, DriveParameter):
             column = _drive_column(solver, parameter.joint)
             if energy.springs[column] == 0.0:
-                motion[column, k] = 1.0
+                motion[:, k] = solver.mechanism.coupling[:, column]
         elif isinstance(parameter, StiffnessParameter):
             if energy.springs[_drive_column(solver, parameter.joint)] == 0.0:
                 raise BadInputError(f"drive '{parameter.joint}' is rigid in this model; give it a stiffness first")
@@ -252,7 +254,8 @@ def _gradient_change(
             column = _drive_column(solver, parameter.joint)
             spring = energy.springs[column]
             # A yielding drive is pulled towards its command; a rigid one moves, and everything with it.
-            change[:, k] = -spring * np.eye(energy.model.nv)[column] if spring else hessian[:, column]
+            moved = solver.mechanism.coupling[:, column]
+            change[:, k] = -spring * np.eye(energy.model.nv)[column] if spring else hessian @ moved
         elif isinstance(parameter, StiffnessParameter):
             column = _drive_column(solver, parameter.joint)
             change[column, k] = pin.difference(energy.model, result.commanded, result.configuration)[column]
@@ -261,19 +264,33 @@ def _gradient_change(
     return change
 
 
-def _solve(block: FloatArray, right_side: FloatArray) -> FloatArray:
-    """Solve with the Hessian of the free joints, scaled to a unit diagonal: metres and radians differ by decades."""
-    if not block.size:
-        return right_side
-    diagonal = np.diagonal(block)
-    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, np.inf))
-    scaled = block * scale[:, None] * scale[None, :]
+def _answer(energy: ClosureEnergy, hessian: FloatArray, gradient_change: FloatArray, twists: FloatArray) -> FloatArray:
+    """Return how the joints answer a change of the gradient, (nv, n), where idle freedoms do not show in ``twists``.
+
+    Args:
+        energy: closure energy with its loads.
+        hessian: of the energy, (nv, nv).
+        gradient_change: (nv, n).
+        twists: the observed frame's twist per joint velocity, (6, nv).
+
+    Raises:
+        SingularPoseError: a freedom that nothing holds moves the frame, or a parameter pushes at it.
+    """
+    block, wanted = energy.reduced_block(hessian), energy.reduced(gradient_change)
+    if not block.size or not wanted.size:
+        return energy.expanded(wanted)
+    scale = unit_scale(block)
+    scaled = block * scale[:, None] * scale
     values = np.linalg.eigvalsh(scaled)
-    if values[0] <= _SINGULAR_RATIO * values[-1]:
-        raise SingularPoseError(float(values[0] / values[-1]))
-    factor = eigenpy.LLT(scaled)
-    wanted = scale[:, None] * right_side
-    # One column comes back from Eigen as a vector.
-    solution = factor.solve(wanted).reshape(wanted.shape)
-    solution += factor.solve(wanted - scaled @ solution).reshape(wanted.shape)
-    return np.asarray(scale[:, None] * solution)
+    if values[0] > SINGULAR_RATIO * values[-1]:
+        factor = eigenpy.LLT(scaled)
+        wanted = scale[:, None] * wanted
+        # One column comes back from Eigen as a vector.
+        solution = factor.solve(wanted).reshape(wanted.shape)
+        solution += factor.solve(wanted - scaled @ solution).reshape(wanted.shape)
+        return energy.expanded(scale[:, None] * solution)
+    spectrum = Spectrum.of(block)
+    shown = np.abs(twists @ energy.expanded(spectrum.idle)).max(initial=0.0)
+    if not spectrum.is_semidefinite or shown > _IDLE or spectrum.left_out(wanted).max() > _IDLE:
+        raise SingularPoseError(spectrum.ratio)
+    return energy.expanded(spectrum.solve(wanted))

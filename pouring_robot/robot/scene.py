@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism, release_joints
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
 from pouring_robot.robot.location import LadleLocation
 from pouring_robot.robot.metrics import decimals
@@ -96,9 +96,8 @@ def drawn_robot(
     tint: tuple[float, float, float] | None = None,
 ) -> SceneRobot:
     """Return a mechanism in a configuration (nq,), ready for a scene."""
-    urdf = release_joints(mechanism.urdf, mechanism.loops.cut_joints)
     folders: list[Path | str] = [description_folder().parent]
-    visual = visual_model(mechanism.shared_model, urdf, folders)
+    visual = visual_model(mechanism.shared_model, mechanism.tree_urdf, folders)
     return SceneRobot(name, mechanism.shared_model, visual, configuration, opacity=opacity, tint=tint, label=label)
 
 

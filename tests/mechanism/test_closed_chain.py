@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownFrameError, UnknownJointError
-from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechanism, release_joints
+from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureSolver
 from pouring_robot.mechanism.loops import LoopsFile
 from tests.support import planar_urdf, pose_gap, random_poses
@@ -43,14 +43,6 @@ def test_a_frame_on_the_end_body_sits_where_any_configuration_has_it(drawing):
     assert model.gravity.linear.tolist() == [0.0, 0.0, -GRAVITY_M_S2]
     with pytest.raises(UnknownFrameError):
         mechanism.placement_on_end("ladle_lips")
-
-
-def test_release_turns_only_the_named_joint():
-    released = release_joints(FIVE_BAR, ("a_tip_mount",))
-    before, after = pin.buildModelFromXML(FIVE_BAR), pin.buildModelFromXML(released)
-    assert after.nv == before.nv + 6
-    with pytest.raises(UnknownJointError, match="did you mean 'a_tip_mount'"):
-        release_joints(FIVE_BAR, ("a_tip_mont",))
 
 
 def test_closing_does_not_depend_on_the_cut_when_the_loops_close(drawing):
