@@ -1,3 +1,4 @@
+from .base import Robot as Robot
 from .files import package_path as package_path
 from .files import urdf_path as urdf_path
 from .location import LadleLocation as LadleLocation

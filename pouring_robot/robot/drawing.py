@@ -6,7 +6,10 @@ import functools
 from collections.abc import Mapping
 from typing import Protocol
 
-from pouring_robot.batch import BatchStart, HomotopyStarts, engine_for
+import numpy as np
+
+from pouring_robot.batch import BatchStart, HomotopyStarts, StarStructure, engine_for
+from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 
@@ -18,6 +21,13 @@ class Drawing(Protocol):
 
     def starts(self, drives: FloatArray, /) -> BatchStart:
         """Return the closed poses of drive values (n, drives), in m and rad; NaN where no pose has them."""
+
+    def configuration_at(self, drives: FloatArray, /) -> FloatArray:
+        """Return Pinocchio's configuration of one closed pose, (nq,), for drive values (drives,), in m and rad.
+
+        Raises:
+            NoSolutionError: no pose has these drive values.
+        """
 
 
 class HomeDrawing:
@@ -43,3 +53,21 @@ class HomeDrawing:
             ClosureError: the robot does not close at its home.
         """
         return self._followed.starts(drives)
+
+    def configuration_at(self, drives: FloatArray, /) -> FloatArray:
+        """Return Pinocchio's configuration of one closed pose, (nq,), for drive values (drives,), in m and rad.
+
+        Raises:
+            NoSolutionError: no pose has these drive values.
+        """
+        joints, structure = self.starts(drives[None]).joints[0], self._followed.engine.structure
+        if not np.isfinite(joints).all():
+            raise NoSolutionError("no pose of the drawing has these drive values; check them against the joint limits")
+        if not isinstance(structure, StarStructure):
+            return np.asarray(joints)
+        values = {
+            name: float(value)
+            for names, row in zip(structure.joint_names, joints, strict=True)
+            for name, value in zip(names, row, strict=False)  # a chain may be shorter than the longest
+        }
+        return self.mechanism.with_joint_values(self.mechanism.neutral_configuration(), values)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -24,6 +24,8 @@ from pouring_robot.robot.pouring.poses import PlatformPose
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+
+    from pouring_robot.batch import BatchClosure, BatchStart
 
 OUT_OF_REACH = "out of reach"
 
@@ -113,8 +115,8 @@ class LocatingRobot(Protocol):
     nominal_solver: ClosureSolver
     actual_solver: ClosureSolver
 
-    def actual_drives(self, drives: dict[str, float], /) -> dict[str, float]:
-        """Return where the drives of the robot as built stand for commanded values, in m and rad."""
+    def close(self, drives: FloatArray, start: BatchStart, /) -> BatchClosure:
+        """Close the robot as built for commanded drives from closed poses of the drawing."""
 
     def locate(self, pose: PlatformPose, /) -> LadleLocation:
         """Return where the ladle should be and where it is."""
@@ -122,13 +124,37 @@ class LocatingRobot(Protocol):
 
 def located(robot: LocatingRobot, poses: ArrayLike | Sequence[PlatformPose]) -> xr.Dataset:
     """Return where the ladle should be and where it is for many poses; see :meth:`PouringRobot.locate`."""
+    commanded = _as_array(poses)
+    status, nominal, actual = (_one_at_a_time if _needs_the_solver(robot) else _by_the_engine)(robot, commanded)
+    coordinates = {
+        "commanded_position": (("pose", "axis"), commanded[:, :3], {"units": "m"}),
+        "commanded_tilt": ("pose", commanded[:, 3], {"units": "rad"}),
+    }
+    return error_dataset(robot.nominal_solver.mechanism.loops, status, nominal, actual, coordinates)
+
+
+def error_dataset(
+    loops: LoopsFile,
+    status: NDArray[np.str_],
+    nominal: FloatArray,
+    actual: FloatArray,
+    coordinates: Mapping[str, Any],
+) -> xr.Dataset:
+    """Return nominal and actual poses, (n, frames, 3, 4) each, as a dataset with their differences.
+
+    Args:
+        loops: names the frames.
+        status: of each pose; what is not closed is NaN.
+        nominal: by the drawing.
+        actual: as built.
+        coordinates: what was commanded.
+    """
     import xarray as xr
 
     from pouring_robot.batch.samples import STATUS_NAMES
 
-    commanded = _as_array(poses)
-    frames = robot.nominal_solver.mechanism.loops.reported_frames
-    status, nominal, actual = (_one_at_a_time if _needs_the_solver(robot) else _by_the_engine)(robot, commanded)
+    found = (status == STATUS_NAMES[0])[:, None, None, None]
+    nominal, actual = np.where(found, nominal, np.nan), np.where(found, actual, np.nan)
     turn = actual[..., :3] @ np.swapaxes(nominal[..., :3], -1, -2)
     dims = ("pose", "frame", "axis")
     variables = {
@@ -140,14 +166,11 @@ def located(robot: LocatingRobot, poses: ArrayLike | Sequence[PlatformPose]) -> 
         "error_rotation": (dims, rotation_vectors(turn), {"units": "rad"}),
         "status": ("pose", status, {"comment": f"'{STATUS_NAMES[0]}', or why the pose is NaN"}),
     }
-    coordinates = {
-        "frame": list(frames),
-        "axis": list("xyz"),
-        "commanded_position": (("pose", "axis"), commanded[:, :3], {"units": "m"}),
-        "commanded_tilt": ("pose", commanded[:, 3], {"units": "rad"}),
-    }
-    comment = "poses in the fixed platform; rotations are rotation vectors in its axes; errors are actual minus nominal"
-    return xr.Dataset(variables, coordinates, {"comment": comment})
+    comment = (
+        f"poses in {loops.base_frame}; rotations are rotation vectors in its axes; errors are actual minus nominal"
+    )
+    labels = {"frame": list(loops.reported_frames), "axis": list("xyz"), **coordinates}
+    return xr.Dataset(variables, labels, {"comment": comment})
 
 
 def _as_array(poses: ArrayLike | Sequence[PlatformPose]) -> FloatArray:
@@ -169,24 +192,18 @@ def _needs_the_solver(robot: LocatingRobot) -> bool:
 
 def _by_the_engine(robot: LocatingRobot, poses: FloatArray) -> tuple[NDArray[np.str_], FloatArray, FloatArray]:
     """Return status (n,), nominal and actual poses (n, frames, 3, 4) of all poses at once."""
-    from pouring_robot.batch.engine import BatchEngine
     from pouring_robot.batch.samples import STATUS_NAMES
 
     command = robot.kinematics.commands(poses)
-    drives = robot.nominal_solver.mechanism.loops.drives
-    offsets = robot.actual_drives(dict.fromkeys(drives, 0.0))
-    engine = BatchEngine(robot.actual_solver.mechanism, options=robot.actual_solver.options)
-    closed = engine.close(command.drives + np.array([offsets[name] for name in drives]), command.start)
+    closed = robot.close(command.drives, command.start)
     reachable = robot.kinematics.within_limits(command.start.joints)
     reachable &= ~closed.closed | robot.kinematics.within_limits(closed.joints)
     status = np.where(reachable, np.array(STATUS_NAMES)[closed.status], OUT_OF_REACH)
-    found = (status == STATUS_NAMES[0])[:, None, None, None]
-    nominal = _frames_of(robot.nominal_solver.mechanism, command.start.position, command.start.rotation)
-    actual = _frames_of(robot.actual_solver.mechanism, closed.position, closed.rotation)
-    return status, np.where(found, nominal, np.nan), np.where(found, actual, np.nan)
+    nominal = frames_of(robot.nominal_solver.mechanism, command.start.position, command.start.rotation)
+    return status, nominal, frames_of(robot.actual_solver.mechanism, closed.position, closed.rotation)
 
 
-def _frames_of(mechanism: ClosedChainMechanism, position: FloatArray, rotation: FloatArray) -> FloatArray:
+def frames_of(mechanism: ClosedChainMechanism, position: FloatArray, rotation: FloatArray) -> FloatArray:
     """Return the reported frames, all fixed to the end body, shape (n, frames, 3, 4), from the end frame's pose."""
     model, loops = mechanism.shared_model, mechanism.loops
     end, *_ = placements = [model.frames[mechanism.frame_id(name)].placement for name in loops.reported_frames]

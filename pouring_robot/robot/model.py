@@ -23,6 +23,7 @@ from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.definition import FORMAT as ROBOT_FORMAT
 from pouring_robot.robot.definition import RobotDefinition
 from pouring_robot.robot.effect_stack import EffectEntry
 from pouring_robot.robot.heat_section import HeatSection
@@ -157,13 +158,16 @@ class RobotModel(StrictModel):
 
     @classmethod
     def load(cls, path: Path | str) -> RobotModel:
-        """Read a model file and check that the robot has the joints and drives it names.
+        """Read a model file and check that the robot has the joints and drives it names; of a robot file, the drawing.
 
         Raises:
             ModelFileError: the file cannot be read, or a key, value, layout or joint in it is wrong.
         """
         path = Path(path)
-        model = validate(cls, read_yaml(path, ModelFileError), path, ModelFileError)
+        content = read_yaml(path, ModelFileError)
+        if content.get("format") == ROBOT_FORMAT:
+            return cls.for_robot(path)
+        model = validate(cls, content, path, ModelFileError)
         model._folder = path.parent
         try:
             model.check_drive_offsets()

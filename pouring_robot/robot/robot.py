@@ -7,7 +7,6 @@ built takes these drive values and closes its own loops. The difference of the t
 from __future__ import annotations
 
 import functools
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
@@ -18,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closure import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
+from pouring_robot.mechanism.closure import DEFAULT_OPTIONS, ClosureOptions, ClosureResult
 from pouring_robot.mechanism.energy import NO_LOADS, Loads
 from pouring_robot.mechanism.jacobians import (
     AxisWeakness,
@@ -29,7 +28,7 @@ from pouring_robot.mechanism.jacobians import (
     drive_jacobians,
 )
 from pouring_robot.mechanism.parameters import LocalParameter
-from pouring_robot.mechanism.transfer import closed_chain_transfer
+from pouring_robot.robot.base import Robot
 from pouring_robot.robot.location import LadleLocation, located
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
@@ -39,16 +38,17 @@ from pouring_robot.robot.pouring.poses import PlatformPose
 if TYPE_CHECKING:
     import xarray as xr
 
-    from pouring_robot.robot.parameters import ParameterCatalogue
 
-
-class PouringRobot:
-    """The robot of the drawing and as built. Holds solver workspace: one object a thread.
+class PouringRobot(Robot):
+    """The pouring robot: a :class:`Robot` that is commanded by poses.
 
     Args:
         model: the robot as built; without one, the drawing of the default layout.
         loads: weight and yielding drives of the actual robot.
         options: when a closure counts as found.
+
+    Raises:
+        BadInputError: the model names a joint or drive that the robot does not have, or is one of another robot.
     """
 
     def __init__(
@@ -57,17 +57,11 @@ class PouringRobot:
         loads: Loads = NO_LOADS,
         options: ClosureOptions = DEFAULT_OPTIONS,
     ) -> None:
-        """Build both mechanisms.
-
-        Raises:
-            BadInputError: the model names a joint or drive that the robot does not have.
-        """
-        self.model = model or RobotModel()
-        self.model.check_drive_offsets()
-        self._drive_offsets = self.model.drive_offset_values()
-        self.nominal_solver = ClosureSolver(self.model.nominal_mechanism(), options=options)
-        self.actual_solver = ClosureSolver(self.model.mechanism(), loads, options)
-        self.kinematics = FourUPUKinematics(self.nominal_solver.mechanism)
+        """Build both mechanisms."""
+        super().__init__(model, loads, options)
+        if not isinstance(self.drawing, FourUPUKinematics):
+            raise BadInputError(f"the model is one of {self.model.definition.name}: load it with Robot.load")
+        self.kinematics = self.drawing
 
     def __repr__(self) -> str:
         """Return layout and number of errors."""
@@ -75,28 +69,9 @@ class PouringRobot:
         return f"<{type(self).__name__}: layout {self.model.layout}, {errors} displaced joints and drives>"
 
     @functools.cached_property
-    def parameters(self) -> ParameterCatalogue:
-        """Every geometric error of the drawing by name; its ``table`` is the DH table."""
-        from pouring_robot.robot.parameters import ParameterCatalogue
-
-        return ParameterCatalogue(self.model.definition, self.nominal_solver.mechanism)
-
-    @functools.cached_property
     def layout(self) -> Layout:
         """Workspace and ladle of the layout, in SI units."""
         return load_layout(self.model.layout, self.model.layouts_path)
-
-    @functools.cached_property
-    def unseen_displacements(self) -> tuple[str, ...]:
-        """Displaced joints that no pose seen from the fixed platform shows: they carry it, such as ``truss_travel``."""
-        paths, loops = self.actual_solver.mechanism.frame_paths, self.actual_solver.mechanism.loops
-        frames = (*loops.reported_frames, *(name for loop in loops.loops for name in (loop.frame_a, loop.frame_b)))
-        seen = {joint for frame in frames for joint in paths[frame]} - {*paths[loops.base_frame]}
-        return tuple(joint for joint in self.model.joint_placements if joint not in seen)
-
-    def actual_drives(self, drives: dict[str, float]) -> dict[str, float]:
-        """Return where the drives of the robot as built stand for commanded values, in m and rad."""
-        return {name: value + self._drive_offsets.get(name, 0.0) for name, value in drives.items()}
 
     def forward(self, drives: dict[str, float], near: PlatformPose | None = None) -> ClosureResult:
         """Close the robot as built for commanded drive values (m, rad).
@@ -190,15 +165,8 @@ class PouringRobot:
             NoSolutionError: as :meth:`locate`, or the drives do not determine the platform here.
         """
         if not isinstance(pose, PlatformPose):
-            raise BadInputError("transfer takes one PlatformPose; over arrays take BatchEngine.transfer")
-        named = (parameters,) if isinstance(parameters, str) else parameters
-        chosen: dict[str, LocalParameter] = {}
-        for item in named:
-            found = [p.local for p in self.parameters.match(item)] if isinstance(item, str) else [item]
-            chosen |= {parameter.name: parameter for parameter in found}
-        location = self.locate(pose)
-        frame = frame or location.loops.working_frame
-        return closed_chain_transfer(self.actual_solver, location.actual, list(chosen.values()), frame).to_dataarray()
+            raise BadInputError("transfer takes one PlatformPose; for drive values take transfer_at")
+        return self._transfer(self.locate(pose).actual, parameters, frame)
 
     def drive_jacobians(self, location: LadleLocation) -> DriveJacobians:
         """Return the Jacobians of the actual robot at a location."""
@@ -229,7 +197,4 @@ def load_robot(model: RobotModel | Path | str | None = None) -> PouringRobot:
         ModelFileError: the model file is wrong.
         UnknownLayoutError: it names a layout that does not exist.
     """
-    loaded = RobotModel.of(model)
-    for line in loaded.left_out("load_robot"):
-        warnings.warn(line, stacklevel=2)
-    return PouringRobot(loaded)
+    return PouringRobot.load(model)

@@ -143,6 +143,14 @@ class FourUPUKinematics:
             poses[row] = *pose.position_m, pose.tilt_rad
         return self.commands(poses).start
 
+    def configuration_at(self, drives: FloatArray, /) -> FloatArray:
+        """Return the closed nominal configuration, (nq,), for drive values (4,), in m and rad.
+
+        Raises:
+            NoSolutionError: no pose has these drive values.
+        """
+        return self.configuration(self.forward(dict(zip(self.mechanism.loops.drives, drives.tolist(), strict=True))))
+
     def within_limits(self, joints: FloatArray) -> NDArray[np.bool_]:
         """Return where all joints are within their limits, shape (n,), for joint values (n, chains, joints)."""
         lower, upper = np.moveaxis(np.array([[self._limits[name] for name in chain] for chain in CHAIN_JOINTS]), -1, 0)

@@ -45,7 +45,7 @@ class WarmRobot(PouringRobot):
         mechanism = ClosedChainMechanism(urdf, robot.kinematics.mechanism.loops, robot.model.definition.path)
         self.actual_solver = ClosureSolver(mechanism, robot.actual_solver.energy.loads, robot.actual_solver.options)
 
-    def actual_drives(self, drives: dict[str, float]) -> dict[str, float]:
+    def actual_drives(self, drives: Mapping[str, float]) -> dict[str, float]:
         """Return where the drives stand for commanded values, in m and rad: offset, then grown with the leg."""
         growth = self.expansion.drive_offsets(drives, self._drive_offsets)
         return {name: value + growth.get(name, 0.0) for name, value in super().actual_drives(drives).items()}
