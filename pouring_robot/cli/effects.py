@@ -33,12 +33,13 @@ def _library() -> list[dict[str, Any]]:
     from pouring_robot.effects.registry import all_effects
     from pouring_robot.robot.model import RobotModel
 
-    conditions, channels = complete_conditions(), channel_names(local_parameters(RobotModel()))
+    model = RobotModel()
+    conditions, channels = complete_conditions(model.definition), channel_names(local_parameters(model))
     return [
         {
             "effect": effect.id,
             "story": effect.story,
-            "needs": list(sources(effect.needs)),
+            "needs": list(sources(effect.needs, model.definition)),
             "forms": [
                 {
                     "form": form.name,
@@ -47,7 +48,7 @@ def _library() -> list[dict[str, Any]]:
                 for form in checked_forms(effect, conditions, channels)
             ],
         }
-        for effect in all_effects().values()
+        for effect in all_effects(model.definition).values()
     ]
 
 

@@ -1,4 +1,4 @@
-"""How something unknown may act on this robot: where it acts, and by which condition."""
+"""How something unknown may act on a robot: where it acts, and by which condition."""
 
 from __future__ import annotations
 
@@ -8,40 +8,40 @@ import numpy as np
 
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.effects.drives import CHANNELS, LEGS
-from pouring_robot.effects.facts import in_words
-from pouring_robot.effects.joints import axis_parameters, centre_parameters
+from pouring_robot.effects.drives import channel
+from pouring_robot.effects.facts import in_words, numbers
+from pouring_robot.effects.joints import axis_parameters, place_parameters
 from pouring_robot.inference.courses import separate, smooth, standardised, wandering
 from pouring_robot.inference.discrepancy import Description
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import COMPONENTS
-from pouring_robot.robot.pouring.names import CHAIN_JOINTS
+from pouring_robot.robot.definition import Drive
 
 _PRIOR_STD = 0.3e-3
 """Usual size of something unknown, in m and rad."""
 _AXES = 1e3
-_MIXED_WITH_POSE = ("load", "melt temperature", "platform temperature")
-_MOVING_JOINTS = ("load", "platform temperature")
-WHERE = {
-    "drives": CHANNELS,
-    "fixed platform": tuple(f"base.{c}" for c in COMPONENTS),
-    "seen place": tuple(f"tracker.{c}" for c in COMPONENTS),
-}
+DRIVES, SEEN = "drives", "seen place"
+BY_CHANCE = "row, by chance"
+_MOST_BY_CHANCE = 300
+"""Rows that may each be off by chance. Of more rows, as many of them: what differs from row to row shows there too."""
 
 
 def descriptions(rows: CampaignRows, linear: LinearRows) -> Iterator[Description]:
     """Yield the descriptions that a campaign's conditions allow."""
     maker = _Maker(rows, linear)
-    for by, course in _of_one_condition(rows.conditions):
-        for where in WHERE:
+    given, base = rows.conditions, rows.conditions.causes.words.base
+    for by, course in _of_one_condition(given):
+        for where in maker.where:
             yield maker(where, by, course)
-    yield from _constant(maker, rows.conditions)
-    yield from _of_pose(maker, rows.conditions)
-    yield from _of_own_drive(maker, rows.conditions)
-    yield from _of_joints(maker, rows.conditions)
+    yield from _constant(maker, given)
+    yield from _of_pose(maker, given)
+    yield from _of_own_drive(maker, given)
+    yield from _of_joints(maker, given)
     each = np.eye(len(rows))
-    yield maker("drives", "row, by chance", each)
-    yield maker("fixed platform", "row, by chance", each)
+    if len(rows) > _MOST_BY_CHANCE:
+        each = each[:, np.linspace(0, len(rows) - 1, _MOST_BY_CHANCE).astype(np.intp)]
+    yield maker(DRIVES, BY_CHANCE, each)
+    yield maker(base, BY_CHANCE, each)
 
 
 class _Maker:
@@ -49,6 +49,12 @@ class _Maker:
 
     def __init__(self, rows: CampaignRows, linear: LinearRows) -> None:
         self._rows, self._linear = rows, linear
+        given = rows.conditions
+        self.where = {
+            DRIVES: tuple(channel(drive) for drive in given.robot.drives),
+            given.causes.words.base: tuple(f"base.{c}" for c in COMPONENTS),
+            SEEN: tuple(f"tracker.{c}" for c in COMPONENTS),
+        }
 
     def columns(self, channel: str, course: FloatArray, prior_std: float = _PRIOR_STD) -> FloatArray:
         """Return the columns of one channel along courses (n, k)."""
@@ -56,7 +62,7 @@ class _Maker:
 
     def __call__(self, where: str, by: str, course: FloatArray) -> Description:
         """Return the description that all channels of a place follow a course, each with its own coefficients."""
-        return Description(where, by, np.hstack([self.columns(name, course) for name in WHERE[where]]))
+        return Description(where, by, np.hstack([self.columns(name, course) for name in self.where[where]]))
 
 
 def _of_one_condition(given: Conditions) -> Iterator[tuple[str, FloatArray]]:
@@ -67,99 +73,116 @@ def _of_one_condition(given: Conditions) -> Iterator[tuple[str, FloatArray]]:
     yield "order", wandering(np.arange(n, dtype=float))
     if given.session.max() > 0:
         yield "session", separate(given.session)
-    if given.truss_travel_m is not None:
-        yield "truss travel", wandering(given.truss_travel_m)
-    for by, values in _numbers(given).items():
+    for by, values in in_words(given, (f"{name}_m" for name in given.travels)).items():
+        yield by, wandering(values)
+    for by, values in in_words(given, numbers(given)).items():
         yield by, smooth(standardised(values), 1.0)
-    if given.leg_rise_k is not None:
-        yield "leg temperatures", smooth(standardised(given.leg_rise_k), 2.0, most=20)
+    for kind in given.causes.thermometers:
+        rises = given.value(f"{kind.name}_rise_k")
+        if len(kind.members) > 1 and rises is not None:
+            yield kind.word, smooth(standardised(rises), 2.0, most=20)
     if given.approach is not None:
         yield "approach side", given.approach
     pose = poses(given)
     yield "way from the pose before", np.diff(pose, axis=0, prepend=pose[:1])
 
 
-def _numbers(given: Conditions) -> dict[str, FloatArray]:
-    """Return the conditions that are one number a row, by name; those that the campaign has."""
-    return in_words(given, "weight_n", "melt_rise_k", "ambient_rise_k", "platform_rise_k")
-
-
 def poses(given: Conditions) -> FloatArray:
-    """Return standardised x, y, z and tilt, (n, 4)."""
-    return standardised(np.column_stack([given.position_m, given.tilt_rad]))
+    """Return standardised x, y, z and what of the end body's turn varies, (n, 3 to 6)."""
+    return standardised(np.hstack([given.position_m, given.turn_rad]))
 
 
 def _constant(maker: _Maker, given: Conditions) -> Iterator[Description]:
-    """Yield what stands off by a constant: drives, joint centres, axes."""
+    """Yield what stands off by a constant: drives, places of joints, axes."""
     one = np.ones((len(given), 1))
-    yield maker("drives", "a constant", one)
-    for channel in CHANNELS:
-        yield Description(channel.partition(".")[2], "a constant", maker.columns(channel, one))
-    centres = {j: [n for p in found for n in p.changes] for j, found in centre_parameters(one[:, 0]).items()}
+    yield maker(DRIVES, "a constant", one)
+    for drive in given.robot.drives:
+        yield Description(drive.joint, "a constant", maker.columns(channel(drive), one))
+    placements = given.causes.placements
+    centres = {j: [n for p in found for n in p.changes] for j, found in place_parameters(placements, one[:, 0]).items()}
+    several = placements.centres if len(placements.centres) > 1 else {}
     groups = {
         "joint centres": list(centres),
-        "upper joint centres": [j for j in centres if j.endswith("_s1")],
-        "lower joint centres": [j for j in centres if j.endswith("_seat_mount")],
+        **{placements.centre_words[name]: list(joints) for name, joints in several.items()},
         **{f"joint centre {joint}": [joint] for joint in centres},
     }
     for where, joints in groups.items():
         yield Description(where, "a constant", np.hstack([maker.columns(n, one) for j in joints for n in centres[j]]))
-    axes = axis_parameters(one[:, 0])
     tilts = {
         joint: np.column_stack([sum(maker.columns(n, c[:, None]) for n, c in p.changes.items()) for p in found])
-        for joint, found in axes.items()
+        for joint, found in axis_parameters(placements, one[:, 0]).items()
     }
     # The changes are those of a mrad; brought back to the usual size of something unknown.
     yield Description("joint axes", "a constant", _AXES * np.hstack(list(tilts.values())))
-    outer = [columns for joint, columns in tilts.items() if joint.endswith(("_s1", "_s5"))]
-    yield Description("axes on the platforms", "a constant", _AXES * np.hstack(outer))
-    twists = [maker.columns(f"{joints[3]}.rz", one) for joints in CHAIN_JOINTS]
-    yield Description("twist of the legs", "a constant", np.hstack(twists))
+    for where, axes in placements.axis_groups.items():
+        outer = [columns for joint, columns in tilts.items() if joint in axes]
+        yield Description(where, "a constant", _AXES * np.hstack(outer))
+    if placements.twists:
+        twists = [maker.columns(f"{joint}.rz", one) for joint in placements.twists.values()]
+        yield Description(placements.twist_words, "a constant", np.hstack(twists))
 
 
 def _of_pose(maker: _Maker, given: Conditions) -> Iterator[Description]:
     pose = poses(given)
     wide, fine = smooth(pose, 1.2, most=50), smooth(pose, 0.6, most=80)
-    for where in ("seen place", "drives"):
+    for where in (SEEN, DRIVES):
         yield maker(where, "pose", wide)
         yield maker(where, "pose, finely", fine)
-    for by, values in _numbers(given).items():
-        if by in _MIXED_WITH_POSE:
-            factor = standardised(values)[:, None]
-            yield maker("seen place", f"pose and {by}", wide * factor)
-            yield maker("drives", f"pose and {by}", fine * factor)
+    for by, values in in_words(given, numbers(given, by_pose=True)).items():
+        factor = standardised(values)[:, None]
+        yield maker(SEEN, f"pose and {by}", wide * factor)
+        yield maker(DRIVES, f"pose and {by}", fine * factor)
     if given.session.max() > 0:
         sessions = separate(given.session)
         regional = smooth(pose, 1.5, most=12)
-        yield maker("seen place", "pose and session", np.hstack([regional * s[:, None] for s in sessions.T]))
-    cells = np.clip(((pose + 1.8) / 3.6 * np.array([2.0, 2.0, 3.0, 4.0])).astype(np.int64), 0, 3)
-    yield maker("drives", "cell of x, z and tilt", separate(cells[:, [0, 2, 3]]))
-    yield maker("drives", "cell of x, y and z", separate(cells[:, :3]))
+        yield maker(SEEN, "pose and session", np.hstack([regional * s[:, None] for s in sessions.T]))
+    counts = np.array([2.0, 2.0, 3.0, *(4.0,) * (pose.shape[1] - 3)])
+    cells = np.clip(((pose + 1.8) / 3.6 * counts).astype(np.int64), 0, 3)
+    if given.turn_rad.shape[1] == 1:
+        yield maker(DRIVES, "cell of x, z and tilt", separate(cells[:, [0, 2, 3]]))
+    yield maker(DRIVES, "cell of x, y and z", separate(cells[:, :3]))
 
 
 def _of_own_drive(maker: _Maker, given: Conditions) -> Iterator[Description]:
     """Yield what each drive may do by its own value: waves of unknown pitch, sag by length and lean."""
+    for group, drives in given.robot.groups.items():
+        name = given.causes.words.groups.get(group, group)
+        yield from (
+            _of_slides(maker, given, name, drives) if drives[0].unit == "m" else _of_turns(maker, given, name, drives)
+        )
+
+
+def _of_slides(maker: _Maker, given: Conditions, name: str, drives: tuple[Drive, ...]) -> Iterator[Description]:
+    places = list(zip(drives, given.places(drives), strict=True))
     for length_m in (0.5, 0.05, 0.02, 0.008, 0.003):
-        parts = [maker.columns(CHANNELS[k], smooth(given.drives[:, k], length_m, most=70)) for k in LEGS]
-        yield Description("legs", f"own length, waves of {1e3 * length_m:g} mm", np.hstack(parts))
-    for angle_rad in (1.5, 0.3, 0.1):
-        course = smooth(given.drives[:, 3], angle_rad)
-        yield Description("tilt drive", f"own angle, waves of {angle_rad:g} rad", maker.columns(CHANNELS[3], course))
-    for size in (0.5, 0.25):
+        parts = [maker.columns(channel(d), smooth(given.drives[:, k], length_m, most=70)) for d, k in places]
+        yield Description(name, f"own length, waves of {1e3 * length_m:g} mm", np.hstack(parts))
+    if given.swing_rad is None:
+        return
+    swinging = [(d, k) for d, k in places if np.isfinite(given.swing_rad[:, k]).all()]
+    for size in (0.5, 0.25) if swinging else ():
         parts = []
-        for k in LEGS:
-            place = np.column_stack([given.drives[:, k] / 0.3, given.lean_rad[:, k] / 0.4])
-            parts.append(maker.columns(CHANNELS[k], smooth(place, size, most=50)))
-        yield Description("legs", f"own length and lean ({'coarsely' if size > 0.3 else 'finely'})", np.hstack(parts))
+        for d, k in swinging:
+            place = np.column_stack([given.drives[:, k] / 0.3, given.swing_rad[:, k] / 0.4])
+            parts.append(maker.columns(channel(d), smooth(place, size, most=50)))
+        yield Description(name, f"own length and lean ({'coarsely' if size > 0.3 else 'finely'})", np.hstack(parts))
+
+
+def _of_turns(maker: _Maker, given: Conditions, name: str, drives: tuple[Drive, ...]) -> Iterator[Description]:
+    places = list(zip(drives, given.places(drives), strict=True))
+    for angle_rad in (1.5, 0.3, 0.1):
+        parts = [maker.columns(channel(d), smooth(given.drives[:, k], angle_rad)) for d, k in places]
+        yield Description(name, f"own angle, waves of {angle_rad:g} rad", np.hstack(parts))
 
 
 def _of_joints(maker: _Maker, given: Conditions) -> Iterator[Description]:
     """Yield joints that stand elsewhere by time, load or temperature."""
-    n = len(given)
-    centres = [name for found in centre_parameters(np.ones(n)).values() for p in found for name in p.changes]
+    found = place_parameters(given.causes.placements, np.ones(len(given)))
+    centres = [name for parameters in found.values() for p in parameters for name in p.changes]
     courses: list[tuple[str, FloatArray]] = []
     if given.time_known:
         courses.append(("time", wandering(given.time_s, most=12)))
-    courses += [(by, standardised(values)[:, None]) for by, values in _numbers(given).items() if by in _MOVING_JOINTS]
+    moving = in_words(given, numbers(given, moves_joints=True))
+    courses += [(by, standardised(values)[:, None]) for by, values in moving.items()]
     for by, course in courses:
         yield Description("joint centres", by, np.hstack([maker.columns(name, course) for name in centres]))

@@ -113,7 +113,7 @@ def diagnose(
         FrameFitError: too few rows have a pose and a position.
     """
     options, campaign, model = options or DiagnosisOptions(), Campaign.of(campaign), RobotModel.of(model)
-    effects = chosen_effects(options.exclude)
+    effects = chosen_effects(model.definition, options.exclude)
     progress("checking the data")
     flags = examine(campaign, PouringRobot(model)).flags
     errors = [flag for flag in flags if flag.severity == "error"]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pouring_robot.diagnosis.descriptions import BY_CHANCE
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.gap import COMPONENTS, table_of
 from pouring_robot.inference.discrepancy import Structure
@@ -15,7 +16,6 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 
 MOST = 3
-BY_CHANCE = "row, by chance"
 _IN_TIME = ("time", "order", "session")
 _STEP_SHARE, _FEWEST_BESIDE = 0.8, 4
 

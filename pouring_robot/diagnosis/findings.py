@@ -15,7 +15,7 @@ from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser, State
 from pouring_robot.diagnosis.where.terms import FreeResiduals
-from pouring_robot.effects.drives import CHANNELS
+from pouring_robot.effects.drives import channel
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.inference.decision import Judgement, Verdict
 from pouring_robot.inference.hypotheses import Hypothesis
@@ -95,7 +95,7 @@ class Findings:
             linear.tracker,
             Nuisance.of(linear.free),
             self.before.frames.T_tracker_base.rotation,
-            np.column_stack([self.rows.channel(name, linear) for name in CHANNELS]),
+            np.column_stack([self.rows.channel(channel(d), linear) for d in self.rows.conditions.robot.drives]),
             noise_known=not self.noise.from_residuals,
             noise_freedoms=self.noise.freedoms,
         )

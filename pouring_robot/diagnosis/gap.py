@@ -21,12 +21,12 @@ def table_of(linear: LinearRows, whitened: FloatArray, rows: int) -> FloatArray:
     return table
 
 
-def in_fixed_platform(table: FloatArray, axes: FloatArray) -> FloatArray:
-    """Return a table (n, 6) turned into the axes of the fixed platform; NaN where a component is missing.
+def in_base(table: FloatArray, axes: FloatArray) -> FloatArray:
+    """Return a table (n, 6) turned into the axes of the base; NaN where a component is missing.
 
     Args:
         table: in the tracker's axes.
-        axes: axes of the fixed platform in the tracker's frame, (3, 3).
+        axes: axes of the base in the tracker's frame, (3, 3).
     """
     return np.hstack([table[:, :3] @ axes, table[:, 3:] @ axes])
 

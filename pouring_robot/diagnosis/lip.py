@@ -1,4 +1,4 @@
-"""What effects do at the pouring lip: figures to show, not to judge by."""
+"""What effects do where errors count, such as a pouring lip: figures to show, not to judge by."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from pouring_robot.mechanism.arrays import FloatArray
 
 
 def moved_at_lip(diagnosis: Findings, parameters: Sequence[EffectParameter]) -> FloatArray:
-    """Return by how much some of the fitted parameters move the pouring lip, shape (n, 3), in m.
+    """Return by how much some of the fitted parameters move the tool, shape (n, 3), in m.
 
-    In the axes of the fixed platform, loops closed exactly with everything found and again without these parameters.
+    In the axes of the base, loops closed exactly with everything found and again without these parameters.
     A constant part counts here, though the frames absorb it in the campaign.
     """
     rows, after = diagnosis.rows, diagnosis.after

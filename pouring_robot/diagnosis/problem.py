@@ -53,8 +53,8 @@ class Library:
             if not effect.missing(given)
             for form in checked_forms(effect, given, channels)
         }
-        effects = all_effects()
-        usual = {name: effect.background(len(rows)) for name, effect in effects.items()}
+        effects = all_effects(given.robot)
+        usual = {name: effect.background(given) for name, effect in effects.items()}
         return cls(effects, forms, {name: Form(BACKGROUND, found) for name, found in usual.items() if found})
 
     @property
@@ -90,11 +90,10 @@ def problem_at(rows: CampaignRows, linear: LinearRows, library: Library, added: 
 
 
 def _sag(rows: CampaignRows, linear: LinearRows, axes: FloatArray) -> list[Explanation]:
-    """Return what weight makes of tilted axes: the platform gives way sideways, where the mechanism is soft.
+    """Return what weight makes of tilted axes: the end body gives way, where the mechanism is soft.
 
-    The four chains hold the platform against Y and roll by their rotational stiffness alone, so that under load a tilt
-    of an axis moves it further, by load and pose. What stiffness there is nobody knows; hence no cause but an
-    explanation.
+    Closed chains may hold it in some directions by the stiffness of their joints alone, so that under load a tilt of an
+    axis moves it further, by load and pose. What stiffness there is nobody knows; hence no cause but an explanation.
     """
     given = rows.conditions
     if given.weight_n is None:

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.diagnosis.nominal import nominal_rows
 from pouring_robot.effects.base import EffectParameter, Form
-from pouring_robot.effects.conditions import Conditions, NominalRows, conditions_of
+from pouring_robot.effects.conditions import Conditions, conditions_of
 from pouring_robot.effects.registry import all_effects
 from pouring_robot.estimation.frames import FRAMES, OuterFrames
 from pouring_robot.estimation.measurement import MeasurementModel, Prediction
@@ -28,15 +29,12 @@ from pouring_robot.exceptions import BadInputError, DiagnosisError, closest
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import (
     COMPONENTS,
-    DriveParameter,
     GeometricParameter,
     LocalParameter,
 )
 from pouring_robot.robot.effect_stack import EffectEntry
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterCatalogue
-from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
-from pouring_robot.robot.pouring.names import DRIVE_JOINTS
 
 SCALE = "metrology.scale"
 
@@ -48,7 +46,7 @@ def local_parameters(model: RobotModel) -> tuple[GeometricParameter, ...]:
 
 
 def channel_names(inside: Iterable[LocalParameter]) -> frozenset[str]:
-    """Return the names of all that effects may change: local parameters, the fixed platform, the device's scale."""
+    """Return the names of all that effects may change: local parameters, the base, the device's scale."""
     return frozenset((*(p.name for p in inside), *(f"base.{component}" for component in COMPONENTS), SCALE))
 
 
@@ -57,9 +55,9 @@ class RowChanges:
     """What is changed in each of n rows, in m and rad.
 
     Attributes:
-        drives: added to the commanded drives, (n, 4).
+        drives: added to the commanded drives, (n, D).
         placements: displacement of every site, (n, sites * 6).
-        base: displacement of the fixed platform in its own axes, (n, 6).
+        base: displacement of the base in its own axes, (n, 6).
         scale: relative error of the measuring device's scale, (n,).
     """
 
@@ -127,7 +125,15 @@ class CampaignRows:
         self.campaign, self.model, self.noise = campaign, model, noise
         self.measurement = MeasurementModel(model, local_parameters(model))
         self._places = {name: k for k, name in enumerate(self.measurement.names)}
-        self._sites = {p.name: k for k, p in enumerate(self.measurement.engine.parameters)}
+        structure = self.measurement.engine.structure
+        self._sites = {
+            f"{joint}.{component}": 6 * site + k
+            for site, joint in enumerate(structure.site_joints)
+            for k, component in enumerate(COMPONENTS)
+            if joint
+        }
+        self._drive_places = {joint: k for k, joint in enumerate(structure.mechanism.loops.drives)}
+        self._shape = (len(self._drive_places), 6 * structure.site_count)
         self.measured = MeasuredPoses.from_campaign(campaign, noise.position_m, noise.rotation_rad)
         modelled = self.measurement.at(campaign.drives)
         self._drives = campaign.drives + self.measurement.drive_errors(None)
@@ -154,20 +160,13 @@ class CampaignRows:
                 "leave them out (`pouring-robot campaign check` lists them)",
             )
         self._start = closure.as_start()
-        drives = [p for p in drawing.parameters if isinstance(p, DriveParameter)]
-        by_drive = engine.transfer(closure, drives).matrix
-        kinematics = drawing.drawing
-        if not isinstance(kinematics, FourUPUKinematics):
-            raise DiagnosisError(f"diagnosis knows the pouring robot only, not '{self.model.definition.name}'", "")
-        centres = kinematics.moving_centres_m
-        nominal = NominalRows(closure.position, closure.rotation, closure.joints, by_drive, centres)
-        return conditions_of(self.campaign, nominal)
+        return conditions_of(self.campaign, nominal_rows(drawing, closure))
 
     def _by_stack(self, model: RobotModel) -> RowChanges:
         """Return what the effects that the model already has change in these rows."""
         parameters: list[EffectParameter] = []
         values: list[float] = []
-        known = all_effects()
+        known = all_effects(model.definition)
         for entry in model.effects:
             if entry.placed:
                 continue
@@ -189,8 +188,8 @@ class CampaignRows:
 
     def unchanged(self) -> RowChanges:
         """Return no change at all."""
-        n, sites = len(self), len(self._sites)
-        return RowChanges(np.zeros((n, 4)), np.zeros((n, sites)), np.zeros((n, 6)), np.zeros(n))
+        n, (drives, placements) = len(self), self._shape
+        return RowChanges(np.zeros((n, drives)), np.zeros((n, placements)), np.zeros((n, 6)), np.zeros(n))
 
     def changes(self, parameters: Sequence[EffectParameter], values: FloatArray) -> RowChanges:
         """Return the change that parameters of the given values make together.
@@ -208,7 +207,7 @@ class CampaignRows:
                 elif kind == "base":
                     total.base[:, COMPONENTS.index(rest)] += value * change
                 elif kind == "drive":
-                    total.drives[:, DRIVE_JOINTS.index(rest)] += value * change
+                    total.drives[:, self._drive_places[rest]] += value * change
                 else:
                     total.placements[:, self._sites[name]] += value * change
         return total

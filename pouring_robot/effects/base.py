@@ -1,17 +1,17 @@
 """What an effect is: a change of the mechanism's local parameters, row by row, that depends on conditions.
 
-An effect is linear in its parameters: each parameter has, for every row, the change of local parameters that one unit
-of it makes. First order: the transfer matrix carries these changes to the ladle. Exactly: the loops are closed with the
+An effect is linear in its parameters: each has, for every row, the change of local parameters that one unit
+of it makes. First order: the transfer matrix carries these changes to the end body. Exactly: the loops close with the
 changes put in. What is not linear (a time constant, a power) tells *forms* of the effect apart.
 
     class ScrewWear(Effect):
         id = "screw_wear"
-        story = "the screws are worn in the middle of their stroke"
-        driven_by = "lengths_m"
+        story = "the screw is worn in the middle of its stroke"
+        driven_by = "lengths_m"  # of the sliding drives
 
         def forms(self, conditions):
             stroke = conditions.lengths_m[:, 0] - 0.6
-            change = {"drive.leg1_s3": 1e-3 * np.exp(-((stroke / 0.1) ** 2))}
+            change = {"drive.lift": 1e-3 * np.exp(-((stroke / 0.1) ** 2))}  # of the joint "lift"
             return (Form("bell", (EffectParameter("wear_1", "mm", prior_std=0.5, changes=change),)),)
 
 See :mod:`pouring_robot.effects.registry` for how a package offers its effects.
@@ -22,18 +22,17 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.effects.facts import ALWAYS, FACTS, Axis, Facts, axis_over
+from pouring_robot.effects.facts import ALWAYS, Axis, axis_over, facts_of
 from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.mechanism.arrays import FloatArray
 
 LocalChanges = Mapping[str, FloatArray]
-"""Change of local parameters, (n,) each, in m and rad, by the parameter's name: ``drive.leg1_s3``, ``base.tz`` (of the
-fixed platform in its own axes), ``leg2_seat_mount.tx``, ``leg3_s4.rz`` …, and ``metrology.scale`` (relative)."""
+"""Change of local parameters, (n,) each, in m and rad, by the parameter's name: ``drive.<joint>``, ``base.tz`` (of the
+base in its own axes), ``<joint>.tx``, ``<joint>.rz`` …, and ``metrology.scale`` (relative)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,23 +71,23 @@ class Form:
 
 
 class Effect(ABC):
-    """A physical cause that moves the ladle. Stateless; one instance serves all campaigns."""
+    """A physical cause that moves the end body. Stateless; one instance serves all campaigns of a robot."""
 
-    id: ClassVar[str]
+    id: str
     """Name in files and on the command line."""
-    story: ClassVar[str]
+    story: str
     """One line for people: what happens on the machine."""
-    needs: ClassVar[tuple[str, ...]] = ()
-    """Conditions without which it cannot be tested: names of fields of :class:`Conditions` that may be None."""
-    driven_by: ClassVar[str] = ""
-    """Condition that it is drawn over and that must vary so that it shows, a key of
-    :data:`~pouring_robot.effects.facts.FACTS`; by default the first of :attr:`needs`."""
-    told_apart_by: ClassVar[str] = ""
+    needs: tuple[str, ...] = ()
+    """Conditions without which it cannot be tested: names of what :meth:`Conditions.value` may not have."""
+    driven_by: str = ""
+    """Condition that it is drawn over and that must vary so that it shows, one of
+    :func:`~pouring_robot.effects.facts.known_facts`; by default the first of :attr:`needs`."""
+    told_apart_by: str = ""
     """Measurement that tells it from other effects, in words; by default what varies :attr:`driven_by`."""
-    small: ClassVar[float] = 0.0
+    small: float = 0.0
     """Up to how many times its parameters' prior standard deviations it is what every machine has, and not named beside
     another cause."""
-    loosened_by_load: ClassVar[bool] = False
+    loosened_by_load: bool = False
     """Whether load brings its background to light: the mechanism gives way further where it is soft."""
 
     @property
@@ -96,22 +95,21 @@ class Effect(ABC):
         """Name of the condition that drives it; "" where none does."""
         return self.driven_by or next(iter(self.needs), "")
 
-    @property
-    def separation(self) -> str:
-        """Measurement that tells it from other effects, in words; "" where nobody says."""
-        return self.told_apart_by or FACTS.get(self.driver, Facts()).vary
+    def separation(self, conditions: Conditions) -> str:
+        """Return which measurement tells it from other effects, in words; "" where nobody says."""
+        return self.told_apart_by or facts_of(self.driver, conditions.robot).vary
 
     def axis(self, conditions: Conditions) -> Axis:
         """Return what it is best drawn over in a campaign."""
         return axis_over((self.driver, *self.needs, *ALWAYS), conditions)
 
-    def background(self, rows: int) -> tuple[EffectParameter, ...]:
+    def background(self, conditions: Conditions) -> tuple[EffectParameter, ...]:
         """Return the small errors of its kind that workmanship leaves in every machine; by default none."""
         return ()
 
     def missing(self, conditions: Conditions) -> tuple[str, ...]:
         """Return the needed conditions that a campaign does not have."""
-        return tuple(name for name in self.needs if getattr(conditions, name) is None)
+        return tuple(name for name in self.needs if conditions.value(name) is None)
 
     @abstractmethod
     def forms(self, conditions: Conditions) -> Sequence[Form]:

@@ -6,66 +6,67 @@ Forces follow from virtual work: a drive that yields by dq under the weight W at
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.campaign.columns import approach_names
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.effects.defaults import causes_of
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
-from pouring_robot.robot.pouring.names import LEGS
+from pouring_robot.mechanism.rotations import rotation_vectors
+from pouring_robot.robot.causes import Causes
+from pouring_robot.robot.definition import Drive, RobotDefinition
+
+RISE, FORCE = "_rise_k", "_force"
+_TURNED, _STILL = 1e-9, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
     """n rows in SI units; None where a campaign does not say.
 
+    Beside the attributes, conditions have names (:meth:`value`): ``<thermometer>_rise_k`` of a thermometer or of all of
+    a kind, ``<travel>_m``, ``<group>_force`` of the drives of a group.
+
     Attributes:
-        drives: commanded drives, (n, 4), in m and rad.
-        lengths_m: distances between the U-joint centres of all four legs, (n, 4).
-        position_m: nominal origin of the moving platform in the fixed platform, (n, 3).
-        rotation: nominal axes of the moving platform, (n, 3, 3).
-        lean_rad: angle of the first joint of every leg, (n, 4).
-        lower_centres_m: lower U-joint centres in the moving platform, (4, 3).
+        robot: of the drawing: drives, groups, names.
+        drives: commanded drives, (n, D), in m and rad.
+        position_m: nominal origin of the end body in the base, (n, 3).
+        rotation: nominal axes of the end body, (n, 3, 3).
         session: number of the session from 0, (n,).
         time_s: time of measurement, (n,); without a time column the number of the row stands for it.
         time_known: whether there was a time column.
-        approach: side each drive was approached from, (n, 4), +1 or -1.
-        weight_n: weight of ladle and melt, (n,).
-        leg_pull_n: tension that weight puts into legs 1 to 3, (n, 3); leg 4 is passive.
-        tilt_moment_nm: moment that weight puts on the tilt drive, (n,).
-        truss_travel_m: place along the rails, (n,).
-        melt_rise_k: melt above the reference temperature, (n,).
-        ambient_rise_k: hall above the reference temperature, (n,).
-        leg_rise_k: legs above the reference temperature, (n, 4).
-        platform_rise_k: moving platform above the reference temperature, (n,).
-        screw_pitch_m: travel of a leg a turn.
+        swing_rad: angle of the joint about which each drive's chain swings, (n, D); NaN for a drive without one.
+        approach: side each drive was approached from, (n, D), +1 or -1.
+        weight_n: weight of tool and payload, (n,).
+        drive_force: what weight puts on every drive along its motion, (n, D), in N and Nm; tension is positive.
+        rises: temperatures above the reference by thermometer, (n,), in K.
+        travels: where the base stands along its axes, by name, (n,), in m.
+        screw_pitch_m: travel of a sliding drive a turn.
         truss_span_m: length of the rails.
         filled: conditions of which single cells were missing and were filled in from their neighbours in time.
         assumed: what was assumed, one line each.
     """
 
+    robot: RobotDefinition
     drives: FloatArray
-    lengths_m: FloatArray
     position_m: FloatArray
     rotation: FloatArray
-    lean_rad: FloatArray
-    lower_centres_m: FloatArray
     session: NDArray[np.intp]
     time_s: FloatArray
     time_known: bool
+    swing_rad: FloatArray | None = None
     approach: FloatArray | None = None
     weight_n: FloatArray | None = None
-    leg_pull_n: FloatArray | None = None
-    tilt_moment_nm: FloatArray | None = None
-    truss_travel_m: FloatArray | None = None
-    melt_rise_k: FloatArray | None = None
-    ambient_rise_k: FloatArray | None = None
-    leg_rise_k: FloatArray | None = None
-    platform_rise_k: FloatArray | None = None
+    drive_force: FloatArray | None = None
+    rises: Mapping[str, FloatArray] = field(default_factory=dict)
+    travels: Mapping[str, FloatArray] = field(default_factory=dict)
     screw_pitch_m: float | None = None
     truss_span_m: float | None = None
     filled: tuple[str, ...] = ()
@@ -76,19 +77,62 @@ class Conditions:
         return len(self.drives)
 
     @property
-    def tilt_rad(self) -> FloatArray:
-        """Nominal tilt of the platform, (n,)."""
+    def causes(self) -> Causes:
+        """What may go wrong with the robot, and its words."""
+        return causes_of(self.robot)
+
+    def places(self, drives: Sequence[Drive]) -> list[int]:
+        """Return the columns of some drives."""
+        order = [drive.joint for drive in self.robot.drives]
+        return [order.index(drive.joint) for drive in drives]
+
+    @property
+    def lengths_m(self) -> FloatArray:
+        """Commanded lengths of the sliding drives, (n, slides)."""
+        return self.drives[:, [k for k, drive in enumerate(self.robot.drives) if drive.unit == "m"]]
+
+    @property
+    def angles_rad(self) -> FloatArray:
+        """Commanded angles of the turning drives, (n, turning)."""
+        return self.drives[:, [k for k, drive in enumerate(self.robot.drives) if drive.unit == "rad"]]
+
+    @property
+    def tilt_rad(self) -> FloatArray | None:
+        """Nominal turn of the end body about the base's y, (n,); None where it turns otherwise, too."""
+        if np.abs(self.rotation[:, 1, 1] - 1.0).max() > _TURNED:
+            return None
         return np.asarray(np.arctan2(self.rotation[:, 0, 2], self.rotation[:, 2, 2]))
 
     @property
-    def tilt_drive_rad(self) -> FloatArray:
-        """Commanded angle of the tilt drive, (n,)."""
-        return self.drives[:, 3]
+    def turn_rad(self) -> FloatArray:
+        """What of the end body's turn from its mean orientation varies, (n, 0 to 3): rotation vector in the base."""
+        tilt = self.tilt_rad
+        if tilt is not None:
+            return tilt[:, None][:, : int(np.ptp(tilt) > _STILL)]
+        left, _, right = np.linalg.svd(self.rotation.mean(axis=0))
+        mean = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+        vectors = rotation_vectors(self.rotation @ mean.T)
+        return vectors[:, np.ptp(vectors, axis=0) > _STILL]
 
     @property
     def passed(self) -> FloatArray:
         """How much of the campaign's time has passed, 0 to 1, (n,)."""
         return np.asarray((self.time_s - self.time_s.min()) / max(float(np.ptp(self.time_s)), 1e-9))
+
+    def value(self, name: str) -> Any:
+        """Return a condition by its name: (n,) or (n, k), or a number for the whole campaign; None if there is none."""
+        if hasattr(self, name):
+            return getattr(self, name)
+        if name.endswith(RISE):
+            found = [self.rises.get(member) for member in self.causes.members(name.removesuffix(RISE))]
+            kept = [rise for rise in found if rise is not None]
+            if len(kept) < len(found):
+                return None
+            return kept[0] if len(kept) == 1 else np.column_stack(kept)
+        if name.endswith(FORCE):
+            group = self.robot.groups.get(name.removesuffix(FORCE), ())
+            return None if self.drive_force is None or not group else self.drive_force[:, self.places(group)]
+        return self.travels.get(name.removesuffix("_m"))
 
     def behind(self, values: FloatArray, lag_s: float) -> FloatArray:
         """Return values (n,) or (n, k) that follow given ones with a time constant, in the order of time."""
@@ -100,23 +144,36 @@ class Conditions:
         return out
 
 
+def condition_names(robot: RobotDefinition) -> frozenset[str]:
+    """Return the names of everything that rows may have, measured or worked out."""
+    own = {f.name for f in fields(Conditions)}
+    own |= {name for name in dir(Conditions) if isinstance(getattr(Conditions, name), property)}
+    thermometers = {"ambient", *robot.thermometers, *(t.name for t in causes_of(robot).thermometers)}
+    rises, travels = {f"{t}{RISE}" for t in thermometers}, {f"{t}_m" for t in robot.travels}
+    return frozenset(own | rises | travels | {f"{group}{FORCE}" for group in robot.groups})
+
+
 @dataclass(frozen=True, eq=False)
 class NominalRows:
     """What the drawing says of the rows of a campaign.
 
     Attributes:
-        position_m: origin of the moving platform, (n, 3).
+        robot: the drawing.
+        position_m: origin of the end body in the base, (n, 3).
         rotation: its axes, (n, 3, 3).
-        joints: joint values by chain, (n, chains, joints), in m and rad.
-        by_drive: ∂pose/∂drive, (n, 6, 4).
-        lower_centres_m: lower U-joint centres in the moving platform, (4, 3).
+        by_drive: ∂pose/∂drive in base axes, (n, 6, D).
+        up: direction against gravity in the base, (3,).
+        swing_rad: as in :class:`Conditions`, (n, D).
+        own_force: what the links' own weight puts on every drive, (n, D); None where it is not counted.
     """
 
+    robot: RobotDefinition
     position_m: FloatArray
     rotation: FloatArray
-    joints: FloatArray
     by_drive: FloatArray
-    lower_centres_m: FloatArray
+    up: FloatArray
+    swing_rad: FloatArray
+    own_force: FloatArray | None
 
 
 def conditions_of(campaign: Campaign, nominal: NominalRows) -> Conditions:
@@ -127,49 +184,58 @@ def conditions_of(campaign: Campaign, nominal: NominalRows) -> Conditions:
         nominal: the same rows by the drawing.
     """
     filler = _Filler(campaign)
-    metadata = campaign.metadata
+    metadata, robot = campaign.metadata, nominal.robot
     reference = metadata.reference_temperature_degC
     assumed = []
     if reference is None:
         reference = REFERENCE_DEGC
         assumed.append(f"reference temperature {reference:g} °C")
-    payload = filler("payload")
-    weight = pull = moment = None
-    if payload is not None and metadata.ladle_tare_kg is not None and metadata.ladle_centre_of_mass_m is not None:
-        weight = (metadata.ladle_tare_kg + payload) * GRAVITY_M_S2
-        arm = nominal.rotation @ np.array(metadata.ladle_centre_of_mass_m)
-        turn = nominal.by_drive[:, 3:]
-        rise = nominal.by_drive[:, 2] + arm[:, 1, None] * turn[:, 0] - arm[:, 0, None] * turn[:, 1]
-        pull, moment = -weight[:, None] * rise[:, :3], -weight * rise[:, 3]
-    known = filler("time")
+    weight, force = _loads(campaign, nominal, filler.one("payload"))
+    known = filler.one("time")
     names = {name: k for k, name in enumerate(dict.fromkeys(campaign.sessions))}
-    above = {name: filler(name) for name in ("melt", "ambient", "platform")} | {"leg": filler(*LEGS)}
-    rises = {f"{name}_rise_k": None if v is None else v - reference for name, v in above.items()}
+    thermometers = (member for kind in causes_of(robot).thermometers for member in kind.members)
+    warm = {member: filler.one(member) for member in thermometers if member in campaign.conditions}
+    travels = {name: filler.one(name) for name in robot.travels}
     return Conditions(
+        robot=robot,
         drives=np.array(campaign.drives),
-        lengths_m=nominal.joints[:, :, 2],
         position_m=nominal.position_m,
         rotation=nominal.rotation,
-        lean_rad=nominal.joints[:, :, 0],
-        lower_centres_m=nominal.lower_centres_m,
         session=np.array([names[name] for name in campaign.sessions], dtype=np.intp),
         time_s=np.arange(len(campaign), dtype=float) if known is None else known,
         time_known=known is not None,
-        approach=filler(*approach_names(campaign.robot)),
+        swing_rad=nominal.swing_rad,
+        approach=filler(*approach_names(robot)),
         weight_n=weight,
-        leg_pull_n=pull,
-        tilt_moment_nm=moment,
-        truss_travel_m=filler("truss_travel"),
+        drive_force=force,
+        rises={name: values - reference for name, values in warm.items() if values is not None},
+        travels={name: values for name, values in travels.items() if values is not None},
         screw_pitch_m=metadata.screw_pitch_m,
         truss_span_m=metadata.truss_span_m,
         filled=tuple(filler.filled),
         assumed=tuple(assumed),
-        **rises,
     )
 
 
+def _loads(
+    campaign: Campaign, nominal: NominalRows, payload_kg: FloatArray | None
+) -> tuple[FloatArray | None, FloatArray | None]:
+    """Return the weight carried, (n,), and what it and the links' own weight put on every drive, (n, D)."""
+    metadata = campaign.metadata
+    if payload_kg is None:
+        return None, nominal.own_force
+    if metadata.ladle_tare_kg is None or metadata.ladle_centre_of_mass_m is None:
+        return None, None
+    weight = (metadata.ladle_tare_kg + payload_kg) * GRAVITY_M_S2
+    arm = nominal.rotation @ np.array(metadata.ladle_centre_of_mass_m)
+    shift, turn = nominal.by_drive[:, :3], nominal.by_drive[:, 3:]
+    rise = np.einsum("c,ncd->nd", nominal.up, shift + np.cross(turn, arm[:, :, None], axis=1))
+    force = -weight[:, None] * rise
+    return weight, force if nominal.own_force is None else force + nominal.own_force
+
+
 class _Filler:
-    """Reads arrays of a campaign and fills single missing cells from their neighbours in time."""
+    """Reads quantities of a campaign and fills single missing cells from their neighbours in time."""
 
     def __init__(self, campaign: Campaign) -> None:
         self._campaign = campaign
@@ -179,12 +245,15 @@ class _Filler:
         self.filled: list[str] = []
 
     def __call__(self, *names: str) -> FloatArray | None:
-        """Return quantities without gaps, (n,) or a column each; None where the campaign lacks one of them."""
+        """Return quantities without gaps, (n, names); None where the campaign lacks one of them."""
         given = [self._campaign.quantity(name) for name in names]
         columns = [self._without_gaps(n, v) for n, v in zip(names, given, strict=True) if v is not None]
-        if len(columns) < len(names):
-            return None
-        return columns[0] if len(names) == 1 else np.column_stack(columns)
+        return np.column_stack(columns) if len(columns) == len(names) else None
+
+    def one(self, name: str) -> FloatArray | None:
+        """Return a quantity without gaps, (n,); None where the campaign does not have it."""
+        found = self(name)
+        return None if found is None else found[:, 0]
 
     def _without_gaps(self, name: str, values: FloatArray) -> FloatArray:
         known = np.isfinite(values)

@@ -1,6 +1,8 @@
-"""Effects of the drives: zeros, leads, screws, lost motion, the tilt encoder."""
+"""Families of effects of drives: zeros, scales, errors that return with every turn, lost motion."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -8,144 +10,223 @@ from pouring_robot.effects.base import Effect, EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.robot.pouring.names import DRIVE_JOINTS, DRIVE_SYMBOLS
+from pouring_robot.robot.definition import Drive
 
-CHANNELS = tuple(f"drive.{joint}" for joint in DRIVE_JOINTS)
-LEGS = (0, 1, 2)
-"""Drives that are lengths; the fourth is an angle."""
-_MIDDLE_M, _HALF_STROKE_M = 0.55, 0.2
-_HOMES_M = (0.3, 0.4, 0.5)
-"""Lengths at which a leg may have been homed."""
+Drives = tuple[Drive, ...]
 
 
-def of_legs(unit: float, courses: FloatArray) -> dict[str, FloatArray]:
-    """Return the change of all three driven legs along courses (n, 3 or more), of a unit in m."""
-    return {CHANNELS[k]: unit * courses[:, k] for k in LEGS}
+def channel(drive: Drive) -> str:
+    """Return the name of the local parameter that moves a drive."""
+    return f"drive.{drive.joint}"
 
 
-def of_drive(drive: int, name: str, prior_std: float, course: FloatArray, main: bool = True) -> EffectParameter:
-    """Return a parameter that moves one drive along a course (n,), in its own unit."""
-    unit, si = ("mm", MM) if drive in LEGS else ("mrad", MRAD)
-    return EffectParameter(f"{DRIVE_SYMBOLS[drive]}_{name}", unit, prior_std, {CHANNELS[drive]: si * course}, main)
+def of_drives(drives: Sequence[Drive], unit: float, courses: FloatArray) -> dict[str, FloatArray]:
+    """Return the change of all drives along courses (n, drives), of a unit in m or rad."""
+    return {channel(drive): unit * courses[:, k] for k, drive in enumerate(drives)}
 
 
-class DriveZeroOffset(Effect):
-    """Constant error of l1, l2, l3 and θ46."""
+def of_drive(
+    drive: Drive, name: str, prior_std: float, course: FloatArray, main: bool = True, per: str = ""
+) -> EffectParameter:
+    """Return a parameter that moves one drive along a course (n,), in its own unit; ``per`` is added to that."""
+    unit, si = ("mm", MM) if drive.unit == "m" else ("mrad", MRAD)
+    return EffectParameter(f"{drive.symbol}_{name}", unit + per, prior_std, {channel(drive): si * course}, main)
 
-    id = "drive_zero_offset"
-    story = "the zeros of the drives are set wrong"
-    driven_by = "tilt_rad"
+
+class Family(Effect):
+    """A family of effects, made for parts of one robot.
+
+    Args:
+        id_: name in files and on the command line.
+        story: one line for people.
+        drives: on which it acts.
+    """
+
+    def __init__(self, id_: str, story: str, drives: Drives = ()) -> None:
+        """Keep what it is called and what it acts on."""
+        self.id, self.story, self.drives = id_, story, drives
+
+
+class Zero(Family):
+    """Constant error of drives.
+
+    Args:
+        id_: as of :class:`Family`.
+        story: likewise.
+        drives: likewise.
+        driven_by: condition that must vary so that it shows.
+    """
+
     _HOMING = 0.02
 
+    def __init__(self, id_: str, story: str, drives: Drives, driven_by: str = "position_m") -> None:
+        """Keep it."""
+        super().__init__(id_, story, drives)
+        self.driven_by = driven_by
+
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """All four drives, or one alone; each session's homing may scatter by a fiftieth."""
+        """All drives, or one alone; each session's homing may scatter by a fiftieth."""
         one = np.ones(len(conditions))
+        sessions = int(conditions.session.max()) + 1
         homing = [
-            of_drive(k, f"homing_session_{s + 1}", self._HOMING, (conditions.session == s).astype(float), main=False)
-            for k in range(4)
-            for s in range(int(conditions.session.max()) + 1)
-            if conditions.session.max() > 0
+            of_drive(d, f"homing_session_{s + 1}", self._HOMING, (conditions.session == s).astype(float), main=False)
+            for d in self.drives
+            for s in range(sessions if sessions > 1 else 0)
         ]
-        offsets = [of_drive(k, "offset", 1.0, one) for k in range(4)]
-        forms = [Form("all", tuple(offsets)), *(Form(f"{DRIVE_SYMBOLS[k]}_alone", (offsets[k],)) for k in range(4))]
+        offsets = [of_drive(d, "offset", 1.0, one) for d in self.drives]
+        single = zip(self.drives, offsets, strict=True) if len(offsets) > 1 else ()
+        forms = [Form("all", tuple(offsets)), *(Form(f"{d.symbol}_alone", (offset,)) for d, offset in single)]
         if homing:
             forms += [Form(f"{form.name}_homed", (*form.parameters, *homing)) for form in forms]
         return tuple(forms)
 
 
-class DriveScale(Effect):
-    """Lead error of l1, l2, l3."""
+class Scale(Family):
+    """Error in proportion to the stroke of sliding drives: another lead, another gear; perhaps with a build-up.
 
-    id = "drive_scale"
-    story = "the screws have another lead than the controller believes"
+    Args:
+        id_: as of :class:`Family`.
+        story: likewise.
+        drives: likewise.
+        homes: lengths at which a drive may have been homed, in m, beside none.
+        middle_m: of the stroke.
+        half_stroke_m: to either side.
+    """
+
     driven_by = "lengths_m"
 
+    def __init__(
+        self,
+        id_: str,
+        story: str,
+        drives: Drives,
+        homes: Sequence[float] = (),
+        middle_m: float = 0.0,
+        half_stroke_m: float = 1.0,
+    ) -> None:
+        """Keep the stroke."""
+        super().__init__(id_, story, drives)
+        self.homes, self.middle_m, self.half_stroke_m = homes, middle_m, half_stroke_m
+
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """In proportion to the length, or to the stroke from a home position; the lead may change along the screw."""
+        """In proportion to the length, or to the stroke from a home position; the lead may change along the stroke."""
+        lengths = conditions.drives[:, conditions.places(self.drives)]
         found = []
-        for home_m in (0.0, *_HOMES_M):
+        for home_m in (0.0, *self.homes):
             name = f"stroke_from_{1e3 * home_m:.0f}_mm" if home_m else "whole_length"
-            stroke = conditions.lengths_m - home_m
-            bent = (conditions.lengths_m - _MIDDLE_M) ** 2 - _HALF_STROKE_M**2 / 3.0
+            stroke = lengths - home_m
+            bent = (lengths - self.middle_m) ** 2 - self.half_stroke_m**2 / 3.0
             if home_m:
                 bent = stroke * np.abs(stroke)
-            lead = [of_drive(k, "scale", 1.0, stroke[:, k]) for k in LEGS]
-            progressive = [of_drive(k, "progression", 0.5, bent[:, k], main=False) for k in LEGS]
-            both = (*lead, *progressive)
-            parameters = tuple(EffectParameter(p.name, "mm/m", p.prior_std, p.changes, p.main) for p in both)
-            found.append(Form(name, parameters))
+            lead = [of_drive(d, "scale", 1.0, stroke[:, k], per="/m") for k, d in enumerate(self.drives)]
+            progressive = [
+                of_drive(d, "progression", 0.5, bent[:, k], main=False, per="/m") for k, d in enumerate(self.drives)
+            ]
+            found.append(Form(name, (*lead, *progressive)))
         return tuple(found)
 
 
-class DriveCyclic(Effect):
-    """Periodic with the screw pitch."""
+class Periodic(Family):
+    """Error of drives that is periodic in their own position.
 
-    id = "drive_cyclic"
-    story = "the screws run out of true: an error that returns with every turn"
-    needs = ("screw_pitch_m",)
+    Args:
+        id_: as of :class:`Family`.
+        story: likewise.
+        drives: likewise.
+        sizes: usual size of each order over the first.
+        period: ``turn`` of the joint; ``pitch``: what a turn of the motor moves a sliding drive, by the robot file or
+            the campaign's screw pitch; or ``screw_pitch_m``: the campaign's.
+        all_main: whether every order makes the effect; if not, the higher ones only shape what the first makes.
+    """
+
+    def __init__(
+        self,
+        id_: str,
+        story: str,
+        drives: Drives,
+        sizes: Sequence[float],
+        period: str = "turn",
+        all_main: bool = False,
+    ) -> None:
+        """Keep the orders."""
+        super().__init__(id_, story, drives)
+        self.sizes, self.all_main = sizes, all_main
+        self.stated = {
+            d.joint: 2.0 * np.pi * abs(d.factor) for d in drives if period == "pitch" and d.command == "angle"
+        }
+        self.of_turn = period == "turn"
+        if self.of_turn:
+            self.driven_by = "angles_rad"
+        elif len(self.stated) < len(drives):
+            self.needs = ("screw_pitch_m",)
+        else:
+            self.driven_by = "lengths_m"
+
+    def _phase(self, conditions: Conditions, drive: Drive, column: int) -> FloatArray:
+        value = conditions.drives[:, column]
+        if self.of_turn:
+            return value
+        return 2.0 * np.pi * value / self.stated.get(drive.joint, float(conditions.screw_pitch_m or np.nan))
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """Once a turn; two and three times a turn as overtones."""
-        parameters = []
-        for harmonic, prior_std in ((1, 1.0), (2, 0.25), (3, 0.1)):
-            for k in LEGS:
-                turn = 2.0 * np.pi * harmonic * conditions.drives[:, k] / float(conditions.screw_pitch_m or np.nan)
-                parameters += [
-                    of_drive(k, f"{name}_{harmonic}", prior_std, wave(turn), main=harmonic == 1)
-                    for name, wave in (("sine", np.sin), ("cosine", np.cos))
-                ]
+        """Once a turn, and overtones."""
+        phases = [
+            self._phase(conditions, d, k) for d, k in zip(self.drives, conditions.places(self.drives), strict=True)
+        ]
+        parameters = [
+            of_drive(d, f"{name}_{order}", size, wave(order * phase), main=self.all_main or order == 1)
+            for order, size in enumerate(self.sizes, 1)
+            for d, phase in zip(self.drives, phases, strict=True)
+            for name, wave in (("sine", np.sin), ("cosine", np.cos))
+        ]
         return (Form("turns", tuple(parameters)),)
 
 
-class DriveBacklash(Effect):
-    """Lost motion, by the side a drive was approached from."""
+class LostMotion(Family):
+    """Lost motion, by the side a drive was approached from.
 
-    id = "drive_backlash"
-    story = "nuts and gears have play: a drive stops short on the side it came from"
+    Args:
+        id_: as of :class:`Family`.
+        story: likewise.
+        drives: likewise.
+        middle_m: of the stroke of sliding drives.
+        half_stroke_m: to either side.
+    """
+
     needs = ("approach",)
     _LOADED, _LATER, _WORN = 0.3, 0.1, 0.1
 
+    def __init__(self, id_: str, story: str, drives: Drives, middle_m: float = 0.0, half_stroke_m: float = 1.0) -> None:
+        """Keep the stroke."""
+        super().__init__(id_, story, drives)
+        self.middle_m, self.half_stroke_m = middle_m, half_stroke_m
+
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """Symmetrical, or on one side only; load may take up part of it, wear may make more of it along the screw."""
-        side = np.asarray(conditions.approach)
+        """Symmetrical, or on one side only; load may take up part of it, wear may make more of it along the stroke."""
+        places = conditions.places(self.drives)
+        side = np.asarray(conditions.approach)[:, places]
+        drives = list(enumerate(self.drives))
         found = []
         for name, sides in (
             ("both_sides", side),
             ("rising_only", 0.5 * (side + 1.0)),
             ("falling_only", 0.5 * (side - 1.0)),
         ):
-            parameters = [of_drive(k, "play", 1.0, sides[:, k]) for k in range(4)]
-            stroke = (conditions.lengths_m - _MIDDLE_M) / _HALF_STROKE_M
+            parameters = [of_drive(d, "play", 1.0, sides[:, k]) for k, d in drives]
+            stroke = (conditions.drives[:, places] - self.middle_m) / self.half_stroke_m
             parameters += [
-                of_drive(k, name, prior_std, sides[:, k] * stroke[:, k] ** power, main=False)
+                of_drive(d, name, prior_std, sides[:, k] * stroke[:, k] ** power, main=False)
                 for name, prior_std, power in (("play_by_length", self._WORN, 1), ("play_by_length_2", self._WORN, 2))
-                for k in LEGS
+                for k, d in drives
+                if d.unit == "m"
             ]
-            if conditions.leg_pull_n is not None and conditions.tilt_moment_nm is not None:
-                force = np.abs(np.column_stack([conditions.leg_pull_n, conditions.tilt_moment_nm]))
+            if conditions.drive_force is not None:
+                force = np.abs(conditions.drive_force[:, places])
                 relative = force / np.maximum(force.mean(axis=0), 1e-9) - 1.0
                 parameters += [
-                    of_drive(k, name, std, sides[:, k] * relative[:, k] ** power, main=False)
+                    of_drive(d, name, std, sides[:, k] * relative[:, k] ** power, main=False)
                     for name, std, power in (("play_by_load", self._LOADED, 1), ("play_by_load_2", self._LATER, 2))
-                    for k in range(4)
+                    for k, d in drives
                 ]
             found.append(Form(name, tuple(parameters)))
         return tuple(found)
-
-
-class TiltEncoderEccentricity(Effect):
-    """Error of θ46 periodic in θ46."""
-
-    id = "tilt_encoder_eccentricity"
-    story = "the disc of the tilt encoder sits off centre"
-    driven_by = "tilt_drive_rad"
-
-    def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """Once a turn; an oval disc adds twice a turn."""
-        angle = conditions.drives[:, 3]
-        parameters = [
-            of_drive(3, f"{name}_{harmonic}", prior_std, wave(harmonic * angle), main=harmonic == 1)
-            for harmonic, prior_std in ((1, 1.0), (2, 0.25))
-            for name, wave in (("sine", np.sin), ("cosine", np.cos))
-        ]
-        return (Form("turns", tuple(parameters)),)

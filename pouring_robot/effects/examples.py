@@ -5,32 +5,31 @@ from __future__ import annotations
 import numpy as np
 
 from pouring_robot.effects.conditions import Conditions
+from pouring_robot.effects.defaults import causes_of
+from pouring_robot.robot.definition import RobotDefinition
 
 
-def complete_conditions(rows: int = 3) -> Conditions:
-    """Return plausible conditions of a few rows in one session, nothing missing; figures of no machine."""
+def complete_conditions(robot: RobotDefinition, rows: int = 3) -> Conditions:
+    """Return plausible conditions of a few rows in one session, nothing else missing; figures of no machine."""
     one = np.ones(rows)
     course = np.linspace(0.0, 1.0, rows)
-    lengths = np.tile([0.55, 0.55, 0.70, 0.71], (rows, 1)) + 0.05 * course[:, None]
+    count = len(robot.drives)
+    middle = np.array([0.55 if drive.unit == "m" else 0.0 for drive in robot.drives])
+    members = [member for kind in causes_of(robot).thermometers if kind.expected for member in kind.members]
     return Conditions(
-        drives=np.column_stack([lengths[:, :3], 0.1 * course]),
-        lengths_m=lengths,
+        robot=robot,
+        drives=middle + 0.1 * course[:, None],
         position_m=np.column_stack([-0.1 * one, 0.02 * course, -0.6 - 0.1 * course]),
         rotation=np.tile(np.eye(3), (rows, 1, 1)),
-        lean_rad=0.1 * np.ones((rows, 4)),
-        lower_centres_m=0.2 * np.array([[-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0]]),
         session=np.zeros(rows, dtype=np.intp),
         time_s=3600.0 * course,
         time_known=True,
-        approach=np.ones((rows, 4)),
+        swing_rad=0.1 * np.ones((rows, count)),
+        approach=np.ones((rows, count)),
         weight_n=5000.0 * one,
-        leg_pull_n=2000.0 * np.ones((rows, 3)),
-        tilt_moment_nm=500.0 * one,
-        truss_travel_m=3.0 * course,
-        melt_rise_k=1500.0 * one,
-        ambient_rise_k=5.0 * one,
-        leg_rise_k=50.0 * np.ones((rows, 4)),
-        platform_rise_k=80.0 * one,
+        drive_force=1000.0 * np.ones((rows, count)),
+        rises=dict.fromkeys(members, 50.0 * one),
+        travels=dict.fromkeys(robot.travels, 3.0 * course),
         screw_pitch_m=0.01,
         truss_span_m=6.0,
     )

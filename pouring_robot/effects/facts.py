@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from pouring_robot.effects.conditions import Conditions
+from pouring_robot.campaign.columns import approach_names
+from pouring_robot.effects.conditions import FORCE, RISE, Conditions
+from pouring_robot.effects.defaults import causes_of
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.robot.pouring.names import DRIVE_COLUMNS, LEGS
+from pouring_robot.robot.causes import Thermometers, Words
+from pouring_robot.robot.definition import Drive, RobotDefinition
 
-APPROACHES = tuple(f"approach_{column}" for column in DRIVE_COLUMNS)
 _KILO, _HOUR_S = 1e3, 3600.0
 
 
@@ -44,6 +48,7 @@ class Facts:
         least_spread: from lowest to highest in SI units; with less it was held still. 0 where that is no question.
         varied: condition that a campaign varies with it, if not itself.
         by_pose: whether every campaign varies it, as it goes by the pose.
+        expected: whether it is worth saying that a campaign does not have it.
     """
 
     axis: Callable[[Conditions], tuple[str, FloatArray | None]] = lambda _: ("", None)
@@ -54,142 +59,193 @@ class Facts:
     least_spread: float = 0.0
     varied: str = ""
     by_pose: bool = False
+    expected: bool = True
+
+
+@functools.lru_cache(maxsize=16)
+def known_facts(robot: RobotDefinition) -> dict[str, Facts]:
+    """Return the facts of a robot's conditions by their names, in the order they are spoken of."""
+    causes = causes_of(robot)
+    words = causes.words
+    load = _of_weight(words, f"weight on the {words.body} [kN]", lambda c: _scaled(c.weight_n, _KILO))
+    found = {"weight_n": replace(load, word="load")}
+    for group, drives in robot.groups.items():
+        kind = "mean force on {} [kN]" if drives[0].unit == "m" else "mean moment on {} [kNm]"
+        found[f"{group}{FORCE}"] = _force(words, f"{group}{FORCE}", words.force.get(group, kind.format(group)))
+    found |= {f"{travel}_m": _travel(travel, causes.travel_words.get(travel)) for travel in robot.travels}
+    found["truss_span_m"] = Facts(
+        sources=("truss.span_m",), record="the length of the rails (truss span in campaign.yaml)"
+    )
+    found |= {f"{t.name}{RISE}": _rise(t, causes.drive_thermometers.values()) for t in causes.thermometers}
+    found["approach"] = _approach(robot)
+    found["time_s"] = Facts(_time, "time", vary="come back to the same poses hours later", least_spread=_HOUR_S)
+    found["session"] = Facts(
+        lambda c: ("session", np.asarray(1.0 + c.session, dtype=np.float64)),
+        sources=("session",),
+        record="the session of every row (session)",
+        vary="set base and device up anew and measure the same poses",
+    )
+    return found | _of_drives(robot) | _OF_POSE
+
+
+def facts_of(name: str, robot: RobotDefinition) -> Facts:
+    """Return the facts of a condition; nothing is known of somebody's own."""
+    return known_facts(robot).get(name, Facts())
 
 
 def _scaled(values: FloatArray | None, unit: float) -> FloatArray | None:
     return None if values is None else values / unit
 
 
-def _mean(values: FloatArray | None, unit: float = 1.0) -> FloatArray | None:
-    return None if values is None else np.asarray(values[:, :3].mean(axis=1)) / unit
-
-
 def _time(given: Conditions) -> tuple[str, FloatArray | None]:
     return ("time [h]", given.time_s / _HOUR_S) if given.time_known else ("time [row]", given.time_s)
 
 
-def _of_weight(label: str, values: Callable[[Conditions], FloatArray | None], word: str = "") -> Facts:
+def _of_weight(words: Words, label: str, values: Callable[[Conditions], FloatArray | None]) -> Facts:
     """Return the facts of a condition that goes by the load."""
     return Facts(
         lambda c: (label, values(c)),
-        word,
-        ("payload_kg", "ladle.tare_kg", "ladle.centre_of_mass_mm"),
-        "the load (payload_kg), and state tare and centre of mass of the ladle",
-        "measure the same poses with the ladle empty and full",
-        500.0,
+        sources=("payload_kg", "ladle.tare_kg", "ladle.centre_of_mass_mm"),
+        record=f"the load (payload_kg), and state tare and centre of mass of the {words.moved}",
+        vary=f"measure the same poses with the {words.moved} empty and full",
+        least_spread=500.0,
         varied="weight_n",
     )
 
 
-FACTS: dict[str, Facts] = {
-    "weight_n": _of_weight("weight on the platform [kN]", lambda c: _scaled(c.weight_n, _KILO), "load"),
-    "leg_pull_n": _of_weight("mean pull of the legs [kN]", lambda c: _mean(c.leg_pull_n, _KILO)),
-    "tilt_moment_nm": _of_weight("moment on the tilt drive [kNm]", lambda c: _scaled(c.tilt_moment_nm, _KILO)),
-    "truss_travel_m": Facts(
-        lambda c: ("truss travel [m]", c.truss_travel_m),
-        "truss travel",
-        ("truss_travel_m",),
-        "the place along the rails (truss_travel_m)",
-        "measure at both ends and in the middle of the rails, empty and full",
-        1.0,
-    ),
-    "truss_span_m": Facts(sources=("truss.span_m",), record="the length of the rails (truss span in campaign.yaml)"),
-    "melt_rise_k": Facts(
-        lambda c: ("melt above reference [K]", c.melt_rise_k),
-        "melt temperature",
-        ("melt_degC",),
-        "the temperature of the melt (melt_degC)",
-        "measure the same poses with a hot and with a cold melt",
-        20.0,
-    ),
-    "ambient_rise_k": Facts(
-        lambda c: ("hall above reference [K]", c.ambient_rise_k),
-        "hall temperature",
-        ("ambient_degC",),
-        "the temperature of the hall (ambient_degC)",
-        "measure the same poses in a cold and in a warm hall",
-        5.0,
-    ),
-    "leg_rise_k": Facts(
-        lambda c: ("mean leg above reference [K]", _mean(c.leg_rise_k)),
-        "leg temperatures",
-        tuple(f"{leg}_degC" for leg in LEGS),
-        f"the temperature of every leg ({LEGS[0]}_degC to {LEGS[-1]}_degC)",
-        "measure the same poses at two temperatures of the legs",
-        20.0,
-    ),
-    "platform_rise_k": Facts(
-        lambda c: ("platform above reference [K]", c.platform_rise_k),
-        "platform temperature",
-        ("platform_degC",),
-        "the temperature of the platform (platform_degC)",
-        "measure the same poses at two temperatures of the platform",
-        20.0,
-    ),
-    "approach": Facts(
+def _force(words: Words, name: str, label: str) -> Facts:
+    def values(given: Conditions) -> FloatArray | None:
+        force = given.value(name)
+        return None if force is None else np.asarray(force.mean(axis=1)) / _KILO
+
+    return _of_weight(words, label, values)
+
+
+def _travel(name: str, words: tuple[str, str] | None) -> Facts:
+    record, vary = words or (
+        f"the place of the base ({name}_m)",
+        "measure at both ends and in the middle of its travel, with and without load",
+    )
+    word = name.replace("_", " ")
+    return Facts(lambda c: (f"{word} [m]", c.travels.get(name)), word, (f"{name}_m",), record, vary, 1.0)
+
+
+def _rise(kind: Thermometers, of_drives: Iterable[str]) -> Facts:
+    """Return the facts of a kind of thermometer; of several the mean of those on drives is drawn."""
+    shown = [member for member in kind.members if member in set(of_drives)] or list(kind.members)
+
+    def axis(given: Conditions) -> tuple[str, FloatArray | None]:
+        label = f"{kind.label} [K]"
+        if given.value(f"{kind.name}{RISE}") is None:
+            return label, None
+        return label, np.column_stack([given.rises[member] for member in shown]).mean(axis=1)
+
+    sources = tuple(f"{member}_degC" for member in kind.members)
+    return Facts(axis, kind.word, sources, kind.record, kind.vary, kind.least_spread_k, expected=kind.expected)
+
+
+def _approach(robot: RobotDefinition) -> Facts:
+    columns = approach_names(robot)
+    return Facts(
         lambda c: ("drives that came from below", None if c.approach is None else 1.0 * (c.approach > 0.0).sum(axis=1)),
         "side of approach",
-        APPROACHES,
-        f"the side each drive was approached from ({APPROACHES[0]} to {APPROACHES[-1]})",
+        columns,
+        f"the side each drive was approached from ({columns[0]} to {columns[-1]})",
         "measure the same poses from both sides of every drive",
         1.0,
-    ),
-    "time_s": Facts(_time, "time", vary="come back to the same poses hours later", least_spread=_HOUR_S),
-    "screw_pitch_m": Facts(
-        lambda c: (
-            "turn of screw 1 [°]",
-            None if c.screw_pitch_m is None else np.mod(360.0 * c.drives[:, 0] / c.screw_pitch_m, 360.0),
-        ),
-        sources=("drives.screw_pitch_mm",),
-        record="the pitch of the screws (screw pitch in campaign.yaml)",
-        vary="measure at several places within one turn of the screws",
-    ),
-    "lengths_m": Facts(
-        lambda c: ("length of leg 1 [mm]", c.lengths_m[:, 0] / MM),
-        vary="measure with legs as short and as long as they can be",
-        least_spread=0.1,
-        by_pose=True,
-    ),
-    "tilt_drive_rad": Facts(
-        lambda c: ("theta46 [°]", np.degrees(c.tilt_drive_rad)),
-        vary="let the tilt drive go through its whole range",
-        least_spread=0.2,
-    ),
+    )
+
+
+def _of_drives(robot: RobotDefinition) -> dict[str, Facts]:
+    """Return the facts of the drives' own values: those of a robot that has such drives."""
+    found = {}
+    slides, turns = ([drive for drive in robot.drives if drive.unit == unit] for unit in ("m", "rad"))
+    if slides:
+        first = slides[0]
+        found["screw_pitch_m"] = Facts(
+            lambda c: (
+                "turn of screw 1 [°]",
+                None if c.screw_pitch_m is None else np.mod(360.0 * c.lengths_m[:, 0] / c.screw_pitch_m, 360.0),
+            ),
+            sources=("drives.screw_pitch_mm",),
+            record="the pitch of the screws (screw pitch in campaign.yaml)",
+            vary="measure at several places within one turn of the screws",
+        )
+        found["lengths_m"] = Facts(
+            lambda c: (f"length of {first.words} [mm]", c.lengths_m[:, 0] / MM),
+            vary=f"measure with {_group_of(robot, first)} as short and as long as they can be",
+            least_spread=0.1,
+            by_pose=True,
+        )
+    if turns:
+        first_turn = turns[0]
+        which = first_turn.words if len(turns) == 1 else "every joint"
+        found["angles_rad"] = Facts(
+            lambda c: (f"{first_turn.symbol} [°]", np.degrees(c.angles_rad[:, 0])),
+            vary=f"let {which} go through its whole range",
+            least_spread=0.2,
+        )
+    return found
+
+
+def _group_of(robot: RobotDefinition, drive: Drive) -> str:
+    return next((name for name, drives in robot.groups.items() if drive in drives), "the drives")
+
+
+_OF_POSE: dict[str, Facts] = {
     "tilt_rad": Facts(
-        lambda c: ("tilt [°]", np.degrees(c.tilt_rad)),
+        lambda c: ("tilt [°]", None if c.tilt_rad is None else np.degrees(c.tilt_rad)),
         vary="measure at the edges of the workspace, at both ends of the tilt",
         least_spread=0.3,
         by_pose=True,
     ),
+    "position_m": Facts(
+        lambda c: ("z [mm]", c.position_m[:, 2] / MM),
+        vary="measure at the edges of the workspace, in many orientations",
+        least_spread=0.1,
+        by_pose=True,
+    ),
     "height_m": Facts(lambda c: ("z [mm]", c.position_m[:, 2] / MM), by_pose=True),
 }
-"""By the names of fields and properties of :class:`Conditions`, and ``height_m`` of the platform."""
 ALWAYS = ("tilt_rad", "height_m", "time_s")
 """What anything can be drawn over."""
 
 
 def held_still(name: str, conditions: Conditions) -> bool:
     """Return whether a campaign hardly varied a condition: no column of it spreads enough."""
-    facts = FACTS.get(name, Facts())
-    values = getattr(conditions, facts.varied or name) if facts.least_spread else None
+    facts = facts_of(name, conditions.robot)
+    values = conditions.value(facts.varied or name) if facts.least_spread else None
     return values is not None and bool((np.ptp(values.reshape(len(values), -1), axis=0) < facts.least_spread).all())
 
 
-def in_words(conditions: Conditions, *names: str) -> dict[str, FloatArray]:
+def in_words(conditions: Conditions, names: Iterable[str]) -> dict[str, Any]:
     """Return conditions by their names in sentences; those that the campaign has."""
-    found = {FACTS[name].word: getattr(conditions, name) for name in names}
+    found = {facts_of(name, conditions.robot).word: conditions.value(name) for name in names}
     return {word: values for word, values in found.items() if values is not None}
+
+
+def numbers(conditions: Conditions, *, by_pose: bool = False, moves_joints: bool = False) -> tuple[str, ...]:
+    """Return the names of the load and of temperatures that are one number a row.
+
+    Args:
+        conditions: only those that the robot knows count, whether there or not.
+        by_pose: only those that may act differently in different poses.
+        moves_joints: only those that may displace joints.
+    """
+    kinds = [t for t in conditions.causes.thermometers if len(t.members) == 1]
+    kept = [t for t in kinds if t.by_pose >= by_pose and t.moves_joints >= moves_joints]
+    return ("weight_n", *(f"{t.name}{RISE}" for t in kept))
 
 
 def axis_over(wanted: Iterable[str], conditions: Conditions) -> Axis:
     """Return the axis of the first condition that varies in a campaign; the order of the rows where none does."""
     for name in wanted:
-        label, values = FACTS.get(name, Facts()).axis(conditions)
+        label, values = facts_of(name, conditions.robot).axis(conditions)
         if values is not None and np.ptp(values) > 0.0:
             return Axis(label, values)
     return Axis("row", np.arange(len(conditions), dtype=float), of_rows=True)
 
 
-def sources(needs: Iterable[str]) -> tuple[str, ...]:
+def sources(needs: Iterable[str], robot: RobotDefinition) -> tuple[str, ...]:
     """Return the columns and YAML keys that conditions come from; a condition of somebody's own keeps its name."""
-    return tuple(dict.fromkeys(name for need in needs for name in (FACTS.get(need, Facts()).sources or (need,))))
+    return tuple(dict.fromkeys(name for need in needs for name in (facts_of(need, robot).sources or (need,))))

@@ -1,22 +1,26 @@
-"""Effects of the U joints: centres displaced, axes tilted."""
+"""Families of effects of joints: places displaced, axes tilted."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from pouring_robot.effects.base import Effect, EffectParameter, Form
+from pouring_robot.effects.base import EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions
+from pouring_robot.effects.drives import Family
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.robot.pouring.names import CHAIN_JOINTS, LEGS, SEATS
+from pouring_robot.robot.causes import Placements
 from pouring_robot.robot.tolerances import LEFT_BY_WORKMANSHIP_MM, LEFT_BY_WORKMANSHIP_MRAD, Tolerances
 
-_TILTED = ("xz", "yz", "xy", "yz", "xz")
-"""Directions across the axis of each joint of a leg."""
+Parameters = tuple[EffectParameter, ...]
 
 
-def centre_parameters(one: FloatArray, prior_std_mm: float | None = None) -> dict[str, tuple[EffectParameter, ...]]:
-    """Return three parameters for each U-joint centre, by the joint that places it; ``one`` is 1 for every row.
+def place_parameters(
+    placements: Placements, one: FloatArray, prior_std_mm: float | None = None
+) -> dict[str, Parameters]:
+    """Return three parameters for each joint whose place counts; ``one`` is 1 for every row.
 
     They are as large as the tolerance of a part that nobody has measured, unless a size is given.
     """
@@ -25,76 +29,137 @@ def centre_parameters(one: FloatArray, prior_std_mm: float | None = None) -> dic
         joint: tuple(
             EffectParameter(f"{joint}.t{axis}", "mm", std_mm, {f"{joint}.t{axis}": MM * one}) for axis in "xyz"
         )
-        for joint in (*(joints[0] for joints in CHAIN_JOINTS), *SEATS)
+        for joint in placements.places
     }
 
 
-def axis_parameters(one: FloatArray, prior_std_mrad: float | None = None) -> dict[str, tuple[EffectParameter, ...]]:
-    """Return the tilts of each joint's axis, by joint: only this axis turns, the next joint stays where it was.
+def axis_parameters(
+    placements: Placements, one: FloatArray, prior_std_mrad: float | None = None
+) -> dict[str, Parameters]:
+    """Return the tilts of each joint's axis, by joint: only this axis turns, if the next joint is to stay.
 
     They are as large as the tolerance of a part that nobody has measured, unless a size is given.
     """
     std_mrad = prior_std_mrad or Tolerances.load().kinds.joint_axis.std
-    found = {}
-    for joints, seat in zip(CHAIN_JOINTS, SEATS, strict=True):
-        for name, after, directions in zip(joints, (*joints[1:], seat), _TILTED, strict=True):
-            back = 1.0 if after == seat else -1.0  # the seat is placed on the platform, against the chain's direction
-            found[name] = tuple(
-                EffectParameter(
-                    f"{name}.tilt_{axis}",
-                    "mrad",
-                    std_mrad,
-                    {f"{name}.r{axis}": MRAD * one, f"{after}.r{axis}": back * MRAD * one},
-                )
-                for axis in directions
+    return {
+        tilt.joint: tuple(
+            EffectParameter(
+                f"{tilt.joint}.tilt_{axis}",
+                "mrad",
+                std_mrad,
+                {f"{tilt.joint}.r{axis}": MRAD * one}
+                | ({f"{tilt.after}.r{axis}": tilt.back * MRAD * one} if tilt.after else {}),
             )
-    return found
+            for axis in tilt.directions
+        )
+        for tilt in placements.tilts
+    }
 
 
-class JointCentreOffset(Effect):
-    """U-joint centres displaced on either platform."""
+def together(found: Mapping[str, Parameters]) -> Parameters:
+    """Return the parameters of all joints."""
+    return tuple(parameter for parameters in found.values() for parameter in parameters)
 
-    id = "joint_centre_offset"
-    story = "U joints sit elsewhere on their platforms than drawn"
-    driven_by = "tilt_rad"
-    small = 0.035  # mm
 
-    def background(self, rows: int) -> tuple[EffectParameter, ...]:
-        """All centres, after adjustment."""
-        return tuple(p for found in centre_parameters(np.ones(rows), LEFT_BY_WORKMANSHIP_MM).values() for p in found)
+class Centres(Family):
+    """Joints displaced.
+
+    Args:
+        id_: as of :class:`Family`.
+        story: likewise.
+        driven_by: condition that must vary so that it shows.
+        small: as :attr:`Effect.small`.
+    """
+
+    def __init__(self, id_: str, story: str, driven_by: str, small: float) -> None:
+        """Keep it."""
+        super().__init__(id_, story)
+        self.driven_by, self.small = driven_by, small
+
+    def background(self, conditions: Conditions) -> Parameters:
+        """All places, after adjustment."""
+        one = np.ones(len(conditions))
+        return together(place_parameters(conditions.causes.placements, one, LEFT_BY_WORKMANSHIP_MM))
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """All centres, those of one platform, or a single one."""
-        by_joint = centre_parameters(np.ones(len(conditions)))
-        upper = [p for joint, found in by_joint.items() if joint.endswith("_s1") for p in found]
-        lower = [p for joint, found in by_joint.items() if joint.endswith("_seat_mount") for p in found]
-        single = (Form(f"{joint}_alone", found) for joint, found in by_joint.items())
-        whole = (
-            Form("all", (*upper, *lower)),
-            Form("fixed_platform", tuple(upper)),
-            Form("moving_platform", tuple(lower)),
+        """All places, those of one part of the machine, or a single one."""
+        placements = conditions.causes.placements
+        by_joint = place_parameters(placements, np.ones(len(conditions)))
+        parts = {name: [by_joint[joint] for joint in joints] for name, joints in placements.centres.items()}
+        return (
+            Form("all", together(by_joint)),
+            *(Form(name, tuple(p for found in parameters for p in found)) for name, parameters in parts.items()),
+            *(Form(f"{joint}_alone", found) for joint, found in by_joint.items()),
         )
-        return (*whole, *single)
 
 
-class JointAxisTilt(Effect):
-    """U-joint axes tilted, yokes of a leg twisted."""
+class Tilts(Family):
+    """Axes tilted.
 
-    id = "joint_axis_tilt"
-    story = "axes of the U joints are not parallel as drawn, or the yokes of a leg are twisted"
-    driven_by = "tilt_rad"
-    small = 0.08  # mrad
+    Args:
+        id_: as of :class:`Family`.
+        story: likewise.
+        driven_by: condition that must vary so that it shows.
+        small: as :attr:`Effect.small`.
+        forms: joints whose axes are tilted, by form; that without joints has the twists.
+    """
+
     loosened_by_load = True
 
-    def background(self, rows: int) -> tuple[EffectParameter, ...]:
+    def __init__(
+        self, id_: str, story: str, driven_by: str, small: float, forms: Mapping[str, tuple[str, ...]]
+    ) -> None:
+        """Keep the forms."""
+        super().__init__(id_, story)
+        self.driven_by, self.small, self.joints = driven_by, small, forms
+
+    def background(self, conditions: Conditions) -> Parameters:
         """All axes, after adjustment."""
-        return tuple(p for found in axis_parameters(np.ones(rows), LEFT_BY_WORKMANSHIP_MRAD).values() for p in found)
+        one = np.ones(len(conditions))
+        return together(axis_parameters(conditions.causes.placements, one, LEFT_BY_WORKMANSHIP_MRAD))
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """All axes, twisted legs, or bores of the platforms."""
-        one = np.ones(len(conditions))
-        by_joint = axis_parameters(one)
-        every = [p for joint, found in by_joint.items() if not joint.endswith("_s3") for p in found]
-        twist = [EffectParameter(f"{leg}_twist", "mrad", 1.0, {f"{leg}_s4.rz": MRAD * one}) for leg in LEGS]
-        bores = [p for joint, found in by_joint.items() if joint.endswith(("_s1", "_s5")) for p in found]
-        return (Form("all", tuple(every)), Form("twisted_legs", tuple(twist)), Form("bores", tuple(bores)))
+        """Axes of some joints, or twists."""
+        one, placements = np.ones(len(conditions)), conditions.causes.placements
+        by_joint = axis_parameters(placements, one)
+        twists = tuple(
+            EffectParameter(name, "mrad", 1.0, {f"{joint}.rz": MRAD * one}) for name, joint in placements.twists.items()
+        )
+        return tuple(
+            Form(name, tuple(p for joint, found in by_joint.items() if joint in joints for p in found) or twists)
+            for name, joints in self.joints.items()
+        )
+
+
+class Placement(Family):
+    """Joints displaced and their axes tilted.
+
+    Args:
+        id_: as of :class:`Family`.
+        story: likewise.
+        loosened_by_load: as :attr:`Effect.loosened_by_load`.
+    """
+
+    driven_by = "position_m"
+
+    def __init__(self, id_: str, story: str, loosened_by_load: bool) -> None:
+        """Keep it."""
+        super().__init__(id_, story)
+        self.loosened_by_load = loosened_by_load
+
+    def background(self, conditions: Conditions) -> Parameters:
+        """All places and axes, after adjustment."""
+        one, placements = np.ones(len(conditions)), conditions.causes.placements
+        places = place_parameters(placements, one, LEFT_BY_WORKMANSHIP_MM)
+        return together(places) + together(axis_parameters(placements, one, LEFT_BY_WORKMANSHIP_MRAD))
+
+    def forms(self, conditions: Conditions) -> tuple[Form, ...]:
+        """All places and axes, all of one kind, or those of a single joint."""
+        one, placements = np.ones(len(conditions)), conditions.causes.placements
+        places, axes = place_parameters(placements, one), axis_parameters(placements, one)
+        return (
+            Form("all", together(places) + together(axes)),
+            Form("places", together(places)),
+            Form("axes", together(axes)),
+            *(Form(f"{joint}_alone", found + axes.get(joint, ())) for joint, found in places.items()),
+        )

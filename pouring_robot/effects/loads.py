@@ -1,90 +1,122 @@
-"""Effects of weight: legs stretch, the tilt drive yields, the truss sinks and rolls."""
+"""Families of effects of weight: sliding drives stretch, turning drives yield, a beam sinks and rolls."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from pouring_robot.effects.base import Effect, EffectParameter, Form
-from pouring_robot.effects.conditions import Conditions
-from pouring_robot.effects.drives import CHANNELS, LEGS, of_legs
+from pouring_robot.effects.base import EffectParameter, Form
+from pouring_robot.effects.conditions import FORCE, Conditions
+from pouring_robot.effects.drives import Drives, Family, channel, of_drives
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 
-_LEG_LOAD_N, _LEG_M, _MOMENT_NM, _WEIGHT_N = 5000.0, 0.6, 2000.0, 6500.0
-"""Loads at which deflections are given: about the largest of this robot."""
 _LATER = 0.2
 
 
-class LegCompliance(Effect):
-    """Legs stretch under ladle weight."""
+class Stretch(Family):
+    """Sliding drives stretch under the force along them.
 
-    id = "leg_compliance"
-    story = "the legs stretch under the weight they carry"
-    needs = ("leg_pull_n",)
-    small = 0.02  # mm at 5 kN
+    Args:
+        id_: as of :class:`Family`.
+        story: likewise.
+        drives: likewise.
+        group: they are.
+        force_n: at which a stretch is given.
+        length_m: of a rod that stretches as much by itself.
+        small: as :attr:`Effect.small`.
+    """
+
+    def __init__(
+        self, id_: str, story: str, drives: Drives, group: str, force_n: float, length_m: float, small: float = 0.0
+    ) -> None:
+        """Keep the sizes."""
+        super().__init__(id_, story, drives)
+        self.needs = (f"{group}{FORCE}",)
+        self.force_n, self.length_m, self.small = force_n, length_m, small
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Rods (with pull and length), nuts and bearings (with pull), ball contacts (with its power 2/3)."""
-        pull = np.asarray(conditions.leg_pull_n) / _LEG_LOAD_N
-        rod = pull * conditions.lengths_m[:, :3] / _LEG_M
+        places = conditions.places(self.drives)
+        pull = np.asarray(conditions.drive_force)[:, places] / self.force_n
+        rod = pull * conditions.drives[:, places] / self.length_m
         courses = {"rod": rod, "nut": pull, "contact": np.sign(pull) * np.abs(pull) ** (2.0 / 3.0)}
-        unit = "mm at 5 kN"
+        unit = f"mm at {self.force_n / 1e3:g} kN"
+
+        def together(name: str, prior_std: float, course: FloatArray) -> EffectParameter:
+            return EffectParameter(name, unit, prior_std, of_drives(self.drives, MM, course), main=False)
+
         found = []
         for name, course in courses.items():
             shape = [
-                EffectParameter("stiffening", unit, _LATER, of_legs(MM, pull * np.abs(pull)), main=False),
-                EffectParameter("rod_share", unit, 0.3, of_legs(MM, rod - pull), main=False),
+                together("stiffening", _LATER, pull * np.abs(pull)),
+                together("rod_share", 0.3, rod - pull),
                 *(
-                    EffectParameter(f"l{k + 1}_difference", unit, 0.1, {CHANNELS[k]: MM * course[:, k]}, main=False)
-                    for k in LEGS
+                    EffectParameter(f"{d.symbol}_difference", unit, 0.1, {channel(d): MM * course[:, k]}, main=False)
+                    for k, d in enumerate(self.drives)
                 ),
             ]
-            main = EffectParameter("stretch", unit, 1.0, of_legs(MM, course), bounds=(0.0, np.inf))
+            changes = of_drives(self.drives, MM, course)
+            main = EffectParameter("stretch", unit, 1.0, changes, bounds=(0.0, np.inf))
             found.append(Form(name, (main, *shape)))
         return tuple(found)
 
 
-class TiltDriveCompliance(Effect):
-    """θ46 yields to the ladle's moment."""
+class Spring(Family):
+    """Turning drives yield to the moment on them.
 
-    id = "tilt_drive_compliance"
-    story = "the tilt drive yields to the moment of the ladle"
-    needs = ("tilt_moment_nm",)
+    Args:
+        id_: as of :class:`Family`.
+        story: likewise.
+        drives: likewise.
+        group: they are.
+        load: moment at which the yield is given, in Nm.
+    """
+
+    def __init__(self, id_: str, story: str, drives: Drives, group: str, load: float) -> None:
+        """Keep the size."""
+        super().__init__(id_, story, drives)
+        self.needs = (f"{group}{FORCE}",)
+        self.load = load
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """In proportion to the moment, perhaps stiffening."""
-        moment = np.asarray(conditions.tilt_moment_nm) / _MOMENT_NM
-        unit = "mrad at 2 kNm"
-        channel = CHANNELS[3]
-        return (
-            Form(
-                "spring",
-                (
-                    EffectParameter("yield", unit, 1.0, {channel: MRAD * moment}, bounds=(0.0, np.inf)),
-                    EffectParameter("cubic", unit, _LATER, {channel: MRAD * moment**3}, main=False),
-                    EffectParameter("quadratic", unit, _LATER, {channel: MRAD * moment * np.abs(moment)}, main=False),
-                ),
-            ),
-        )
+        moments = np.asarray(conditions.drive_force)[:, conditions.places(self.drives)] / self.load
+        unit = f"mrad at {self.load / 1e3:g} kNm" if self.load >= 1e3 else f"mrad at {self.load:g} Nm"
+        main, shape = [], []
+        for drive, moment in zip(self.drives, moments.T, strict=True):
+            name, where = f"{drive.symbol}_" if len(self.drives) > 1 else "", channel(drive)
+            main.append(EffectParameter(f"{name}yield", unit, 1.0, {where: MRAD * moment}, bounds=(0.0, np.inf)))
+            for word, course in (("cubic", moment**3), ("quadratic", moment * np.abs(moment))):
+                shape.append(EffectParameter(f"{name}{word}", unit, _LATER, {where: MRAD * course}, main=False))
+        return (Form("spring", (*main, *shape)),)
 
 
-class TrussDeflection(Effect):
-    """Fixed platform sinks and rolls with travel and load."""
+class Deflection(Family):
+    """The base sinks and rolls with its place along a beam, and with the load.
 
-    id = "truss_deflection"
-    story = "the truss sinks under the carriage and leans with the slope of its deflection"
-    needs = ("weight_n", "truss_travel_m", "truss_span_m")
-    driven_by = "truss_travel_m"
+    Args:
+        id_: as of :class:`Family`.
+        story: likewise.
+        travel: condition that says where it stands.
+        weight_n: load at which deflections are given.
+    """
+
+    def __init__(self, id_: str, story: str, travel: str, weight_n: float) -> None:
+        """Keep the travel."""
+        super().__init__(id_, story)
+        self.travel, self.weight_n = travel, weight_n
+        self.needs, self.driven_by = ("weight_n", travel, "truss_span_m"), travel
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """A moving load on two posts, an evenly loaded beam, half a sine; torsion and dead load may add to it."""
         span = float(conditions.truss_span_m or np.nan)
-        x = np.asarray(conditions.truss_travel_m) / span
+        x = np.asarray(conditions.value(self.travel)) / span
         lines = {
             "moving_load": (16.0 * (x * (1.0 - x)) ** 2, 32.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / span),
             "even_load": (3.2 * x * (1.0 - x) * (1.0 + x - x**2), 3.2 * (1.0 - 6.0 * x**2 + 4.0 * x**3) / span),
             "half_sine": (np.sin(np.pi * x), np.pi / span * np.cos(np.pi * x)),
         }
-        load = np.asarray(conditions.weight_n) / _WEIGHT_N
+        load, at = np.asarray(conditions.weight_n) / self.weight_n, f"at {self.weight_n / 1e3:g} kN"
         found = []
         for name, (sink, slope) in lines.items():
             courses = (
@@ -93,12 +125,12 @@ class TrussDeflection(Effect):
                 ("torsion", "mrad", 0.5, "base.rx", MRAD * sink, False),
             )
             live = [
-                EffectParameter(label, f"{unit} at 6.5 kN", prior_std, {channel: course * load}, main)
-                for label, unit, prior_std, channel, course, main in courses
+                EffectParameter(label, f"{unit} {at}", prior_std, {moved: course * load}, main)
+                for label, unit, prior_std, moved, course, main in courses
             ]
             dead = [
-                EffectParameter(f"dead_{label}", unit, 0.3 * prior_std, {channel: course}, main=False)
-                for label, unit, prior_std, channel, course, _ in courses
+                EffectParameter(f"dead_{label}", unit, 0.3 * prior_std, {moved: course}, main=False)
+                for label, unit, prior_std, moved, course, _ in courses
             ]
             found.append(Form(name, (*live, *dead)))
         return tuple(found)

@@ -1,4 +1,4 @@
-"""Which effects there are: the library's own and those that installed packages offer.
+"""Which effects there are: those of a robot's causes and those that installed packages offer.
 
 A package offers effects in its ``pyproject.toml``; the name does not matter, the value is a class:
 
@@ -8,57 +8,70 @@ A package offers effects in its ``pyproject.toml``; the name does not matter, th
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from importlib.metadata import entry_points
+from typing import Any
 
 from pouring_robot.effects.base import Effect
-from pouring_robot.effects.conditions import Conditions
-from pouring_robot.effects.drives import (
-    DriveBacklash,
-    DriveCyclic,
-    DriveScale,
-    DriveZeroOffset,
-    TiltEncoderEccentricity,
-)
-from pouring_robot.effects.facts import FACTS
-from pouring_robot.effects.heat import LegThermalExpansion, PlatformThermalExpansion
-from pouring_robot.effects.joints import JointAxisTilt, JointCentreOffset
-from pouring_robot.effects.loads import LegCompliance, TiltDriveCompliance, TrussDeflection
-from pouring_robot.effects.surroundings import BaseDrift, MetrologyScale
+from pouring_robot.effects.conditions import condition_names
+from pouring_robot.effects.defaults import causes_of
+from pouring_robot.effects.drives import Family, LostMotion, Periodic, Scale, Zero
+from pouring_robot.effects.facts import known_facts
+from pouring_robot.effects.heat import DriveGrowth, LinkGrowth, LinksGrowth
+from pouring_robot.effects.joints import Centres, Placement, Tilts
+from pouring_robot.effects.loads import Deflection, Spring, Stretch
+from pouring_robot.effects.surroundings import BaseDrift, MetrologyScale, SessionOffset
 from pouring_robot.exceptions import BadInputError, closest
+from pouring_robot.robot.causes import CauseEntry
+from pouring_robot.robot.definition import RobotDefinition
+from pouring_robot.robot.model import RobotModel
 
 GROUP = "pouring_robot.effects"
-CONDITION_NAMES = frozenset(name for name in dir(Conditions) if isinstance(getattr(Conditions, name), property)).union(
-    field.name for field in dataclasses.fields(Conditions)
-)
-"""What :attr:`Effect.needs` may ask for: everything that rows have, measured or worked out."""
-LIBRARY: tuple[type[Effect], ...] = (
-    DriveZeroOffset,
-    DriveScale,
-    DriveCyclic,
-    DriveBacklash,
-    JointCentreOffset,
-    JointAxisTilt,
-    LegThermalExpansion,
-    PlatformThermalExpansion,
-    LegCompliance,
-    TiltDriveCompliance,
-    TrussDeflection,
-    BaseDrift,
-    TiltEncoderEccentricity,
-    MetrologyScale,
-)
-"""The library's own effects, in the order they are listed."""
+FAMILIES: dict[str, type[Family]] = {
+    "zero": Zero,
+    "scale": Scale,
+    "periodic": Periodic,
+    "lost_motion": LostMotion,
+    "centres": Centres,
+    "tilts": Tilts,
+    "placement": Placement,
+    "drive_growth": DriveGrowth,
+    "link_growth": LinkGrowth,
+    "links_growth": LinksGrowth,
+    "stretch": Stretch,
+    "spring": Spring,
+    "deflection": Deflection,
+    "base_drift": BaseDrift,
+    "metrology_scale": MetrologyScale,
+    "session_offset": SessionOffset,
+}
+"""By the name that a robot's causes have for them."""
 
 
-def all_effects() -> dict[str, Effect]:
+def library(robot: RobotDefinition) -> tuple[Effect, ...]:
+    """Return the effects that a robot's causes make, in the order they are listed."""
+    return tuple(_made(entry, robot) for entry in causes_of(robot).entries)
+
+
+def _made(entry: CauseEntry, robot: RobotDefinition) -> Effect:
+    drives = {drive.joint: drive for drive in robot.drives}
+    options: dict[str, Any] = dict(entry.options)
+    if "drives" in options:
+        options["drives"] = tuple(drives[joint] for joint in options["drives"])
+    return FAMILIES[entry.family](entry.id, entry.story, **options)
+
+
+def all_effects(robot: RobotDefinition | None = None) -> dict[str, Effect]:
     """Return the library's effects and those of installed packages, by id.
+
+    Args:
+        robot: by default the drawing of the default model.
 
     Raises:
         BadInputError: a package's effect cannot be loaded, is none, or has the id of another one.
     """
-    found: dict[str, Effect] = {kind.id: kind() for kind in LIBRARY}
+    robot = robot or RobotModel().definition
+    found: dict[str, Effect] = {effect.id: effect for effect in library(robot)}
     for entry in entry_points(group=GROUP):
         try:
             kind = entry.load()
@@ -72,9 +85,9 @@ def all_effects() -> dict[str, Effect]:
             if not isinstance(getattr(effect, name, None), str):
                 raise BadInputError(f"the effect '{entry.name}' of {entry.value} has no {name}; give its class one")
         # Of a bare string each letter is asked for, and none of them is a condition.
-        asked = [("needs", name, CONDITION_NAMES) for name in effect.needs]
+        asked = [("needs", name, condition_names(robot)) for name in effect.needs]
         if effect.driven_by:
-            asked.append(("is driven by", effect.driven_by, frozenset(FACTS)))
+            asked.append(("is driven by", effect.driven_by, frozenset(known_facts(robot))))
         for verb, name, known in asked:
             if name not in known:
                 said = f"the effect '{effect.id}' of {entry.value} {verb} '{name}', which is no condition"
@@ -85,13 +98,13 @@ def all_effects() -> dict[str, Effect]:
     return found
 
 
-def chosen_effects(exclude: Sequence[str] = ()) -> dict[str, Effect]:
+def chosen_effects(robot: RobotDefinition | None = None, exclude: Sequence[str] = ()) -> dict[str, Effect]:
     """Return all effects but some.
 
     Raises:
         BadInputError: an effect to leave out does not exist.
     """
-    found = all_effects()
+    found = all_effects(robot)
     for name in exclude:
         if name not in found:
             raise BadInputError(f"there is no effect '{name}'{closest(name, found)}")

@@ -1,13 +1,15 @@
-"""Effects of what stands around the robot: the ground under it and the device that measures it."""
+"""Families of effects of what stands around the robot: the ground under it and the device that measures it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
-from pouring_robot.effects.base import Effect, EffectParameter, Form
+from pouring_robot.effects.base import EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions
+from pouring_robot.effects.drives import Family
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import COMPONENTS
 from pouring_robot.mechanism.poses import MM, MRAD
@@ -16,11 +18,9 @@ _SETTLING = (0.15, 0.3, 0.6)
 """Time constants of settling, as shares of the campaign."""
 
 
-class BaseDrift(Effect):
-    """Fixed platform creeps with time."""
+class BaseDrift(Family):
+    """The base creeps with time."""
 
-    id = "base_drift"
-    story = "the fixed platform creeps away from where it stood when the campaign began"
     driven_by = "time_s"
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
@@ -45,25 +45,43 @@ class BaseDrift(Effect):
 
 
 def _moved(course: FloatArray, name: str = "", share: float = 1.0) -> Iterator[EffectParameter]:
-    """Yield six parameters that move the fixed platform along a course; with a name they only shape another one."""
+    """Yield six parameters that move the base along a course; with a name they only shape another one."""
     for component in COMPONENTS:
         unit, si, prior_std = ("mm", MM, 1.0) if component.startswith("t") else ("mrad", MRAD, 0.4)
         label = f"{component}_{name}" if name else component
         yield EffectParameter(label, unit, share * prior_std, {f"base.{component}": si * course}, main=not name)
 
 
-class MetrologyScale(Effect):
+class SessionOffset(Family):
+    """Base or device stand elsewhere in each session."""
+
+    driven_by = "session"
+
+    def missing(self, conditions: Conditions) -> tuple[str, ...]:
+        """It takes several sessions."""
+        return () if conditions.session.max() > 0 else ("session",)
+
+    def forms(self, conditions: Conditions) -> tuple[Form, ...]:
+        """Six displacements of the base a session; what all share is the frames'."""
+        sessions = [(conditions.session == k).astype(float) for k in range(int(conditions.session.max()) + 1)]
+        moved = [
+            replace(parameter, name=f"session_{k + 1}_{parameter.name}")
+            for k, course in enumerate(sessions)
+            for parameter in _moved(course - course.mean())
+        ]
+        return (Form("each_session", tuple(moved)),)
+
+
+class MetrologyScale(Family):
     """The measuring device's scale is wrong."""
 
-    id = "metrology_scale"
-    story = "the measuring device's millimetre is not a millimetre"
     told_apart_by = "measure a calibrated length with the same device"
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Constant; where the temperature of the air is known it may change a little with it."""
         ppm = 1e-6 * np.ones(len(conditions))
         parameters = [EffectParameter("scale", "1e-6", 100.0, {"metrology.scale": ppm})]
-        if conditions.ambient_rise_k is not None:
-            air = {"metrology.scale": ppm * conditions.ambient_rise_k}
+        if "ambient" in conditions.rises:
+            air = {"metrology.scale": ppm * conditions.rises["ambient"]}
             parameters.append(EffectParameter("scale_by_air", "1e-6/K", 1.0, air, main=False))
         return (Form("constant", tuple(parameters)),)

@@ -37,6 +37,7 @@ from pouring_robot.robot.urdf import meshes_from, read_text
 
 if TYPE_CHECKING:
     from pouring_robot.batch import BatchStart
+    from pouring_robot.robot.causes import Causes
     from pouring_robot.robot.dh.table import DHTable
     from pouring_robot.robot.drawing import Drawing
 
@@ -336,6 +337,11 @@ class RobotDefinition:
     def thermometers(self) -> tuple[str, ...]:
         """Names that a temperature column may have beside ``ambient``: links and groups."""
         return tuple(dict.fromkeys((*self._links, *self.groups)))
+
+    @property
+    def causes(self) -> Causes | None:
+        """What may go wrong with it, where it says so itself; None: what may go wrong with any robot."""
+        return None
 
     @property
     def travels(self) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from PIL import Image
 
 from pouring_robot.diagnosis.diagnose import DiagnosisOptions, diagnose
 from pouring_robot.diagnosis.discrepancy import discrepancies
-from pouring_robot.diagnosis.gap import Gap, in_fixed_platform
+from pouring_robot.diagnosis.gap import Gap, in_base
 from pouring_robot.diagnosis.report.export import described, write_diagnosis
 from pouring_robot.diagnosis.report.page import html_report
 from pouring_robot.diagnosis.report.plots import evidence_steps, plots, rival_margins
@@ -118,7 +118,7 @@ def test_the_scene_draws_each_ladle_where_it_is_enlarged_to(hot):
 def test_turning_residuals_into_the_fixed_platform_keeps_their_length():
     table = np.random.default_rng(0).normal(size=(4, 6))
     axes = pin.exp3(np.array([0.2, -0.4, 1.0]))
-    turned = in_fixed_platform(table, axes)
+    turned = in_base(table, axes)
     np.testing.assert_allclose(np.linalg.norm(turned[:, :3], axis=1), np.linalg.norm(table[:, :3], axis=1))
     np.testing.assert_allclose(turned[:, 3:] @ axes.T, table[:, 3:])
 

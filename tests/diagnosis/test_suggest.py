@@ -179,5 +179,7 @@ def test_words_name_what_the_campaign_held_still(confounded):
 
 
 def test_what_to_record_is_said_once_a_condition():
-    lines = untestable_words({"leg_compliance": ("leg_pull_n",), "tilt_drive_compliance": ("tilt_moment_nm",)})
+    lines = untestable_words(
+        {"leg_compliance": ("legs_force",), "tilt_drive_compliance": ("tilt_force",)}, RobotModel().definition
+    )
     assert len(lines) == 1 and "payload_kg" in lines[0] and "leg_compliance, tilt_drive_compliance" in lines[0]

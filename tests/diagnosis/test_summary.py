@@ -149,15 +149,16 @@ def test_missing_columns_are_named(tmp_path):
 
 
 def test_sources_of_an_unknown_need_keep_its_name():
-    assert sources(("humidity",)) == ("humidity",)
-    assert sources(("leg_pull_n", "weight_n")) == sources(("weight_n",))
+    robot = RobotModel().definition
+    assert sources(("humidity",), robot) == ("humidity",)
+    assert sources(("legs_force", "weight_n"), robot) == sources(("weight_n",), robot)
 
 
 def test_every_need_of_the_library_has_a_source(nothing):
     campaign_ = nothing.campaign
     for effect in all_effects().values():
-        assert all(need not in sources([need]) or need == "truss_travel_m" for need in effect.needs)
-        assert absent_sources(effect.needs, campaign_) == sources(effect.needs)
+        assert all(need not in sources([need], campaign_.robot) or need == "truss_travel_m" for need in effect.needs)
+        assert absent_sources(effect.needs, campaign_) == sources(effect.needs, campaign_.robot)
 
 
 def test_every_effect_is_drawn_over_something(nothing):

@@ -16,12 +16,12 @@ from pouring_robot.diagnosis.where.where import disagreements
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.nuisance import Nuisance
+from pouring_robot.robot.model import RobotModel
 
 SIGMA_M, SIGMA_RAD = 5e-5, 3e-5
-OPTIONAL = (
-    *("approach", "weight_n", "leg_pull_n", "tilt_moment_nm", "truss_travel_m"),
-    *("melt_rise_k", "ambient_rise_k", "leg_rise_k", "platform_rise_k"),
-)
+NOTHING = {"approach": None, "weight_n": None, "drive_force": None, "travels": {}, "rises": {}}
+ROBOT = RobotModel().definition
+LEGS = ("leg1", "leg2", "leg3", "leg4")
 
 
 def scene(rng, n=90, repeated=30, alike=0.0):
@@ -34,23 +34,26 @@ def scene(rng, n=90, repeated=30, alike=0.0):
     time = np.cumsum(rng.uniform(60.0, 90.0, n))
     passed = (time - time[0]) / np.ptp(time)
     level = alike * passed + (1.0 - alike) * rng.random(n)
+    approach = np.where(rng.random((n, 4)) < 0.5, -1.0, 1.0)
+    travel = rng.uniform(0.0, 6.0, n)
+    legs = 100.0 * passed[:, None] + rng.normal(0.0, 3.0, (n, 4))
     return Conditions(
+        robot=ROBOT,
         drives=np.column_stack([lengths[:, :3], tilt]),
-        lengths_m=lengths,
         position_m=position,
         rotation=Rotation.from_rotvec(np.outer(tilt, [0.0, 1.0, 0.0])).as_matrix(),
-        lean_rad=np.zeros((n, 4)),
-        lower_centres_m=np.zeros((4, 3)),
         session=(passed > 0.6).astype(np.intp),
         time_s=time,
         time_known=True,
-        approach=np.where(rng.random((n, 4)) < 0.5, -1.0, 1.0),
+        approach=approach,
         weight_n=9.80665 * (330.0 + 350.0 * level),
-        truss_travel_m=rng.uniform(0.0, 6.0, n),
-        melt_rise_k=np.where(np.arange(n) // 20 % 2 == 0, 1500.0, 380.0),
-        ambient_rise_k=5.0 * np.sin(4.0 * passed),
-        leg_rise_k=100.0 * passed[:, None] + rng.normal(0.0, 3.0, (n, 4)),
-        platform_rise_k=80.0 * passed + rng.normal(0.0, 3.0, n),
+        travels={"truss_travel": travel},
+        rises={
+            "melt": np.where(np.arange(n) // 20 % 2 == 0, 1500.0, 380.0),
+            "ambient": 5.0 * np.sin(4.0 * passed),
+            **dict(zip(LEGS, legs.T, strict=True)),
+            "platform": 80.0 * passed + rng.normal(0.0, 3.0, n),
+        },
         screw_pitch_m=0.01,
         truss_span_m=6.0,
     )
@@ -135,7 +138,7 @@ def test_time_and_load_are_both_named():
     passed = given.passed
     load = (given.weight_n - given.weight_n.min()) / np.ptp(given.weight_n)
     error = moved(given, 2, 5e-4 * load) + moved(given, 0, 5e-4 * passed**2)
-    bare = dataclasses.replace(given, leg_rise_k=None, platform_rise_k=None, ambient_rise_k=None)
+    bare = dataclasses.replace(given, rises={"melt": given.rises["melt"]})
     where = disagreements(seen(rng, given, error), bare)
     assert set(conditions_found(where)) == {"load", "time"}
 
@@ -143,7 +146,8 @@ def test_time_and_load_are_both_named():
 def test_what_went_along_exactly_is_named_as_a_rival():
     rng = np.random.default_rng(6)
     given = scene(rng)
-    given = dataclasses.replace(given, truss_travel_m=1.0 + 3.0 * given.passed, leg_rise_k=None, platform_rise_k=None)
+    rises = {name: given.rises[name] for name in ("melt", "ambient")}
+    given = dataclasses.replace(given, travels={"truss_travel": 1.0 + 3.0 * given.passed}, rises=rises)
     where = disagreements(seen(rng, given, moved(given, 2, 5e-4 * given.passed)), given)
     (item,) = [f for f in where.findings if f.what == "condition"]
     assert {item.condition, *item.rivals} >= {"time", "truss travel"}
@@ -190,14 +194,13 @@ def test_what_is_not_understood_in_one_component_accuses_nothing_in_others():
 def test_absent_and_constant_conditions(full):
     rng = np.random.default_rng(10)
     given = scene(rng)
-    none = dataclasses.replace(
-        given, **dict.fromkeys(OPTIONAL), time_known=False, session=np.zeros(len(given), dtype=np.intp)
-    )
+    none = dataclasses.replace(given, **NOTHING, time_known=False, session=np.zeros(len(given), dtype=np.intp))
     data = seen(rng, given, moved(given, 2, 1e-3 * given.position_m[:, 0] ** 2 / 0.15**2), full=full)
     where = disagreements(data, none)
     assert conditions_found(where)[0] == "pose"
     assert "load" in where.sentences[-1]
-    constant = dataclasses.replace(given, weight_n=np.full(len(given), 5000.0), melt_rise_k=np.full(len(given), 1.0))
+    rises = {**given.rises, "melt": np.full(len(given), 1.0)}
+    constant = dataclasses.replace(given, weight_n=np.full(len(given), 5000.0), rises=rises)
     assert "load, melt temperature" in disagreements(data, constant).sentences[-1]
     json.dumps(where.as_json(), allow_nan=False)
     assert {"what", "component", "condition", "p_value", "sentence"} <= set(where.as_json()[0])
@@ -206,7 +209,7 @@ def test_absent_and_constant_conditions(full):
 def test_unknown_noise_judges_no_size_but_finds_what_it_depends_on():
     rng = np.random.default_rng(11)
     given = scene(rng)
-    data = seen(rng, given, moved(given, 1, 5e-4 * np.sin(given.truss_travel_m)))
+    data = seen(rng, given, moved(given, 1, 5e-4 * np.sin(given.travels["truss_travel"])))
     wrong = 7.0
     guessed = dataclasses.replace(
         data, residual=data.residual / wrong, sigma=wrong * data.sigma, drives=data.drives / wrong, noise_known=False

@@ -13,7 +13,8 @@ import pytest
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.diagnosis.rows import CampaignRows
-from pouring_robot.effects import LIBRARY, conditions
+from pouring_robot.effects import conditions
+from pouring_robot.effects.registry import library
 from pouring_robot.estimation.frames import OuterFrames
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.robot.model import RobotModel
@@ -37,7 +38,9 @@ METADATA = CampaignMetadata(
 )
 BASE = np.array([2.1, -1.4, 0.6, 0.01, -0.02, 1.3])
 TARGET = np.array([0.12, -0.07, 0.05, 0.01, 0.02, -0.01])
-EFFECTS = {kind.id: kind() for kind in LIBRARY}
+ROBOT = RobotModel().definition
+EFFECTS = {effect.id: effect for effect in library(ROBOT)}
+CHANNELS = tuple(f"drive.{drive.joint}" for drive in ROBOT.drives)
 
 
 def campaign_of(scene, position, rotation):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.effects.examples import complete_conditions
-from tests.effects.bench import EFFECTS, METADATA, REFERENCE_DEGC
+from tests.effects.bench import EFFECTS, METADATA, REFERENCE_DEGC, ROBOT
 
 LOADS = {"leg_compliance", "tilt_drive_compliance", "truss_deflection"}
 UNTESTABLE = {
@@ -20,7 +20,7 @@ UNTESTABLE = {
     "time": set(),
 }
 """What each column of a campaign is needed for."""
-FIELDS = {"approach": "approach", "payload": "weight_n", "truss_travel": "truss_travel_m", "leg2": "leg_rise_k"}
+FIELDS = {"approach": "approach", "payload": "weight_n", "truss_travel": "truss_travel_m"}
 UNSAID = {
     "screw_pitch_m": {"drive_cyclic"},
     "truss_span_m": {"truss_deflection"},
@@ -93,9 +93,7 @@ def test_single_missing_cells_are_filled_from_their_neighbours_in_time(bench, co
         rows = bench.rows_of(bench.campaign.with_conditions(**{column: values}))
         assert rows.conditions.filled == (bench.campaign.heading(column),)
     field = FIELDS.get(column, f"{column}_rise_k")
-    found, full = getattr(rows.conditions, field), getattr(bench.rows.conditions, field)
-    if column == "leg2":
-        found, full = found[:, 1], full[:, 1]
+    found, full = rows.conditions.value(field), bench.rows.conditions.value(field)
     assert untestable(rows.conditions) == set()
     kept = np.delete(np.arange(len(rows)), [0, 20])
     assert np.array_equal(found[kept], full[kept])
@@ -121,7 +119,7 @@ def test_assumed_reference_temperature_is_said(bench):
     given = bench.rows_of(dataclasses.replace(bench.campaign, metadata=metadata)).conditions
     assert given.assumed == ("reference temperature 20 °C",)
     assert REFERENCE_DEGC == 20.0
-    assert np.array_equal(given.leg_rise_k, bench.rows.conditions.leg_rise_k)
+    assert np.array_equal(given.value("leg_rise_k"), bench.rows.conditions.value("leg_rise_k"))
 
 
 def test_rows_by_the_drawing(bench):
@@ -129,8 +127,9 @@ def test_rows_by_the_drawing(bench):
     given, scene = bench.rows.conditions, bench.scene
     assert given.position_m == pytest.approx(scene.position, abs=1e-6)
     assert given.tilt_rad == pytest.approx(scene.tilt, abs=1e-6)
-    assert given.lengths_m == pytest.approx(scene.legs, abs=1e-6)
-    assert given.lean_rad == pytest.approx(scene.poses.passive[:, :, 0], abs=1e-9)
+    assert given.lengths_m == pytest.approx(scene.legs[:, :3], abs=1e-6)
+    assert given.swing_rad[:, :3] == pytest.approx(scene.poses.passive[:, :3, 0], abs=1e-9)
+    assert np.isnan(given.swing_rad[:, 3]).all(), "the tilt drive does not slide"
 
 
 def test_sessions_are_numbered_as_they_come(bench):
@@ -145,46 +144,46 @@ def test_errors_of_the_model_do_not_change_the_conditions(bench):
     from tests.support import ACTUAL
 
     amended = bench.rows_of(bench.campaign, RobotModel.load(ACTUAL)).conditions
-    for field in ("position_m", "lengths_m", "leg_pull_n", "tilt_moment_nm"):
+    for field in ("position_m", "lengths_m", "drive_force"):
         assert getattr(amended, field) == pytest.approx(getattr(bench.rows.conditions, field), rel=1e-9)
 
 
 def test_what_lags_behind_a_step_comes_exponentially():
     """Closed form, rows out of order: 1 − exp(−t / τ) after the step."""
     time = np.array([300.0, 0.0, 1000.0, 40.0, 90.0])
-    given = dataclasses.replace(complete_conditions(5), time_s=time)
+    given = dataclasses.replace(complete_conditions(ROBOT, 5), time_s=time)
     found = given.behind((time > 0.0).astype(float), 250.0)
     assert found == pytest.approx(1.0 - np.exp(-time / 250.0), rel=1e-12)
 
 
 def test_what_lags_behind_a_constant_is_constant():
-    given = complete_conditions(4)
+    given = complete_conditions(ROBOT, 4)
     values = np.tile([3.0, -1.0], (4, 1))
     assert np.array_equal(given.behind(values, 100.0), values)
 
 
 @pytest.mark.parametrize("rows", [1, 2, 3])
 def test_few_rows_in_one_session(rows):
-    assert untestable(complete_conditions(rows)) == set()
+    assert untestable(complete_conditions(ROBOT, rows)) == set()
 
 
 def test_constant_conditions():
     """One pose, one load, one temperature, one moment: no effect stumbles."""
-    given = complete_conditions(6)
+    given = complete_conditions(ROBOT, 6)
     one = {
         field.name: np.repeat(getattr(given, field.name)[:1], 6, axis=0)
         for field in dataclasses.fields(given)
         if np.shape(getattr(given, field.name))[:1] == (6,)
     }
-    assert {"drives", "time_s", "weight_n", "leg_rise_k"} <= one.keys()
+    assert {"drives", "time_s", "weight_n"} <= one.keys()
+    for name in ("rises", "travels"):
+        one[name] = {key: np.full(6, values[0]) for key, values in getattr(given, name).items()}
     assert untestable(dataclasses.replace(given, **one)) == set()
 
 
 def test_nothing_that_varies_is_zero():
     """No load, no warmth, no travel: forces of zero and their powers are still numbers."""
-    given = complete_conditions(4)
-    zero = {
-        name: np.zeros_like(getattr(given, name))
-        for name in ("weight_n", "leg_pull_n", "tilt_moment_nm", "truss_travel_m", "leg_rise_k", "platform_rise_k")
-    }
+    given = complete_conditions(ROBOT, 4)
+    zero = {name: np.zeros_like(getattr(given, name)) for name in ("weight_n", "drive_force")}
+    zero |= {name: dict.fromkeys(getattr(given, name), np.zeros(4)) for name in ("rises", "travels")}
     assert untestable(dataclasses.replace(given, **zero)) == set()

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from pouring_robot.effects.drives import CHANNELS, DriveZeroOffset
-from tests.effects.bench import EFFECTS, PITCH_M
+from tests.effects.bench import CHANNELS, EFFECTS, PITCH_M
 from tests.rig.true_values import true_values
 
 TEXTBOOK = [
@@ -89,7 +88,7 @@ def test_one_session_has_no_homing(bench):
     from dataclasses import replace
 
     one = replace(bench.rows.conditions, session=np.zeros(len(bench.rows), dtype=np.intp))
-    assert [form.name for form in DriveZeroOffset().forms(one)] == [
+    assert [form.name for form in EFFECTS["drive_zero_offset"].forms(one)] == [
         "all", "l1_alone", "l2_alone", "l3_alone", "theta46_alone",
     ]  # fmt: skip
 

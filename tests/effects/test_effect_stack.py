@@ -8,7 +8,7 @@ from pouring_robot.effects.examples import complete_conditions
 from pouring_robot.exceptions import BadInputError, DiagnosisError, ModelFileError
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
-from tests.effects.bench import EFFECTS
+from tests.effects.bench import EFFECTS, ROBOT
 
 
 def entry(effect, form, values, **given):
@@ -17,7 +17,7 @@ def entry(effect, form, values, **given):
         p.name: p.unit
         for kind in EFFECTS.values()
         if kind.id == effect
-        for known in kind.forms(complete_conditions())
+        for known in kind.forms(complete_conditions(ROBOT))
         for p in known.parameters
     }
     parameters = {

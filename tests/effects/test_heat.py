@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from pouring_robot.effects.drives import CHANNELS
-from tests.effects.bench import EFFECTS
+from tests.effects.bench import CHANNELS, EFFECTS
 from tests.rig.true_values import true_values
 
 TEXTBOOK = [("leg_thermal_expansion", "own_temperature"), ("platform_thermal_expansion", "even")]
@@ -55,7 +54,7 @@ def test_biased_thermometer_can_be_made_up_for(bench):
     from dataclasses import replace
 
     given = bench.rows.conditions
-    wrong = replace(given, leg_rise_k=given.leg_rise_k + np.array([0.0, 5.0, 0.0, 0.0]))
+    wrong = replace(given, rises={**given.rises, "leg2": given.rises["leg2"] + 5.0})
     true = bench.form("leg_thermal_expansion", "own_temperature").parameters[0].changes[CHANNELS[1]]
     found = {p.name: p for p in EFFECTS["leg_thermal_expansion"].form("own_temperature", wrong).parameters}
     mended = found["expansion"].changes[CHANNELS[1]] - 5.0 * found["l2_thermometer_bias"].changes[CHANNELS[1]]

@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pouring_robot.effects.drives import CHANNELS
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureSolver
 from pouring_robot.mechanism.energy import Loads
 from pouring_robot.robot.model import RobotModel
-from tests.effects.bench import CENTRE_OF_MASS, EFFECTS, GRAVITY, SIGMA_M, SIGMA_RAD, SPAN_M, TARE_KG
+from tests.effects.bench import CENTRE_OF_MASS, CHANNELS, EFFECTS, GRAVITY, SIGMA_M, SIGMA_RAD, SPAN_M, TARE_KG
 from tests.rig.machine import LOWER, UPPER
 from tests.rig.true_values import true_values
 
@@ -20,8 +19,8 @@ TEXTBOOK = [("leg_compliance", "rod"), ("tilt_drive_compliance", "spring")]
 def test_forces_are_those_of_the_independent_machine(bench):
     given, scene = bench.rows.conditions, bench.scene
     assert np.abs(given.weight_n - scene.weight).max() <= 1e-9
-    assert np.abs(given.leg_pull_n - scene.pull).max() <= 1e-6 * np.abs(scene.pull).max()
-    assert np.abs(given.tilt_moment_nm - scene.moment).max() <= 1e-6 * np.abs(scene.moment).max()
+    assert np.abs(given.drive_force[:, :3] - scene.pull).max() <= 1e-6 * np.abs(scene.pull).max()
+    assert np.abs(given.drive_force[:, 3] - scene.moment).max() <= 1e-6 * np.abs(scene.moment).max()
 
 
 def test_forces_hold_the_ladle(bench):
@@ -45,8 +44,7 @@ def test_forces_hold_the_ladle(bench):
         j[3, :3], j[3, 3] = -lean, 1.0 - lean @ by_tilt[3]
         lever = np.cross([0.0, 1.0, 0.0], turn @ CENTRE_OF_MASS)[2]
         pulled_up = np.linalg.solve(j.T, -given.weight_n[k] * np.array([0.0, 0.0, 1.0, lever]))
-        assert given.leg_pull_n[k] == pytest.approx(pulled_up[:3], rel=1e-6, abs=1e-3)
-        assert given.tilt_moment_nm[k] == pytest.approx(pulled_up[3], rel=1e-6, abs=1e-3)
+        assert given.drive_force[k] == pytest.approx(pulled_up, rel=1e-6, abs=1e-3)
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +78,7 @@ def test_deflections_are_those_of_a_closure_whose_drives_yield(bench, drawing, s
     def yielded(payload_kg):
         return platform(payload_kg, {names[drive]: stiffness}) - platform(payload_kg, {})
 
-    force = np.append(given.leg_pull_n[row], given.tilt_moment_nm[row])[drive] * mass * GRAVITY / given.weight_n[row]
+    force = given.drive_force[row, drive] * mass * GRAVITY / given.weight_n[row]
     found = (yielded(mass) - yielded(0.0)) / (force / stiffness)
     by_drive = bench.ordered(bench.rows.channel(CHANNELS[drive], bench.linear)).reshape(-1, 6)[row]
     expected = motion_of_platform(bench, row, by_drive)
@@ -151,7 +149,7 @@ def test_lines_of_deflection(bench, form):
     along = np.linspace(0.1, SPAN_M - 0.1, len(bench.rows))
 
     def line(travel):
-        given = replace(bench.rows.conditions, truss_travel_m=travel, weight_n=np.full(len(travel), 6500.0))
+        given = replace(bench.rows.conditions, travels={"truss_travel": travel}, weight_n=np.full(len(travel), 6500.0))
         parameters = {p.name: p for p in EFFECTS["truss_deflection"].form(form, given).parameters}
         return -parameters["sink"].changes["base.tz"], parameters["lean"].changes["base.rx"]
 
@@ -175,5 +173,4 @@ def test_heavier_ladle_pulls_harder(bench):
     """Weight and forces go with tare and payload; without either nothing can be said."""
     twice = bench.campaign.with_conditions(payload=2.0 * bench.campaign.payload_kg + TARE_KG)
     heavier = bench.rows_of(twice).conditions
-    assert heavier.leg_pull_n == pytest.approx(2.0 * bench.rows.conditions.leg_pull_n, rel=1e-12)
-    assert heavier.tilt_moment_nm == pytest.approx(2.0 * bench.rows.conditions.tilt_moment_nm, rel=1e-12)
+    assert heavier.drive_force == pytest.approx(2.0 * bench.rows.conditions.drive_force, rel=1e-12)

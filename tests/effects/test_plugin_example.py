@@ -85,7 +85,7 @@ def test_it_is_drawn_and_told_apart_as_a_built_in_effect_is(plugin, bench):
     own, lead = plugin.axis(conditions), effects["drive_scale"].axis(conditions)
     assert own.label == lead.label == "length of leg 1 [mm]"
     np.testing.assert_array_equal(own.values, lead.values)
-    held = replace(conditions, lengths_m=np.ones_like(conditions.lengths_m))
+    held = replace(conditions, drives=np.ones_like(conditions.drives))
     for given in (conditions, held):
         said = [separating_words(name, "base_drift", effects, given) for name in ("screw_wear", "drive_scale")]
         assert said[0] == said[1]
@@ -102,10 +102,10 @@ def test_an_effect_that_says_only_what_it_needs_has_words_too(bench):
     effect, conditions = Warped(), bench.rows.conditions
     assert effect.axis(conditions).label == "hall above reference [K]"
     assert "warm hall" in separating_words("warped", "none", {"warped": effect}, conditions)
-    assert untestable_words({"warped": effect.needs}) == (
+    assert untestable_words({"warped": effect.needs}, conditions.robot) == (
         "record the temperature of the hall (ambient_degC): without it warped cannot be tested",
     )
-    assert sources(effect.needs) == ("ambient_degC",)
+    assert sources(effect.needs, conditions.robot) == ("ambient_degC",)
 
 
 def test_diagnosis_names_it_with_its_values(plugin, worn):

@@ -4,8 +4,9 @@ import zlib
 
 import pytest
 
-from pouring_robot.effects import LIBRARY, Effect, all_effects, chosen_effects, registry
+from pouring_robot.effects import Effect, all_effects, chosen_effects, registry
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.robot.model import RobotModel
 from tests.effects.plugins import installed
 
 CONTRACT = (
@@ -83,7 +84,7 @@ def offering(monkeypatch, *entries):
 
 
 def test_the_library_is_the_contract():
-    assert tuple(kind.id for kind in LIBRARY) == CONTRACT
+    assert tuple(effect.id for effect in registry.library(RobotModel().definition)) == CONTRACT
     assert tuple(all_effects())[:14] == CONTRACT
 
 
@@ -152,20 +153,20 @@ def test_two_packages_with_the_same_effect(monkeypatch):
 
 
 def test_leaving_effects_out():
-    assert tuple(chosen_effects(("drive_scale", "base_drift", "drive_scale"))) == tuple(
+    assert tuple(chosen_effects(exclude=("drive_scale", "base_drift", "drive_scale"))) == tuple(
         name for name in CONTRACT if name not in {"drive_scale", "base_drift"}
     )
-    assert not chosen_effects(CONTRACT)
+    assert not chosen_effects(exclude=CONTRACT)
 
 
 def test_leaving_out_what_a_package_offers(monkeypatch):
     offering(monkeypatch, Entry("bolt", LooseBolt))
-    assert tuple(chosen_effects(("loose_bolt",))) == CONTRACT
+    assert tuple(chosen_effects(exclude=("loose_bolt",))) == CONTRACT
 
 
 def test_unknown_effect_to_leave_out():
     with pytest.raises(BadInputError, match=r"no effect 'drive_scales'; did you mean 'drive_scale'\?"):
-        chosen_effects(("drive_scales",))
+        chosen_effects(exclude=("drive_scales",))
 
 
 def test_an_effect_may_need_what_is_worked_out_from_the_rows(monkeypatch):

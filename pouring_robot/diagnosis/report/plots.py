@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -10,7 +11,9 @@ import scipy.stats
 
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.discrepancy import described, parts_by_row
-from pouring_robot.diagnosis.gap import COMPONENTS, Gap, in_fixed_platform, table_of
+from pouring_robot.diagnosis.gap import COMPONENTS, Gap, in_base, table_of
+from pouring_robot.effects.base import Effect
+from pouring_robot.effects.conditions import RISE, Conditions
 from pouring_robot.effects.facts import axis_over
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.hypotheses import Hypothesis
@@ -18,22 +21,22 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.plots import AFTER, BEFORE, COLOURS, GREY, HELD_OUT, new_figure, png_of
 
-_RESIDUAL_AXES = ("time_s", "weight_n", "truss_travel_m", "leg_rise_k", "platform_rise_k", "tilt_rad")
 _MOST_EFFECTS, _FEW_VALUES = 4, 6
 _NARROW = 4.0
 
 
 def plots(diagnosis: Conclusions) -> list[tuple[str, bytes]]:
     """Return titles and PNG files, most important first."""
+    words = diagnosis.rows.conditions.causes.words
     drawn = [
         ("The gap of each component, before and after (RMS, tracker's axes; logarithmic)", _gap(diagnosis)),
         (
-            "Residuals over conditions, before and after (fixed platform's axes; held-out rows ringed)",
+            f"Residuals over conditions, before and after ({words.base}'s axes; held-out rows ringed)",
             _residuals(diagnosis),
         ),
     ]
     if diagnosis.firm:
-        drawn.append(("What each effect does at the pouring lip, in these poses", _signatures(diagnosis)))
+        drawn.append((f"What each effect does at the {words.tip}, in these poses", _signatures(diagnosis)))
     if diagnosis.hypothesis.items:
         drawn.append(("Evidence: step by step, and with other effects in the place of each one", _evidence(diagnosis)))
     drawn.append(("What is left after the best known effects, over the noise", _discrepancy(diagnosis)))
@@ -77,7 +80,8 @@ def _gap_panel(axes: Any, gaps: dict[str, Gap], kind: int, *, amended: bool) -> 
 
 def _residuals(diagnosis: Conclusions) -> bytes:
     given = diagnosis.rows.conditions
-    shown = [axis for axis in (axis_over((name,), given) for name in _RESIDUAL_AXES) if not axis.of_rows]
+    drawn = residual_axes(given, diagnosis.diagnoser.library.effects.values())
+    shown = [axis for axis in (axis_over((name,), given) for name in drawn) if not axis.of_rows]
     shown = shown or [axis_over((), given)]
     kinds = [("before", BEFORE)] if diagnosis.refused else [("before", BEFORE), ("after", AFTER)]
     tables = [_residual_table(diagnosis, of_after=label == "after") for label, _ in kinds]
@@ -102,10 +106,21 @@ def _residuals(diagnosis: Conclusions) -> bytes:
     return png_of(figure)
 
 
+def residual_axes(given: Conditions, effects: Iterable[Effect]) -> list[str]:
+    """Return the names of the conditions that residuals are drawn over: time, load, travels, heat and pose."""
+    driving = dict.fromkeys(name for effect in effects for name in (*effect.needs, effect.driver))
+    rises = [name for name in driving if name.endswith(RISE)]
+    return ["time_s", "weight_n", *(f"{name}_m" for name in given.travels), *rises, _pose_axis(given)]
+
+
+def _pose_axis(given: Conditions) -> str:
+    return "height_m" if given.tilt_rad is None else "tilt_rad"
+
+
 def _residual_table(diagnosis: Conclusions, *, of_after: bool) -> FloatArray:
     state = diagnosis.after if of_after else diagnosis.before
     table = table_of(state.every_row, state.every_row.residual, len(diagnosis.rows))
-    return in_fixed_platform(table, state.frames.T_tracker_base.rotation)
+    return in_base(table, state.frames.T_tracker_base.rotation)
 
 
 def _signatures(diagnosis: Conclusions) -> bytes:
@@ -119,7 +134,11 @@ def _signatures(diagnosis: Conclusions) -> bytes:
         for k, colour in enumerate(COLOURS[:3]):
             axes.plot(axis.values, moved[:, k], ".", color=colour, markersize=5, label=COMPONENTS[k])
         axes.axhline(0.0, color="black", linewidth=0.5)
-        axes.set(xlabel=axis.label, ylabel="moves the lip [mm]", title=f"{name}: {effect.story}")
+        axes.set(
+            xlabel=axis.label,
+            ylabel=f"moves the {given.causes.words.tip.split()[-1]} [mm]",
+            title=f"{name}: {effect.story}",
+        )
         axes.title.set_fontsize(9)
         if np.unique(axis.values).size <= _FEW_VALUES:
             axes.set_xticks(np.unique(axis.values))

@@ -18,7 +18,6 @@ from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.estimation.frames import OuterFrames
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, PoseDifference
-from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.robot.scene import VIEW_DIRECTION, drawn_robot, enlarged_pose, exaggeration_for
 from pouring_robot.viewer import GHOST_TINT, Scene, SceneArrow, SceneRobot, camera_on
@@ -103,7 +102,9 @@ def _chosen(found: list[SeenRow], lip: pin.SE3, places: FloatArray) -> list[Seen
 
 
 def ladle_scene(diagnosis: Conclusions) -> Scene | None:
-    """Return the scene; None where no row has a measured position."""
+    """Return the scene; None where no row has a measured position, and for robots that carry no ladle."""
+    if diagnosis.model.robot is not None:
+        return None
     found = seen_rows(diagnosis)
     if not found:
         return None
@@ -111,10 +112,8 @@ def ladle_scene(diagnosis: Conclusions) -> Scene | None:
     factor = exaggeration_for(max(item.off(item.measured, lip).distance_m for item in found))
     robot = PouringRobot(diagnosis.model)
     mechanism, loops = robot.nominal_solver.mechanism, robot.nominal_solver.mechanism.loops
-    place = found[0].nominal
-    tilt = float(np.arctan2(place.rotation[0, 2], place.rotation[2, 2]))
-    x, y, z = place.translation.tolist()
-    configuration = robot.kinematics.configuration(PlatformPose((x, y, z), tilt))
+    commanded = diagnosis.rows.campaign.drive_values(found[0].row)
+    configuration = robot.kinematics.configuration(robot.kinematics.forward(commanded))
     whole = drawn_robot(mechanism, configuration, "legs", "as drawn", opacity=0.25, tint=GHOST_TINT)
     data = whole.model.createData()
     pin.framesForwardKinematics(whole.model, data, configuration)

@@ -8,17 +8,20 @@ from typing import Any
 
 import numpy as np
 
+from pouring_robot.campaign.columns import approach_names
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import FlagCode
 from pouring_robot.diagnosis.conclusions import Conclusions
-from pouring_robot.diagnosis.discrepancy import BY_CHANCE, described
+from pouring_robot.diagnosis.descriptions import BY_CHANCE
+from pouring_robot.diagnosis.discrepancy import described
 from pouring_robot.diagnosis.gap import COMPONENTS
 from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
+from pouring_robot.effects.defaults import causes_of
 from pouring_robot.effects.facts import sources
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.robot.pouring.names import LEGS
+from pouring_robot.robot.causes import Thermometers
 
 _SHOWN_PARAMETERS, _SHOWN_SENTENCES, _SHOWN_PAIRS, _SHOWN_MEASUREMENTS = 4, 5, 2, 3
 _FEW_ROWS = 30
@@ -48,7 +51,8 @@ def headline(diagnosis: Conclusions) -> str:
         # While something is unknown, what was found beside it may make up for it; no probability is worth saying.
         named = " and ".join(effect.cause.effect for effect in diagnosis.firm)
         besides = f" Found beside it, perhaps only in its place: {named}." if named else ""
-        return f"UNKNOWN: something moves the ladle that no effect of the library explains.{besides}"
+        moved = diagnosis.rows.conditions.causes.words.moved
+        return f"UNKNOWN: something moves the {moved} that no effect of the library explains.{besides}"
     names = _names(diagnosis.firm)
     if verdict == "group":
         return f"ONE OF A GROUP: the model lacks {names}; this campaign cannot tell more."
@@ -112,7 +116,7 @@ def effect_lines(diagnosis: Conclusions, effect: NamedEffect) -> list[str]:
     largest = float(np.nanmax(moved)) if np.isfinite(moved).any() else math.nan
     lines = [
         f"{cause.effect}: {effect.story}",
-        f"moves the pouring lip by up to {largest:.2f} mm in these poses; "
+        f"moves the {diagnosis.rows.conditions.causes.words.tip} by up to {largest:.2f} mm in these poses; "
         f"left out, it leaves {cause.size:.1f} times the noise",
     ]
     every = diagnosis.parameters_of(effect)
@@ -184,7 +188,7 @@ def absent_sources(needs: Iterable[str], campaign: Campaign) -> tuple[str, ...]:
         "drives.screw_pitch_mm": campaign.metadata.screw_pitch_m,
         "truss.span_m": campaign.metadata.truss_span_m,
     }
-    wanted = sources(needs)
+    wanted = sources(needs, campaign.robot)
     found = tuple(name for name in wanted if name in columns or (name in stated and stated[name] is None))
     return found or wanted
 
@@ -250,22 +254,30 @@ def _measurement_lines(diagnosis: Conclusions) -> list[str]:
 
 def measurement_text(measurement: SuggestedMeasurement) -> str:
     """Return a suggested measurement in words."""
-    x, y, z, tilt = measurement.pose.to_mm_deg()
-    given = measurement.conditions
-    sides = "".join("+" if given[f"approach_q{k}"] > 0 else "-" for k in (1, 2, 3, 4)) if "approach_q1" in given else ""
-    said = [f"x {x:.0f}, y {y:.0f}, z {z:.0f} mm, tilt {tilt:.0f}°"]
-    said += [f"approached {sides}"] if sides else []
+    given, robot = measurement.conditions, measurement.robot
+    place = measurement.pose.to_mm_deg()
+    approaches = [name for name in approach_names(robot) if name in given]
+    x, y, z = (place.pop(f"{axis}_mm") for axis in "xyz")
+    turn = ", ".join(f"{name.removesuffix('_deg')} {value:.0f}°" for name, value in place.items())
+    said = [f"x {x:.0f}, y {y:.0f}, z {z:.0f} mm, {turn}"]
+    said += [f"approached {''.join('+' if given[name] > 0 else '-' for name in approaches)}"] if approaches else []
+    kinds = [kind for kind in causes_of(robot).thermometers if kind.hot_rise_k]
+    warm = [(f"{name}_degC", f"{word.removesuffix(' temperature')} at") for k in kinds for name, word in _first(k)]
+    travels = [(f"{name}_m", name.split("_")[-1], 1, "m") for name in robot.travels]
     said += [
         f"{words} {given[name]:.{digits}f} {unit}"
         for name, words, digits, unit in (
             ("payload_kg", "load", 0, "kg"),
-            ("truss_travel_m", "travel", 1, "m"),
-            (f"{LEGS[0]}_degC", "leg 1 at", 0, "°C"),
-            ("platform_degC", "platform at", 0, "°C"),
+            *travels,
+            *((name, words, 0, "°C") for name, words in warm),
         )
         if name in given
     ]
     return ", ".join(said)
+
+
+def _first(kind: Thermometers) -> list[tuple[str, str]]:
+    return list(kind.members.items())[:1]
 
 
 def note_lines(diagnosis: Conclusions) -> list[str]:

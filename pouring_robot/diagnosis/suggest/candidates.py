@@ -1,7 +1,7 @@
 """Possible next measurements: poses within reach, under plausible conditions, as rows beside those of a campaign.
 
 They are measured in three blocks after the campaign, hours apart: the machine cold, hot, and cold again. Within a block
-temperatures stand still; load, place of the truss and sides of approach change from pose to pose. The measuring device
+temperatures stand still; load, travels and sides of approach change from pose to pose. The measuring device
 may have been set up anew, so that the new rows have frames of their own.
 """
 
@@ -11,29 +11,65 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pouring_robot.batch import BatchStart
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.diagnosis.descriptions import descriptions
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.problem import Library, problem_at
 from pouring_robot.diagnosis.rows import CampaignRows
+from pouring_robot.effects.defaults import causes_of
+from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.discrepancy import Description
 from pouring_robot.inference.explanations import Background, Explanation, Problem
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.mechanism.poses import MM
+from pouring_robot.mechanism.rotations import rotation_vectors
+from pouring_robot.robot.causes import Thermometers
+from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import PouringRobot
 
 SESSION = "next"
 _HOUR_S = 3600.0
 _BLOCKS = ((2.0, False), (6.0, True), (10.0, False))
 """Hours after the campaign, and whether the machine is hot."""
-_MELT_DEGC, _LEG_RISE_K, _PLATFORM_RISE_K = 1600.0, 100.0, 130.0
+_TRIES = 4
+_TURNED = 1e-9
 _FRAME = 0.02
 """How far the frames of the new rows may be off, in m and rad: further than anybody fails to see."""
+
+
+@dataclass(frozen=True, eq=False)
+class EndPose:
+    """Where the end body is to stand in the base.
+
+    Attributes:
+        position_m: its origin, (3,).
+        rotation: its axes, (3, 3).
+    """
+
+    position_m: FloatArray
+    rotation: FloatArray
+
+    @property
+    def tilt_rad(self) -> float | None:
+        """Turn about the base's y; None where it turns otherwise, too."""
+        if abs(self.rotation[1, 1] - 1.0) > _TURNED:
+            return None
+        return float(np.arctan2(self.rotation[0, 2], self.rotation[2, 2]))
+
+    def to_mm_deg(self) -> dict[str, float]:
+        """Return place in mm and turn in degrees by name: the tilt, or a rotation vector."""
+        found = {f"{axis}_mm": float(value) / MM for axis, value in zip("xyz", self.position_m, strict=True)}
+        if self.tilt_rad is not None:
+            return found | {"tilt_deg": float(np.degrees(self.tilt_rad))}
+        turn = np.degrees(rotation_vectors(self.rotation[None])[0])
+        return found | {f"r{axis}_deg": float(value) for axis, value in zip("xyz", turn, strict=True)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +77,7 @@ class Candidates:
     """Possible measurements.
 
     Attributes:
-        poses: n poses of the moving platform.
+        poses: n poses of the end body.
         drives: (n, drives) in m and rad.
         hot: whether the machine is hot, (n,).
         hours_later: after the last row of the campaign, (n,).
@@ -49,7 +85,7 @@ class Candidates:
         conditions: (n,) each by quantity name; only those that the campaign has.
     """
 
-    poses: tuple[PlatformPose, ...]
+    poses: tuple[EndPose, ...]
     drives: FloatArray
     hot: NDArray[np.bool_]
     hours_later: FloatArray
@@ -61,38 +97,91 @@ class Candidates:
         return len(self.poses)
 
 
-def candidates(campaign: Campaign, robot: PouringRobot, count: int, seed: int) -> Candidates:
+@dataclass(frozen=True, eq=False)
+class _Reach:
+    """Poses to draw from, and how far loads and travels may go.
+
+    Attributes:
+        poses: count poses.
+        drives: theirs, (count, drives).
+        payload_kg: largest payload.
+        travels: from where to where the base may stand, by name, in m.
+    """
+
+    poses: tuple[EndPose, ...]
+    drives: FloatArray
+    payload_kg: float
+    travels: dict[str, tuple[float, float]]
+
+
+def _reach(campaign: Campaign, model: RobotModel, count: int, seed: int) -> _Reach:
+    """Return what can be measured: of the pouring robot its workspace, of any other what the campaign went through."""
+    if model.robot is None:
+        robot = PouringRobot(model)
+        plan = random_plan(robot, count, seed)
+        poses = (pose.to_se3() for pose in plan.poses)
+        span = campaign.metadata.truss_span_m or robot.layout.truss_span_m
+        places = tuple(EndPose(pose.translation, pose.rotation) for pose in poses)
+        travels = dict.fromkeys(campaign.robot.travels, (0.0, span))
+        return _Reach(places, plan.drives, robot.layout.ladle.payload_kg, travels)
+    drives, start = _between(campaign, model, count, seed)
+    places = tuple(EndPose(p, r) for p, r in zip(start.position, start.rotation, strict=True))
+    given = campaign.conditions
+    travels = {
+        name: (float(np.nanmin(given[name])), float(np.nanmax(given[name])))
+        for name in campaign.robot.travels
+        if name in given
+    }
+    payload = float(np.nanmax(given["payload"])) if "payload" in given else 0.0
+    return _Reach(places, drives, payload, travels)
+
+
+def _between(campaign: Campaign, model: RobotModel, count: int, seed: int) -> tuple[FloatArray, BatchStart]:
+    """Return drives between those of two rows of the campaign each, drawn at random, and their closed poses.
+
+    Raises:
+        BadInputError: hardly any of them closes.
+    """
+    random = np.random.default_rng([seed, 5])
+    shares = random.uniform(0.0, 1.0, (_TRIES * count, 1))
+    first, second = random.integers(0, len(campaign), (2, _TRIES * count))
+    drives = shares * campaign.drives[first] + (1.0 - shares) * campaign.drives[second]
+    start = model.definition.drawing().starts(drives)
+    closed = np.flatnonzero(np.isfinite(start.position).all(axis=1))[:count]
+    if closed.size < count:
+        raise BadInputError("hardly any pose between those of the campaign closes; measure poses nearer to each other")
+    return drives[closed], start[closed]
+
+
+def candidates(campaign: Campaign, model: RobotModel, count: int, seed: int) -> Candidates:
     """Return measurements that could follow a campaign, drawn within limits.
 
     Args:
         campaign: its conditions are those that can be recorded.
-        robot: what can be reached and carried.
+        model: the robot: what can be reached and carried.
         count: how many.
         seed: of the draw.
     """
-    plan = random_plan(robot, count, seed)
+    reach = _reach(campaign, model, count, seed)
     random = np.random.default_rng([seed, 7])
     block = np.sort(np.arange(count) % len(_BLOCKS))
     after_h, hot = np.array([_BLOCKS[k][0] for k in block]), np.array([_BLOCKS[k][1] for k in block])
     within = np.arange(count) - np.searchsorted(block, block)
     later = after_h + within / 60.0
     last = 0.0 if campaign.time_s is None else float(np.nanmax(campaign.time_s))
-    span = campaign.metadata.truss_span_m or robot.layout.truss_span_m
-    loads = np.array([0.0, 0.5, 1.0]) * robot.layout.ladle.payload_kg
     reference = campaign.metadata.reference_temperature_degC
     cold = REFERENCE_DEGC if reference is None else reference
-    approach = random.choice([-1.0, 1.0], plan.drives.shape)
+    approach = random.choice([-1.0, 1.0], reach.drives.shape)
     made: dict[str, FloatArray] = {
         "time": last + _HOUR_S * later,
-        "payload": random.choice(loads, count),
-        "truss_travel": np.round(random.uniform(0.0, span, count), 2),
-        "melt": np.where(hot, _MELT_DEGC, cold),
-        "ambient": np.full(count, cold),
+        "payload": random.choice(np.array([0.0, 0.5, 1.0]) * reach.payload_kg, count),
     }
-    for name in (part for part in campaign.robot.thermometers if part not in made):
-        made[name] = _warm(campaign.quantity(name), cold, _PLATFORM_RISE_K if name == "platform" else _LEG_RISE_K, hot)
+    made |= {name: np.round(random.uniform(*limits, count), 2) for name, limits in reach.travels.items()}
+    for kind in causes_of(campaign.robot).thermometers:
+        made |= {member: _warm(kind, campaign.quantity(member), cold, hot) for member in kind.members}
     kept = {name: values for name, values in made.items() if name in campaign.conditions}
-    return Candidates(plan.poses, plan.drives, hot, later, approach if _recorded(campaign.approach) else None, kept)
+    recorded = approach if _recorded(campaign.approach) else None
+    return Candidates(reach.poses, reach.drives, hot, later, recorded, kept)
 
 
 def _recorded(values: FloatArray | None) -> bool:
@@ -100,9 +189,13 @@ def _recorded(values: FloatArray | None) -> bool:
     return values is not None and bool(np.isfinite(values.reshape(len(values), -1)).any(axis=0).all())
 
 
-def _warm(seen: FloatArray | None, cold: float, rise_k: float, hot: NDArray[np.bool_]) -> FloatArray:
+def _warm(kind: Thermometers, seen: FloatArray | None, cold: float, hot: NDArray[np.bool_]) -> FloatArray:
     """Return temperatures of a part, (n,): cold, or as hot as it was seen, at least by a plausible rise."""
-    highest = cold + rise_k if seen is None else max(float(np.nanmax(seen)), cold + rise_k)
+    if kind.hot_degC is not None:
+        return np.where(hot, kind.hot_degC, cold)
+    if not kind.hot_rise_k:
+        return np.full(len(hot), cold)
+    highest = max(-np.inf if seen is None else float(np.nanmax(seen)), cold + kind.hot_rise_k)
     return np.asarray(np.where(hot, np.round(highest), cold))
 
 
@@ -164,7 +257,7 @@ def _together(campaign: Campaign, possible: Candidates, diagnosis: Findings) -> 
     """Return a campaign with the possible measurements behind its rows, as the drawing predicts them."""
     n, frames = len(possible), diagnosis.after.frames
     outer, inner = frames.T_tracker_base, frames.T_end_target
-    seen = [outer * pose.to_se3() * inner for pose in possible.poses]
+    seen = [outer * pin.SE3(pose.rotation, pose.position_m) * inner for pose in possible.poses]
     arrays: dict[str, Any] = {
         "drives": possible.drives,
         "approach": possible.approach,

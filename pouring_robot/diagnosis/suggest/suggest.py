@@ -10,15 +10,13 @@ import numpy as np
 
 from pouring_robot.campaign.columns import approach_names, condition_columns
 from pouring_robot.diagnosis.findings import Findings
-from pouring_robot.diagnosis.suggest.candidates import Candidates, Prospect, candidates
+from pouring_robot.diagnosis.suggest.candidates import Candidates, EndPose, Prospect, candidates
 from pouring_robot.diagnosis.suggest.contenders import Contender, contest, scaled_columns
 from pouring_robot.diagnosis.suggest.words import separating_words, untestable_words
 from pouring_robot.inference.discrimination import Prediction, choose, expected, total
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.definition import RobotDefinition
-from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.robot import PouringRobot
 
 MOST = 10
 RANDOM_SETS = 50
@@ -31,8 +29,9 @@ class SuggestedMeasurement:
     """One pose under some conditions.
 
     Attributes:
-        pose: of the moving platform in the fixed platform.
-        drives: commanded, (4,), in m and rad.
+        robot: that is measured.
+        pose: of the end body in the base.
+        drives: commanded, (drives,), in m and rad.
         conditions: by the column names of a campaign file, in the units they carry.
         hours_later: after the last row of the campaign.
         rank: 1 for the measurement that tells most, and so on: who can make only some makes these.
@@ -40,7 +39,8 @@ class SuggestedMeasurement:
         nats: by how much their log evidence difference is expected to grow, given the measurements of a lower rank.
     """
 
-    pose: PlatformPose
+    robot: RobotDefinition
+    pose: EndPose
     drives: FloatArray
     conditions: dict[str, float]
     hours_later: float
@@ -50,11 +50,14 @@ class SuggestedMeasurement:
 
     def as_dict(self) -> dict[str, Any]:
         """Return it in mm, degrees and the units of its names."""
-        x, y, z, tilt = self.pose.to_mm_deg()
-        lengths = {f"q{k + 1}_mm": round(float(self.drives[k]) / MM, 5) for k in range(3)}
+        place = self.pose.to_mm_deg()
+        drives = {}
+        for drive, value in zip(self.robot.drives, self.drives.tolist(), strict=True):
+            unit, si, digits = ("mm", MM, 5) if drive.command == "length" else ("rad", 1.0, 8)
+            drives[f"{drive.column}_{unit}"] = round(value / drive.factor / si, digits)
         return {
-            "pose": {"x_mm": round(x, 3), "y_mm": round(y, 3), "z_mm": round(z, 3), "tilt_deg": round(tilt, 4)},
-            "drives": lengths | {"q4_rad": round(float(self.drives[3]), 8)},
+            "pose": {name: round(value, 3 if name.endswith("_mm") else 4) for name, value in place.items()},
+            "drives": drives,
             "conditions": dict(self.conditions),
             "hours_later": round(self.hours_later, 2),
             "rank": self.rank,
@@ -142,8 +145,8 @@ def suggest_measurements(diagnosis: Findings, count: int = MOST, seed: int = 0) 
         DiagnosisError: the drawing does not close at a candidate.
         BadInputError: hardly any pose of the workspace is within reach.
     """
-    advice = untestable_words(diagnosis.untestable)
-    possible = candidates(diagnosis.rows.campaign, PouringRobot(diagnosis.model), _CANDIDATES, seed)
+    advice = untestable_words(diagnosis.untestable, diagnosis.rows.conditions.robot)
+    possible = candidates(diagnosis.rows.campaign, diagnosis.model, _CANDIDATES, seed)
     prospect = Prospect(diagnosis, possible)
     contenders, pairs = contest(diagnosis, prospect)
     if not pairs:
@@ -205,6 +208,7 @@ def _measurement(
     given |= {canonical[n]: float(v[index]) for n, v in possible.conditions.items() if n in canonical}
     best = int(np.argmax(gains))
     return SuggestedMeasurement(
+        robot,
         possible.poses[index],
         possible.drives[index],
         given,

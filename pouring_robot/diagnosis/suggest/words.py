@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.effects.facts import FACTS, Facts, held_still
+from pouring_robot.effects.facts import facts_of, held_still
+from pouring_robot.robot.definition import RobotDefinition
 
 _OPEN = "measure where the two predict most apart: the poses listed"
 
@@ -21,21 +22,23 @@ def separating_words(first: str, second: str, effects: Mapping[str, Effect], con
         conditions: of the campaign.
     """
     both = [effects[name] for name in (first, second) if name in effects]
-    known = [(effect.driver, effect.separation) for effect in both if effect.separation]
+    ways = [(effect.driver, effect.separation(conditions)) for effect in both]
+    known = [(driver, how) for driver, how in ways if how]
     still = [how for driver, how in known if held_still(driver, conditions)]
-    free = [how for driver, how in known if not FACTS.get(driver, Facts()).by_pose]
+    free = [how for driver, how in known if not facts_of(driver, conditions.robot).by_pose]
     chosen = still or free or [how for _, how in known]
     return "; ".join(dict.fromkeys(chosen)) or _OPEN
 
 
-def untestable_words(untestable: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
+def untestable_words(untestable: Mapping[str, tuple[str, ...]], robot: RobotDefinition) -> tuple[str, ...]:
     """Return what to record so that effects can be tested, one line each.
 
     Args:
         untestable: effects with the conditions that the campaign lacks.
+        robot: of the drawing.
     """
     lines: dict[str, list[str]] = {}
     for effect, lacking in untestable.items():
         for name in lacking:
-            lines.setdefault(FACTS.get(name, Facts()).record or name, []).append(effect)
+            lines.setdefault(facts_of(name, robot).record or name, []).append(effect)
     return tuple(f"record {what}: without it {', '.join(effects)} cannot be tested" for what, effects in lines.items())

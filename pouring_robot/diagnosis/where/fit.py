@@ -29,7 +29,7 @@ def overall(data: FreeResiduals, freedoms: int) -> Finding:
 
 
 def components(data: FreeResiduals) -> list[Finding]:
-    """Return the misfit of each component in the fixed platform's axes.
+    """Return the misfit of each component in the base's axes.
 
     Under noise its sum of squares is a weighted sum of chi-squares; Satterthwaite's has its mean and variance.
     """
@@ -52,7 +52,7 @@ def components(data: FreeResiduals) -> list[Finding]:
 
 
 def _along(data: FreeResiduals, k: int) -> tuple[FloatArray, FloatArray, float]:
-    """Return residuals (n,) and the columns of the frames (n, f) along one axis of the fixed platform, and their noise.
+    """Return residuals (n,) and the columns of the frames (n, f) along one axis of the base, and their noise.
 
     Only of rows of which all three components were measured: others cannot be turned into these axes.
     """

@@ -40,7 +40,7 @@ def regions(data: FreeResiduals, given: Conditions) -> list[Finding]:
         p_value = float(scipy.stats.mannwhitneyu(score[here], score[there], alternative="greater").pvalue)
         inside_m, outside_m = (float(np.sqrt(squares[part].sum() / counts[part].sum())) for part in (here, there))
         sizes = f"{size_text(inside_m)} rms there, {size_text(outside_m)} elsewhere"
-        sentence = f"Largest where the ladle is {words}: {sizes}."
+        sentence = f"Largest where the {given.causes.words.moved} is {words}: {sizes}."
         p_value = 1.0 if inside_m < _LARGER * outside_m else p_value
         found.append(Finding(REGION, sentence, inside_m, p_value, condition=words))
     return sorted(found, key=lambda finding: finding.p_value or 0.0)
@@ -48,7 +48,7 @@ def regions(data: FreeResiduals, given: Conditions) -> list[Finding]:
 
 def _parts(given: Conditions) -> Iterator[tuple[str, NDArray[np.bool_]]]:
     x, y, z = given.position_m.T
-    height, tilt = _third(z), _third(given.tilt_rad)
+    height, tilt = _third(z), None if given.tilt_rad is None else _third(given.tilt_rad)
     for k, high in enumerate(_HEIGHTS):
         if height is not None:
             yield high, height == k

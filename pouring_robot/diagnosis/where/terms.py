@@ -15,20 +15,18 @@ from scipy.interpolate import BSpline
 from pouring_robot.diagnosis.descriptions import poses
 from pouring_robot.diagnosis.gap import COMPONENTS
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.effects.facts import FACTS, in_words
+from pouring_robot.effects.facts import in_words, known_facts, numbers
 from pouring_robot.inference.courses import separate, standardised
 from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
-from pouring_robot.robot.pouring.names import DRIVE_SYMBOLS
+from pouring_robot.robot.definition import Drive
 
 POSE = "pose"
 _SOME, _MANY = 40, 80
 """Rows from which a condition may act quadratically, and as a spline; with fewer only in lines."""
 _KNOTS, _TIME_KNOTS = (0.5,), (0.2, 0.4, 0.6, 0.8)
 """Inner knots of splines, as quantiles: more for time, in which things step."""
-_BY_POSE = ("load", "platform temperature")
-"""Conditions that may act differently in different poses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +39,8 @@ class FreeResiduals:
         component: component 0 to 5 of each equation in the tracker's axes, (m,).
         sigma: noise of each equation, (m,), in m or rad.
         nuisance: what the frames can explain.
-        axes: axes of the fixed platform in the tracker's frame, (3, 3).
-        drives: whitened derivative of the prediction by the four drives, (m, 4), per m and rad; None if not at hand.
+        axes: axes of the base in the tracker's frame, (3, 3).
+        drives: whitened derivative of the prediction by the drives, (m, D), per m and rad; None if not at hand.
         noise_known: False where ``sigma`` was guessed or taken from these very residuals.
         noise_freedoms: degrees of freedom of an estimated noise (from repeats); infinite where it was stated.
     """
@@ -76,10 +74,12 @@ class FreeResiduals:
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """A direction in which every row may be off: a component in the fixed platform's axes, or a drive.
+    """A direction in which every row may be off: a component in the base's axes, or a drive.
 
     Attributes:
-        name: ``y``, ``rx``, ``l2`` …
+        name: ``y``, ``rx``, a drive's symbol …
+        words: the same in sentences.
+        of_drive: whether it is a drive.
         turning: whether it counts in rad.
         column: what one m or rad of it adds to the whitened prediction, (m,).
         by_row: the same as a sparse matrix (n, m) that sums each row.
@@ -87,6 +87,8 @@ class Channel:
     """
 
     name: str
+    words: str
+    of_drive: bool
     turning: bool
     column: FloatArray
     by_row: scipy.sparse.csr_array
@@ -120,67 +122,77 @@ class Term:
 
     @property
     def kind(self) -> tuple[str, bool, bool]:
-        """What terms that belong together share: the condition, drive or ladle, and whether by pose."""
-        return self.condition, self.channel.name in DRIVE_SYMBOLS, self.by_pose
+        """What terms that belong together share: the condition, drive or end body, and whether by pose."""
+        return self.condition, self.channel.of_drive, self.by_pose
 
 
-def _channels(data: FreeResiduals, count: int) -> tuple[list[Channel], list[Channel]]:
-    """Return the measured components in the fixed platform's axes, and the drives where their columns are known."""
+def _channels(data: FreeResiduals, given: Conditions) -> tuple[list[Channel], list[Channel]]:
+    """Return the measured components in the base's axes, and the drives where their columns are known."""
 
-    def channel(name: str, turning: bool, column: FloatArray) -> Channel:
+    def channel(name: str, turning: bool, column: FloatArray, words: str = "") -> Channel:
         places = (data.row, np.arange(column.size))
-        by_row = scipy.sparse.csr_array((column, places), shape=(count, column.size))
-        return Channel(name, turning, column, by_row, np.unique(data.row[column != 0.0]).size)
+        by_row = scipy.sparse.csr_array((column, places), shape=(len(given), column.size))
+        shown = np.unique(data.row[column != 0.0]).size
+        return Channel(name, words or name, bool(words), turning, column, by_row, shown)
 
-    ladle = []
+    end = []
     for k in range(6 if data.full_pose else 3):
         same_kind = data.component // 3 == k // 3
         column = np.where(same_kind, data.axes[data.component % 3, k % 3], 0.0) / data.sigma
-        ladle.append(channel(COMPONENTS[k], k >= 3, column))
+        end.append(channel(COMPONENTS[k], k >= 3, column))
     columns = () if data.drives is None else data.drives.T
-    return ladle, [channel(DRIVE_SYMBOLS[k], k == 3, column) for k, column in enumerate(columns)]
+    drives = zip(given.robot.drives, columns, strict=False)
+    return end, [channel(d.symbol, d.unit == "rad", column, d.words) for d, column in drives]
 
 
 def terms(data: FreeResiduals, given: Conditions) -> list[Term]:
     """Return what can be tested under these conditions; constant and absent conditions have no term.
 
-    Conditions act on the components of the ladle's pose. Sides, turns of a screw, pulls and temperatures of single legs
-    act on the drive too, in proportion to the change of the condition alone: what they do on average is a matter of
-    pose.
+    Conditions act on the components of the end body's pose. Sides, turns of a screw, forces and temperatures of single
+    drives act on the drive too, in proportion to the change of the condition alone: what they do on average is a matter
+    of pose.
     """
-    ladle, drives = _channels(data, len(given))
+    end, drives = _channels(data, given)
+    by_pose = in_words(given, numbers(given, moves_joints=True))
     n = len(given)
     found: list[Term] = []
     for name, values, unit in _numbers(given):
         course = _spline(values, n, _TIME_KNOTS if name in ("time", "order of measurement") else _KNOTS)
         if course is None:
             continue
-        found += [Term(name, channel, course, values, unit) for channel in ladle]
-        if name in _BY_POSE and n >= _SOME:
+        found += [Term(name, channel, course, values, unit) for channel in end]
+        if name in by_pose and n >= _SOME:
             mixed = course[:, :1] * poses(given)
-            found += [Term(name, channel, mixed, values, unit, by_pose=True) for channel in ladle]
+            found += [Term(name, channel, mixed, values, unit, by_pose=True) for channel in end]
     if given.session.max() > 0:
-        found += [Term("session", channel, _centred(separate(given.session))) for channel in ladle]
+        found += [Term("session", channel, _centred(separate(given.session))) for channel in end]
     if n >= _SOME:
-        found += [Term(POSE, channel, _pose(given), by_pose=True) for channel in ladle]
+        found += [Term(POSE, channel, _pose(given), by_pose=True) for channel in end]
     if drives:
         found += _of_drives(given, drives)
     elif given.approach is not None:
-        for drive, values in zip(DRIVE_SYMBOLS, given.approach.T, strict=True):
+        for drive, values in zip(given.robot.drives, given.approach.T, strict=True):
             if np.ptp(values) > 0.0:
-                found += [Term(f"side of {drive}", channel, _centred(values[:, None]), values) for channel in ladle]
+                found += [
+                    Term(f"side of {drive.symbol}", channel, _centred(values[:, None]), values) for channel in end
+                ]
     return found
 
 
 def untested(given: Conditions) -> tuple[str, ...]:
     """Return the conditions that the campaign does not have or did not vary."""
-    wanted = [name for name, facts in FACTS.items() if facts.word]
+    facts = known_facts(given.robot)
+    wanted = [name for name, fact in facts.items() if fact.word]
     varied = {
         word
-        for word, values in in_words(given, *wanted).items()
+        for word, values in in_words(given, wanted).items()
         if _varies(values.reshape(len(given), -1)[:, 0]) and (word != "time" or given.time_known)
     }
-    return tuple(FACTS[name].word for name in wanted if FACTS[name].word not in varied)
+    return tuple(
+        facts[name].word
+        for name in wanted
+        if facts[name].word not in varied and (facts[name].expected or given.value(name) is not None)
+    )
 
 
 def _varies(values: FloatArray) -> bool:
@@ -191,42 +203,47 @@ def _numbers(given: Conditions) -> Iterator[tuple[str, FloatArray, str]]:
     """Yield conditions that are one number a row, in the user's unit."""
     hours = (given.time_s - given.time_s.min()) / 3600.0
     yield ("time", hours, "h") if given.time_known else ("order of measurement", given.time_s, "")
-    for name, values in in_words(given, "weight_n").items():
+    for name, values in in_words(given, ("weight_n",)).items():
         yield name, values / GRAVITY_M_S2, "kg"
-    for name, values in in_words(given, "truss_travel_m").items():
+    for name, values in in_words(given, (f"{travel}_m" for travel in given.travels)).items():
         yield name, values, "m"
-    rises = in_words(given, "melt_rise_k", "ambient_rise_k", "platform_rise_k")
-    if given.leg_rise_k is not None:
-        rises |= {f"leg {k + 1} temperature": column for k, column in enumerate(given.leg_rise_k.T)}
-    for name, values in rises.items():
-        yield name, values, "K above reference"
+    kinds = sorted(given.causes.thermometers, key=lambda kind: len(kind.members) > 1)
+    for member, word in (item for kind in kinds for item in kind.members.items()):
+        if member in given.rises:
+            yield word, given.rises[member], "K above reference"
 
 
-def _of_drives(given: Conditions, drives: Sequence[Channel]) -> Iterator[Term]:
+def _of_drives(given: Conditions, channels: Sequence[Channel]) -> Iterator[Term]:
     """Yield what may act through one drive alone."""
     n = len(given)
-    for k, channel in enumerate(drives):
+    for k, (drive, channel) in enumerate(zip(given.robot.drives, channels, strict=True)):
         if given.approach is not None and np.ptp(given.approach[:, k]) > 0.0:
             values = given.approach[:, k]
             yield Term(f"side of {channel.name}", channel, _centred(values[:, None]), values)
         own = _spline(given.drives[:, k], n)
         if own is not None and n >= _SOME:
-            yield Term(f"{'angle' if k == 3 else 'length'} of {channel.name}", channel, own, by_pose=True)
-        if k < 3 and given.screw_pitch_m is not None and n >= _SOME:
-            turn = 2.0 * np.pi * given.drives[:, k] / given.screw_pitch_m
-            waves = [np.cos(turn), np.sin(turn), np.cos(2.0 * turn), np.sin(2.0 * turn)]
-            yield Term(f"turn of {channel.name}", channel, _centred(np.column_stack(waves)))
-        if k < 3 and given.leg_rise_k is not None and _varies(given.leg_rise_k[:, k]):
-            rise = given.leg_rise_k[:, k]
-            course = ((rise - rise.mean()) * given.lengths_m[:, k])[:, None]
-            yield Term(f"leg {k + 1} temperature", channel, course, rise, "K above reference")
-    if given.weight_n is None or not _varies(given.weight_n):
+            yield Term(f"{'angle' if channel.turning else 'length'} of {channel.name}", channel, own, by_pose=True)
+        if drive.unit == "m":
+            yield from _of_slide(given, k, drive, channel)
+    if given.weight_n is None or given.drive_force is None or not _varies(given.weight_n):
         return
     share = 1.0 - given.weight_n.mean() / given.weight_n
-    forces = [] if given.leg_pull_n is None else list(given.leg_pull_n.T)
-    forces += [] if given.tilt_moment_nm is None else [given.tilt_moment_nm]
-    for channel, force in zip(drives, forces, strict=False):
+    for channel, force in zip(channels, given.drive_force.T, strict=True):
         yield Term("load", channel, (force * share)[:, None], given.weight_n / GRAVITY_M_S2, "kg", by_pose=True)
+
+
+def _of_slide(given: Conditions, k: int, drive: Drive, channel: Channel) -> Iterator[Term]:
+    """Yield what a sliding drive alone may do: turns of its screw, its own temperature."""
+    if given.screw_pitch_m is not None and len(given) >= _SOME:
+        turn = 2.0 * np.pi * given.drives[:, k] / given.screw_pitch_m
+        waves = [np.cos(turn), np.sin(turn), np.cos(2.0 * turn), np.sin(2.0 * turn)]
+        yield Term(f"turn of {channel.name}", channel, _centred(np.column_stack(waves)))
+    thermometer = given.causes.drive_thermometers.get(drive.joint, "")
+    rise = given.rises.get(thermometer)
+    if rise is not None and _varies(rise):
+        word = next(kind.members[thermometer] for kind in given.causes.thermometers if thermometer in kind.members)
+        course = ((rise - rise.mean()) * given.drives[:, k])[:, None]
+        yield Term(word, channel, course, rise, "K above reference")
 
 
 def _centred(course: FloatArray) -> FloatArray:
@@ -251,10 +268,10 @@ def _spline(values: FloatArray, n: int, inner: tuple[float, ...] = _KNOTS) -> Fl
 
 
 def _pose(given: Conditions) -> FloatArray:
-    """Return all products of two of x, y, z and tilt, with lines and a constant; tilt goes to its third power."""
+    """Return all products of two of x, y, z and turns, with lines and a constant; a tilt alone to its third power."""
     pose = poses(given)
     columns = [np.ones((len(given), 1)), pose]
     if len(given) >= _MANY:
-        first, second = np.triu_indices(4)
+        first, second = np.triu_indices(pose.shape[1])
         columns += [pose[:, first] * pose[:, second], pose[:, 3:] ** 3]
     return np.hstack(columns)

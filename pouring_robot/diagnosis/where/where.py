@@ -5,7 +5,7 @@
     where.as_json()                                 # "where" of diagnosis.json
 
 Everything that is called significant has passed Holm's correction over all tests made, at the level given: with noise
-alone nothing is found with that probability. Sizes are in the axes of the fixed platform.
+alone nothing is found with that probability. Sizes are in the base's axes.
 """
 
 from __future__ import annotations
@@ -36,10 +36,12 @@ class Where:
     Attributes:
         findings: what is significant, most important first.
         notes: what could not be looked at, and why.
+        base: the body whose axes components are in.
     """
 
     findings: tuple[Finding, ...]
     notes: tuple[str, ...]
+    base: str
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -51,7 +53,7 @@ class Where:
                 found.append(item.sentence)
             elif by_component and item is by_component[0]:
                 sizes = ", ".join(f"{f.component} by {size_text(f.size, f.turning)}" for f in by_component)
-                found.append(f"By component (rms, axes of the fixed platform): {sizes}.")
+                found.append(f"By component (rms, axes of the {self.base}): {sizes}.")
         return (*(found or ["Model and measurement agree within the noise."]), *self.notes)
 
     def as_json(self) -> list[dict[str, object]]:
@@ -100,10 +102,13 @@ def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float = 0.
     # How much first, then what it depends on, then where in the workspace.
     findings = (
         *(f for f in general if f.what != REGION),
-        *(condition_finding(data, selection, tried, f, first=k == 0) for k, f in enumerate(selection.found)),
+        *(
+            condition_finding(data, conditions, selection, tried, f, first=k == 0)
+            for k, f in enumerate(selection.found)
+        ),
         *[f for f in general if f.what == REGION][:1],
     )
-    return Where(findings, tuple(noted))
+    return Where(findings, tuple(noted), conditions.causes.words.base)
 
 
 def _scaled(data: FreeResiduals) -> FreeResiduals:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,19 +12,14 @@ from numpy.typing import NDArray
 from pouring_robot.diagnosis.where.finding import CONDITION, Finding, size_text
 from pouring_robot.diagnosis.where.selection import Found, Selection
 from pouring_robot.diagnosis.where.terms import POSE, FreeResiduals, Term
-from pouring_robot.effects.facts import FACTS
+from pouring_robot.effects.conditions import Conditions
+from pouring_robot.effects.facts import facts_of, numbers
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.pouring.names import DRIVE_SYMBOLS, DRIVE_WORDS
 
 _MONOTONE = 0.8
 _MINOR = 0.25
 _EXCLUDED = 0.4
 _QUIET_P = 0.02
-_WORTH_SAYING = tuple(
-    FACTS[name].word
-    for name in ("weight_n", "time_s", "melt_rise_k", "ambient_rise_k", "platform_rise_k", "truss_travel_m")
-)
-_DRIVES = dict(zip(DRIVE_SYMBOLS, DRIVE_WORDS, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,12 +31,19 @@ class _Part:
 
 
 def condition_finding(
-    data: FreeResiduals, selection: Selection, terms: Sequence[Term], found: Found, *, first: bool
+    data: FreeResiduals,
+    given: Conditions,
+    selection: Selection,
+    terms: Sequence[Term],
+    found: Found,
+    *,
+    first: bool,
 ) -> Finding:
     """Return what a condition does, largest part first.
 
     Args:
         data: the residuals.
+        given: the conditions.
         selection: all that was found.
         terms: of the whole family.
         found: the condition.
@@ -55,11 +57,12 @@ def condition_finding(
     for part in parts:
         if part.weight > _MINOR**2 * parts[0].weight:
             largest.setdefault(part.term.channel.name, part)
-    text = _sentence(found.condition, list(largest.values()))
+    words = {drive.symbol: drive.words for drive in given.robot.drives}
+    text = _sentence(found.condition, list(largest.values()), words)
     if found.rivals:
         text += f", or with what went along with it: {', '.join(found.rivals)}"
     elif first:
-        quiet = _quiet(selection, terms, parts[0])
+        quiet = _quiet(given, selection, terms, parts[0])
         text += f", not with {_listed(quiet, 'or')}" if quiet else ""
     return Finding(
         CONDITION,
@@ -96,7 +99,7 @@ def _span(values: FloatArray) -> float:
     return float(high - low)
 
 
-def _sentence(condition: str, parts: Sequence[_Part]) -> str:
+def _sentence(condition: str, parts: Sequence[_Part], words: Mapping[str, str]) -> str:
     main = parts[0]
     sizes = _listed([_named(part) for part in parts], "and")
     if condition == POSE:
@@ -104,12 +107,12 @@ def _sentence(condition: str, parts: Sequence[_Part]) -> str:
     if condition == "session":
         return f"Differs between sessions: {sizes}"
     kind, _, drive = condition.partition(" of ")
-    where = _DRIVES.get(drive, "")
-    if kind == "side":
+    where = words.get(drive, "")
+    if where and kind == "side":
         return f"Depends on the side from which {where} came: {sizes} between rising and falling"
-    if kind == "turn":
+    if where and kind == "turn":
         return f"Repeats with every turn of the screw of {where}: {sizes}"
-    if kind in ("length", "angle"):
+    if where and kind in ("length", "angle"):
         return f"Depends on the {kind} of {where}: {sizes}"
     if main.term.by_pose:
         return f"Changes with {condition}, and by how much depends on the pose: {sizes}"
@@ -126,17 +129,19 @@ def _sentence(condition: str, parts: Sequence[_Part]) -> str:
 def _named(part: _Part) -> str:
     channel = part.term.channel
     size = size_text(part.size, channel.turning) + (" rms" if part.term.by_pose else "")
-    return f"{_DRIVES.get(channel.name, channel.name)} by {size}"
+    return f"{channel.words} by {size}"
 
 
-def _quiet(selection: Selection, terms: Sequence[Term], main: _Part) -> list[str]:
+def _quiet(given: Conditions, selection: Selection, terms: Sequence[Term], main: _Part) -> list[str]:
     """Return conditions of which the data exclude that they do a fair part of what the main one does.
 
     Beside everything found, the line of the condition in the same component has an estimate and a standard error;
     excluded is what lies beyond two of them.
     """
+    load, *rises = numbers(given)
+    travels = (f"{travel}_m" for travel in given.robot.travels)
     found = []
-    for name in _WORTH_SAYING:
+    for name in (facts_of(n, given.robot).word for n in (load, "time_s", *rises, *travels)):
         if name in {item.condition for item in selection.found}:
             continue
         places = [k for k, term in enumerate(terms) if term.condition == name]

@@ -11,9 +11,11 @@ import numpy as np
 from pouring_robot.batch import BatchStart
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.robot.causes import Causes
 from pouring_robot.robot.definition import ParameterGroups, ParameterSets, RobotDefinition, RobotFile
 from pouring_robot.robot.dh.table import DHTable
 from pouring_robot.robot.drawing import Drawing
+from pouring_robot.robot.pouring.causes import CAUSES
 from pouring_robot.robot.pouring.description import render_urdf
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.layout import load_layout
@@ -82,6 +84,11 @@ class PouringDefinition(RobotDefinition):
     def thermometers(self) -> tuple[str, ...]:
         """Melt, legs and moving platform."""
         return THERMOMETERS
+
+    @property
+    def causes(self) -> Causes:
+        """The fourteen effects, over legs, platforms, tilt drive and truss."""
+        return CAUSES
 
 
 @functools.cache

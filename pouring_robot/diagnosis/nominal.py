@@ -1,0 +1,92 @@
+"""What the drawing says of the rows of a campaign: poses, how drives move them, what weight puts on drives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from pouring_robot.batch import BatchClosure
+from pouring_robot.effects.conditions import NominalRows
+from pouring_robot.effects.defaults import causes_of
+from pouring_robot.estimation.measurement import MeasurementModel
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.parameters import DriveParameter
+
+
+def nominal_rows(drawing: MeasurementModel, closure: BatchClosure) -> NominalRows:
+    """Return what the drawing says of closed rows.
+
+    Args:
+        drawing: without errors; every drive is among its parameters.
+        closure: of its engine, all rows closed.
+    """
+    robot = drawing.model.definition
+    engine = drawing.engine
+    mechanism = engine.structure.mechanism
+    drives = [p for p in drawing.parameters if isinstance(p, DriveParameter)]
+    values = joint_values(mechanism, getattr(engine.structure, "joint_names", None), closure.joints)
+    own = causes_of(robot).own_weight and not mechanism.anchors
+    return NominalRows(
+        robot,
+        closure.position,
+        closure.rotation,
+        engine.transfer(closure, drives).matrix,
+        _up(mechanism),
+        _swings(mechanism, values, len(closure)),
+        _own_force(mechanism, values, len(closure)) if own else None,
+    )
+
+
+def joint_values(
+    mechanism: ClosedChainMechanism, chains: tuple[tuple[str, ...], ...] | None, joints: FloatArray
+) -> dict[str, FloatArray]:
+    """Return the values of joints of one coordinate, (n,) each in m or rad, by name.
+
+    Args:
+        mechanism: of the engine.
+        chains: names of the joints of each chain, where values come chain by chain.
+        joints: as an engine gives them: (n, chains, joints), or configurations (n, nq).
+    """
+    if chains is not None:
+        return {name: joints[:, i, k] for i, names in enumerate(chains) for k, name in enumerate(names)}
+    model = mechanism.shared_model
+    single = [j for j in range(1, model.njoints) if model.nqs[j] == 1]
+    return {str(model.names[j]): joints[:, model.idx_qs[j]] for j in single}
+
+
+def _up(mechanism: ClosedChainMechanism) -> FloatArray:
+    """Return the direction against gravity in the base, (3,)."""
+    model = mechanism.shared_model
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, mechanism.neutral_configuration())
+    axes = data.oMf[mechanism.frame_id(mechanism.loops.base_frame)].rotation
+    gravity = np.array(model.gravity.linear)
+    return np.asarray(axes.T @ (-gravity / np.linalg.norm(gravity)))
+
+
+def _swings(mechanism: ClosedChainMechanism, values: dict[str, FloatArray], rows: int) -> FloatArray:
+    """Return the angle of the first turning joint before each sliding drive that no drive moves, (n, D)."""
+    drives, paths = mechanism.loops.drives, mechanism.frame_paths
+    held = {*drives, *mechanism.loops.locked_joints}
+    found = np.full((rows, len(drives)), np.nan)
+    for k, drive in enumerate(drives):
+        if mechanism.unit_of(drive) == "m":
+            before = [j for j in paths[drive] if j in values and j not in held and mechanism.unit_of(j) == "rad"]
+            found[:, k] = values[before[0]] if before else np.nan
+    return found
+
+
+def _own_force(mechanism: ClosedChainMechanism, values: dict[str, FloatArray], rows: int) -> FloatArray:
+    """Return what the links' own weight puts on every drive of a robot without loops, (n, D), in N and Nm.
+
+    Pinocchio's generalised gravity is what a drive must give; the weight puts the opposite on it.
+    """
+    model, drives = mechanism.shared_model, mechanism.loops.drives
+    data, configuration = model.createData(), mechanism.neutral_configuration()
+    columns = [model.idx_vs[model.getJointId(drive)] for drive in drives]
+    found = np.empty((rows, len(drives)))
+    for row in range(rows):
+        at = mechanism.with_joint_values(configuration, {name: float(course[row]) for name, course in values.items()})
+        found[row] = -pin.computeGeneralizedGravity(model, data, at)[columns]
+    return found

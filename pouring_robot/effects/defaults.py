@@ -1,0 +1,150 @@
+"""Causes of a robot that declares none: every family over its groups of drives, joints, links and thermometers."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from pouring_robot.batch import engine_for
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.robot.causes import AMBIENT, AxisTilt, CauseEntry, Causes, Placements, Thermometers
+from pouring_robot.robot.definition import Drive, RobotDefinition
+
+HARMONICS = 30
+"""Orders of an error that is bound to a joint's own angle. What makes it (encoder, gear, transmission) is not asked."""
+_ALONG = 0.999
+_STROKE = {"middle_m": 0.0, "half_stroke_m": 1.0}
+_FORCE, _MOMENT = {"force_n": 1000.0, "length_m": 1.0}, {"load": 100.0}
+"""Loads at which compliances are given."""
+Groups = Mapping[str, tuple[Drive, ...]]
+
+
+def harmonic_sizes(count: int = HARMONICS) -> tuple[float, ...]:
+    """Return how large each order is expected over the first: 1/h.
+
+    An error whose steps around the turn are independent of each other, as those of teeth, balls and graduation lines
+    are, is a closed random walk, and its Fourier coefficients fall with the order.
+    """
+    return tuple(1.0 / order for order in range(1, count + 1))
+
+
+@functools.lru_cache(maxsize=16)
+def causes_of(robot: RobotDefinition) -> Causes:
+    """Return what a robot declares of its causes; otherwise those of a library over its groups."""
+    return robot.causes or default_causes(robot)
+
+
+def default_causes(robot: RobotDefinition) -> Causes:
+    """Return the causes that any robot may have."""
+    mechanism = robot.mechanism()
+    return Causes(
+        entries=(*_of_drives(robot), *_of_structure(robot, mechanism)),
+        placements=_placements(mechanism),
+        thermometers=(_ambient(), *(_thermometer(name) for name in robot.thermometers)),
+        drive_thermometers=_drive_thermometers(robot, mechanism),
+    )
+
+
+def _of_drives(robot: RobotDefinition) -> Iterator[CauseEntry]:
+    """Yield what may be wrong with drives, family by family, group by group."""
+    groups = robot.groups
+    slides = {name: drives for name, drives in groups.items() if drives[0].unit == "m"}
+    turns = {name: drives for name, drives in groups.items() if drives[0].unit == "rad"}
+    yield from _each(groups, "drive_zero_offset", "zero", "the zeros of the drives are set wrong")
+    story = "the drives go further or less far than the controller believes, in proportion or with a build-up"
+    yield from _each(slides, "drive_scale", "scale", story, _STROKE)
+    story = "screws or pinions run out of true: an error that returns with every turn of the motor"
+    yield from _each(slides, "drive_periodic", "periodic", story, {"sizes": (1.0, 0.25, 0.1), "period": "pitch"})
+    story = (
+        "each joint errs by a periodic function of its own angle; encoder, gear and transmission do the same to a pose "
+        "and cannot be told apart by it"
+    )
+    yield from _each(turns, "joint_periodic", "periodic", story, {"sizes": harmonic_sizes(), "all_main": True})
+    story = "nuts and gears have play: a drive stops short on the side it came from"
+    yield from _each(groups, "drive_backlash", "lost_motion", story, _STROKE)
+    story = "the drives yield to the forces that weight puts on them"
+    for entry, (name, drives) in zip(_each(groups, "drive_compliance", "", story), groups.items(), strict=True):
+        family, sizes = ("stretch", _FORCE) if drives[0].unit == "m" else ("spring", _MOMENT)
+        yield replace(entry, family=family, options={**entry.options, "group": name, **sizes})
+
+
+def _each(
+    groups: Groups, id_: str, family: str, story: str, options: Mapping[str, Any] | None = None
+) -> Iterator[CauseEntry]:
+    """Yield a family over each group; the group's name is part of the id where there are several."""
+    for name, drives in groups.items():
+        own = {"drives": tuple(drive.joint for drive in drives), **(options or {})}
+        yield CauseEntry(f"{id_}.{name}" if len(groups) > 1 else id_, family, story, own)
+
+
+def _of_structure(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Iterator[CauseEntry]:
+    story = "joints stand elsewhere on their links, or their axes point elsewhere, than drawn"
+    yield CauseEntry("joint_placement", "placement", story, {"loosened_by_load": bool(mechanism.anchors)})
+    yield CauseEntry("link_thermal_expansion", "links_growth", "warm links are longer than drawn")
+    for travel in robot.travels[:1]:
+        story = "the beam that carries the base sinks under it and leans with the slope of its deflection"
+        yield CauseEntry("base_deflection", "deflection", story, {"travel": f"{travel}_m", "weight_n": 1000.0})
+    yield CauseEntry("base_drift", "base_drift", "the base creeps away from where it stood when the campaign began")
+    yield CauseEntry("metrology_scale", "metrology_scale", "the measuring device's millimetre is not a millimetre")
+    story = "base or device stand elsewhere in some sessions than in others"
+    yield CauseEntry("session_offset", "session_offset", story)
+
+
+def chain_joints(mechanism: ClosedChainMechanism) -> tuple[str, ...]:
+    """Return the joints, fixed and moving, whose placements make the pose."""
+    return tuple(filter(None, engine_for(mechanism).structure.site_joints))
+
+
+def _placements(mechanism: ClosedChainMechanism) -> Placements:
+    joints = chain_joints(mechanism)
+    tilts = []
+    for joint in joints:
+        axis = _axis(mechanism, joint)
+        across = "".join(name for name, share in zip("xyz", np.abs(axis), strict=True) if share < _ALONG)
+        if axis.any():
+            tilts.append(AxisTilt(joint, across))
+    return Placements(centres={"joints": joints}, tilts=tuple(tilts), centre_words={"joints": "joint places"})
+
+
+def _axis(mechanism: ClosedChainMechanism, joint: str) -> Any:
+    """Return the axis of a joint of one freedom in its own placement, (3,); zeros for others."""
+    model = mechanism.shared_model
+    if not model.existJointName(joint) or model.nvs[model.getJointId(joint)] != 1:
+        return np.zeros(3)
+    subspace = np.asarray(model.joints[model.getJointId(joint)].createData().S).reshape(2, 3)
+    return subspace.sum(axis=0)
+
+
+def _ambient() -> Thermometers:
+    return Thermometers(**{**vars(AMBIENT), "by_pose": True, "moves_joints": True})
+
+
+def _thermometer(name: str) -> Thermometers:
+    return Thermometers(
+        name,
+        f"temperature of {name}",
+        f"{name} above reference",
+        {name: f"temperature of {name}"},
+        f"the temperature of {name} ({name}_degC)",
+        f"measure the same poses at two temperatures of {name}",
+        by_pose=True,
+        moves_joints=True,
+        expected=False,
+        hot_rise_k=20.0,
+    )
+
+
+def _drive_thermometers(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> dict[str, str]:
+    """Return the thermometer on the link that each sliding drive moves."""
+    model = mechanism.shared_model
+    found = {}
+    for drive in robot.drives:
+        joint = model.getJointId(drive.joint)
+        bodies = [f.name for f in model.frames if f.parentJoint == joint and f.name in robot.thermometers]
+        if drive.unit == "m" and bodies:
+            found[drive.joint] = bodies[0]
+    return found
