@@ -1,4 +1,4 @@
-"""A crank held by a rod between two ball joints, which spins as it likes: S-P-S. The angle is a triangle's."""
+"""Mechanisms that idle inside, and joints of other kinds: mimic, universal, spherical."""
 
 import numpy as np
 import pinocchio as pin
@@ -13,58 +13,8 @@ from pouring_robot.mechanism.joint_types import read_mimics
 from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
+from tests.mechanism.struts import GROUND, STROKE, crank_end, start_of, strut
 from tests.support import central_differences, circle_meeting, planar_urdf, relative_error
-
-CRANK, GROUND, STROKE = 0.5, 0.8, 0.6
-
-
-def joint(name, parent, child, kind, xyz="0 0 0", axis="0 1 0"):
-    limit = '<limit lower="-3" upper="3" effort="1" velocity="1"/>' if kind in {"revolute", "prismatic"} else ""
-    return (
-        f'<link name="{child}"/><joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="{xyz}"/><axis xyz="{axis}"/>{limit}</joint>'
-    )
-
-
-def strut():
-    """Return the mechanism: a crank about y at the origin, a rod of driven length from (GROUND, 0, 0) to its end."""
-    mass = (
-        '<inertial><origin xyz="0.2 0 0.01"/><mass value="2"/>'
-        '<inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>'
-    )
-    urdf = '<robot name="strut"><link name="base"/>' + "".join(
-        [
-            joint("hinge", "base", "crank", "revolute").replace('"crank"/>', f'"crank">{mass}</link>', 1),
-            joint("hinge_mount", "crank", "crank_end", "fixed", f"{CRANK} 0 0"),
-            joint("ball1", "base", "rod", "continuous", f"{GROUND} 0 0"),
-            joint("stroke", "rod", "piston", "prismatic", axis="0 0 1"),
-            joint("ball2", "piston", "knob", "continuous"),
-        ]
-    )
-    loops = LoopsFile(
-        base_frame="base",
-        end_frame="crank_end",
-        drives=("stroke",),
-        joint_types={"ball1": "spherical", "ball2": "spherical"},
-        loops=({"name": "grip", "frame_a": "knob", "frame_b": "crank_end"},),
-    )
-    return ClosedChainMechanism(urdf + "</robot>", loops)
-
-
-def crank_end(stroke):
-    return circle_meeting((0.0, 0.0), CRANK, (GROUND, 0.0), stroke, side=+1)
-
-
-def start_of(mechanism, spin=0.0):
-    """Return a start near the closed pose: the rod spun about its own axis."""
-    x, z = crank_end(STROKE)
-    values = {"hinge": np.arctan2(-z, x) + 0.05, "stroke": STROKE}
-    configuration = mechanism.with_joint_values(mechanism.neutral_configuration(), values)
-    lean = pin.utils.rotate("y", np.arctan2(x - GROUND, z) - 0.04) @ pin.utils.rotate("z", spin)
-    for name, turn in (("ball1", lean), ("ball2", lean.T @ pin.utils.rotate("y", values["hinge"]))):
-        first = mechanism.shared_model.joints[mechanism.joint_id(name)].idx_q
-        configuration[first : first + 4] = pin.Quaternion(turn).coeffs()
-    return configuration
 
 
 @pytest.mark.parametrize("spin", [0.0, 1.0, -2.5])

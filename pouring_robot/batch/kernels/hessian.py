@@ -28,6 +28,9 @@ from pouring_robot.batch.kernels.workspace import Room
 from pouring_robot.batch.structure import Star
 from pouring_robot.mechanism.arrays import FloatArray
 
+# A pivot that is a smaller share of its joint's stiffness is round-off of zero.
+_IDLE_RATIO = 1e-12
+
 
 @compiled
 def factorise(star: Star, room: Room, exact: bool, damping: float) -> bool:
@@ -98,7 +101,7 @@ def chain_columns(star: Star, room: Room, i: int, exact: bool) -> Triple:
 
 @compiled
 def eliminate(star: Star, room: Room, i: int, rho: Triple, damping: float) -> bool:
-    """Factorise chain i's own block and write its coupling; return whether the block is positive definite."""
+    """Factorise chain i's own block and write its coupling; return whether the block is positive semidefinite."""
     places = len(star.passive_count)
     d, wd, low, z = room.columns, room.stiff, room.factor, room.coupling
     for n in range(places):
@@ -115,7 +118,8 @@ def eliminate(star: Star, room: Room, i: int, rho: Triple, damping: float) -> bo
             for c in range(6):
                 total += d[i, 6 * m + c] * wd[i, 6 * n + c]
             low[i, n * places + m] = total
-        low[i, n * places + n] *= 1.0 + damping
+        diagonal = low[i, n * places + n]
+        low[i, n * places + n] = diagonal * (1.0 + damping)
         f0, f1, f2 = wd[i, 6 * n], wd[i, 6 * n + 1], wd[i, 6 * n + 2]
         z0, z1, z2 = -f0, -f1, -f2
         z3 = -(wd[i, 6 * n + 3] + rho[1] * f2 - rho[2] * f1)
@@ -141,8 +145,11 @@ def eliminate(star: Star, room: Room, i: int, rho: Triple, damping: float) -> bo
             z5 -= ratio * z[i, 6 * m + 5]
         z[i, 6 * n], z[i, 6 * n + 1], z[i, 6 * n + 2] = z0, z1, z2
         z[i, 6 * n + 3], z[i, 6 * n + 4], z[i, 6 * n + 5] = z3, z4, z5
-        if not pivot > 0.0:
-            return False
+        if not pivot > _IDLE_RATIO * diagonal:
+            if not pivot > -_IDLE_RATIO * diagonal:
+                return False
+            low[i, n * places + n] = 0.0  # it only repeats what earlier joints do: it idles, and stays where it is
+            continue
         low[i, n * places + n] = 1.0 / pivot
     return True
 
