@@ -25,6 +25,7 @@ _COMMANDS = (
     "pose",
     "path",
     "robots",
+    "robot",
     "view",
     "export",
     "sweep",

@@ -10,48 +10,71 @@ from pouring_robot.cli.shared import options
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from rich.console import Console
+
+    from pouring_robot.mechanism.closure import ClosureResult
+    from pouring_robot.robot.base import Robot
     from pouring_robot.robot.robot import PouringRobot
 
 
-def robot_figures(robot: PouringRobot) -> dict[str, Any]:
-    """Return what is known of a robot at the middle of its workspace, ready for JSON."""
-    from pouring_robot.mechanism.poses import MM
-    from pouring_robot.robot.pouring.poses import PlatformPose
+def robot_figures(robot: Robot) -> dict[str, Any]:
+    """Return what is known of a robot, ready for JSON: at the middle of its workspace, or at its home."""
+    from pouring_robot.robot.robot import PouringRobot
 
-    layout, mechanism = robot.layout, robot.actual_solver.mechanism
-    middle = 0.5 * (layout.position_lower_m + layout.position_upper_m)
-    tilt = 0.5 * (layout.tilt_lower_rad + layout.tilt_upper_rad)
-    location = robot.locate(PlatformPose((float(middle[0]), float(middle[1]), float(middle[2])), tilt))
-    model = mechanism.shared_model
+    mechanism, loops = robot.actual_solver.mechanism, robot.actual_solver.mechanism.loops
+    model, limits = mechanism.shared_model, mechanism.joint_limits()
+    if isinstance(robot, PouringRobot):
+        nominal, actual = _in_the_middle(robot)
+        named, workspace = {"layout": robot.model.layout}, {"workspace": _workspace(robot)}
+    else:
+        nominal, actual = robot.closed_at(robot.model.definition.home_drives)
+        named, workspace = {"robot": robot.model.definition.name}, {}
     return {
-        "layout": robot.model.layout,
-        "mechanism": mechanism.loops.mechanism,
+        **named,
+        "mechanism": loops.mechanism,
         "bodies": int(model.nbodies) - 1,
         "mass_kg": float(sum(inertia.mass for inertia in list(model.inertias)[1:])),
-        "joints": int(mechanism.closing_columns.size) - 6 * len(mechanism.loops.cut_joints),
-        "loops": list(mechanism.loops.names),
-        "equations": 6 * len(mechanism.loops.loops),
-        "rank_nominal": location.nominal.rank,
-        "rank_actual": location.actual.rank,
-        "freedoms": location.nominal.freedoms,
+        "joints": int(mechanism.closing_columns.size) - 6 * len(loops.cut_joints),
+        "loops": list(loops.names),
+        "equations": sum(6 if loop.type == "6d" else 3 for loop in loops.loops),
+        "rank_nominal": nominal.rank,
+        "rank_actual": actual.rank,
+        "freedoms": nominal.freedoms,
         "drives": {
-            name: _at_the_edge(mechanism.joint_limits()[name], mechanism.unit_of(name))
-            for name in mechanism.loops.drives
+            name: _at_the_edge(limits.get(name, (-math.inf, math.inf)), mechanism.unit_of(name))
+            for name in loops.drives
         },
         "displaced_joints": sorted(robot.model.joint_placements),
         "unseen_displacements": list(robot.unseen_displacements),
-        "workspace": {
-            "position_lower_mm": _rounded(layout.position_lower_m / MM),
-            "position_upper_mm": _rounded(layout.position_upper_m / MM),
-            "tilt": _at_the_edge((layout.tilt_lower_rad, layout.tilt_upper_rad), "rad"),
-        },
+        **workspace,
+    }
+
+
+def _in_the_middle(robot: PouringRobot) -> tuple[ClosureResult, ClosureResult]:
+    """Return the closed robot of the drawing and as built in the middle of the workspace box."""
+    from pouring_robot.robot.pouring.poses import PlatformPose
+
+    lower, upper = robot.layout.box
+    x, y, z, tilt = (0.5 * (lower + upper)).tolist()
+    location = robot.locate(PlatformPose((x, y, z), tilt))
+    return location.nominal, location.actual
+
+
+def _workspace(robot: PouringRobot) -> dict[str, Any]:
+    from pouring_robot.mechanism.poses import MM
+
+    layout = robot.layout
+    return {
+        "position_lower_mm": _rounded(layout.position_lower_m / MM),
+        "position_upper_mm": _rounded(layout.position_upper_m / MM),
+        "tilt": _at_the_edge((layout.tilt_lower_rad, layout.tilt_upper_rad), "rad"),
     }
 
 
 def _at_the_edge(limits: tuple[float, float], unit: Literal["m", "rad"]) -> dict[str, Any]:
     """Return limits given in m or rad in mm or degrees."""
     shown, factor = ("mm", 1e3) if unit == "m" else ("deg", math.degrees(1.0))
-    lower, upper = _rounded(limit * factor for limit in limits)
+    lower, upper = (_rounded([limit * factor])[0] if math.isfinite(limit) else None for limit in limits)
     return {"lower": lower, "upper": upper, "unit": shown}
 
 
@@ -60,37 +83,52 @@ def _rounded(values: Iterable[float]) -> list[float]:
     return [round(float(value), 9) + 0.0 for value in values]
 
 
-def robots(model: options.ModelFile = None, layout: options.LayoutName = None, as_json: options.AsJson = False) -> None:
+def robots(
+    model: options.ModelFile = None,
+    robot: options.RobotFile = None,
+    layout: options.LayoutName = None,
+    as_json: options.AsJson = False,
+) -> None:
     """List the robots that are loaded: freedoms, rank, drives, workspace."""
-    from pouring_robot.cli.shared.locations import unseen_note
     from pouring_robot.robot.model import RobotModel
     from pouring_robot.robot.pouring.layout import layout_names
-    from pouring_robot.robot.robot import PouringRobot
+    from pouring_robot.robot.robot import robot_of
 
-    if model is not None or layout is not None:
-        loaded = [options.robot_of(model, layout)]
+    if model is not None or robot is not None or layout is not None:
+        chosen = [options.model_of(model, robot, layout)]
     else:
-        loaded = [PouringRobot(RobotModel(layout=name)) for name in layout_names()]
-    figures = [robot_figures(robot) for robot in loaded]
+        chosen = [RobotModel(layout=name) for name in layout_names()]
+    if model is not None:
+        options.say_left_out(chosen[0], model)
+    figures = [robot_figures(robot_of(one)) for one in chosen]
     if as_json:
         options.print_json(figures)
         return
-    console = options.console()
-    for robot in figures:
-        workspace = robot["workspace"]
+    for found in figures:
+        _print(options.console(), found)
+
+
+def _print(console: Console, robot: dict[str, Any]) -> None:
+    from pouring_robot.cli.shared.locations import unseen_note
+
+    joints = f"{robot['joints']} {'chain ' if robot['loops'] else ''}joints"
+    closures = (
+        f"{robot['equations']} closure equations of rank {robot['rank_nominal']}" if robot["loops"] else "no loops"
+    )
+    redundant = f" ({robot['equations'] - robot['rank_nominal']} equations redundant)" if robot["loops"] else ""
+    console.print(
+        f"{robot.get('layout') or robot['robot']}: {robot['mechanism']}, {robot['bodies']} bodies, "
+        f"{robot['mass_kg']:.0f} kg\n  {joints}, {closures}: {robot['freedoms']} freedoms{redundant}"
+    )
+    if robot["displaced_joints"]:
+        console.print(f"  as built: {len(robot['displaced_joints'])} joints displaced, rank {robot['rank_actual']}")
+    for joint in robot["unseen_displacements"]:
+        console.print(f"  {unseen_note(joint)}")
+    for name, drive in robot["drives"].items():
+        edges = [f"{edge:.6g}" if edge is not None else "any" for edge in (drive["lower"], drive["upper"])]
+        console.print(f"  drive {name}: {' … '.join(edges)} {drive['unit']}")
+    if workspace := robot.get("workspace"):
         limits = zip("xyz", workspace["position_lower_mm"], workspace["position_upper_mm"], strict=True)
         box = ", ".join(f"{axis} {low:g} … {high:g}" for axis, low, high in limits)
-        console.print(
-            f"{robot['layout']}: {robot['mechanism']}, {robot['bodies']} bodies, {robot['mass_kg']:.0f} kg\n"
-            f"  {robot['joints']} chain joints, {robot['equations']} closure equations of rank "
-            f"{robot['rank_nominal']}: {robot['freedoms']} freedoms "
-            f"({robot['equations'] - robot['rank_nominal']} equations redundant)"
-        )
-        if robot["displaced_joints"]:
-            console.print(f"  as built: {len(robot['displaced_joints'])} joints displaced, rank {robot['rank_actual']}")
-        for joint in robot["unseen_displacements"]:
-            console.print(f"  {unseen_note(joint)}")
-        for name, drive in robot["drives"].items():
-            console.print(f"  drive {name}: {drive['lower']:.6g} … {drive['upper']:.6g} {drive['unit']}")
         tilt = workspace["tilt"]
         console.print(f"  workspace: {box} mm, tilt {tilt['lower']:.6g} … {tilt['upper']:.6g} {tilt['unit']}")

@@ -323,6 +323,11 @@ class RobotDefinition:
         """Named sets of groups."""
         return _SETS
 
+    @property
+    def home_drives(self) -> FloatArray:
+        """Drive values at the home, (drives,), in m and rad."""
+        return np.array([self.file.home.get(drive.joint, 0.0) for drive in self.drives])
+
     @functools.cached_property
     def groups(self) -> dict[str, tuple[Drive, ...]]:
         """The drives that share a cause, by the group's name."""

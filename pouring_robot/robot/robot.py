@@ -184,6 +184,11 @@ class PouringRobot(Robot):
         return axis_weakness(self.actual_solver, location.actual, location.loops.working_frame)
 
 
+def robot_of(model: RobotModel) -> Robot:
+    """Return the robot of a model, whichever it is."""
+    return Robot(model) if model.robot else PouringRobot(model)
+
+
 def load_robot(model: RobotModel | Path | str | None = None) -> PouringRobot:
     """Load a robot from a model, a model file, or (default) the drawing of the default layout.
 

@@ -1,0 +1,39 @@
+"""``pouring-robot robot``: robot files of other robots than the pouring robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pouring_robot.cli.shared import options
+
+Urdf = Annotated[Path, typer.Argument(metavar="URDF", help="The robot's URDF.")]
+Out = Annotated[
+    Path | None, typer.Option("--out", metavar="FILE", help="Where to write it (default: robot.yaml beside the URDF).")
+]
+
+
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace a robot file that is there.")]
+
+
+def init(urdf: Urdf, out: Out = None, overwrite: Overwrite = False) -> None:
+    """Write a first robot file for a URDF, with comments on what to fill in."""
+    from pouring_robot.io.files import check_outputs, write_whole
+    from pouring_robot.robot.definition import RobotDefinition
+    from pouring_robot.robot.first_file import first_robot_file
+
+    path = out or urdf.parent / "robot.yaml"
+    check_outputs([path], overwrite=overwrite)
+    write_whole(path, first_robot_file(urdf, path.parent))
+    found = RobotDefinition.load(path)
+    console = options.console()
+    drives = ", ".join(f"{drive.column} ({drive.command})" for drive in found.drives)
+    frames = f"{found.loops.base_frame} to {found.loops.end_frame}"
+    console.print(f"{found.name}: {frames}, {len(found.drives)} drives: {drives}", markup=False)
+    options.print_written(console, (path,))
+    console.print(f"next: read its comments, then pouring-robot robots --robot {path}", markup=False)
+
+
+robot = options.group_of("Robot files: describe another robot than the pouring robot.", [init])

@@ -1,0 +1,130 @@
+"""A first robot file for somebody's URDF: what can be read from it, and comments on what to fill in."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from lxml import etree
+
+from pouring_robot.exceptions import DescriptionError
+from pouring_robot.robot.definition import FORMAT
+from pouring_robot.robot.urdf import read_text
+
+_DRIVABLE = ("revolute", "continuous", "prismatic")
+_TOOLS = ("tool0", "tcp", "tool", "flange", "ee", "end_effector")  # usual names of the last frame, the likeliest first
+
+
+class _Tree:
+    """Links and joints of a URDF."""
+
+    def __init__(self, path: Path) -> None:
+        try:
+            self.root = etree.fromstring(read_text(path).encode())
+        except etree.XMLSyntaxError as error:
+            raise DescriptionError(path, f"line {error.lineno}: {error.msg}") from error
+        joints = [joint for joint in self.root.iterfind("joint") if joint.get("type")]
+        if self.root.tag != "robot" or not joints:
+            raise DescriptionError(path, "is no URDF with joints; give the URDF, or render the xacro to one first")
+        self.joints = {str(joint.get("name")): joint for joint in joints}
+        self.above = {_link(joint, "child"): joint for joint in joints}
+
+    def moving(self, link: str) -> list[str]:
+        """Return the joints that move on the way from the root down to a link."""
+        found: list[str] = []
+        while (joint := self.above.get(link)) is not None and len(found) <= len(self.joints):
+            if joint.get("type") != "fixed":
+                found.insert(0, str(joint.get("name")))
+            link = _link(joint, "parent")
+        return found
+
+    def ends(self) -> list[str]:
+        """Return the links at which the tree ends, the one that moves most first; of equals, a usual tool's name."""
+        parents = {_link(joint, "parent") for joint in self.joints.values()}
+        leaves = [link for link in self.above if link not in parents and self.moving(link)]
+
+        def rank(link: str) -> tuple[int, int]:
+            names = [k for k, name in enumerate(_TOOLS) if name in link.lower()]
+            return -len(self.moving(link)), min(names, default=len(_TOOLS))
+
+        return sorted(leaves, key=rank)
+
+
+def _link(joint: etree._Element, end: str) -> str:
+    found = joint.find(end)
+    return "" if found is None else str(found.get("link"))
+
+
+def first_robot_file(urdf: Path, beside: Path) -> str:
+    """Return the text of a robot file for a URDF.
+
+    Args:
+        urdf: the file.
+        beside: the folder in which the robot file is to stand; paths in it are relative to that.
+
+    Raises:
+        DescriptionError: the URDF cannot be read, or nothing moves in it.
+    """
+    tree = _Tree(urdf)
+    ends = tree.ends()
+    if not ends:
+        raise DescriptionError(urdf, "no joint of it moves a link at the end of the tree")
+    end, *others = ends
+    path = tree.moving(end)
+    mimics = {name for name, joint in tree.joints.items() if joint.find("mimic") is not None}
+    drives = [name for name in path if tree.joints[name].get("type") in _DRIVABLE and name not in mimics]
+    if not drives:
+        raise DescriptionError(urdf, f"no joint on the way to '{end}' slides or turns by itself; a drive must")
+    aside = [name for link in others for name in tree.moving(link) if name not in path and name not in mimics]
+    names = {
+        "name": re.sub(r"[^A-Za-z0-9_.-]", "_", str(tree.root.get("name") or urdf.stem)).lstrip("_.-") or "robot",
+        "urdf": os.path.relpath(urdf, beside),
+        "base": _link(tree.joints[path[0]], "parent"),
+        "end": end,
+    }
+    return _text(names, drives, list(dict.fromkeys(aside)), others)
+
+
+def _text(names: Mapping[str, str], drives: Sequence[str], aside: Sequence[str], others: Sequence[str]) -> str:
+    quoted = {key: json.dumps(value) if re.search(r"[^\w./-]", value) else value for key, value in names.items()}
+    lines = [
+        "# A first robot file, read from the URDF. What a URDF cannot say is to be filled in or struck out.",
+        f"format: {FORMAT}",
+        f"name: {quoted['name']}",
+        f"urdf: {quoted['urdf']}",
+        "# Poses are seen from base_frame; end_frame is the body whose pose is measured.",
+        f"base_frame: {quoted['base']}",
+        f"end_frame: {quoted['end']}" + (f"  # or: {', '.join(others[:6])}" if others else ""),
+        "# Further frames on that body; the last is where the error counts (the tip of a tool).",
+        "tool_frames: []",
+        "# What is closed: pairs of frames that coincide on the real machine (6d: wholly, 3d: their origins).",
+        "#   loops:",
+        "#     - {name: left, frame_a: left_foot, frame_b: left_seat, type: 6d}",
+        "#   cut_joints: [mount]   # fixed joints that carry the end body in the tree only, if all chains carry it",
+        "loops: []",
+        "cut_joints: []",
+    ]
+    if aside:
+        lines += [
+            "# These joints move nothing between base and end. In a closed robot take out those that its loops move;",
+            "# in a tree they stay locked.",
+        ]
+    lines += [
+        f"locked_joints: [{', '.join(aside)}]",
+        "# What the controller commands, in its order. column: what a campaign calls it, without unit (by default the",
+        "# joint's name). ratio: joint per command (a gear); mm_per_turn: a slide whose motor's angle is commanded.",
+        "# In a closed robot leave only the driven joints.",
+        "drives:",
+        *(f"  - {{joint: {name}}}" for name in drives),
+        "# Drives that share a cause of error; by default all that turn and all that slide.",
+        "#   groups: {legs: [leg1, leg2]}",
+        f"payload_frame: {quoted['end']}",
+        "# Joints that carry the base, such as rails.",
+        "travel: []",
+        "# Joint values (m, rad) near which the robot closes, of all joints; zero if left out.",
+        "#   home: {elbow: 0.5}",
+    ]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,78 @@
+"""``pouring-robot robot init`` and ``robots --robot``: from somebody's URDF to a robot file that loads."""
+
+import json
+import shutil
+
+import pytest
+
+from pouring_robot.robot.definition import RobotDefinition, RobotFile
+from tests.robot.test_definition import ARM, ROBOTS
+
+
+@pytest.fixture
+def urdf(tmp_path):
+    path = tmp_path / "my robot.urdf"
+    path.write_text(ARM, encoding="utf-8")
+    return path
+
+
+def test_a_first_file_loads_and_says_what_it_took(run, urdf):
+    code, out, err = run("robot", "init", urdf)
+    assert (code, err) == (0, "")
+    path = urdf.parent / "robot.yaml"
+    definition = RobotDefinition.load(path)
+    assert (definition.loops.base_frame, definition.loops.end_frame) == ("base", "tip")
+    assert [drive.joint for drive in definition.drives] == ["shoulder", "reach"]
+    assert "shoulder (angle), reach (length)" in out
+    assert definition.loops.locked_joints == ()
+    code, out, _ = run("robots", "--robot", path, "--json")
+    (figures,) = json.loads(out)
+    assert (code, figures["freedoms"], figures["loops"]) == (0, 2, [])
+
+
+def test_nothing_is_overwritten_unless_asked(run, urdf):
+    assert run("robot", "init", urdf)[0] == 0
+    path = urdf.parent / "robot.yaml"
+    path.write_text("mine", encoding="utf-8")
+    code, _, err = run("robot", "init", urdf)
+    assert code == 2
+    assert "--overwrite" in err
+    assert path.read_text(encoding="utf-8") == "mine"
+    assert run("robot", "init", urdf, "--overwrite")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ("<robot name='r'><link name='a'/></robot>", "no URDF with joints"),
+        ("<robot", "line 1"),
+        (ARM.replace('type="continuous"', 'type="fixed"').replace('type="prismatic"', 'type="fixed"'), "no joint"),
+    ],
+)
+def test_what_is_no_robot_is_refused_on_one_line(run, tmp_path, content, says):
+    path = tmp_path / "r.urdf"
+    path.write_text(content, encoding="utf-8")
+    code, _, err = run("robot", "init", path)
+    assert code == 2
+    assert says in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "robot.yaml").exists()
+
+
+@pytest.mark.parametrize(("name", "freedoms"), [("arm", 6), ("delta", 3), ("five_bar", 2), ("hexapod", 6)])
+def test_example_robots_are_listed(run, name, freedoms):
+    code, out, _ = run("robots", "--robot", ROBOTS / name / "robot.yaml")
+    assert code == 0
+    assert f"{freedoms} freedoms" in out
+
+
+def test_one_robot_at_a_time(run, tmp_path):
+    shutil.copytree(ROBOTS / "arm", tmp_path / "arm")
+    code, _, err = run("robots", "--robot", ROBOTS / "arm" / "robot.yaml", "--layout", "wide")
+    assert code == 2
+    assert "--robot or --layout, not both" in err
+
+
+def test_every_line_of_a_first_file_is_known_to_the_reader(run, urdf):
+    run("robot", "init", urdf)
+    assert RobotFile.load(urdf.parent / "robot.yaml").loops == ()

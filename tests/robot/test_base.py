@@ -1,0 +1,82 @@
+"""Any robot, located by its drives: against Pinocchio and central differences; status where there is no pose."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from pouring_robot.exceptions import BadInputError, NoSolutionError
+from pouring_robot.robot.base import Robot
+from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
+from tests.support import ROOT, relative_error
+
+ROBOTS = ROOT / "examples" / "robots"
+NAMES = ("arm", "delta", "five_bar", "hexapod")
+
+
+@pytest.fixture(scope="module", params=NAMES)
+def crooked(request):
+    """Return a robot of the examples with joints displaced and a drive off."""
+    model = RobotModel.for_robot(ROBOTS / request.param / "robot.yaml")
+    drive = model.definition.drives[0]
+    joints = list(dict.fromkeys(p.local.joint for p in Robot(model).parameters.parameters.values()))[:3]
+    placements = {
+        joint: JointPlacement(translation_mm=(0.2, -0.1, 0.15), rotation_mrad=(0.0, 0.0, 0.3)) for joint in joints
+    }
+    offset = DriveOffset(offset_mm=0.3) if drive.unit == "m" else DriveOffset(offset_mrad=0.4)
+    return Robot(model.model_copy(update={"joint_placements": placements, "drive_offsets": {drive.joint: offset}}))
+
+
+def commands(robot, count, seed):
+    definition = robot.model.definition
+    spread = np.array([0.02 if drive.unit == "m" else 0.1 for drive in definition.drives])
+    random = np.random.default_rng(seed)
+    return definition.home_drives + spread * random.uniform(-1.0, 1.0, (count, len(definition.drives)))
+
+
+def test_many_commands_are_one_after_the_other(crooked):
+    drives = commands(crooked, 6, seed=1)
+    found = crooked.locate_drives(drives)
+    loops = crooked.model.loops()
+    assert (found.status == "closed").all()
+    for k, one in enumerate(drives):
+        for result, name in zip(crooked.closed_at(one), ("nominal", "actual"), strict=True):
+            pose = result.pose(loops.base_frame, loops.working_frame)
+            seen = found[f"{name}_position"].sel(frame=loops.working_frame).values[k]
+            np.testing.assert_allclose(seen, pose.translation, rtol=0, atol=1e-9)
+    assert np.abs(found.error_position.values).max() > 5e-5
+
+
+def test_transfer_is_the_derivative_of_the_closed_robot(crooked):
+    """Of every drive and one placement: central differences of the closed pose, an independent way."""
+    drives, frame = commands(crooked, 1, seed=2)[0], crooked.model.loops().working_frame
+    base = crooked.model.loops().base_frame
+    here = crooked.closed_at(drives)[1].pose(base, frame)
+    found = crooked.transfer_at(drives, "drives")
+    step = 1e-5
+    for k in range(len(drives)):
+        moved = step * np.eye(len(drives))[k]
+        plus, minus = (crooked.closed_at(drives + sign * moved)[1].pose(base, frame) for sign in (1.0, -1.0))
+        shift = (plus.translation - minus.translation) / (2 * step)
+        turn = pin.log3(plus.rotation @ minus.rotation.T) / (2 * step)
+        assert relative_error(found.values[:, k], np.concatenate([shift, turn])) < 1e-6
+    assert np.isfinite(here.homogeneous).all()
+
+
+def test_commands_that_no_pose_has_say_so():
+    """One leg of the hexapod five metres longer than the others."""
+    robot = Robot.load(ROBOTS / "hexapod" / "robot.yaml")
+    home = robot.model.definition.home_drives
+    apart = home + 5.0 * np.eye(6)[0]
+    found = robot.locate_drives([home, apart])
+    assert found.status.values.tolist()[0] == "closed"
+    assert found.status.values.tolist()[1] != "closed"
+    assert np.isnan(found.actual_position.values[1]).all()
+    with pytest.raises(NoSolutionError, match="no pose of the drawing"):
+        robot.closed_at(apart)
+
+
+@pytest.mark.parametrize("drives", [[1.0, 2.0], [[1.0, np.nan, 0.0]], [["a", 1, 2]], [[1.0, 2.0]]])
+def test_other_arrays_are_refused(drives):
+    robot = Robot.load(ROBOTS / "delta" / "robot.yaml")
+    with pytest.raises((BadInputError, ValueError)):
+        robot.locate_drives(drives)

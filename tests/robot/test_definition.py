@@ -1,0 +1,154 @@
+"""Robot files: what they say, what is refused, and that the pouring robot is one of them."""
+
+import math
+import shutil
+
+import numpy as np
+import pytest
+
+from pouring_robot.exceptions import BadInputError, DescriptionError, ModelFileError, PouringRobotError
+from pouring_robot.mechanism.loops import load_loops
+from pouring_robot.robot.definition import RobotDefinition
+from pouring_robot.robot.model import JointPlacement, RobotModel
+from pouring_robot.robot.pouring.definition import PouringDefinition
+from pouring_robot.robot.urdf import description_folder
+from tests.support import ROOT
+
+ROBOTS = ROOT / "examples" / "robots"
+ARM = """<robot name="two_joints">
+  <link name="base"/><link name="arm"/><link name="slide"/><link name="tip"/><link name="rail"/>
+  <joint name="carriage" type="fixed"><parent link="rail"/><child link="base"/></joint>
+  <joint name="shoulder" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/></joint>
+  <joint name="reach" type="prismatic"><parent link="arm"/><child link="slide"/><axis xyz="1 0 0"/>
+    <limit lower="0" upper="1" effort="1" velocity="1"/></joint>
+  <joint name="mount" type="fixed"><parent link="slide"/><child link="tip"/><origin xyz="0.1 0 0"/></joint>
+</robot>"""
+FILE = """format: pouring_robot/robot/1
+name: two_joints
+urdf: arm.urdf
+base_frame: base
+end_frame: tip
+drives:
+  - {joint: shoulder, column: turn, ratio: 0.5}
+  - {joint: reach, mm_per_turn: 10.0}
+"""
+
+
+@pytest.fixture
+def arm(tmp_path):
+    (tmp_path / "arm.urdf").write_text(ARM, encoding="utf-8")
+    path = tmp_path / "robot.yaml"
+    path.write_text(FILE, encoding="utf-8")
+    return path
+
+
+def test_drives_have_columns_units_and_gears(arm):
+    turn, reach = RobotDefinition.load(arm).drives
+    assert (turn.column, turn.unit, turn.command, turn.factor) == ("turn", "rad", "angle", 0.5)
+    assert (reach.column, reach.unit, reach.command) == ("reach", "m", "angle")
+    assert reach.factor * 2.0 * math.pi == pytest.approx(0.010, rel=1e-15)
+
+
+def test_groups_are_by_kind_unless_the_file_says_otherwise(arm):
+    assert {k: [d.joint for d in v] for k, v in RobotDefinition.load(arm).groups.items()} == {
+        "rotations": ["shoulder"],
+        "slides": ["reach"],
+    }
+    arm.write_text(FILE + "groups: {both: [shoulder, reach]}\n", encoding="utf-8")
+    definition = RobotDefinition.load(arm)
+    assert [drive.joint for drive in definition.groups["both"]] == ["shoulder", "reach"]
+    assert {"tip", "both"} < set(definition.thermometers)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("urdf: arm.urdf", "urdf: absent.urdf", "absent.urdf.*cannot be read"),
+        ("urdf: arm.urdf\n", "", "either urdf or xacro"),
+        ("base_frame: base\n", "", "base_frame and end_frame are needed"),
+        ("joint: reach", "joint: raech", "'raech' is not a joint of the robot; did you mean 'reach'"),
+        ("joint: reach", "joint: mount", "'mount' is fixed; a drive slides or turns"),
+        ("joint: shoulder, column: turn, ratio: 0.5", "joint: shoulder, mm_per_turn: 5", "turns, so it has no mm_per"),
+        ("ratio: 0.5", "ratio: 0", "a ratio of 0 moves nothing"),
+        ("column: turn", "column: reach", "two drives have the column 'reach'"),
+        ("name: two_joints", "name: two joints", "line 2"),
+        ("drives:", "groups: {g: [elbow]}\ndrives:", "group 'g' names 'elbow', which is no drive"),
+        ("drives:", "travel: [rail]\ndrives:", "'rail' is not a joint of the robot"),
+        ("drives:", "drvies: 1\ndrives:", "unknown key 'drvies'; did you mean 'drives'"),
+        ("format: pouring_robot/robot/1", "format: pouring_robot/robot/9", "line 1"),
+    ],
+)
+def test_mistakes_are_one_line_that_says_what(arm, old, new, says):
+    arm.write_text(FILE.replace(old, new), encoding="utf-8")
+    with pytest.raises(DescriptionError, match=says) as problem:
+        RobotDefinition.load(arm)
+    assert "\n" not in str(problem.value)
+
+
+def test_a_urdf_that_is_none_is_refused(arm):
+    (arm.parent / "arm.urdf").write_text("<robot", encoding="utf-8")
+    with pytest.raises(DescriptionError, match=r"arm\.urdf"):
+        RobotDefinition.load(arm)
+
+
+def test_the_pouring_robot_is_a_robot_file_too():
+    plain = RobotDefinition.load(description_folder() / "robot.yaml")
+    own = PouringDefinition()
+    assert plain.loops == own.loops == load_loops(description_folder() / "config" / "loops.yaml")
+    assert [d.joint for d in plain.drives] == [d.joint for d in own.drives]
+    assert [d.unit for d in own.drives] == ["m", "m", "m", "rad"]
+    first, second = plain.mechanism().shared_model, own.mechanism().shared_model
+    assert list(first.names) == list(second.names)
+    for one, other in zip(first.jointPlacements, second.jointPlacements, strict=True):
+        np.testing.assert_allclose(one.homogeneous, other.homogeneous, rtol=0, atol=1e-15)
+
+
+def test_a_model_names_its_robot_relative_to_itself(arm):
+    model = RobotModel.for_robot(arm)
+    model = model.model_copy(update={"joint_placements": {"reach": JointPlacement(translation_mm=(0.0, 1.0, 0.0))}})
+    (arm.parent / "models").mkdir()
+    path = model.save(arm.parent / "models" / "built.yaml")
+    assert "robot: ../robot.yaml" in path.read_text(encoding="utf-8")
+    again = RobotModel.load(path)
+    assert again == model
+    assert again.definition.name == "two_joints"
+    shift = again.mechanism().shared_model.jointPlacements[2].translation
+    np.testing.assert_allclose(shift, [0.0, 1e-3, 0.0], atol=1e-15)
+
+
+@pytest.mark.parametrize("more", ["layout: wide\n", "heat: {melt_degC: 1600}\n"])
+def test_what_only_the_pouring_robot_has_is_refused_beside_another(arm, more):
+    path = arm.parent / "model.yaml"
+    path.write_text(f"format: pouring_robot/model/1\nrobot: robot.yaml\n{more}", encoding="utf-8")
+    with pytest.raises(ModelFileError, match="is of the pouring robot only"):
+        RobotModel.load(path)
+
+
+def test_offsets_of_another_robots_drives_are_in_their_unit(arm):
+    path = arm.parent / "model.yaml"
+    path.write_text(
+        "format: pouring_robot/model/1\nrobot: robot.yaml\ndrive_offsets: {reach: {offset_mrad: 1}}\n", encoding="utf-8"
+    )
+    with pytest.raises(PouringRobotError, match="'reach' needs offset_mm"):
+        RobotModel.load(path)
+
+
+@pytest.mark.parametrize("name", ["arm", "delta", "five_bar", "hexapod"])
+def test_what_is_exported_is_a_robot_again(name, tmp_path):
+    """The folder that export writes stands alone: URDF as built, robot file, nothing of the first folder."""
+    from pouring_robot.robot.urdf import write_urdf
+
+    model = RobotModel.for_robot(ROBOTS / name / "robot.yaml")
+    write_urdf(model.tree_urdf(), tmp_path / "out", model.definition.files_beside())
+    shutil.move(tmp_path / "out", tmp_path / "elsewhere")
+    again = RobotDefinition.load(tmp_path / "elsewhere" / "robot.yaml")
+    assert again.loops.loops == model.loops().loops
+    assert again.drives == model.definition.drives
+    assert again.mechanism().shared_model.nq == model.mechanism().shared_model.nq
+
+
+def test_load_robot_says_how_another_robot_is_loaded():
+    from pouring_robot import load_robot
+
+    with pytest.raises(BadInputError, match=r"load it with Robot\.load"):
+        load_robot(ROBOTS / "delta" / "robot.yaml")
