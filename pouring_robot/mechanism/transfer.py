@@ -25,17 +25,17 @@ from pouring_robot.exceptions import BadInputError, SingularPoseError, UnknownJo
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
-from pouring_robot.mechanism.energy import ClosureEnergy, EnergyState, TwistColumns
+from pouring_robot.mechanism.energy import ClosureEnergy, EnergyState
 from pouring_robot.mechanism.null_space import SINGULAR_RATIO, Spectrum, unit_scale
 from pouring_robot.mechanism.parameters import (
     DriveParameter,
     FrameParameter,
     LocalParameter,
     PayloadParameter,
-    PlacementParameter,
     StiffnessParameter,
     unit_twist,
 )
+from pouring_robot.mechanism.placed_twists import PlacedTwists
 from pouring_robot.mechanism.weight import Weight
 from pouring_robot.report.result import Result
 
@@ -126,10 +126,11 @@ def closed_chain_transfer(
     energy = solver.energy
     state = energy.evaluate(result.configuration, result.commanded)
     hessian = energy.hessian(state)
-    gradient_change = _gradient_change(solver, result, state, hessian, parameters)
+    placed = PlacedTwists(solver.mechanism, observer.data, parameters)
+    gradient_change = _gradient_change(solver, result, state, hessian, parameters, placed)
     twists = observer.joint_twists()
     motion = _rigid_motion(solver, parameters) - _answer(energy, hessian, gradient_change, twists)
-    matrix = twists @ motion + observer.direct_twists(parameters)
+    matrix = twists @ motion + observer.direct_twists(parameters, placed)
     return TransferMatrix(observer.frame, tuple(parameters), matrix, motion)
 
 
@@ -142,10 +143,10 @@ class _Observer:
             raise BadInputError("the loops file names no end_frame; say which frame is observed")
         self.mechanism, self.base, self.frame = mechanism, loops.base_frame, frame or str(loops.end_frame)
         self._model = mechanism.shared_model
-        self._data = self._model.createData()
-        pin.computeJointJacobians(self._model, self._data, result.configuration)
-        pin.updateFramePlacements(self._model, self._data)
-        base, tip = (self._data.oMf[mechanism.frame_id(name)] for name in (self.base, self.frame))
+        self.data = self._model.createData()
+        pin.computeJointJacobians(self._model, self.data, result.configuration)
+        pin.updateFramePlacements(self._model, self.data)
+        base, tip = (self.data.oMf[mechanism.frame_id(name)] for name in (self.base, self.frame))
         self.pose_base_to_frame = base.actInv(tip)
         axes = np.zeros((6, 6))
         axes[:3, :3] = axes[3:, 3:] = base.rotation.T @ tip.rotation
@@ -163,21 +164,14 @@ class _Observer:
             for support in list(self._model.supports[joint])[1:]:
                 first = self._model.idx_vs[support]
                 block = slice(first, first + self._model.nvs[support])
-                columns[:, block] += sign * self._data.J[:, block]
+                columns[:, block] += sign * self.data.J[:, block]
         return self.from_world(columns)
 
-    def direct_twists(self, parameters: Sequence[LocalParameter]) -> FloatArray:
+    def direct_twists(self, parameters: Sequence[LocalParameter], placed: PlacedTwists) -> FloatArray:
         """Return the frame's twist per parameter with all joints held; (6, n)."""
-        twists = np.zeros((6, len(parameters)))
+        twists = self.from_world(placed.world * (placed.carried(self.frame) - placed.carried(self.base)))
         for k, parameter in enumerate(parameters):
-            if isinstance(parameter, PlacementParameter):
-                self.mechanism.require_placement(parameter.joint)
-                paths = self.mechanism.frame_paths
-                sign = (parameter.joint in paths[self.frame]) - (parameter.joint in paths[self.base])
-                if sign:
-                    pose = self.mechanism.pose_world_to_placement(self._data, parameter.joint)
-                    twists[:, k] = sign * self.from_world(pose.toActionMatrix() @ np.array(parameter.twist))
-            elif isinstance(parameter, FrameParameter):
+            if isinstance(parameter, FrameParameter):
                 twist = unit_twist(parameter.component)
                 pose = self.pose_base_to_frame
                 if parameter.side == "base":  # turning the base swings the frame about the base's origin
@@ -186,30 +180,6 @@ class _Observer:
                 else:
                     twists[:3, k], twists[3:, k] = pose.rotation @ twist[:3], pose.rotation @ twist[3:]
         return twists
-
-
-def _placement_columns(
-    solver: ClosureSolver, result: ClosureResult, parameters: Sequence[LocalParameter]
-) -> TwistColumns:
-    """Return the world twists of placement parameters as the loops feel them; zero for other parameters."""
-    mechanism, model = solver.mechanism, solver.energy.model
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, result.configuration)
-    loops = mechanism.loops.loops
-    on_a, on_b = np.zeros((2, len(loops), 6, len(parameters)))
-    depth = np.zeros(len(parameters))
-    paths = mechanism.frame_paths
-    for k, parameter in enumerate(parameters):
-        if not isinstance(parameter, PlacementParameter):
-            continue
-        mechanism.require_placement(parameter.joint)
-        pose = mechanism.pose_world_to_placement(data, parameter.joint)
-        twist = pose.toActionMatrix() @ np.array(parameter.twist)
-        depth[k] = mechanism.path_depths[parameter.joint]
-        for i, loop in enumerate(loops):
-            on_a[i, :, k] = twist * (parameter.joint in paths[loop.frame_a])
-            on_b[i, :, k] = twist * (parameter.joint in paths[loop.frame_b])
-    return TwistColumns(on_a, on_b, depth)
 
 
 def _rigid_motion(solver: ClosureSolver, parameters: Sequence[LocalParameter]) -> FloatArray:
@@ -242,11 +212,11 @@ def _gradient_change(
     state: EnergyState,
     hessian: FloatArray,
     parameters: Sequence[LocalParameter],
+    placed: PlacedTwists,
 ) -> FloatArray:
     """Return the derivative of the energy's gradient by the parameters, joints held where they are; (nv, n)."""
     energy = solver.energy
-    columns = _placement_columns(solver, result, parameters)
-    change = energy.gradient_derivative(state, columns)
+    change = energy.gradient_derivative(state, placed.columns())
     if energy.loads.gravity:
         change += Weight(energy, result.configuration).placement_derivative(parameters)
     for k, parameter in enumerate(parameters):
