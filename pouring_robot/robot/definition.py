@@ -31,6 +31,7 @@ from pouring_robot.exceptions import DescriptionError, closest
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.joint_types import JointKind
 from pouring_robot.mechanism.loops import LoopsFile, LoopSpec, LoopStiffness, load_loops
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.urdf import meshes_from, read_text
@@ -98,6 +99,7 @@ class RobotFile(StrictModel):
         loops: what is closed, in the file itself or in a loops file; none for a serial arm.
         cut_joints: joints that carry the end body in the tree only.
         locked_joints: joints that take no part in the closure.
+        joint_types: joints of another kind than the URDF says, such as ``spherical`` or ``universal_xy``.
         stiffness: of each closure.
         drives: what the controller commands, in this order.
         groups: drives that share a cause, by the group's name; by default all angles and all lengths.
@@ -117,6 +119,7 @@ class RobotFile(StrictModel):
     loops: tuple[LoopSpec, ...] | str = ()
     cut_joints: tuple[str, ...] = ()
     locked_joints: tuple[str, ...] = ()
+    joint_types: dict[str, JointKind] = pydantic.Field(default_factory=dict)
     stiffness: LoopStiffness | None = None
     drives: tuple[DriveEntry, ...] = pydantic.Field(min_length=1)
     groups: dict[str, tuple[str, ...]] = pydantic.Field(default_factory=dict)
@@ -223,6 +226,7 @@ class RobotDefinition:
             "tool_frames": file.tool_frames,
             "cut_joints": file.cut_joints,
             "locked_joints": file.locked_joints,
+            "joint_types": file.joint_types,
             "stiffness": file.stiffness,
         }
         said = {key: value for key, value in own.items() if value}

@@ -152,3 +152,16 @@ def test_load_robot_says_how_another_robot_is_loaded():
 
     with pytest.raises(BadInputError, match=r"load it with Robot\.load"):
         load_robot(ROBOTS / "delta" / "robot.yaml")
+
+
+def test_joints_may_be_of_another_kind_than_the_urdf_says(arm):
+    arm.write_text(FILE + "joint_types: {mount: universal_xz}\nlocked_joints: [mount_X]\n", encoding="utf-8")
+    mechanism = RobotDefinition.load(arm).mechanism()
+    assert {"mount_X", "mount_Z"} <= set(mechanism.joint_columns)
+    assert mechanism.passive_columns.size == 1
+    arm.write_text(FILE + "joint_types: {mount: ball}\n", encoding="utf-8")
+    with pytest.raises(DescriptionError, match="universal_xy"):
+        RobotDefinition.load(arm)
+    arm.write_text(FILE + "joint_types: {mounts: fixed}\n", encoding="utf-8")
+    with pytest.raises(DescriptionError, match="did you mean 'mount'"):
+        RobotDefinition.load(arm).mechanism()
