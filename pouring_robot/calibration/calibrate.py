@@ -35,7 +35,6 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.report.result import Result
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterCatalogue, ParameterGroup, all_parameters
-from pouring_robot.robot.robot import PouringRobot
 
 if TYPE_CHECKING:
     import pandas
@@ -209,7 +208,7 @@ def calibrate(
 
 def _checked(campaign: Campaign, model: RobotModel) -> tuple[tuple[DataFlag, ...], NDArray[np.intp]]:
     """Return what the checks found and the rows to leave out; refuse data that are wrong as a whole."""
-    flags = tuple(check_campaign(campaign, PouringRobot(model)))
+    flags = tuple(check_campaign(campaign, model.definition.drawing()))
     for flag in flags:
         if flag.severity == Severity.ERROR and flag.code not in ROW_CODES:
             raise CampaignError(campaign.path, f"{flag.message}; {flag.remedy}")

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.columns import check_columns
 from pouring_robot.checks.flags import DataFlag, Severity
-from pouring_robot.checks.frames import Comparison, FrameChecks
+from pouring_robot.checks.frames import FrameChecks
+from pouring_robot.checks.mistakes import Comparison
 from pouring_robot.checks.residuals import check_rows
 from pouring_robot.estimation.frame_fit import FrameFit
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.drawing import Drawing
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,22 +29,22 @@ class Examination:
     fit: FrameFit | None
 
 
-def examine(campaign: Campaign, robot: PouringRobot) -> Examination:
-    """Run all checks and keep what they found on the way."""
+def examine(campaign: Campaign, drawing: Drawing) -> Examination:
+    """Run all checks and keep what they found on the way; see :func:`check_campaign`."""
     found = list(check_columns(campaign))
-    frames = FrameChecks(campaign, robot.kinematics)
+    frames = FrameChecks(campaign, drawing)
     found += frames.flags
     if frames.fit is not None:
-        found += check_rows(campaign, robot.kinematics, frames.data, frames.fit)
+        found += check_rows(campaign, drawing, frames.data, frames.fit)
     order = list(Severity)
     return Examination(sorted(found, key=lambda flag: order.index(flag.severity)), frames.data, frames.fit)
 
 
-def check_campaign(campaign: Campaign, robot: PouringRobot) -> list[DataFlag]:
+def check_campaign(campaign: Campaign, drawing: Drawing) -> list[DataFlag]:
     """Return what is wrong with a campaign's data, errors first; an empty list for sound data.
 
     Args:
         campaign: the data.
-        robot: gives nominal kinematics and limits; its errors do not matter here.
+        drawing: closes the nominal robot and knows its limits; errors of the robot as built do not matter here.
     """
-    return examine(campaign, robot).flags
+    return examine(campaign, drawing).flags

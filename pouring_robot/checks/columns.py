@@ -88,8 +88,8 @@ def _stuck_drives(campaign: Campaign) -> Iterator[DataFlag]:
 
 
 def _stuck_temperatures(campaign: Campaign) -> Iterator[DataFlag]:
-    """Find a leg or platform sensor that stands still while most of its neighbours change."""
-    names = [name for name in _parts(campaign) if campaign.quantity(name) is not None]
+    """Find a sensor on the robot that stands still while most of its neighbours change."""
+    names = [name for name in _readings(campaign) if name != columns.AMBIENT]
     changes = {name: np.diff(_values(campaign, name)) != 0.0 for name in names}
     for name in names:
         others = [changes[other] for other in names if other != name]
@@ -98,9 +98,10 @@ def _stuck_temperatures(campaign: Campaign) -> Iterator[DataFlag]:
                 yield _stuck(campaign, name, rows, Severity.WARNING)
 
 
-def _parts(campaign: Campaign) -> tuple[str, ...]:
-    """Return the thermometers on the robot: what is poured may stay as hot as it is."""
-    return tuple(name for name in campaign.robot.thermometers if name != "melt")
+def _readings(campaign: Campaign) -> tuple[str, ...]:
+    """Return the temperatures that were read: one that mostly stays as it is was set, or is read coarsely."""
+    given = (name for name in (columns.AMBIENT, *campaign.robot.thermometers) if name in campaign.conditions)
+    return tuple(name for name in given if np.mean(np.diff(campaign.conditions[name]) == 0.0) < 0.5)
 
 
 def _stuck(campaign: Campaign, name: str, rows: Rows, severity: Severity) -> DataFlag:
@@ -117,9 +118,7 @@ def _stuck(campaign: Campaign, name: str, rows: Rows, severity: Severity) -> Dat
 
 def _temperature_jumps(campaign: Campaign) -> Iterator[DataFlag]:
     """Find single readings that leave both neighbours: a leg or a hall does not warm and cool within one pose."""
-    for name in ("ambient", *_parts(campaign)):
-        if campaign.quantity(name) is None or len(campaign) < 5:
-            continue
+    for name in _readings(campaign) if len(campaign) >= 5 else ():
         values = _values(campaign, name)
         before, now, after = values[:-2], values[1:-1], values[2:]
         aside = now - 0.5 * (before + after)

@@ -44,7 +44,7 @@ class FlagCode(enum.StrEnum):
         return code
 
     TOO_FEW_ROWS = "too_few_rows", _WARNING, f"measure at least {FEW_ROWS} poses, better 60, spread over the workspace"
-    ONE_POSE = "one_pose", _ERROR, "command poses that differ in all four drives; repeats alone cannot fix the frames"
+    ONE_POSE = "one_pose", _ERROR, "command poses that differ in all drives; repeats alone cannot fix the frames"
     REPEATED_ROWS = (
         "repeated_rows",
         _WARNING,
@@ -92,7 +92,7 @@ class FlagCode(enum.StrEnum):
     NO_AGREEMENT = (
         "no_agreement",
         _ERROR,
-        "check that rows of drives and of measurements belong together, and that the layout is this robot's",
+        "check that rows of drives and of measurements belong together, and that the drawing is this robot's",
     )
     UNREACHABLE_DRIVES = (
         "unreachable_drives",

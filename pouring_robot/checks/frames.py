@@ -9,69 +9,37 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import itertools
-import math
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.campaign.nominal import PoseStack, nominal_poses
+from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.checks.columns import distinct_poses
 from pouring_robot.checks.flags import DataFlag, FlagCode, found, where
-from pouring_robot.estimation.frame_fit import FrameFit, fit_frames
-from pouring_robot.estimation.frame_starts import FEWEST_ROWS, affine_map
+from pouring_robot.checks.mistakes import ANGLE_MISTAKES, DRIVE_MISTAKES, Comparison, Mistake, position_mistakes
+from pouring_robot.estimation.frame_fit import FrameFit
+from pouring_robot.estimation.frame_starts import FEWEST_ROWS
 from pouring_robot.exceptions import FrameFitError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.rotations import rotation_matrices
-from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
-from pouring_robot.robot.pouring.names import DRIVE_JOINTS
+from pouring_robot.robot.drawing import Drawing
 
 _SUSPECT_M, _SUSPECT_RAD = 1e-3, 5e-3
 """Misfits below these a robot's errors explain; no mistake of units is looked for."""
 _HOPELESS_M, _HOPELESS_RAD = 0.02, 0.05
 """Misfits above these no robot's errors explain."""
+_HOPELESS_SHARE = 0.02
+"""Of the spread of the measured positions: large robots may be off by more."""
 _SUSPECT_SIGMAS = 20.0
 _GAIN = 0.2
+_TRIED_ROWS = 100  # enough to tell which mistake it is; all rows say whether
 _DEFAULT_METRES_PER_RAD = 1.0
 _LIMIT_SLACK = 1e-3  # m or rad
-
-
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """Commands and measurements side by side, as far as the mistakes found are undone.
-
-    Attributes:
-        drives: (n, 4) in m and rad.
-        poses: nominal poses for them; NaN where there are none.
-        position_m: (n, 3) measured positions, in m.
-        rotation_vector_rad: (n, 3) measured rotation vectors, in rad, or None.
-        inverted: whether the measured poses are those of the tracker's side seen from the platform's.
-    """
-
-    drives: FloatArray
-    poses: PoseStack
-    position_m: FloatArray
-    rotation_vector_rad: FloatArray | None
-    inverted: bool = False
-
-    def fit(self, metres_per_rad: float, *, rotations: bool = True) -> FrameFit:
-        """Fit the two frames; see :func:`fit_frames`."""
-        with_rotations = rotations and self.rotation_vector_rad is not None
-        rotation = rotation_matrices(self.rotation_vector_rad) if with_rotations else None  # type: ignore[arg-type]
-        return fit_frames(self.poses, self.position_m, rotation, metres_per_rad)
-
-
-@dataclass(frozen=True, eq=False)
-class Mistake:
-    """A usual mistake as it would be told, the quantities it is about, and the data with it undone."""
-
-    code: FlagCode
-    message: str
-    names: Sequence[str]
-    undone: Comparison
+_TURN_MISTAKES = (
+    *((factor, FlagCode.ROTATION_UNIT, f"hold {wrong}") for factor, wrong in ANGLE_MISTAKES),
+    (-1.0, FlagCode.ROTATION_INVERTED, "turn the other way: the tracker seen from the target"),
+)
 
 
 def metres_per_rad(campaign: Campaign) -> float:
@@ -85,17 +53,20 @@ class FrameChecks:
 
     Args:
         campaign: the data.
-        kinematics: nominal kinematics of the robot.
+        drawing: closes the nominal robot.
     """
 
-    def __init__(self, campaign: Campaign, kinematics: FourUPUKinematics) -> None:
+    def __init__(self, campaign: Campaign, drawing: Drawing) -> None:
         """Start from the data as they are."""
-        self.campaign, self.kinematics = campaign, kinematics
+        self.campaign, self.drawing = campaign, drawing
         self.flags: list[DataFlag] = []
         self.fit: FrameFit | None = None
+        joints = drawing.mechanism.joint_limits()
+        limits = [joints.get(drive.joint, (-np.inf, np.inf)) for drive in campaign.robot.drives]
+        self._lower, self._upper = np.transpose(limits)
         drives = self._drive_units(np.array(campaign.drives))
         self.data = Comparison(
-            drives, nominal_poses(kinematics, drives), campaign.position_m, campaign.rotation_vector_rad
+            drives, nominal_poses(drawing, drives), campaign.position_m, campaign.rotation_vector_rad
         )
         # Without different poses the frames are anything, and so is what they say of the data.
         if distinct_poses(campaign) >= FEWEST_ROWS:
@@ -104,31 +75,25 @@ class FrameChecks:
                 self._rotations()
         self._unreachable()
 
-    def _limits(self) -> list[tuple[float, float]]:
-        limits = self.kinematics.mechanism.joint_limits()
-        return [limits[name] for name in DRIVE_JOINTS]
-
     def _drive_units(self, drives: FloatArray) -> FloatArray:
         """Name and undo units of drives that their limits give away."""
-        for index, (low, high) in enumerate(self._limits()):
+        for index, (low, high) in enumerate(zip(self._lower, self._upper, strict=True)):
             values = drives[:, index]
             known = values[np.isfinite(values)]
             if known.size == 0 or np.mean((known < low) | (known > high)) < 0.5:
                 continue
-            for factor, mistake in _LENGTH_MISTAKES if index < 3 else _ANGLE_MISTAKES:
+            for factor, mistake in DRIVE_MISTAKES[self.campaign.robot.drives[index].command]:
                 if np.mean((known * factor >= low) & (known * factor <= high)) > 0.9:
-                    self._flag_drive_unit(
-                        self.campaign.robot.drives[index].column, mistake, float(np.median(np.abs(known))), factor
-                    )
+                    self._flag_drive_unit(index, mistake, float(np.median(np.abs(known))), factor)
                     drives[:, index] = values * factor
                     break
         return drives
 
-    def _flag_drive_unit(self, name: str, mistake: str, median: float, factor: float) -> None:
-        unit = next(drive.unit for drive in self.campaign.robot.drives if drive.column == name)
-        heading = self.campaign.heading(name)
-        message = f"column '{heading}' seems to hold {mistake}: its values come to {median:g} {unit} (median)"
-        self._found(FlagCode.DRIVE_UNIT, message, [name], {f"median_{unit}": median, "factor": factor})
+    def _flag_drive_unit(self, index: int, mistake: str, median: float, factor: float) -> None:
+        drive = self.campaign.robot.drives[index]
+        heading = self.campaign.heading(drive.column)
+        message = f"column '{heading}' seems to hold {mistake}: its values come to {median:g} {drive.unit} (median)"
+        self._found(FlagCode.DRIVE_UNIT, message, [drive.column], {f"median_{drive.unit}": median, "factor": factor})
 
     def _found(
         self, code: FlagCode, message: str, names: Sequence[str], metrics: dict[str, float], rows: Iterable[int] = ()
@@ -137,20 +102,13 @@ class FrameChecks:
 
     def _unreachable(self) -> None:
         drives = self.data.drives
+        beyond = ((drives < self._lower - _LIMIT_SLACK) | (drives > self._upper + _LIMIT_SLACK)).any(axis=1)
         complete = np.isfinite(drives).all(axis=1)
-        beyond = np.zeros(len(drives), dtype=bool)
-        for index, (low, high) in enumerate(self._limits()):
-            beyond |= (drives[:, index] < low - _LIMIT_SLACK) | (drives[:, index] > high + _LIMIT_SLACK)
         rows = np.flatnonzero(complete & (beyond | ~self.data.poses.complete))
         if rows.size:
             message = f"the robot cannot take the drive values of {where(self.campaign, rows)}"
-            self._found(
-                FlagCode.UNREACHABLE_DRIVES,
-                message,
-                columns.drive_names(self.campaign.robot),
-                {"rows": float(rows.size)},
-                rows,
-            )
+            names = columns.drive_names(self.campaign.robot)
+            self._found(FlagCode.UNREACHABLE_DRIVES, message, names, {"rows": float(rows.size)}, rows)
 
     def _no_agreement(self, names: tuple[str, ...], misfit: float, unit: str) -> None:
         headings = ", ".join(self.campaign.heading(name) for name in names)
@@ -168,61 +126,34 @@ class FrameChecks:
         for _ in range(3):
             if fit.position_scale_m <= max(_SUSPECT_M, _SUSPECT_SIGMAS * sigma):
                 break
-            best: tuple[float, FrameFit, Mistake] | None = None
-            for mistake in self._position_mistakes():
-                try:
-                    tried = mistake.undone.fit(1.0, rotations=False)
-                except FrameFitError:
-                    continue
-                if tried.position_scale_m < (best[0] if best else _GAIN * fit.position_scale_m):
-                    best = tried.position_scale_m, tried, mistake
-            if best is None:
+            mistake = self._likeliest()
+            undone = None if mistake is None else mistake.undo(self.data)
+            if mistake is None or undone is None:
                 break
-            metrics = {"misfit_before_mm": fit.position_scale_m * 1e3, "misfit_after_mm": best[0] * 1e3}
-            _, fit, mistake = best
+            after = undone.fit(1.0, rotations=False)
+            if after.position_scale_m > _GAIN * fit.position_scale_m:
+                break
+            metrics = {"misfit_before_mm": fit.position_scale_m * 1e3, "misfit_after_mm": after.position_scale_m * 1e3}
             self._found(mistake.code, mistake.message, mistake.names, metrics)
-            self.data = mistake.undone
-        if fit.position_scale_m > _HOPELESS_M:
+            self.data, fit = undone, after
+        seen = self.data.position_m
+        spread = float(np.nanmedian(np.linalg.norm(seen - np.nanmedian(seen, axis=0), axis=1)))
+        if fit.position_scale_m > max(_HOPELESS_M, _HOPELESS_SHARE * spread):
             self._no_agreement(columns.POSITION, fit.position_scale_m * 1e3, "mm")
             return
         self.fit = self.data.fit(metres_per_rad(self.campaign))
 
-    def _position_mistakes(self) -> Iterator[Mistake]:
-        data = self.data
-        names_of = columns.drive_names(self.campaign.robot)
-        drives = [self.campaign.heading(name) for name in names_of]
-        for factor, wrong in _LENGTH_MISTAKES:
-            undone = dataclasses.replace(data, position_m=data.position_m * factor)
-            message = f"the measured positions seem to hold {wrong}"
-            yield Mistake(FlagCode.POSITION_UNIT, message, columns.POSITION, undone)
-        if not data.inverted:
-            undone = dataclasses.replace(data, poses=data.poses.inverse(), inverted=True)
-            message = "the measured poses seem to be inverse: the fixed platform seen from the moving one"
-            turned = columns.ROTATION if data.rotation_vector_rad is not None else ()
-            yield Mistake(FlagCode.FRAMES_SWAPPED, message, (*columns.POSITION, *turned), undone)
-        complete = data.poses.complete & np.isfinite(data.position_m).all(axis=1)
-        affine, spread = affine_map(data.poses, data.position_m, complete)
-        if spread > 1e-2 and np.linalg.det(affine) < 0.0:
-            undone = dataclasses.replace(data, position_m=data.position_m * np.array([-1.0, 1.0, 1.0]))
-            message = "the axes of the measured positions are left-handed: one is reversed, or two are exchanged"
-            yield Mistake(FlagCode.MIRRORED_AXES, message, columns.POSITION, undone)
-        for factor, wrong in _ANGLE_MISTAKES:
-            message = f"column '{drives[3]}' seems to hold {wrong}"
-            scaled = data.drives * np.array([1.0, 1.0, 1.0, factor])
-            yield from self._with_drives(scaled, FlagCode.DRIVE_UNIT, message, names_of[3:])
-        for order in itertools.permutations(range(3)):
-            moved = [i for i in range(3) if order[i] != i]
-            if moved:
-                wrong = ", ".join(f"'{drives[i]}' holds {names_of[order[i]]}" for i in moved)
-                message, names = f"columns of drives seem to be exchanged: {wrong}", [names_of[i] for i in moved]
-                back = data.drives[:, [*np.argsort(order), 3]]
-                yield from self._with_drives(back, FlagCode.DRIVES_EXCHANGED, message, names)
-
-    def _with_drives(self, drives: FloatArray, code: FlagCode, message: str, names: Sequence[str]) -> Iterator[Mistake]:
-        poses = nominal_poses(self.kinematics, drives)
-        if poses.complete.sum() >= max(FEWEST_ROWS, 0.8 * len(drives)):
-            poses = poses.inverse() if self.data.inverted else poses
-            yield Mistake(code, message, names, dataclasses.replace(self.data, drives=drives, poses=poses))
+    def _likeliest(self) -> Mistake | None:
+        """Return the mistake that leaves the least misfit when undone, by some of the rows."""
+        complete = np.flatnonzero(self.data.poses.complete & np.isfinite(self.data.position_m).all(axis=1))
+        some = self.data[complete[np.linspace(0, complete.size - 1, min(complete.size, _TRIED_ROWS)).astype(int)]]
+        left: list[tuple[float, Mistake]] = []
+        for mistake in position_mistakes(self.campaign, self.drawing, some):
+            undone = mistake.undo(some)
+            if undone is not None:
+                with contextlib.suppress(FrameFitError):
+                    left.append((undone.fit(1.0, rotations=False).position_scale_m, mistake))
+        return min(left, key=lambda one: one[0])[1] if left else None
 
     # --- rotations ---
 
@@ -251,14 +182,3 @@ class FrameChecks:
             self._no_agreement(columns.ROTATION, before * 1e3, "mrad")
             self.data = dataclasses.replace(self.data, rotation_vector_rad=None)
         self.fit = self.data.fit(metres_per_rad(self.campaign))
-
-
-_LENGTH_MISTAKES = ((1e-3, "millimetres under a heading in metres"), (1e3, "metres under a heading in millimetres"))
-_ANGLE_MISTAKES = (
-    (math.pi / 180.0, "degrees under a heading in radians"),
-    (180.0 / math.pi, "radians under a heading in degrees"),
-)
-_TURN_MISTAKES = (
-    *((factor, FlagCode.ROTATION_UNIT, f"hold {wrong}") for factor, wrong in _ANGLE_MISTAKES),
-    (-1.0, FlagCode.ROTATION_INVERTED, "turn the other way: the tracker seen from the target"),
-)

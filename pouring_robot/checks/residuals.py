@@ -9,11 +9,18 @@ import numpy as np
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag, FlagCode, Rows, Severity, found
-from pouring_robot.checks.frames import Comparison
-from pouring_robot.checks.smoothing import ARM_M, drive_errors, filled, robust_fit, smooth_terms, unexplained
+from pouring_robot.checks.mistakes import Comparison
+from pouring_robot.checks.smoothing import (
+    drive_effect,
+    drive_errors,
+    filled,
+    robust_fit,
+    smooth_terms,
+    unexplained,
+)
 from pouring_robot.estimation.frame_fit import FrameFit
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
+from pouring_robot.robot.drawing import Drawing
 
 OUTLIER_SIGMAS = 8.0
 """A row is an outlier beyond this many robust deviations, in the pose and in the drives that would explain it."""
@@ -27,14 +34,12 @@ _LARGE_JUMP_M, _LARGE_JUMP_RAD = 1e-3, 2e-3
 _FEWEST = 12
 
 
-def check_rows(
-    campaign: Campaign, kinematics: FourUPUKinematics, data: Comparison, fit: FrameFit
-) -> Iterator[DataFlag]:
+def check_rows(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit) -> Iterator[DataFlag]:
     """Yield outliers, unreachable poses and jumps, given data whose mistakes of units and frames are undone."""
     rows = np.flatnonzero(data.poses.complete & campaign.usable)
     if rows.size < _FEWEST or data.inverted:
         return
-    score = outlier_scores(campaign, kinematics, data, fit)
+    score = outlier_scores(campaign, drawing, data, fit)
     distance = np.linalg.norm(np.nan_to_num(fit.position_residual_m), axis=1)
     angle = np.zeros(len(campaign))
     plain = distance / max(fit.position_scale_m, 1e-12)
@@ -49,7 +54,7 @@ def check_rows(
     yield from _jumps(campaign, data, fit, wrong)
 
 
-def outlier_scores(campaign: Campaign, kinematics: FourUPUKinematics, data: Comparison, fit: FrameFit) -> FloatArray:
+def outlier_scores(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit) -> FloatArray:
     """Return how far each row is from what a smooth error of the robot explains, (n,), in robust deviations.
 
     The lesser of two: how far its pose is off, and how far the drive errors that would explain it are off. Near a
@@ -58,9 +63,10 @@ def outlier_scores(campaign: Campaign, kinematics: FourUPUKinematics, data: Comp
     terms = smooth_terms(campaign, data.poses)
     pose, floors = _residuals(campaign, fit, terms)
     in_pose = np.max([unexplained(terms, pose[:, k], floor) for k, floor in enumerate(floors)], axis=0)
-    drives = drive_errors(kinematics, data.poses, fit, pose)
-    noise = floors[0]
-    in_drives = np.max([unexplained(terms, drives[:, k], noise if k < 3 else noise / ARM_M) for k in range(4)], axis=0)
+    effect = drive_effect(drawing, data.drives, fit.frames.T_end_target)
+    units = [drive.unit for drive in campaign.robot.drives]
+    drives = drive_errors(effect, units, pose, floors[0] / floors[-1])
+    in_drives = np.max([unexplained(terms, errors, floors[0]) for errors in drives.T], axis=0)
     return np.asarray(np.minimum(in_pose, in_drives), dtype=np.float64)
 
 

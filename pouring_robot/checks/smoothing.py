@@ -7,97 +7,96 @@ drive errors that would explain them; from both, what a low-order function of po
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
 
+import numpy as np
+import pinocchio as pin
+
+from pouring_robot.batch import engine_for
+from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
-from pouring_robot.estimation.frame_fit import FrameFit, robust_sigma
+from pouring_robot.estimation.frame_fit import robust_sigma
+from pouring_robot.estimation.frames import OuterFrames
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
+from pouring_robot.mechanism.parameters import drive_parameters
+from pouring_robot.robot.drawing import Drawing
 
 _RIDGE = 1e-3
 _ROWS_PER_TERM = 4
 _NINETY_PER_CENT = 1.645  # deviations of a normal error that nine in ten stay within
-ARM_M = 0.5
-"""An angle at the platform counts as the length it sweeps at this arm, in m: about the size of the platform."""
+_VARIES = 1e-6  # of rotations, root mean square; below it they stand still
+_SLOW = ("time", "temperature")
 
 
-def drive_sensitivity(kinematics: FourUPUKinematics, poses: PoseStack) -> FloatArray:
-    """Return ∂(q1, q2, q3, q4)/∂(x, y, z, tilt) of the nominal robot, (n, 4, 4), in m and rad.
+def drive_effect(drawing: Drawing, drives: FloatArray, T_end_target: pin.SE3) -> FloatArray:
+    """Return how the target on the nominal robot moves with its drives, (n, 6, drives), in base axes; NaN without pose.
 
-    q_i = |d_i| with d_i = p + R B_i - A_i, and q4 = tilt - psi_4 with psi_4 = atan2(-d_4x, -d_4z).
+    Displacement of its origin (m) and rotation vector (rad), per m and rad.
     """
-    arms = np.einsum("nij,kj->nki", poses.rotation, kinematics.moving_centres_m)
-    legs = poses.position_m[:, None] + arms - kinematics.fixed_centres_m
-    turning = np.stack([arms[..., 2], np.zeros_like(arms[..., 0]), -arms[..., 0]], axis=-1)  # e_y × R B
-    along = legs / np.linalg.norm(legs, axis=2, keepdims=True)
-    matrix = np.zeros((len(poses), 4, 4))
-    matrix[:, :3, :3] = along[:, :3]
-    matrix[:, :3, 3] = np.einsum("nki,nki->nk", along[:, :3], turning[:, :3])
-    x, z = legs[:, 3, 0], legs[:, 3, 2]
-    psi_x, psi_z = z / (x**2 + z**2), -x / (x**2 + z**2)
-    matrix[:, 3, 0], matrix[:, 3, 2] = -psi_x, -psi_z
-    matrix[:, 3, 3] = 1.0 - psi_x * turning[:, 3, 0] - psi_z * turning[:, 3, 2]
-    return matrix
+    engine, start = engine_for(drawing.mechanism), drawing.starts(drives)
+    reached = np.flatnonzero(np.isfinite(start.position).all(axis=1))
+    closed = engine.close(drives[reached], start[reached])
+    poses = PoseStack(closed.position, closed.rotation)
+    matrix = engine.transfer(closed, drive_parameters(drawing.mechanism)).matrix
+    effect = np.full((len(drives), *matrix.shape[1:]), np.nan)
+    effect[reached] = OuterFrames(pin.SE3.Identity(), T_end_target).carried(matrix, poses)
+    return effect
 
 
-def drive_errors(kinematics: FourUPUKinematics, poses: PoseStack, fit: FrameFit, residual: FloatArray) -> FloatArray:
-    """Return the drive errors (n, 4), in m and rad, that would explain residuals best.
+def drive_errors(effect: FloatArray, units: Sequence[str], residual: FloatArray, metres_per_rad: float) -> FloatArray:
+    """Return the drive errors that would explain residuals best, (n, drives), in m; NaN where the effect is not known.
 
     Args:
-        kinematics: of the nominal robot.
-        poses: its poses.
-        fit: the two frames.
-        residual: (n, 3) positions, in m, or (n, 6) with rotation vectors, in rad; in fixed-platform axes.
+        effect: (n, 6, drives) how the target moves with them; see :func:`drive_effect`.
+        units: of the drives, ``m`` or ``rad``. An angle counts as the length it moves the target at the median pose.
+        residual: (n, 3) positions, in m, or (n, 6) with rotation vectors, in rad; in base axes.
+        metres_per_rad: how rotations weigh against positions, in m.
 
-    Three coordinates do not fix four drives: without rotations the least such errors are returned, an angle counted
-    as the length it sweeps at :data:`ARM_M`.
+    Where residuals do not fix all drives, the least such errors are returned.
     """
-    sensitivity = drive_sensitivity(kinematics, poses)
-    position = residual[:, :3]
-    arm = poses.rotation @ fit.frames.T_end_target.translation
-    if residual.shape[1] == 3:
-        lever = np.zeros((len(poses), 3, 4))
-        lever[:, :, :3] = np.eye(3)
-        lever[:, 0, 3], lever[:, 2, 3] = arm[:, 2], -arm[:, 0]
-        weigh = np.diag([1.0, 1.0, 1.0, 1.0 / ARM_M])
-        answer = np.full_like(sensitivity, np.nan)
-        regular = np.isfinite(sensitivity).all(axis=(1, 2))
-        answer[regular] = np.linalg.pinv(sensitivity[regular], rcond=1e-9)
-        mapped = lever @ answer @ weigh
-        errors = np.full((len(poses), 4), np.nan)
-        errors[regular] = np.einsum(
-            "ij,njk,nk->ni", weigh, np.linalg.pinv(mapped[regular], rcond=1e-9), position[regular]
-        )
-        return errors
-    tilt = residual[:, 4]
-    centre = position - tilt[:, None] * np.stack([arm[:, 2], np.zeros(len(poses)), -arm[:, 0]], axis=-1)
-    explained: FloatArray = np.einsum("nij,nj->ni", sensitivity, np.column_stack([centre, tilt]))
-    return explained
+    reach = np.nanmedian(np.linalg.norm(effect[:, :3], axis=1), axis=0)
+    scale = np.where((np.array(units) == "rad") & (reach > 0.0), reach, 1.0)
+    count = residual.shape[1]
+    weight = np.array([1.0, 1.0, 1.0, *[metres_per_rad] * 3])[:count]
+    known = np.isfinite(effect).all(axis=(1, 2))
+    inverse = np.linalg.pinv(weight[:, None] * effect[known, :count] / scale, rcond=1e-9)
+    errors = np.full((len(effect), len(units)), np.nan)
+    errors[known] = np.einsum("nij,nj->ni", inverse, weight * residual[known])
+    return errors
 
 
 def smooth_terms(campaign: Campaign, poses: PoseStack, *, with_time: bool = True) -> FloatArray:
     """Return the terms a smooth error may have, (n, terms), each scaled to its spread; NaN only where no pose is.
 
-    Constant, linear in pose and conditions, and quadratic in the pose where there are rows enough.
+    Constant, linear in pose and conditions, and quadratic in the pose where there are rows enough. The pose is its
+    position and what of its rotation varies.
     """
-    tilt = np.arctan2(poses.rotation[:, 0, 2], poses.rotation[:, 0, 0])
-    pose_terms = [_scaled(values) for values in (*poses.position_m.T, tilt)]
-    # What is poured and the hall move nothing by themselves; parts warm with time.
-    slow = ("time", *(name for name in campaign.robot.thermometers if name != "melt"))
-    conditions = [
-        campaign.quantity(name) for name in ("payload", *campaign.robot.travels, *(slow if with_time else ()))
-    ]
+    pose_terms = [_scaled(values) for values in (*poses.position_m.T, *_turns(poses).T)]
+    kinds = {quantity.name: quantity.kind for quantity in columns.condition_columns(campaign.robot)}
+    kept = (name for name in campaign.conditions if with_time or kinds[name] not in _SLOW)
+    conditions = [campaign.conditions[name] for name in kept]
     conditions += [] if campaign.approach is None else list(campaign.approach.T)
     terms = [np.ones(len(campaign)), *pose_terms]
-    terms += [_scaled(_filled(values)) for values in conditions if values is not None and np.isfinite(values).any()]
-    squares = [pose_terms[i] * pose_terms[j] for i in range(4) for j in range(i, 4)]
-    rows = int(campaign.usable.sum())
+    terms += [_scaled(_filled(values)) for values in conditions if np.nanmax(values) > np.nanmin(values)]
+    squares = [a * b for i, a in enumerate(pose_terms) for b in pose_terms[i:]]
+    rows, first = int(campaign.usable.sum()), 1 + len(pose_terms)
     if rows < _ROWS_PER_TERM * len(terms):
-        terms = terms[:5] if rows >= _ROWS_PER_TERM * 5 else terms[:1]
+        terms = terms[:first] if rows >= _ROWS_PER_TERM * first else terms[:1]
     elif rows >= _ROWS_PER_TERM * (len(terms) + len(squares)):
         terms += squares
     return np.column_stack(terms)
+
+
+def _turns(poses: PoseStack) -> FloatArray:
+    """Return what varies of the rotation matrices, (n, up to 9): cosine and sine where they turn about one axis."""
+    rotation = poses.rotation.reshape(-1, 9)
+    known = poses.complete
+    if not known.any():
+        return np.empty((len(poses), 0))
+    middle = rotation[known].mean(axis=0)
+    _, sizes, axes = np.linalg.svd(rotation[known] - middle, full_matrices=False)
+    return np.asarray((rotation - middle) @ axes[sizes > _VARIES * np.sqrt(known.sum())].T)
 
 
 def _filled(values: FloatArray) -> FloatArray:

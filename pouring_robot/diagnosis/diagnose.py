@@ -33,7 +33,6 @@ from pouring_robot.io.progress import Status, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.report.result import Result
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.robot import PouringRobot
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -115,7 +114,7 @@ def diagnose(
     options, campaign, model = options or DiagnosisOptions(), Campaign.of(campaign), RobotModel.of(model)
     effects = chosen_effects(model.definition, options.exclude)
     progress("checking the data")
-    flags = examine(campaign, PouringRobot(model)).flags
+    flags = examine(campaign, model.definition.drawing()).flags
     errors = [flag for flag in flags if flag.severity == "error"]
     if errors:
         raise CampaignError(campaign.path, f"{errors[0].message}; {errors[0].remedy}")

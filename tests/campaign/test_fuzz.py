@@ -72,7 +72,7 @@ def examine_files(drawing, table, metadata, suffix):
             assert "\n" not in str(error)
             assert path.stem in str(error)
             return
-        found = examine(campaign, drawing)
+        found = examine(campaign, drawing.kinematics)
         json.dumps(campaign_metrics(campaign, found), allow_nan=False)
         assert all("\n" not in str(flag) for flag in found.flags)
 

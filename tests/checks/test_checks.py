@@ -131,7 +131,7 @@ def test_finds_the_planted_damage_and_nothing_else(request, case, robot_name):
     campaign = request.getfixturevalue("clean" if robot_name == "drawing" else "real").campaign
     code, index = case
     broken = DAMAGES[code][index](campaign)
-    flags = check_campaign(broken, robot)
+    flags = check_campaign(broken, robot.kinematics)
     assert code in codes(flags)
     assert codes(flags) - BESIDES.get(code, set()) <= {code}
     for flag in flags:
@@ -148,7 +148,7 @@ def test_every_code_has_a_planted_damage():
 
 @pytest.mark.parametrize("name", ["clean", "real", "positions"])
 def test_is_silent_on_sound_data(request, drawing, name):
-    assert check_campaign(request.getfixturevalue(name).campaign, drawing) == []
+    assert check_campaign(request.getfixturevalue(name).campaign, drawing.kinematics) == []
 
 
 @pytest.mark.parametrize("name", ["crooked", "very_crooked"])
@@ -159,7 +159,7 @@ def test_hardly_cries_wolf_on_very_inaccurate_robots(request, name, full):
     wrong = []
     for seed in (8, 9, 10):
         measured = measure(robot, count=80, seed=seed, sigma_rotation_rad=5e-5 if full else None, lost=0.02)
-        flags = check_campaign(measured.campaign, robot)
+        flags = check_campaign(measured.campaign, robot.kinematics)
         assert codes(flags) <= {"outlier"}
         wrong += outlier_rows(flags).tolist()
     assert len(wrong) <= 2
@@ -170,7 +170,7 @@ def test_hardly_cries_wolf_on_very_inaccurate_robots(request, name, full):
 def test_finds_all_outliers_and_no_sound_row(as_built, seed, full):
     options = {"outliers": 6, "outlier_m": 0.01, "lost": 0.02, "sigma_rotation_rad": 5e-5 if full else None}
     measured = measure(as_built, count=100, seed=100 + seed, **options)
-    found = outlier_rows(check_campaign(measured.campaign, as_built))
+    found = outlier_rows(check_campaign(measured.campaign, as_built.kinematics))
     # A lost cell may hide the one coordinate that is wrong.
     whole = [row for row in measured.outlier_rows if np.isfinite(measured.campaign.position_m[row]).all()]
     assert set(found.tolist()) <= set(measured.outlier_rows)
@@ -181,21 +181,23 @@ def test_finds_all_outliers_and_no_sound_row(as_built, seed, full):
 def test_finds_small_outliers_of_an_accurate_robot(drawing, full):
     options = {"outliers": 6, "outlier_m": 0.002, "sigma_rotation_rad": 5e-5 if full else None}
     measured = measure(drawing, count=100, seed=6, **options)
-    assert tuple(outlier_rows(check_campaign(measured.campaign, drawing))) == measured.outlier_rows
+    assert tuple(outlier_rows(check_campaign(measured.campaign, drawing.kinematics))) == measured.outlier_rows
 
 
 @pytest.mark.parametrize("drift_mm", [0.5, 5.0])
 def test_a_steady_drift_is_no_jump(drawing, drift_mm):
     campaign = measure(drawing, count=80, seed=12).campaign
     drift = np.linspace(0.0, drift_mm * 1e-3, 80)[:, None]
-    assert "measurement_jump" not in codes(check_campaign(damaged(campaign, position_m=lambda v: v + drift), drawing))
+    assert "measurement_jump" not in codes(
+        check_campaign(damaged(campaign, position_m=lambda v: v + drift), drawing.kinematics)
+    )
 
 
 @pytest.mark.parametrize("place", [25, 40, 60])
 def test_finds_where_the_tracker_was_moved(as_built, place):
     campaign = measure(as_built, count=80, seed=13).campaign
     moved = damaged(campaign, position_m=lambda v: v + np.where(np.arange(80) >= place, 0.003, 0.0)[:, None])
-    (flag,) = check_campaign(moved, as_built)
+    (flag,) = check_campaign(moved, as_built.kinematics)
     assert flag.code is FlagCode.MEASUREMENT_JUMP
     assert abs(flag.rows[0] - place) <= 1
     assert flag.metrics["step_mm"] == pytest.approx(3.0 * np.sqrt(3.0), rel=0.2)
@@ -203,7 +205,7 @@ def test_finds_where_the_tracker_was_moved(as_built, place):
 
 def test_names_the_row_and_the_column_of_the_file(drawing, clean):
     campaign = damaged(clean.campaign, approach=set_rows([4], 2, 0.5))
-    (flag,) = check_campaign(campaign, drawing)
+    (flag,) = check_campaign(campaign, drawing.kinematics)
     assert flag.rows == (4,)
     assert flag.columns == ("approach_q3",)
     assert "line 6" in flag.message
@@ -217,12 +219,12 @@ def test_finds_two_mistakes_at_once(drawing, clean):
         rotation_vector_rad=scaled([0, 1, 2], 1 / DEG),
         drives=scaled([3], DEG),
     )
-    assert codes(check_campaign(campaign, drawing)) == {"position_unit", "rotation_unit", "drive_unit"}
+    assert codes(check_campaign(campaign, drawing.kinematics)) == {"position_unit", "rotation_unit", "drive_unit"}
 
 
 def test_inverse_positions_alone_are_recognised(drawing, clean):
     campaign = damaged(inverse_poses(clean.campaign), rotation_vector_rad=None)
-    assert codes(check_campaign(campaign, drawing)) == {"frames_swapped"}
+    assert codes(check_campaign(campaign, drawing.kinematics)) == {"frames_swapped"}
 
 
 def test_a_new_session_explains_a_clock_that_restarts(drawing, clean):
@@ -230,8 +232,8 @@ def test_a_new_session_explains_a_clock_that_restarts(drawing, clean):
     time = np.array(campaign.time_s)
     time[30:] -= time[30] - 1.0
     restarted = damaged(campaign, time=time)
-    assert codes(check_campaign(restarted, drawing)) == {"time_not_increasing"}
-    assert check_campaign(damaged(restarted, sessions=("1",) * 30 + ("2",) * 30), drawing) == []
+    assert codes(check_campaign(restarted, drawing.kinematics)) == {"time_not_increasing"}
+    assert check_campaign(damaged(restarted, sessions=("1",) * 30 + ("2",) * 30), drawing.kinematics) == []
 
 
 def test_a_real_repeat_is_no_repeated_row(drawing):
@@ -243,5 +245,5 @@ def test_a_real_repeat_is_no_repeated_row(drawing):
     vectors = np.concatenate([first.rotation_vector_rad, first.rotation_vector_rad + noise])
     time = np.arange(120.0)
     assert "repeated_rows" not in codes(
-        check_campaign(damaged(both, position_m=rows, rotation_vector_rad=vectors, time=time), drawing)
+        check_campaign(damaged(both, position_m=rows, rotation_vector_rad=vectors, time=time), drawing.kinematics)
     )

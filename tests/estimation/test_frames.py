@@ -5,7 +5,6 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.campaign.nominal import nominal_poses
-from pouring_robot.checks.smoothing import drive_sensitivity
 from pouring_robot.estimation.frame_fit import fit_frames
 from pouring_robot.estimation.frame_starts import affine_map
 from pouring_robot.estimation.frames import displaced_columns
@@ -84,26 +83,6 @@ def test_affine_map_is_a_rotation_and_shows_mirrored_axes(drawing, clean):
     assert np.linalg.det(affine) == pytest.approx(1.0, abs=0.02)
     mirrored, _ = affine_map(poses, campaign.position_m * [1, -1, 1], rows)
     assert np.linalg.det(mirrored) < 0
-
-
-def test_drive_sensitivity_is_the_derivative_of_the_inverse(drawing, clean):
-    kinematics = drawing.kinematics
-    poses = nominal_poses(kinematics, clean.campaign.drives)
-    tilt = np.arctan2(poses.rotation[:, 0, 2], poses.rotation[:, 0, 0])
-
-    def drives(step, axis):
-        position, turned = poses.position_m.copy(), tilt.copy()
-        if axis < 3:
-            position[:, axis] += step
-        else:
-            turned = turned + step
-        joints = kinematics.chain_joints(position, turned)
-        return np.column_stack([joints[:, :3, 2], joints[:, 3, 4]])
-
-    matrix = drive_sensitivity(kinematics, poses)
-    for axis in range(4):
-        numeric = (drives(1e-6, axis) - drives(-1e-6, axis)) / 2e-6
-        np.testing.assert_allclose(matrix[:, :, axis], numeric, atol=1e-8)
 
 
 def test_the_jacobian_of_the_frames_is_the_derivative_of_what_is_seen(drawing, clean):

@@ -29,7 +29,7 @@ def check(
     options.refuse_unwritable(png)
     campaign = Campaign.read(file)
     robot = options.robot_of(model, layout)
-    found = examine(campaign, robot)
+    found = examine(campaign, robot.kinematics)
     figures = campaign_metrics(campaign, found)
     written = [write_picture(campaign, found, robot.layout, png)] if png else []
     if as_json:

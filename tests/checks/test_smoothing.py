@@ -1,0 +1,67 @@
+"""What drives do to a target on any robot, and back: held against differences of the drawing's poses."""
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from pouring_robot.campaign.nominal import PoseStack, nominal_poses
+from pouring_robot.checks.smoothing import drive_effect, drive_errors
+from pouring_robot.estimation.frames import OuterFrames
+from pouring_robot.robot.definition import RobotDefinition
+from tests.estimation.virtual import INNER
+
+ROBOTS = Path(__file__).resolve().parents[2] / "examples" / "robots"
+STEP = 1e-5
+
+
+def some_drives(robot, drawing, count=5):
+    drives, _ = robot.workspace(drawing)
+    return drives[np.random.default_rng(3).permutation(len(drives))[:count]]
+
+
+@pytest.fixture(params=["pouring", "arm", "delta", "hexapod"])
+def robot_drives(request, drawing):
+    """Definition's drives, drawing, and some drive values."""
+    if request.param == "pouring":
+        robot, closes = drawing.model.definition, drawing.kinematics
+    else:
+        robot = RobotDefinition.load(ROBOTS / request.param / "robot.yaml")
+        closes = robot.drawing()
+    return [drive.unit for drive in robot.drives], closes, some_drives(robot, closes)
+
+
+def test_drive_effect_is_the_derivative_of_the_target(robot_drives):
+    units, drawing, drives = robot_drives
+    frames = OuterFrames(pin.SE3.Identity(), INNER)
+    effect = drive_effect(drawing, drives, INNER)
+    for k, axis in enumerate(np.eye(len(units))):
+        plus, minus = (frames.seen(nominal_poses(drawing, drives + s * STEP * axis)) for s in (1.0, -1.0))
+        change = plus.difference(minus) / (2.0 * STEP)
+        # Second-order remainder of the difference, and what closing to 1e-12 m leaves of it.
+        np.testing.assert_allclose(effect[:, :, k], change, atol=1e-5 * np.abs(change).max())
+
+
+def test_small_drive_errors_come_back_from_the_full_pose(robot_drives):
+    units, drawing, drives = robot_drives
+    random = np.random.default_rng(1)
+    error = 1e-6 * random.normal(size=drives.shape)
+    frames = OuterFrames(pin.SE3.Identity(), INNER)
+    before, after = (frames.seen(nominal_poses(drawing, values)) for values in (drives, drives + error))
+    effect = drive_effect(drawing, drives, INNER)
+    found = drive_errors(effect, units, after.difference(before), 1.0)
+    reach = np.median(np.linalg.norm(effect[:, :3], axis=1), axis=0)
+    scale = np.where(np.array(units) == "rad", reach, 1.0)
+    np.testing.assert_allclose(found, error * scale, atol=1e-3 * np.abs(error).max())
+
+
+def test_rows_without_pose_have_no_effect(drawing):
+    sound = some_drives(drawing.model.definition, drawing.kinematics, 2)
+    drives = np.array([[np.nan] * 4, [0.3, 9.0, 0.3, 0.0], *sound])
+    effect = drive_effect(drawing.kinematics, drives, INNER)
+    assert np.isfinite(effect).all(axis=(1, 2)).tolist() == [False, False, True, True]
+    empty = PoseStack(np.zeros((4, 3)), np.tile(np.eye(3), (4, 1, 1)))
+    errors = drive_errors(effect, ["m", "m", "m", "rad"], empty.position_m, 1.0)
+    assert np.isnan(errors[:2]).all()
+    assert (errors[2:] == 0.0).all()
