@@ -81,9 +81,11 @@ class StarStructure:
         Raises:
             UnsupportedMechanismError: the mechanism is no star.
         """
-        for mimic in mechanism.mimics:
-            raise UnsupportedMechanismError(f"joint '{mimic.joint}' mimics '{mimic.leader}'")
         chains = _chains(mechanism) if mechanism.anchors else [_serial_chain(mechanism)]
+        every = {j for chain in chains for j in chain.joints}
+        for mimic in mechanism.mimics:
+            if mechanism.joint_id(mimic.joint) in every:
+                raise UnsupportedMechanismError(f"joint '{mimic.joint}' mimics '{mimic.leader}'")
         joints = max(len(chain.joints) for chain in chains)
         placements = np.tile(np.r_[np.eye(3).ravel(), np.zeros(3)], (len(chains), joints + 2, 1))
         axes = np.tile(np.eye(3), (len(chains), joints + 1, 1, 1))

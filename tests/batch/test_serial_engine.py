@@ -4,8 +4,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pouring_robot.batch import BatchEngine, BatchStart
+from pouring_robot.batch import BatchEngine, BatchStart, engine_for
 from pouring_robot.exceptions import UnknownJointError, UnsupportedMechanismError
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureSolver
 from pouring_robot.mechanism.parameters import drive_parameters, placement_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
@@ -152,6 +153,46 @@ def test_what_is_not_finite_says_so_and_leaves_the_others_alone(engine, drives):
 def test_what_is_no_serial_arm_is_refused_by_name(changes, problem):
     with pytest.raises(UnsupportedMechanismError, match=problem):
         BatchEngine(arm(**changes))
+
+
+def test_joints_beyond_the_end_do_not_matter():
+    """As the fingers of a hand: free, or tied to each other by mimic."""
+    mechanism = arm(end_frame="pitch_link", drives=ARM_JOINTS[:5])
+    tied = mechanism.urdf.replace(
+        '<joint name="flange_turn" type="continuous">',
+        '<joint name="flange_turn" type="continuous"><mimic joint="pitch" multiplier="2"/>',
+    )
+    drives = np.array([[0.3, -0.2, 0.5, 7.0, -0.6]])
+    for built in (mechanism, ClosedChainMechanism(tied, mechanism.loops)):
+        engine, solver = BatchEngine(built), ClosureSolver(built)
+        start = built.neutral_configuration()
+        closed = engine.close(drives, engine.start_at(start[None])).require_all()
+        result = solver.solve(dict(zip(ARM_JOINTS, drives[0], strict=False)), start)
+        assert result.idle_joints == (() if built.mimics else ("flange_turn",))
+        np.testing.assert_allclose(closed.position[0], result.pose_base_to_end.translation, rtol=0, atol=1e-14)
+        found = closed_chain_transfer(solver, result, engine.parameters).matrix
+        np.testing.assert_allclose(engine.transfer(closed).matrix[0], found, rtol=0, atol=1e-14)
+
+
+def test_a_joint_of_the_chain_that_mimics_another_is_no_drive():
+    mechanism = arm(drives=ARM_JOINTS[:5])
+    tied = mechanism.urdf.replace(
+        '<joint name="flange_turn" type="continuous">',
+        '<joint name="flange_turn" type="continuous"><mimic joint="pitch" multiplier="2"/>',
+    )
+    mechanism = ClosedChainMechanism(tied, mechanism.loops)
+    with pytest.raises(UnsupportedMechanismError, match="'flange_turn' mimics 'pitch'"):
+        BatchEngine(mechanism)
+    engine = engine_for(mechanism)
+    drives = np.array([[0.3, -0.2, 0.5, 7.0, -0.6]])
+    closed = engine.close(drives, engine.start_at(mechanism.neutral_configuration()[None])).require_all()
+    expected = pinocchio_pose(arm(), [*drives[0], -1.2])
+    np.testing.assert_allclose(closed.position[0], expected.translation, rtol=0, atol=1e-14)
+    slope = engine.transfer(closed, drive_parameters(mechanism)).matrix[0, :, 4]
+    free = ClosureSolver(arm())
+    result = free.solve(dict(zip(ARM_JOINTS, [*drives[0], -1.2], strict=True)), free.mechanism.neutral_configuration())
+    every = closed_chain_transfer(free, result, drive_parameters(free.mechanism)).matrix
+    np.testing.assert_allclose(slope, every[:, 4] + 2.0 * every[:, 5], rtol=0, atol=1e-14)
 
 
 def test_the_tip_and_the_missing_seat_are_no_sites(engine):
