@@ -111,7 +111,8 @@ def diagnose(
         DiagnosisError: rows do not close.
         FrameFitError: too few rows have a pose and a position.
     """
-    options, campaign, model = options or DiagnosisOptions(), Campaign.of(campaign), RobotModel.of(model)
+    options, model = options or DiagnosisOptions(), RobotModel.of(model)
+    campaign = Campaign.of(campaign, model.definition)
     effects = chosen_effects(model.definition, options.exclude)
     progress("checking the data")
     flags = examine(campaign, model.definition.drawing()).flags
