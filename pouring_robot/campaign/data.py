@@ -289,8 +289,9 @@ class Campaign(Result):
 
         What depends on them cannot be tested with it.
         """
-        known = columns.condition_columns(self.robot)
-        names = [q.canonical for q in known if q.kind != "label" and self.quantity(q.name) is None]
+        spared = {*self.robot.thermometers} - {*self.robot.expected_thermometers}
+        known = (q for q in columns.condition_columns(self.robot) if q.kind != "label" and q.name not in spared)
+        names = [q.canonical for q in known if self.quantity(q.name) is None]
         return tuple(names if "session" in self.headings else ["session", *names])
 
     def subset(self, rows: Sequence[int] | NDArray[np.intp] | BoolArray) -> Campaign:

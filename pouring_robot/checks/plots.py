@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -32,13 +33,13 @@ _COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, "#8C6D1F", "#000000")
 _MOST_SESSIONS = 12
 
 
-def write_picture(campaign: Campaign, found: Examination, layout: Layout, path: Path | str) -> Path:
-    """Draw the commanded poses (x–z, y–z, tilt–z) with the workspace box, and the misfit of each row, as PNG.
+def write_picture(campaign: Campaign, found: Examination, layout: Layout | None, path: Path | str) -> Path:
+    """Draw the commanded poses from three sides with the workspace box, and the misfit of each row, as PNG.
 
     Args:
         campaign: the data.
         found: what the checks found; outliers are marked.
-        layout: gives the workspace box.
+        layout: gives the workspace box; None for a robot that has none.
         path: the file; written whole or not at all.
 
     Raises:
@@ -49,25 +50,31 @@ def write_picture(campaign: Campaign, found: Examination, layout: Layout, path: 
     sights_of = figure.subplot_mosaic("XYTT;MMMM", height_ratios=(1.6, 1.0), width_ratios=(1.0, 1.0, 1.2, 1.2))
     wrong = outlier_rows(found.flags)
     poses = found.comparison.poses.inverse() if found.comparison.inverted else found.comparison.poses
-    tilt = np.degrees(np.arctan2(poses.rotation[:, 0, 2], poses.rotation[:, 0, 0]))
     x, y, z = poses.position_m.T * 1e3
-    low, high = layout.position_lower_m * 1e3, layout.position_upper_m * 1e3
-    tilts = np.degrees([layout.tilt_lower_rad, layout.tilt_upper_rad])
+    third = ("seen along z", x, y, ("x [mm]", "y [mm]"))
+    if layout is not None:
+        tilt = np.degrees(np.arctan2(poses.rotation[:, 0, 2], poses.rotation[:, 0, 0]))
+        third = ("tilt over height", tilt, z, ("tilt [°]", "z [mm]"))
     sights = (
-        (sights_of["X"], "seen along y", ("x", "mm", x, low[0], high[0])),
-        (sights_of["Y"], "seen along x", ("y", "mm", y, low[1], high[1])),
-        (sights_of["T"], "tilt over height", ("tilt", "°", tilt, tilts[0], tilts[1])),
+        ("X", "seen along y", x, z, ("x [mm]", "z [mm]")),
+        ("Y", "seen along x", y, z, ("y [mm]", "z [mm]")),
+        ("T", *third),
     )
-    for place, title, (name, unit, values, lower, upper) in sights:
-        draw_box(place, (lower, upper), (low[2], high[2]))
-        _points(place, campaign, values, z, wrong)
-        place.set(title=title, xlabel=f"{name} [{unit}]", ylabel="z [mm]")
-        place.grid(alpha=0.25)
+    for key, title, across, up, (xlabel, ylabel) in sights:
+        _points(sights_of[key], campaign, across, up, wrong)
+        sights_of[key].set(title=title, xlabel=xlabel, ylabel=ylabel)
+        sights_of[key].grid(alpha=0.25)
+    if layout is not None:
+        low, high = layout.position_lower_m * 1e3, layout.position_upper_m * 1e3
+        draw_box(sights_of["X"], (low[0], high[0]), (low[2], high[2]))
+        draw_box(sights_of["Y"], (low[1], high[1]), (low[2], high[2]))
+        tilts = math.degrees(layout.tilt_lower_rad), math.degrees(layout.tilt_upper_rad)
+        draw_box(sights_of["T"], tilts, (low[2], high[2]))
     _misfit(sights_of["M"], campaign, found, wrong)
     handles, labels = sights_of["X"].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False)
     kind = "full poses" if campaign.full_pose else "positions"
-    figure.suptitle(f"{campaign.path.name}: {len(campaign)} {kind}, as commanded, in the fixed platform's frame")
+    figure.suptitle(f"{campaign.path.name}: {len(campaign)} {kind}, as commanded, in the base's frame")
     return write_whole(path, png_of(figure))
 
 

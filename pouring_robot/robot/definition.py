@@ -353,6 +353,11 @@ class RobotDefinition:
         return None
 
     @property
+    def expected_thermometers(self) -> tuple[str, ...]:
+        """Those of them that a campaign is missed without: none, as nobody has one on every link."""
+        return ()
+
+    @property
     def travels(self) -> tuple[str, ...]:
         """Names of the columns that say where the base stands, in m."""
         return self.file.travel

@@ -10,12 +10,25 @@ from pouring_robot.cli.shared.tables import plain_table
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from pouring_robot.robot.definition import RobotDefinition
+    from pouring_robot.robot.pouring.layout import Layout
+
+
+def _box(robot: RobotDefinition) -> Layout | None:
+    """Return the workspace of the pouring robot; other robots have none."""
+    from pouring_robot.robot.pouring.definition import PouringDefinition
+    from pouring_robot.robot.pouring.layout import load_layout
+
+    return load_layout(robot.layout, robot.layouts_file) if isinstance(robot, PouringDefinition) else None
+
+
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "cyan"}
 
 
 def check(
     file: options.CampaignFile,
     model: options.ModelFile = None,
+    robot: options.RobotFile = None,
     layout: options.LayoutName = None,
     as_json: options.AsJson = False,
     png: options.PngFile = None,
@@ -27,11 +40,11 @@ def check(
     from pouring_robot.checks.summary import campaign_metrics
 
     options.refuse_unwritable(png)
-    campaign = Campaign.read(file)
-    robot = options.robot_of(model, layout)
-    found = examine(campaign, robot.kinematics)
+    definition = options.model_of(model, robot, layout).definition
+    campaign = Campaign.read(file, definition)
+    found = examine(campaign, definition.drawing())
     figures = campaign_metrics(campaign, found)
-    written = [write_picture(campaign, found, robot.layout, png)] if png else []
+    written = [write_picture(campaign, found, _box(definition), png)] if png else []
     if as_json:
         options.print_figures(figures, written)
         return

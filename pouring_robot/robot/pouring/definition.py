@@ -86,6 +86,11 @@ class PouringDefinition(RobotDefinition):
         return THERMOMETERS
 
     @property
+    def expected_thermometers(self) -> tuple[str, ...]:
+        """All of them."""
+        return THERMOMETERS
+
+    @property
     def causes(self) -> Causes:
         """The fourteen effects, over legs, platforms, tilt drive and truss."""
         return CAUSES
