@@ -111,7 +111,7 @@ def closed_chain_transfer(
 ) -> TransferMatrix:
     """Return G of the closed mechanism at a closed configuration.
 
-    Joints that idle answer with their least motion. (Where an error strains the loops, an idle joint of the real machine
+    Joints that idle answer with their least motion. (Where an error strains the loops, an idle joint of a real machine
     may turn to where it strains them least.)
 
     Args:
