@@ -27,11 +27,11 @@ from lxml import etree
 from ruamel.yaml import YAML
 from scipy.stats import qmc
 
-from pouring_robot.exceptions import DescriptionError, closest
+from pouring_robot.exceptions import DescriptionError, UnknownJointError, closest
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.joint_types import JointKind
+from pouring_robot.mechanism.joint_types import JointKind, change_joints
 from pouring_robot.mechanism.loops import LoopsFile, LoopSpec, LoopStiffness, load_loops
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.urdf import meshes_from, read_text
@@ -191,7 +191,11 @@ class RobotDefinition:
     def __init__(self, file: RobotFile, path: Path) -> None:
         """Resolve what the file names."""
         self.file, self.path = file, path
-        self.loops = self._loops()
+        loops = self._loops()
+        # What URDF can say goes into the URDF, so that its joints can be displaced and exported like others.
+        self._kinds = {name: kind for name, kind in loops.joint_types.items() if kind != "spherical"}
+        left = {name: kind for name, kind in loops.joint_types.items() if kind == "spherical"}
+        self.loops = loops.model_copy(update={"joint_types": left})
         root = self._root()
         kinds = {str(joint.get("name")): str(joint.get("type")) for joint in root.iterfind("joint")}
         self._links = tuple(str(link.get("name")) for link in root.iterfind("link"))
@@ -273,14 +277,23 @@ class RobotDefinition:
             DescriptionError: the file is missing or wrong.
         """
         if self.file.urdf is not None:
-            return meshes_from(read_text(self.source), self.source.parent)
-        from pouring_robot.robot.rendering import run_xacro
+            drawn = read_text(self.source)
+        else:
+            from pouring_robot.robot.rendering import run_xacro
 
-        return meshes_from(run_xacro(self.source, self.file.mappings), self.source.parent)
+            drawn = run_xacro(self.source, self.file.mappings)
+        if self._kinds:
+            try:
+                drawn = change_joints(drawn, self._kinds)
+            except UnknownJointError as problem:
+                raise DescriptionError(self.path, f"joint_types: {problem}") from problem
+            except etree.XMLSyntaxError as problem:
+                raise DescriptionError(self.source, f"line {problem.lineno}: {problem.msg}") from problem
+        return meshes_from(drawn, self.source.parent)
 
     def files_beside(self) -> dict[str, bytes]:
         """Return what makes the exported URDF a robot again, by file name: its robot file."""
-        said = self.file.model_dump(mode="json", exclude_defaults=True, exclude={"xacro", "mappings"})
+        said = self.file.model_dump(mode="json", exclude_defaults=True, exclude={"xacro", "mappings", "joint_types"})
         own = self.loops.model_dump(mode="json", exclude_defaults=True, exclude={"mechanism", "drives"})
         stream = io.StringIO()
         YAML().dump({**said, "urdf": f"{self._root().get('name', 'robot')}.urdf", **own}, stream)

@@ -11,7 +11,7 @@ from pouring_robot.mechanism.loops import load_loops
 from pouring_robot.robot.definition import RobotDefinition
 from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.pouring.definition import PouringDefinition
-from pouring_robot.robot.urdf import description_folder
+from pouring_robot.robot.urdf import PlacementError, description_folder, perturb_urdf
 from tests.support import ROOT
 
 ROBOTS = ROOT / "examples" / "robots"
@@ -156,12 +156,20 @@ def test_load_robot_says_how_another_robot_is_loaded():
 
 def test_joints_may_be_of_another_kind_than_the_urdf_says(arm):
     arm.write_text(FILE + "joint_types: {mount: universal_xz}\nlocked_joints: [mount_X]\n", encoding="utf-8")
-    mechanism = RobotDefinition.load(arm).mechanism()
-    assert {"mount_X", "mount_Z"} <= set(mechanism.joint_columns)
-    assert mechanism.passive_columns.size == 1
-    arm.write_text(FILE + "joint_types: {mount: ball}\n", encoding="utf-8")
-    with pytest.raises(DescriptionError, match="universal_xy"):
-        RobotDefinition.load(arm)
-    arm.write_text(FILE + "joint_types: {mounts: fixed}\n", encoding="utf-8")
-    with pytest.raises(DescriptionError, match="did you mean 'mount'"):
-        RobotDefinition.load(arm).mechanism()
+    definition = RobotDefinition.load(arm)
+    assert {"mount_X", "mount_Z"} <= set(definition.mechanism().joint_columns)
+    assert definition.mechanism().passive_columns.size == 1
+    errors = {name: PlacementError(rotation_rad=(0.01, 0.0, 0.0)) for name in ("mount_X", "mount_Z")}
+    assert perturb_urdf(definition.urdf(), errors) != definition.urdf()  # they can be displaced like others
+    assert b"joint_types" not in definition.files_beside()["robot.yaml"]  # the exported URDF has them
+    for kinds, says in (("{mount: ball}", "universal_xy"), ("{mounts: fixed}", "did you mean 'mount'")):
+        arm.write_text(FILE + f"joint_types: {kinds}\n", encoding="utf-8")
+        with pytest.raises(DescriptionError, match=says):
+            RobotDefinition.load(arm)
+
+
+def test_ball_joints_stay_in_the_robot_file(arm):
+    arm.write_text(FILE + "joint_types: {mount: spherical}\n", encoding="utf-8")
+    definition = RobotDefinition.load(arm)
+    assert len(definition.mechanism().joint_columns["mount"]) == 3
+    assert b"mount: spherical" in definition.files_beside()["robot.yaml"]
