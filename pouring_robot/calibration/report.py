@@ -133,8 +133,9 @@ def ladle_line(calibration: CalibrationFindings) -> str:
     half = calibration.ladle.half_width_m / MM
     if not half.size:
         return "the workspace box holds no pose the robot can take"
+    _, point = calibration.present.definition.tool_words
     return (
-        "as far as what was kept explains the robot, the model knows each coordinate of the pouring lip to "
+        f"as far as what was kept explains the robot, the model knows each coordinate of {point} to "
         f"±{sorted(half)[half.size // 2]:.3f} mm (95 %, median of {half.size} poses), at worst ±{half.max():.3f} mm; "
         "measurement noise comes on top"
     )

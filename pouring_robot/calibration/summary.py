@@ -108,7 +108,7 @@ def notes_of(calibration: CalibrationFindings) -> list[str]:
     if dropped:
         found.append(
             f"not needed to predict rows held out, so taken as exact: {', '.join(dropped)}; where they are off, what "
-            "was kept moves in their place, by more than its interval says: trust the predicted ladle more than the "
+            "was kept moves in their place, by more than its interval says: trust the predicted pose more than the "
             "names of what moved"
         )
     return found
@@ -264,20 +264,24 @@ def next_measurements(calibration: CalibrationFindings) -> list[str]:
     held = [line.name for line in parameter_lines(calibration) if line.learnt < LEARNT]
     wanted = held or [p.name for group in calibration.candidates for p in group.parameters]
     groups = [g.name for g in calibration.candidates if {p.name for p in g.parameters} & set(wanted)]
-    noise = calibration.noise
+    noise, robot = calibration.noise, calibration.present.definition
+    tool, _ = robot.tool_words
     seen = "--position-only" if not noise.turned else f"--sigma-mrad {noise.rotation_rad / MRAD:.3g}"
     deficient = calibration.rank_anywhere > calibration.base.rank
     purpose = "determine what is still open" if deficient else "narrow the intervals most"
-    found.append(
-        f"poses that {purpose}: pouring-robot campaign plan --out next.csv --priors "
-        f"--sigma-mm {noise.position_m / MM:.3g} {seen} --parameters " + " --parameters ".join(groups)
-    )
+    if robot.plans_poses:
+        found.append(
+            f"poses that {purpose}: pouring-robot campaign plan --out next.csv --priors "
+            f"--sigma-mm {noise.position_m / MM:.3g} {seen} --parameters " + " --parameters ".join(groups)
+        )
+    elif deficient:
+        found.append(f"other poses, that {purpose} of {', '.join(groups)}")
     ladle = _ladle(calibration)
     if ladle["poses"]:
         pose = ladle["worst_pose"]
         tilt = f", tilt {pose['tilt_deg']:.0f}°" if "tilt_deg" in pose else ""
         found.append(
-            f"the ladle is known least at x {pose['x_mm']:.0f}, y {pose['y_mm']:.0f}, z {pose['z_mm']:.0f} mm{tilt}: "
+            f"{tool} is known least at x {pose['x_mm']:.0f}, y {pose['y_mm']:.0f}, z {pose['z_mm']:.0f} mm{tilt}: "
             f"measure there (95 % interval ±{ladle['half_width95_mm']['largest']:.3f} mm)"
         )
     if calibration.performance is None:

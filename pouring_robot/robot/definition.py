@@ -366,6 +366,16 @@ class RobotDefinition:
         return None
 
     @property
+    def tool_words(self) -> tuple[str, str]:
+        """What is carried, and the point of it whose error counts, in sentences."""
+        return "the tool", self.loops.working_frame
+
+    @property
+    def plans_poses(self) -> bool:
+        """Whether poses can be planned for it: somebody says how drives follow from a pose, and where it is to work."""
+        return False
+
+    @property
     def expected_thermometers(self) -> tuple[str, ...]:
         """Those of them that a campaign is missed without: none, as nobody has one on every link."""
         return ()

@@ -86,6 +86,16 @@ class PouringDefinition(RobotDefinition):
         return THERMOMETERS
 
     @property
+    def tool_words(self) -> tuple[str, str]:
+        """The ladle and its lip."""
+        return "the ladle", "the pouring lip"
+
+    @property
+    def plans_poses(self) -> bool:
+        """It has closed-form kinematics and a workspace box."""
+        return True
+
+    @property
     def expected_thermometers(self) -> tuple[str, ...]:
         """All of them."""
         return THERMOMETERS
