@@ -11,7 +11,9 @@ from pouring_robot.effects.defaults import causes_of
 from pouring_robot.estimation.measurement import MeasurementModel
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.parameters import DriveParameter
+from pouring_robot.mechanism.closure import ClosureSolver
+from pouring_robot.mechanism.parameters import DriveParameter, drive_parameters
+from pouring_robot.mechanism.transfer import closed_chain_transfer
 
 
 def nominal_rows(drawing: MeasurementModel, closure: BatchClosure) -> NominalRows:
@@ -26,7 +28,7 @@ def nominal_rows(drawing: MeasurementModel, closure: BatchClosure) -> NominalRow
     mechanism = engine.structure.mechanism
     drives = [p for p in drawing.parameters if isinstance(p, DriveParameter)]
     values = joint_values(mechanism, getattr(engine.structure, "joint_names", None), closure.joints)
-    own = causes_of(robot).own_weight and not mechanism.anchors
+    own, hangs = causes_of(robot).own_weight, robot.file.payload_frame or str(mechanism.loops.end_frame)
     return NominalRows(
         robot,
         closure.position,
@@ -35,6 +37,7 @@ def nominal_rows(drawing: MeasurementModel, closure: BatchClosure) -> NominalRow
         _up(mechanism),
         _swings(mechanism, values, len(closure)),
         _own_force(mechanism, values, len(closure)) if own else None,
+        mechanism.placement_on_end(hangs).translation if own else None,
     )
 
 
@@ -78,15 +81,17 @@ def _swings(mechanism: ClosedChainMechanism, values: dict[str, FloatArray], rows
 
 
 def _own_force(mechanism: ClosedChainMechanism, values: dict[str, FloatArray], rows: int) -> FloatArray:
-    """Return what the links' own weight puts on every drive of a robot without loops, (n, D), in N and Nm.
+    """Return what the links' own weight puts on every drive, (n, D), in N and Nm.
 
-    Pinocchio's generalised gravity is what a drive must give; the weight puts the opposite on it.
+    Pinocchio's generalised gravity is what the joints must give; the weight does the opposite to each drive, by the way
+    in which it moves the joints.
     """
-    model, drives = mechanism.shared_model, mechanism.loops.drives
-    data, configuration = model.createData(), mechanism.neutral_configuration()
-    columns = [model.idx_vs[model.getJointId(drive)] for drive in drives]
+    model, drives = mechanism.shared_model, drive_parameters(mechanism)
+    data, neutral, solver = model.createData(), mechanism.neutral_configuration(), ClosureSolver(mechanism)
     found = np.empty((rows, len(drives)))
     for row in range(rows):
-        at = mechanism.with_joint_values(configuration, {name: float(course[row]) for name, course in values.items()})
-        found[row] = -pin.computeGeneralizedGravity(model, data, at)[columns]
+        at = mechanism.with_joint_values(neutral, {name: float(course[row]) for name, course in values.items()})
+        closed = solver.solve_from(at)
+        moved = closed_chain_transfer(solver, closed, drives).joints
+        found[row] = -moved.T @ pin.computeGeneralizedGravity(model, data, closed.configuration)
     return found

@@ -165,6 +165,7 @@ class NominalRows:
         up: direction against gravity in the base, (3,).
         swing_rad: as in :class:`Conditions`, (n, D).
         own_force: what the links' own weight puts on every drive, (n, D); None where it is not counted.
+        payload_m: where the payload sits on the end body, (3,); None where the campaign says it, with a tare.
     """
 
     robot: RobotDefinition
@@ -174,6 +175,7 @@ class NominalRows:
     up: FloatArray
     swing_rad: FloatArray
     own_force: FloatArray | None
+    payload_m: FloatArray | None
 
 
 def conditions_of(campaign: Campaign, nominal: NominalRows) -> Conditions:
@@ -224,10 +226,13 @@ def _loads(
     metadata = campaign.metadata
     if payload_kg is None:
         return None, nominal.own_force
-    if metadata.ladle_tare_kg is None or metadata.ladle_centre_of_mass_m is None:
+    tare, place = metadata.ladle_tare_kg, metadata.ladle_centre_of_mass_m
+    if nominal.payload_m is not None:
+        tare, place = 0.0, tuple(nominal.payload_m)  # what the end body weighs is among its links
+    if tare is None or place is None:
         return None, None
-    weight = (metadata.ladle_tare_kg + payload_kg) * GRAVITY_M_S2
-    arm = nominal.rotation @ np.array(metadata.ladle_centre_of_mass_m)
+    weight = (tare + payload_kg) * GRAVITY_M_S2
+    arm = nominal.rotation @ np.array(place)
     shift, turn = nominal.by_drive[:, :3], nominal.by_drive[:, 3:]
     rise = np.einsum("c,ncd->nd", nominal.up, shift + np.cross(turn, arm[:, :, None], axis=1))
     force = -weight[:, None] * rise

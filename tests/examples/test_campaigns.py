@@ -13,11 +13,15 @@ from scipy.spatial.transform import Rotation
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
+from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.estimation.frame_fit import fit_frames
+from pouring_robot.estimation.noise import stated_noise
+from pouring_robot.robot.model import RobotModel
 from tests.examples.campaigns import main, write
 from tests.examples.effects import EFFECTS, LARGEST, effects_of
 from tests.examples.machines import MACHINES
 from tests.examples.test_robots import robot_of
+from tests.support import relative_error
 
 HERE = Path(__file__).parent
 CASES = [(machine.name, effect) for machine in MACHINES.values() for effect in effects_of(machine)]
@@ -107,6 +111,16 @@ def test_the_library_reads_every_column(name, tmp_path):
     unit, factor = ("mm", 1e-3) if MACHINES[name].unit == "m" else ("rad", 1.0)
     for k, column in enumerate(MACHINES[name].columns):
         np.testing.assert_allclose(campaign.drives[:, k], factor * table[f"{column}_{unit}"], rtol=1e-15)
+
+
+@pytest.mark.parametrize("name", [name for name in MACHINES if MACHINES[name].payloads])
+def test_the_library_knows_what_weight_puts_on_the_drives(name, tmp_path):
+    write(tmp_path, MACHINES[name], seed=9)
+    model = RobotModel.for_robot(robot_of(name).path)
+    campaign = Campaign.read(tmp_path / "campaign.csv", model.definition)
+    conditions = CampaignRows(campaign, model, stated_noise(campaign, np.arange(len(campaign)))).conditions
+    payload = campaign.conditions["payload"]
+    assert relative_error(conditions.drive_force, MACHINES[name].weight(campaign.drives, payload)) < 1e-8
 
 
 def test_the_command_writes_the_same_again(tmp_path, capsys):
