@@ -1,11 +1,13 @@
 """Close the example robots of another project, and hold G against differences of closures.
 
     git clone https://github.com/Gepetto/example-parallel-robots
-    python scripts/studies/gepetto_robots.py example-parallel-robots/robots
+    python -m scripts.studies.gepetto_robots example-parallel-robots/robots
+    python -m scripts.studies.gepetto_robots example-parallel-robots/robots --toolbox toolbox-parallel-robots
 
 Each folder with a ``robot.yaml`` and a URDF is one robot. It is closed from its neutral pose; then its drives step to
 40 random targets up to 0.2 rad (or 0.2 m) away, each closed from there. The observed frame is the one with the most
-joints before it that the drives determine. Prints a Markdown table; a robot that fails has its reason in one line.
+joints before it that the drives determine. Prints a Markdown table; a robot that fails has its reason in one line. With
+--toolbox, the first of the same targets are closed by that project's own closure as well.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -31,8 +34,12 @@ from pouring_robot.mechanism.loops import load_loops
 from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.urdf import read_text
+from scripts.studies.gepetto_toolbox import ToolboxFindings, close_with, load_toolbox
 
 TARGETS, REACH, CLOSED, STEP = 40, 0.2, 1e-9, 3e-6
+# Targets that the toolbox closes as well, and what it may leave open: its search is set to end at 1e-6.
+BESIDE, TOOLBOX_CLOSED = 10, 1e-6
+_TOOLBOX_HEADINGS = ("toolbox closed to 1e-6", "toolbox leaves open, median", "toolbox ms")
 _HEADINGS = (
     "robot",
     "loops",
@@ -58,6 +65,7 @@ class Findings:
         frame: the observed one.
         difference: largest deviation of its G from central differences over the largest of them.
         seconds: of one closure, on average.
+        other: what the toolbox found.
     """
 
     loops: int
@@ -68,6 +76,7 @@ class Findings:
     frame: str
     difference: float
     seconds: float
+    other: ToolboxFindings | None
 
     def cells(self) -> tuple[str, ...]:
         """Return the table's row without the robot's name."""
@@ -78,7 +87,11 @@ class Findings:
             f"{self.residual:.1e}",
             str(self.idle),
         )
-        return *counts, self.frame, f"{self.difference:.1e}", f"{1e3 * self.seconds:.1f}"
+        own = *counts, self.frame, f"{self.difference:.1e}", f"{1e3 * self.seconds:.1f}"
+        if self.other is None:
+            return own
+        found = self.other
+        return *own, f"{found.closed} of {found.targets}", f"{found.residual:.1e}", f"{1e3 * found.seconds:.0f}"
 
 
 def read_mechanism(folder: Path) -> ClosedChainMechanism:
@@ -120,8 +133,8 @@ def differences(engine: Engine, home: BatchClosure, drives: FloatArray) -> Float
     return np.stack(columns, axis=1)
 
 
-def study(mechanism: ClosedChainMechanism, seed: int) -> Findings:
-    """Close one robot and compare its G.
+def study(mechanism: ClosedChainMechanism, seed: int, toolbox: Any = None) -> Findings:
+    """Close one robot and compare its G, and its closures with those of the toolbox, if there is one.
 
     Raises:
         ClosureError: it does not close from its neutral pose.
@@ -151,6 +164,7 @@ def study(mechanism: ClosedChainMechanism, seed: int) -> Findings:
         frame=str(loops.end_frame),
         difference=difference,
         seconds=spent,
+        other=toolbox and close_with(toolbox, mechanism, targets[:BESIDE], TOOLBOX_CLOSED),
     )
 
 
@@ -159,16 +173,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="holds a folder for each robot")
     parser.add_argument("--seed", type=int, default=1, help="of the targets")
+    parser.add_argument("--toolbox", type=Path, help="clone of Gepetto's toolbox-parallel-robots, to run beside")
     given = parser.parse_args(arguments)
-    print(f"| {' | '.join(_HEADINGS)} |\n|{'---|' * len(_HEADINGS)}")
+    toolbox = load_toolbox(given.toolbox) if given.toolbox else None
+    headings = (*_HEADINGS, *_TOOLBOX_HEADINGS) if toolbox else _HEADINGS
+    print(f"| {' | '.join(headings)} |\n|{'---|' * len(headings)}")
     read = 0
     for path in sorted(given.folder.rglob("robot.yaml")):
         name = path.parent.relative_to(given.folder)
         try:
-            cells = study(read_mechanism(path.parent), given.seed).cells()
+            cells = study(read_mechanism(path.parent), given.seed, toolbox).cells()
             read += 1
         except PouringRobotError as problem:
-            cells = (str(problem), *[""] * (len(_HEADINGS) - 2))
+            cells = (str(problem), *[""] * (len(headings) - 2))
         print(f"| {' | '.join((str(name), *cells))} |", flush=True)
     return 0 if read else 1
 
