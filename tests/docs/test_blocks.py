@@ -18,7 +18,7 @@ from pouring_robot.sweeps import SweepConfig
 from tests.support import ROOT
 
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
-PAGES += [ROOT / "robot_description" / "README.md", *sorted((ROOT / "examples").glob("*/README.md"))]
+PAGES += [ROOT / "robot_description" / "README.md", *sorted((ROOT / "examples").rglob("README.md"))]
 WITH_BLOCKS = [page for page in PAGES if "```console" in page.read_text() or "```python" in page.read_text()]
 # Shown and not run here, with the reason; by a part of the command or the block.
 SLOW = {
@@ -114,8 +114,8 @@ def test_every_reason_has_its_block():
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_commands_and_options_mentioned_exist(page, capfd):
     helped = {}
-    for line in re.findall(r"pouring-robot ((?:campaign )?[a-z]+[^`\n|]*)", page.read_text()):
-        names = re.match(r"(?:campaign )?[a-z]+", line)[0]
+    for line in re.findall(r"pouring-robot ((?:campaign |robot )?[a-z]+[^`\n|]*)", page.read_text()):
+        names = re.match(r"(?:campaign |robot )?[a-z]+", line)[0]
         if names not in helped:
             assert main([*names.split(), "--help"]) == 0, line
             helped[names] = capfd.readouterr().out
@@ -163,7 +163,7 @@ def test_the_rooms_are_listed_in_the_order_of_imports():
     assert listed == layers[::-1]
 
 
-@pytest.mark.parametrize("index", (ROOT / "docs").rglob("index.md"), ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize("index", sorted((ROOT / "docs").rglob("index.md")), ids=lambda page: str(page.relative_to(ROOT)))
 def test_pages_are_on_the_map(index):
     pages = {page.name for page in index.parent.glob("*.md")} - {"index.md"}
     assert [name for name in sorted(pages) if name not in index.read_text()] == []
