@@ -35,6 +35,7 @@ _SUSPECT_SIGMAS = 20.0
 _GAIN = 0.2
 _TRIED_ROWS = 100  # enough to tell which mistake it is; all rows say whether
 _DEFAULT_METRES_PER_RAD = 1.0
+_MOST_BEYOND, _SOME_BEYOND = 0.5, 0.05  # share of values beyond the limits
 _LIMIT_SLACK = 1e-3  # m or rad
 _TURN_MISTAKES = (
     *((factor, FlagCode.ROTATION_UNIT, f"hold {wrong}") for factor, wrong in ANGLE_MISTAKES),
@@ -76,16 +77,21 @@ class FrameChecks:
         self._unreachable()
 
     def _drive_units(self, drives: FloatArray) -> FloatArray:
-        """Name and undo units of drives that their limits give away."""
-        for index, (low, high) in enumerate(zip(self._lower, self._upper, strict=True)):
-            values = drives[:, index]
-            known = values[np.isfinite(values)]
-            if known.size == 0 or np.mean((known < low) | (known > high)) < 0.5:
+        """Name and undo units of drives that their limits give away; where one is wrong, others of its kind may be."""
+        beyond = (drives < self._lower) | (drives > self._upper)
+        share = beyond.sum(axis=0) / np.maximum(np.isfinite(drives).sum(axis=0), 1)
+        wrong: set[str] = set()
+        for index in np.argsort(-share, kind="stable").tolist():
+            kind = self.campaign.robot.drives[index].command
+            if share[index] < (_SOME_BEYOND if kind in wrong else _MOST_BEYOND):
                 continue
-            for factor, mistake in DRIVE_MISTAKES[self.campaign.robot.drives[index].command]:
+            low, high, values = self._lower[index], self._upper[index], drives[:, index]
+            known = values[np.isfinite(values)]
+            for factor, mistake in DRIVE_MISTAKES[kind]:
                 if np.mean((known * factor >= low) & (known * factor <= high)) > 0.9:
                     self._flag_drive_unit(index, mistake, float(np.median(np.abs(known))), factor)
                     drives[:, index] = values * factor
+                    wrong.add(kind)
                     break
         return drives
 

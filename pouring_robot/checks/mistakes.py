@@ -86,9 +86,7 @@ def position_mistakes(campaign: Campaign, drawing: Drawing, data: Comparison) ->
         message = f"the measured positions seem to hold {wrong}"
         yield Mistake(FlagCode.POSITION_UNIT, message, columns.POSITION, functools.partial(_scaled, factor=factor))
     if not data.inverted:
-        message = (
-            f"the measured poses seem to be inverse: {campaign.metadata.frame} seen from {campaign.metadata.target}"
-        )
+        message = "the measured poses seem to be inverse: the tracker seen from the target"
         turned = columns.ROTATION if data.rotation_vector_rad is not None else ()
         yield Mistake(FlagCode.FRAMES_SWAPPED, message, (*columns.POSITION, *turned), _inverted)
     complete = data.poses.complete & np.isfinite(data.position_m).all(axis=1)

@@ -146,7 +146,7 @@ def robust_fit(terms: FloatArray, values: FloatArray, floor: float) -> tuple[Flo
     for step in range(20):
         weighted = design * weight[:, None]
         inverse = np.linalg.inv(weighted.T @ design + _RIDGE * np.eye(design.shape[1]))
-        leverage = np.einsum("ni,ij,nj->n", design, inverse, weighted)
+        leverage = ((design @ inverse) * weighted).sum(axis=1)
         coefficients = inverse @ (weighted.T @ target)
         left = (target - design @ coefficients) / np.clip(1.0 - leverage, 0.2, 1.0)
         scale = max(robust_sigma(left), floor, 1e-12)
