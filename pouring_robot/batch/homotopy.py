@@ -9,9 +9,40 @@ import numpy as np
 from pouring_robot.batch.interface import Engine
 from pouring_robot.batch.samples import BatchStart
 from pouring_robot.batch.structure import fixed
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.exceptions import BadInputError, ClosureError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closure import ClosureSolver
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
+
+
+def closed_home(
+    mechanism: ClosedChainMechanism, home: Mapping[str, float], options: ClosureOptions = DEFAULT_OPTIONS
+) -> ClosureResult:
+    """Return a closed configuration at or near given joint values.
+
+    Drives stand where ``home`` says, and passive joints start there; joints that are not named start at zero. Where
+    the loops do not close with all drives so, those that are not named give way.
+
+    Args:
+        mechanism: the mechanism.
+        home: joint values by name, m or rad.
+        options: when a closure counts as found.
+
+    Raises:
+        UnknownJointError: a name is no joint.
+        BadInputError: a value is not finite, or a named joint has several freedoms.
+        ClosureError: the mechanism does not close there.
+    """
+    start = mechanism.with_joint_values(mechanism.neutral_configuration(), home)
+    named = tuple(name for name in mechanism.loops.drives if name in home)
+    solver = ClosureSolver(mechanism, options=options)
+    try:
+        return solver.solve_from(start)
+    except ClosureError:
+        if len(named) == len(mechanism.loops.drives):
+            raise
+        yielding = ClosureSolver(mechanism.with_drives(named), options=options)
+        return solver.solve_from(yielding.solve_from(start).configuration)
 
 
 class HomotopyStarts:
@@ -21,8 +52,7 @@ class HomotopyStarts:
 
     Args:
         engine: of the mechanism.
-        home: joint values near which it closes, m or rad; drives stand there, passive joints start there; joints that
-            are not named start at zero.
+        home: joint values near which it closes, m or rad, as :func:`closed_home` takes them.
         steps: from home to target.
 
     Raises:
@@ -37,10 +67,10 @@ class HomotopyStarts:
             raise BadInputError(f"the number of steps must be positive, not {steps}")
         self.engine, self.steps = engine, steps
         mechanism = engine.structure.mechanism
-        configuration = mechanism.with_joint_values(mechanism.neutral_configuration(), home)
-        closed = ClosureSolver(mechanism, options=engine.options).solve_from(configuration)
+        closed = closed_home(mechanism, home, engine.options)
         self._home = engine.start_at(closed.configuration[None])
-        self._home_drives = np.array([home.get(name, 0.0) for name in mechanism.loops.drives])
+        values = closed.joint_values | dict(home)  # a configuration does not know of whole turns
+        self._home_drives = np.array([values[name] for name in mechanism.loops.drives])
 
     def starts(self, drives: FloatArray) -> BatchStart:
         """Return closed poses for drive values, shape (n, drives), in m and rad; NaN where a step finds none.

@@ -118,6 +118,11 @@ class ClosedChainMechanism:
         }
         return other
 
+    def with_drives(self, drives: tuple[str, ...]) -> ClosedChainMechanism:
+        """Return the mechanism with other drives, or none: what is driven no longer is found by the closure."""
+        loops = self._loops.model_copy(update={"drives": drives})
+        return type(self)(self._urdf, loops, self._source, self._displacements)
+
     def require_placement(self, joint: str) -> None:
         """Refuse a joint that cannot be displaced.
 

@@ -4,10 +4,11 @@
     python -m scripts.studies.gepetto_robots example-parallel-robots/robots
     python -m scripts.studies.gepetto_robots example-parallel-robots/robots --toolbox toolbox-parallel-robots
 
-Each folder with a ``robot.yaml`` and a URDF is one robot. It is closed from its neutral pose; then its drives step to
-40 random targets up to 0.2 rad (or 0.2 m) away, each closed from there. The observed frame is the one with the most
-joints before it that the drives determine. Prints a Markdown table; a robot that fails has its reason in one line. With
---toolbox, the first of the same targets are closed by that project's own closure as well.
+Each folder with a ``robot.yaml`` and a URDF is one robot. It is closed from its neutral pose; drives give way where it
+cannot close with them at zero. Then its drives step to 40 random targets up to 0.2 rad (or 0.2 m) away, reachable or
+not, each closed from there. The observed frame is the one with the most joints before it that the drives determine.
+Prints a Markdown table; a robot that fails has its reason in one line. With --toolbox, the first of the same targets are
+closed by that project's own closure as well.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.batch.choice import engine_for
+from pouring_robot.batch.homotopy import closed_home
 from pouring_robot.batch.interface import Engine
 from pouring_robot.batch.samples import BatchClosure
 from pouring_robot.exceptions import PouringRobotError, SingularPoseError
@@ -140,7 +142,7 @@ def study(mechanism: ClosedChainMechanism, seed: int, toolbox: Any = None) -> Fi
         ClosureError: it does not close from its neutral pose.
     """
     solver = ClosureSolver(mechanism)
-    result = solver.solve_from(mechanism.neutral_configuration())
+    result = closed_home(mechanism, {})
     loops = mechanism.loops.model_copy(update={"end_frame": observed_frame(solver, result)})
     engine = engine_for(ClosedChainMechanism(mechanism.urdf, loops))
     count = len(mechanism.loops.drives)

@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.batch import BatchEngine, BatchStart, GeneralEngine, HomotopyStarts, SiteErrors, engine_for
+from pouring_robot.batch.homotopy import closed_home
 from pouring_robot.exceptions import BadInputError, ClosureError, UnknownJointError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureOptions, ClosureSolver
@@ -251,7 +252,24 @@ def test_failed_samples_say_so_and_leave_the_others_alone(planar):
 
 def test_a_home_that_does_not_close_says_so():
     with pytest.raises(ClosureError, match="do not close"):
-        HomotopyStarts(engine_for(five_bar_3d()), {"a_j1": 3.1})
+        HomotopyStarts(engine_for(five_bar_3d()), {"a_j1": 3.1, "b_j1": 0.1})
+
+
+def test_drives_that_home_does_not_name_give_way_where_they_must():
+    """The first crank points away from the second, whose coupler cannot reach while it stands at zero."""
+    mechanism = five_bar_3d()
+    with pytest.raises(ClosureError):
+        closed_home(mechanism, {"a_j1": 3.1, "b_j1": 0.0})
+    result = closed_home(mechanism, {"a_j1": 3.1})
+    assert result.gap_m < 1e-12
+    assert result.joint_values["a_j1"] == pytest.approx(3.1, abs=1e-15)
+    x, z = result.pose_base_to_end.translation[[0, 2]]
+    drives = np.array([3.1, result.joint_values["b_j1"]])
+    for knee, length in zip(knees(drives), COUPLERS, strict=True):
+        assert np.hypot(x - knee[0], z - knee[1]) == pytest.approx(length, abs=1e-12)
+    homotopy = HomotopyStarts(engine_for(mechanism), {"a_j1": 3.1})
+    start = homotopy.starts(drives[None])
+    np.testing.assert_allclose(start.position[0, [0, 2]], (x, z), rtol=0, atol=1e-12)
 
 
 def test_shapes_and_names_that_do_not_fit_are_refused(planar):
