@@ -163,7 +163,9 @@ def test_the_rooms_are_listed_in_the_order_of_imports():
     assert listed == layers[::-1]
 
 
-@pytest.mark.parametrize("index", sorted((ROOT / "docs").rglob("index.md")), ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize(
+    "index", sorted((ROOT / "docs").rglob("index.md")), ids=lambda page: str(page.relative_to(ROOT))
+)
 def test_pages_are_on_the_map(index):
     pages = {page.name for page in index.parent.glob("*.md")} - {"index.md"}
     assert [name for name in sorted(pages) if name not in index.read_text()] == []
