@@ -20,6 +20,11 @@ def drive_names(robot: RobotDefinition) -> tuple[str, ...]:
     return tuple(drive.column for drive in robot.drives)
 
 
+def drive_columns(robot: RobotDefinition) -> tuple[Quantity, ...]:
+    """Return the columns of the drives, as they are commanded."""
+    return tuple(Quantity(drive.column, drive.command, required=True) for drive in robot.drives)
+
+
 def approach_names(robot: RobotDefinition) -> tuple[str, ...]:
     """Return the columns that say from which side a drive came: +1 rising, -1 falling."""
     return tuple(f"approach_{name}" for name in drive_names(robot))
@@ -46,7 +51,7 @@ def campaign_columns(robot: RobotDefinition) -> tuple[Quantity, ...]:
         Quantity("sample", "label"),
         session,
         time,
-        *(Quantity(drive.column, drive.command, required=True) for drive in robot.drives),
+        *drive_columns(robot),
         *others,
         *(Quantity(name, "length", required=True) for name in POSITION),
         *(Quantity(name, "angle", part_of="a rotation vector") for name in ROTATION),

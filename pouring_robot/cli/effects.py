@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pouring_robot.cli.shared import options
 
+if TYPE_CHECKING:
+    from pouring_robot.robot.model import RobotModel
 
-def effects(as_json: options.AsJson = False) -> None:
+
+def effects(robot: options.RobotFile = None, as_json: options.AsJson = False) -> None:
     """List the effects that a diagnosis can name: what happens, what the campaign must hold, parameters."""
-    found = _library()
+    found = _library(options.model_of(None, robot))
     if as_json:
         options.print_json({"effects": found})
         return
@@ -24,16 +27,14 @@ def effects(as_json: options.AsJson = False) -> None:
             options.print_indented(console, f"form {form['form']}: {_shortened(named)}{more}")
 
 
-def _library() -> list[dict[str, Any]]:
+def _library(model: RobotModel) -> list[dict[str, Any]]:
     """Return the library with forms and parameters, as they are for a campaign that holds every condition."""
     from pouring_robot.diagnosis.rows import channel_names, local_parameters
     from pouring_robot.effects.base import checked_forms
     from pouring_robot.effects.examples import complete_conditions
     from pouring_robot.effects.facts import sources
     from pouring_robot.effects.registry import all_effects
-    from pouring_robot.robot.model import RobotModel
 
-    model = RobotModel()
     conditions, channels = complete_conditions(model.definition), channel_names(local_parameters(model))
     return [
         {

@@ -76,3 +76,35 @@ def test_one_robot_at_a_time(run, tmp_path):
 def test_every_line_of_a_first_file_is_known_to_the_reader(run, urdf):
     run("robot", "init", urdf)
     assert RobotFile.load(urdf.parent / "robot.yaml").loops == ()
+
+
+def test_rows_of_drives_are_located_in_their_units(run, tmp_path):
+    """The arm with its wrist bent by 90 degrees: 150 + 310 + 310 mm in front, 450 + 600 + 120 - 100 mm high."""
+    (tmp_path / "c.csv").write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,0,0,0,90,0\n90,0,0,0,90,0\n")
+    code, out, _ = run("robot", "locate", "c.csv", "--robot", ROBOTS / "arm" / "robot.yaml", "--json")
+    first, second = json.loads(out)["poses"]
+    assert code == 0
+    assert [first[key] for key in ("x_mm", "y_mm", "z_mm")] == pytest.approx([770.0, 0.0, 1070.0], abs=1e-9)
+    assert [second[key] for key in ("x_mm", "y_mm", "z_mm")] == pytest.approx([0.0, 770.0, 1070.0], abs=1e-9)
+    assert first["error_x_mm"] == 0.0
+
+
+def test_a_missing_drive_value_is_named(run, tmp_path):
+    (tmp_path / "c.csv").write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,0,0,,90,0\n")
+    code, _, err = run("robot", "locate", "c.csv", "--robot", ROBOTS / "arm" / "robot.yaml")
+    assert code == 2
+    assert "line 2, column 'q4_deg': the value is missing" in err
+
+
+def test_a_robot_of_its_own_is_exported_and_loads_again(run, tmp_path):
+    assert run("export", "--robot", ROBOTS / "delta" / "robot.yaml", "--out", "out")[0] == 0
+    code, out, _ = run("robots", "--robot", tmp_path / "out" / "robot.yaml")
+    assert code == 0
+    assert "3 freedoms" in out
+
+
+def test_effects_are_those_of_the_robot(run):
+    code, out, _ = run("effects", "--robot", ROBOTS / "arm" / "robot.yaml")
+    assert code == 0
+    assert "joint_periodic" in out
+    assert "truss_deflection" not in out
