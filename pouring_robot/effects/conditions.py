@@ -46,6 +46,7 @@ class Conditions:
         approach: side each drive was approached from, (n, D), +1 or -1.
         weight_n: weight of tool and payload, (n,).
         drive_force: what weight puts on every drive along its motion, (n, D), in N and Nm; tension is positive.
+        force_by_weight: what one newton of ``weight_n`` puts there, (n, D), in N/N and Nm/N.
         rises: temperatures above the reference by thermometer, (n,), in K.
         travels: where the base stands along its axes, by name, (n,), in m.
         screw_pitch_m: travel of a sliding drive a turn.
@@ -65,6 +66,7 @@ class Conditions:
     approach: FloatArray | None = None
     weight_n: FloatArray | None = None
     drive_force: FloatArray | None = None
+    force_by_weight: FloatArray | None = None
     rises: Mapping[str, FloatArray] = field(default_factory=dict)
     travels: Mapping[str, FloatArray] = field(default_factory=dict)
     screw_pitch_m: float | None = None
@@ -192,7 +194,7 @@ def conditions_of(campaign: Campaign, nominal: NominalRows) -> Conditions:
     if reference is None:
         reference = REFERENCE_DEGC
         assumed.append(f"reference temperature {reference:g} °C")
-    weight, force = _loads(campaign, nominal, filler.one("payload"))
+    weight, force, by_weight = _loads(campaign, nominal, filler.one("payload"))
     known = filler.one("time")
     names = {name: k for k, name in enumerate(dict.fromkeys(campaign.sessions))}
     thermometers = (member for kind in causes_of(robot).thermometers for member in kind.members)
@@ -210,6 +212,7 @@ def conditions_of(campaign: Campaign, nominal: NominalRows) -> Conditions:
         approach=filler(*approach_names(robot)),
         weight_n=weight,
         drive_force=force,
+        force_by_weight=by_weight,
         rises={name: values - reference for name, values in warm.items() if values is not None},
         travels={name: values for name, values in travels.items() if values is not None},
         screw_pitch_m=metadata.screw_pitch_m,
@@ -221,22 +224,22 @@ def conditions_of(campaign: Campaign, nominal: NominalRows) -> Conditions:
 
 def _loads(
     campaign: Campaign, nominal: NominalRows, payload_kg: FloatArray | None
-) -> tuple[FloatArray | None, FloatArray | None]:
-    """Return the weight carried, (n,), and what it and the links' own weight put on every drive, (n, D)."""
+) -> tuple[FloatArray | None, FloatArray | None, FloatArray | None]:
+    """Return the weight carried, (n,), what it and the links' own weight put on every drive, and its share a newton."""
     metadata = campaign.metadata
     if payload_kg is None:
-        return None, nominal.own_force
+        return None, nominal.own_force, None
     tare, place = metadata.ladle_tare_kg, metadata.ladle_centre_of_mass_m
     if nominal.payload_m is not None:
         tare, place = 0.0, tuple(nominal.payload_m)  # what the end body weighs is among its links
     if tare is None or place is None:
-        return None, None
+        return None, None, None
     weight = (tare + payload_kg) * GRAVITY_M_S2
     arm = nominal.rotation @ np.array(place)
     shift, turn = nominal.by_drive[:, :3], nominal.by_drive[:, 3:]
-    rise = np.einsum("c,ncd->nd", nominal.up, shift + np.cross(turn, arm[:, :, None], axis=1))
-    force = -weight[:, None] * rise
-    return weight, force if nominal.own_force is None else force + nominal.own_force
+    by_weight = -np.einsum("c,ncd->nd", nominal.up, shift + np.cross(turn, arm[:, :, None], axis=1))
+    force = weight[:, None] * by_weight
+    return weight, force if nominal.own_force is None else force + nominal.own_force, by_weight
 
 
 class _Filler:

@@ -225,11 +225,11 @@ def _of_drives(given: Conditions, channels: Sequence[Channel]) -> Iterator[Term]
             yield Term(f"{'angle' if channel.turning else 'length'} of {channel.name}", channel, own, by_pose=True)
         if drive.unit == "m":
             yield from _of_slide(given, k, drive, channel)
-    if given.weight_n is None or given.drive_force is None or not _varies(given.weight_n):
+    if given.weight_n is None or given.force_by_weight is None or not _varies(given.weight_n):
         return
-    share = 1.0 - given.weight_n.mean() / given.weight_n
-    for channel, force in zip(channels, given.drive_force.T, strict=True):
-        yield Term("load", channel, (force * share)[:, None], given.weight_n / GRAVITY_M_S2, "kg", by_pose=True)
+    more = given.weight_n - given.weight_n.mean()
+    for channel, by_weight in zip(channels, given.force_by_weight.T, strict=True):
+        yield Term("load", channel, (by_weight * more)[:, None], given.weight_n / GRAVITY_M_S2, "kg", by_pose=True)
 
 
 def _of_slide(given: Conditions, k: int, drive: Drive, channel: Channel) -> Iterator[Term]:
