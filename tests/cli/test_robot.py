@@ -93,7 +93,7 @@ def test_a_missing_drive_value_is_named(run, tmp_path):
     (tmp_path / "c.csv").write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,0,0,,90,0\n")
     code, _, err = run("robot", "locate", "c.csv", "--robot", ROBOTS / "arm" / "robot.yaml")
     assert code == 2
-    assert "line 2, column 'q4_deg': the value is missing" in err
+    assert "line 2, column q4_deg: the value is missing" in err
 
 
 def test_a_robot_of_its_own_is_exported_and_loads_again(run, tmp_path):
