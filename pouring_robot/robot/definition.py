@@ -28,12 +28,12 @@ from ruamel.yaml import YAML
 from scipy.stats import qmc
 
 from pouring_robot.exceptions import DescriptionError, UnknownJointError, closest
-from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.joint_types import JointKind, change_joints
-from pouring_robot.mechanism.loops import LoopsFile, LoopSpec, LoopStiffness, load_loops
+from pouring_robot.mechanism.joint_types import change_joints
+from pouring_robot.mechanism.loops import LoopsFile, load_loops
 from pouring_robot.mechanism.poses import MM
+from pouring_robot.robot.robot_file import DriveEntry, RobotFile
 from pouring_robot.robot.urdf import meshes_from, read_text
 
 if TYPE_CHECKING:
@@ -42,7 +42,6 @@ if TYPE_CHECKING:
     from pouring_robot.robot.dh.table import DHTable
     from pouring_robot.robot.drawing import Drawing
 
-FORMAT = "pouring_robot/robot/1"
 _WORKSPACE_SAMPLES = 200
 ParameterGroups = Mapping[str, tuple[str, tuple[str, ...]]]
 ParameterSets = Mapping[str, tuple[str, ...]]
@@ -59,99 +58,6 @@ _SETS: ParameterSets = {
 }
 ROTATIONS, SLIDES = "rotations", "slides"
 """Groups of drives where a file names none: angles and lengths."""
-
-
-class DriveEntry(StrictModel):
-    """One drive of a robot file.
-
-    Attributes:
-        joint: the URDF joint that it moves.
-        column: name of its column in a campaign, without unit; by default the joint's name.
-        ratio: by how much the joint moves for a command of one of the same kind (a gear; below 1 slows down).
-        mm_per_turn: travel of a sliding joint for a whole turn of its motor; the command is then an angle.
-    """
-
-    joint: str
-    column: str = ""
-    ratio: float = 1.0
-    mm_per_turn: float | None = None
-
-    @pydantic.model_validator(mode="after")
-    def _moves(self) -> DriveEntry:
-        if self.ratio == 0.0 or self.mm_per_turn == 0.0:
-            raise ValueError("a ratio of 0 moves nothing")
-        if self.ratio != 1.0 and self.mm_per_turn is not None:
-            raise ValueError("give either ratio or mm_per_turn")
-        return self
-
-
-class RobotFile(StrictModel):
-    """A robot file as written; paths are relative to it.
-
-    Attributes:
-        format: kind and version of the file.
-        name: what the robot is called in campaigns and reports.
-        urdf: the URDF; or ``xacro`` with its ``mappings``.
-        base_frame: poses are seen from it. Where ``loops`` is a file, this and all down to ``locked_joints`` may be
-            left to it.
-        end_frame: the body whose pose is measured.
-        tool_frames: further frames on that body; the last is where the error counts.
-        loops: what is closed, in the file itself or in a loops file; none for a serial arm.
-        cut_joints: joints that carry the end body in the tree only.
-        locked_joints: joints that take no part in the closure.
-        joint_types: joints of another kind than the URDF says, such as ``spherical`` or ``universal_xy``.
-        stiffness: of each closure.
-        drives: what the controller commands, in this order.
-        groups: drives that share a cause, by the group's name; by default all angles and all lengths.
-        payload_frame: where a payload hangs.
-        travel: joints that carry the base.
-        home: joint values (m, rad) near which the robot closes; by default all zero.
-    """
-
-    format: Literal["pouring_robot/robot/1"]
-    name: str = pydantic.Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")
-    urdf: str | None = None
-    xacro: str | None = None
-    mappings: dict[str, str] = pydantic.Field(default_factory=dict)
-    base_frame: str | None = None
-    end_frame: str | None = None
-    tool_frames: tuple[str, ...] = ()
-    loops: tuple[LoopSpec, ...] | str = ()
-    cut_joints: tuple[str, ...] = ()
-    locked_joints: tuple[str, ...] = ()
-    joint_types: dict[str, JointKind] = pydantic.Field(default_factory=dict)
-    stiffness: LoopStiffness | None = None
-    drives: tuple[DriveEntry, ...] = pydantic.Field(min_length=1)
-    groups: dict[str, tuple[str, ...]] = pydantic.Field(default_factory=dict)
-    payload_frame: str | None = None
-    travel: tuple[str, ...] = ()
-    home: dict[str, float] = pydantic.Field(default_factory=dict)
-
-    @pydantic.model_validator(mode="after")
-    def _whole(self) -> RobotFile:
-        if (self.urdf is None) == (self.xacro is None):
-            raise ValueError("give either urdf or xacro")
-        if not isinstance(self.loops, str) and (self.base_frame is None or self.end_frame is None):
-            raise ValueError("base_frame and end_frame are needed; only a loops file may name them instead")
-        joints = {entry.joint for entry in self.drives}
-        for group, members in self.groups.items():
-            for member in members:
-                if member not in joints:
-                    raise ValueError(f"group '{group}' names '{member}', which is no drive{closest(member, joints)}")
-        columns = [entry.column or entry.joint for entry in self.drives]
-        twice = {column for column in columns if columns.count(column) > 1}
-        if twice:
-            raise ValueError(f"two drives have the column '{min(twice)}'")
-        return self
-
-    @classmethod
-    def load(cls, path: Path | str) -> RobotFile:
-        """Read a robot file.
-
-        Raises:
-            DescriptionError: it cannot be read, or a key or value in it is wrong.
-        """
-        return validate(cls, read_yaml(path), path)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 from lxml import etree
 
 from pouring_robot.exceptions import DescriptionError
-from pouring_robot.robot.definition import FORMAT
+from pouring_robot.robot.robot_file import FORMAT
 from pouring_robot.robot.urdf import read_text
 
 _DRIVABLE = ("revolute", "continuous", "prismatic")

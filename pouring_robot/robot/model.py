@@ -23,11 +23,11 @@ from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.robot.definition import FORMAT as ROBOT_FORMAT
 from pouring_robot.robot.definition import RobotDefinition
 from pouring_robot.robot.effect_stack import EffectEntry
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.pouring.definition import PouringDefinition
+from pouring_robot.robot.robot_file import FORMAT as ROBOT_FORMAT
 from pouring_robot.robot.urdf import PlacementError, perturb_urdf
 
 Triple = tuple[float, float, float]

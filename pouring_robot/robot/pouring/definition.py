@@ -12,7 +12,7 @@ from pouring_robot.batch import BatchStart
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.robot.causes import Causes
-from pouring_robot.robot.definition import ParameterGroups, ParameterSets, RobotDefinition, RobotFile
+from pouring_robot.robot.definition import ParameterGroups, ParameterSets, RobotDefinition
 from pouring_robot.robot.dh.table import DHTable
 from pouring_robot.robot.drawing import Drawing
 from pouring_robot.robot.pouring.causes import CAUSES
@@ -21,6 +21,7 @@ from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.layout import load_layout
 from pouring_robot.robot.pouring.names import DRIVE_SYMBOLS, DRIVE_WORDS, LEGS
 from pouring_robot.robot.pouring.parameter_groups import GROUPS, SETS
+from pouring_robot.robot.robot_file import RobotFile
 from pouring_robot.robot.urdf import description_folder
 
 _SHARES = (0.1, 0.5, 0.9)  # of the workspace box along each axis
