@@ -7,8 +7,8 @@
 Each folder with a ``robot.yaml`` and a URDF is one robot. It is closed from its neutral pose; drives give way where it
 cannot close with them at zero. Then its drives step to 40 random targets up to 0.2 rad (or 0.2 m) away, reachable or
 not, each closed from there. The observed frame is the one with the most joints before it that the drives determine.
-Prints a Markdown table; a robot that fails has its reason in one line. With --toolbox, the first of the same targets are
-closed by that project's own closure as well.
+Prints a Markdown table; a robot that fails has its reason in one line. With --toolbox, the first of the same targets
+are closed by that project's own closure as well.
 """
 
 from __future__ import annotations
