@@ -22,12 +22,19 @@ _PRIOR_STD = 0.3e-3
 _AXES = 1e3
 DRIVES, SEEN = "drives", "seen place"
 BY_CHANCE = "row, by chance"
-_MOST_BY_CHANCE = 300
-"""Rows that may each be off by chance. Of more rows, as many of them: what differs from row to row shows there too."""
+_MOST_BY_CHANCE = 1300
+"""Columns for rows that may each be off by chance. Of too many rows some, evenly spread: they show it, too."""
 
 
-def descriptions(rows: CampaignRows, linear: LinearRows) -> Iterator[Description]:
-    """Yield the descriptions that a campaign's conditions allow."""
+def descriptions(rows: CampaignRows, linear: LinearRows, *, by_chance: bool = True) -> Iterator[Description]:
+    """Yield the descriptions that a campaign's conditions allow.
+
+    Args:
+        rows: the campaign.
+        linear: residuals and derivatives at the present state.
+        by_chance: whether what differs from row to row by chance counts as something unknown. Where the noise is not
+            stated it is noise, of the robot if not of the device.
+    """
     maker = _Maker(rows, linear)
     given, base = rows.conditions, rows.conditions.causes.words.base
     for by, course in _of_one_condition(given):
@@ -37,11 +44,10 @@ def descriptions(rows: CampaignRows, linear: LinearRows) -> Iterator[Description
     yield from _of_pose(maker, given)
     yield from _of_own_drive(maker, given)
     yield from _of_joints(maker, given)
-    each = np.eye(len(rows))
-    if len(rows) > _MOST_BY_CHANCE:
-        each = each[:, np.linspace(0, len(rows) - 1, _MOST_BY_CHANCE).astype(np.intp)]
-    yield maker(DRIVES, BY_CHANCE, each)
-    yield maker(base, BY_CHANCE, each)
+    for where in (DRIVES, base) if by_chance else ():
+        count = min(len(rows), _MOST_BY_CHANCE // len(maker.where[where]))
+        chosen = np.linspace(0, len(rows) - 1, count).astype(np.intp)
+        yield maker(where, BY_CHANCE, np.eye(len(rows))[:, chosen])
 
 
 class _Maker:
@@ -147,9 +153,10 @@ def _of_own_drive(maker: _Maker, given: Conditions) -> Iterator[Description]:
     """Yield what each drive may do by its own value: waves of unknown pitch, sag by length and lean."""
     for group, drives in given.robot.groups.items():
         name = given.causes.words.groups.get(group, group)
-        yield from (
-            _of_slides(maker, given, name, drives) if drives[0].unit == "m" else _of_turns(maker, given, name, drives)
-        )
+        if drives[0].unit == "m":
+            yield from _of_slides(maker, given, name, drives)
+        else:
+            yield from _of_turns(maker, given, name, drives)
 
 
 def _of_slides(maker: _Maker, given: Conditions, name: str, drives: tuple[Drive, ...]) -> Iterator[Description]:
@@ -170,9 +177,12 @@ def _of_slides(maker: _Maker, given: Conditions, name: str, drives: tuple[Drive,
 
 def _of_turns(maker: _Maker, given: Conditions, name: str, drives: tuple[Drive, ...]) -> Iterator[Description]:
     places = list(zip(drives, given.places(drives), strict=True))
+    joints = {drive.joint for drive in drives}
+    periodic = (e for e in given.causes.entries if e.family == "periodic" and e.options.get("all_main"))
+    same = frozenset(entry.id for entry in periodic if joints <= {*entry.options["drives"]})
     for angle_rad in (1.5, 0.3, 0.1):
         parts = [maker.columns(channel(d), smooth(given.drives[:, k], angle_rad)) for d, k in places]
-        yield Description(name, f"own angle, waves of {angle_rad:g} rad", np.hstack(parts))
+        yield Description(name, f"own angle, waves of {angle_rad:g} rad", np.hstack(parts), same)
 
 
 def _of_joints(maker: _Maker, given: Conditions) -> Iterator[Description]:

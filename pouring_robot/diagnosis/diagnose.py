@@ -167,7 +167,10 @@ class _Work:
                 "the noise is not stated and comes from what is left over: whether a gap is left cannot be said"
             )
         self.say("asking whether what is left has structure")
-        judgement = judge(hypothesis, list(descriptions(rows, after.linear)), self.options.thresholds)
+        # Where the noise is not stated, scatter from row to row is noise.
+        known = not noise.from_residuals
+        described = list(descriptions(rows, after.linear, by_chance=known))
+        judgement = judge(hypothesis, described, self.options.thresholds, noise_known=known)
         before = diagnoser.at_rest
         if not judgement.causes:  # nothing is named, so nothing is added: the model stays as it was given
             after = before

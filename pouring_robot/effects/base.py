@@ -107,6 +107,14 @@ class Effect(ABC):
         """Return the small errors of its kind that workmanship leaves in every machine; by default none."""
         return ()
 
+    def in_words(self, values: Mapping[str, float]) -> tuple[str, ...]:
+        """Return what its parameters together say that none of them says alone, a sentence each; by default nothing.
+
+        Args:
+            values: of the parameters found, by name, each in its unit.
+        """
+        return ()
+
     def missing(self, conditions: Conditions) -> tuple[str, ...]:
         """Return the needed conditions that a campaign does not have."""
         return tuple(name for name in self.needs if conditions.value(name) is None)

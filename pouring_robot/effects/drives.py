@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.definition import Drive
 
 Drives = tuple[Drive, ...]
+_SHOWN_ORDERS = 3
 
 
 def channel(drive: Drive) -> str:
@@ -167,6 +168,26 @@ class Periodic(Family):
         if self.of_turn:
             return value
         return 2.0 * np.pi * value / self.stated.get(drive.joint, float(conditions.screw_pitch_m or np.nan))
+
+    def in_words(self, values: Mapping[str, float]) -> tuple[str, ...]:
+        """Of many orders: how large the error of each drive is, and which orders are the largest."""
+        if not self.all_main:
+            return ()
+        lines = []
+        for drive in self.drives:
+            waves = np.array(
+                [
+                    [values.get(f"{drive.symbol}_{name}_{order}", 0.0) for name in ("sine", "cosine")]
+                    for order in range(1, len(self.sizes) + 1)
+                ]
+            )
+            sizes = np.hypot(*waves.T)
+            largest = [int(k) for k in np.argsort(-sizes)[:_SHOWN_ORDERS] if sizes[k] > 0.0]
+            unit = "mm" if drive.unit == "m" else "mrad"
+            orders = ", ".join(f"{k + 1} ({sizes[k]:.3f})" for k in largest)
+            rms = float(np.sqrt((sizes**2).sum() / 2.0))
+            lines.append(f"{drive.words}: {rms:.3f} {unit} rms over a turn; largest orders (amplitude): {orders}")
+        return tuple(lines)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Once a turn, and overtones."""

@@ -7,11 +7,13 @@ averaged over the rows, is 1.
 from __future__ import annotations
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.mechanism.arrays import FloatArray
 
 _NEGLIGIBLE = 1e-3
+_MANY_TIMES = 12
 
 
 def standardised(values: FloatArray) -> FloatArray:
@@ -21,7 +23,10 @@ def standardised(values: FloatArray) -> FloatArray:
 
 
 def _principal(kernel: FloatArray, most: int) -> FloatArray:
-    squared, axes = np.linalg.eigh(kernel)
+    if len(kernel) > _MANY_TIMES * most:
+        squared, axes = scipy.linalg.eigh(kernel, subset_by_index=(len(kernel) - most, len(kernel) - 1))
+    else:
+        squared, axes = np.linalg.eigh(kernel)
     squared, axes = squared[::-1][:most], axes[:, ::-1][:, :most]
     kept = squared > _NEGLIGIBLE * max(float(squared[0]), 1e-300)
     columns = axes[:, kept] * np.sqrt(squared[kept])

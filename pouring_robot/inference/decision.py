@@ -85,6 +85,7 @@ class Judgement:
         challenges: of each cause that was found as one, the description that would explain best in its place.
         reasons: why the verdict is what it is, one line each.
         thresholds: by which it was judged.
+        minor: effects that are at work at most beside others, adding less than what nobody explains: no causes.
     """
 
     verdict: Verdict
@@ -93,6 +94,7 @@ class Judgement:
     challenges: tuple[Challenge, ...]
     reasons: tuple[str, ...] = ()
     thresholds: Thresholds = DEFAULT_THRESHOLDS
+    minor: tuple[str, ...] = ()
 
     @property
     def clear_structures(self) -> tuple[Structure, ...]:
@@ -114,13 +116,28 @@ class Judgement:
 
 
 def judge(
-    hypothesis: Hypothesis, descriptions: Sequence[Description], thresholds: Thresholds = DEFAULT_THRESHOLDS
+    hypothesis: Hypothesis,
+    descriptions: Sequence[Description],
+    thresholds: Thresholds = DEFAULT_THRESHOLDS,
+    *,
+    noise_known: bool = True,
 ) -> Judgement:
-    """Return what may be said of a hypothesis, of the whole problem."""
+    """Return what may be said of a hypothesis, of the whole problem.
+
+    Args:
+        hypothesis: the best one.
+        descriptions: of what may be left.
+        thresholds: when something counts.
+        noise_known: whether the noise is that of the device, and not what is left over itself.
+    """
     left = structures(hypothesis, descriptions, hypothesis.problem.residual)
     named = [_cause(hypothesis, effect, thresholds) for effect in _named(hypothesis)]
     least = thresholds.minor_share * max((cause.size for cause in named), default=0.0)
     causes = [cause for cause in named if cause.size > least or cause.evidence > thresholds.minor_evidence]
+    remainder = max((structure.size for structure in left), default=0.0) if noise_known else 1.0
+    kept = _above(causes, remainder, len(hypothesis.problem.residual), thresholds)
+    minor = tuple(cause.effect for cause in causes if cause not in kept)
+    causes = kept
     challenges = tuple(challenge(hypothesis, cause.indices, descriptions) for cause in causes)
     reasons = _reasons(hypothesis, Judgement("unknown", tuple(causes), tuple(left), challenges, (), thresholds))
     if not causes and not reasons:
@@ -134,7 +151,19 @@ def judge(
         verdict = "no_gap"
     elif any(cause.alternatives for cause in causes):
         verdict = "group"
-    return Judgement(verdict, tuple(causes), tuple(left), challenges, tuple(reasons), thresholds)
+    return Judgement(verdict, tuple(causes), tuple(left), challenges, tuple(reasons), thresholds, minor)
+
+
+def _above(causes: Sequence[Cause], remainder: float, equations: int, thresholds: Thresholds) -> list[Cause]:
+    """Return the causes without small ones that add less than what nobody explains, in noise standard deviations.
+
+    On a real machine no cause has quite the library's form. What that leaves over can be explained a little by many an
+    effect, and with many rows beyond any doubt, but by none as its cause. What a cause adds is by how much its absence
+    would raise the residual: the square root of twice its log evidence an equation.
+    """
+    adds = [float(np.sqrt(2.0 * max(cause.evidence, 0.0) / equations)) for cause in causes]
+    least = min(remainder, thresholds.minor_share * max(adds, default=0.0))
+    return [cause for cause, added in zip(causes, adds, strict=True) if added >= least]
 
 
 def _reasons(hypothesis: Hypothesis, found: Judgement) -> list[str]:

@@ -24,11 +24,13 @@ class Description:
         where: what is moved, in words: ``seen place and turn``, ``drives`` …
         by: what it depends on, in words.
         columns: shape (m, k), whitened.
+        same_as: effects that are as general as it is and say the same: it is no other explanation in their place.
     """
 
     where: str
     by: str
     columns: FloatArray
+    same_as: frozenset[str] = frozenset()
 
     @property
     def name(self) -> str:
@@ -106,8 +108,11 @@ def challenge(hypothesis: Hypothesis, indices: Sequence[int], descriptions: Iter
     """
     residual, others = hypothesis.problem.residual, hypothesis.without(indices).everything
     own = hypothesis.worth(indices)
+    effects = {hypothesis.items[k].effect for k in indices}
     best = Challenge("", -np.inf)
     for description in descriptions:
+        if effects & description.same_as:
+            continue
         margin = bayes_factor(hypothesis.problem.nuisance.cleared(description.columns), residual, others).evidence - own
         if margin > best.margin:
             best = Challenge(description.name, margin)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +77,41 @@ class Problem:
     explanations: tuple[Explanation, ...]
     constant: float = 0.0
 
+    @functools.cached_property
+    def found(self) -> dict[Hashable, Any]:
+        """What hypotheses worked out once for all that are alike."""
+        return {}
+
+    @functools.cached_property
+    def _beside(self) -> dict[tuple[tuple[str, str], float], Problem]:
+        """Problems beside an explanation, as far as they were asked for."""
+        return {}
+
+    def beside(self, item: Explanation, scale: float) -> Problem:
+        """Return the problem that is left beside an explanation at a scale, in far fewer equations.
+
+        Noise and explanation together are whitened away, so that what is found beside it is found by the same algebra.
+        The determinant of their covariance, which all hypotheses with it share, is in the constant.
+        """
+        key = item.key, scale
+        if key not in self._beside:
+            axes, sizes, _ = np.linalg.svd(scale * item.columns, full_matrices=False)
+            shrunk = 1.0 - 1.0 / np.sqrt(1.0 + sizes**2)
+
+            def whitened(columns: FloatArray) -> FloatArray:
+                return np.asarray(columns - (axes * shrunk) @ (axes.T @ columns))
+
+            constant = self.constant + float(np.log1p(sizes**2).sum())
+            others = (e for e in self.explanations if e.key != item.key)
+            self._beside[key] = Problem(
+                whitened(self.residual),
+                Nuisance(np.zeros((len(self.residual), 0))),
+                tuple(replace(b, columns=whitened(b.columns)) for b in self.backgrounds),
+                tuple(replace(e, columns=whitened(e.columns)) for e in others),
+                constant,
+            ).compressed()
+        return self._beside[key]
+
     @classmethod
     def build(
         cls,
@@ -98,6 +135,11 @@ class Problem:
             tuple(replace(b, columns=nuisance.cleared(b.columns)) for b in backgrounds),
             tuple(replace(e, columns=nuisance.cleared(e.columns)) for e in explanations),
         )
+
+    @functools.cached_property
+    def keys(self) -> frozenset[tuple[str, str]]:
+        """Effects and forms of all explanations."""
+        return frozenset(item.key for item in self.explanations)
 
     @property
     def known(self) -> frozenset[str]:

@@ -16,6 +16,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 BACKGROUND_LEVELS = (0.0, 0.5, 1.0, 2.0)
 """How large usual errors may be against their usual size."""
 _SWEEPS = 3
+_WIDE = 150
 _RANK = 1e-9
 
 
@@ -66,6 +67,28 @@ class Hypothesis:
         return [*usual, *(s * item.columns for s, item in zip(self.scales, self.items, strict=True))]
 
     @functools.cached_property
+    def _wide(self) -> int | None:
+        """The item with so many columns that it is taken out of the problem first; None where none has.
+
+        None, too, where an item is none of the problem's.
+        """
+        wide = next((k for k, item in enumerate(self.items) if item.columns.shape[1] > _WIDE), None)
+        return wide if wide is not None and self.keys <= self.problem.keys else None
+
+    @functools.cached_property
+    def _rest(self) -> Hypothesis:
+        """All but the wide item, on the problem beside it."""
+        wide = self._wide or 0
+        problem = self.problem.beside(self.items[wide], self.scales[wide])
+        known = {item.key: item for item in problem.explanations}
+        rest = self.without((wide,))
+        return replace(rest, problem=problem, items=tuple(known[item.key] for item in rest.items))
+
+    def _there(self, item: Explanation) -> Explanation:
+        """Return another explanation on the problem beside the wide item."""
+        return next(other for other in self._rest.problem.explanations if other.key == item.key)
+
+    @functools.cached_property
     def everything(self) -> Others:
         """The covariance of everything fitted."""
         return Others(self.groups(), len(self.problem.residual))
@@ -82,6 +105,8 @@ class Hypothesis:
 
     @functools.cached_property
     def _log_likelihood(self) -> float:
+        if self._wide is not None:
+            return self._rest._log_likelihood
         return -0.5 * (self.misfit() + self.everything.log_determinant)
 
     @functools.cached_property
@@ -91,6 +116,17 @@ class Hypothesis:
     def item_bayes_factor(self, index: int, instead: Explanation | None = None) -> BayesFactor:
         """Return what an item is worth beside the others, or what another explanation would be in its place."""
         item = instead or self.items[index]
+        others = tuple((i.key, s) for k, (i, s) in enumerate(zip(self.items, self.scales, strict=True)) if k != index)
+        key = item.key, others, self.levels
+        if key not in self.problem.found:
+            self.problem.found[key] = self._item_bayes_factor(index, item)
+        found: BayesFactor = self.problem.found[key]
+        return found
+
+    def _item_bayes_factor(self, index: int, item: Explanation) -> BayesFactor:
+        if self._wide not in (None, index) and item.key in self.problem.keys:
+            place = index - int(index > (self._wide or 0))
+            return self._rest.item_bayes_factor(place, self._there(item))
         if index not in self._beside:
             self._beside[index] = self.without((index,)).everything
         return bayes_factor(item.columns, self.problem.residual, self._beside[index], item.largest)
@@ -101,6 +137,8 @@ class Hypothesis:
 
     def candidate_bayes_factor(self, item: Explanation) -> BayesFactor:
         """Return what one more explanation would be worth."""
+        if self._wide is not None and item.key in self._rest.problem.keys:
+            return self._rest.candidate_bayes_factor(self._there(item))
         return bayes_factor(item.columns, self.problem.residual, self.everything, item.largest)
 
     def best_forms(self, effects: Collection[str]) -> dict[str, tuple[BayesFactor, Explanation]]:

@@ -10,6 +10,7 @@ import scipy.linalg
 from pouring_robot.mechanism.arrays import FloatArray
 
 _RANK = 1e-10
+_TALL = 3
 
 
 def unit(columns: FloatArray) -> FloatArray:
@@ -27,6 +28,9 @@ def basis(columns: FloatArray, least: float = _RANK) -> FloatArray:
     """
     if not columns.shape[1]:
         return columns
+    if len(columns) > _TALL * columns.shape[1]:  # pivoting is slow on many rows; it may as well follow on the triangle
+        axes, triangle = scipy.linalg.qr(columns, mode="economic", check_finite=False)
+        return np.asarray(axes @ basis(triangle, least))
     axes, triangle, _ = scipy.linalg.qr(columns, mode="economic", pivoting=True, check_finite=False)
     return np.asarray(axes[:, np.abs(np.diag(triangle)) > least])
 

@@ -137,16 +137,16 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
 def _effect(diagnosis: Conclusions, effect: NamedEffect) -> Metrics:
     cause = effect.cause
     moved = np.linalg.norm(diagnosis.moved[cause.effect], axis=1) / MM
+    found = diagnosis.parameters_of(effect)
+    together = diagnosis.diagnoser.library.effects[cause.effect].in_words({name: p.value for name, p in found})
     return {
         "effect": cause.effect,
         "alternatives": list(cause.alternatives),
         "probability": cause.probability,
-        "parameters": {
-            name: {"value": p.value, "std": p.std, "unit": p.parameter.unit}
-            for name, p in diagnosis.parameters_of(effect)
-        },
+        "parameters": {name: {"value": p.value, "std": p.std, "unit": p.parameter.unit} for name, p in found},
         "form": cause.form,
         "story": effect.story,
+        **({"in_words": list(together)} if together else {}),
         "log_evidence_nats": cause.evidence,
         "size_in_noise": cause.size,
         "moves_lip_largest_mm": float(np.nanmax(moved)) if np.isfinite(moved).any() else None,

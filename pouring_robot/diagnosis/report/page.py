@@ -88,7 +88,9 @@ def _effect(diagnosis: Conclusions, effect: NamedEffect) -> list[Block]:
     nearest = effect in diagnosis.nearest
     title = f"{cause.effect} (only the nearest; not the cause)" if nearest else cause.effect
     folded = f"{len(rows)} parameters" if nearest or len(rows) > _MOST_OPEN else ""
-    return [Heading(title, 3), Paragraph(words), Table(_PARAMETER_HEAD, rows, folded)]
+    together = diagnosis.diagnoser.library.effects[cause.effect].in_words({name: p.value for name, p in named})
+    said = [Lines(list(together))] if together else []
+    return [Heading(title, 3), Paragraph(words), *said, Table(_PARAMETER_HEAD, rows, folded)]
 
 
 def _measurements(suggested: list[SuggestedMeasurement]) -> Table:

@@ -120,6 +120,10 @@ def effect_lines(diagnosis: Conclusions, effect: NamedEffect) -> list[str]:
         f"left out, it leaves {cause.size:.1f} times the noise",
     ]
     every = diagnosis.parameters_of(effect)
+    known = diagnosis.diagnoser.library.effects[cause.effect]
+    together = known.in_words({name: found.value for name, found in every})
+    if together:
+        return [*lines, *together]
     clear = [(name, p) for name, p in every if p.std > 0.0 and abs(p.value) > _CLEAR * p.std]
     order = sorted(
         clear or every, key=lambda item: (not item[1].parameter.main, -abs(item[1].value) / max(item[1].std, 1e-300))
@@ -303,6 +307,9 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
         lines.append(f"without a command or a measurement: {_file_lines(diagnosis, unusable)}")
     if diagnosis.worse:
         lines.append("the amended model is further from the held-out rows than the given one: do not use it")
+    if diagnosis.judgement.minor:
+        minor = ", ".join(diagnosis.judgement.minor)
+        lines.append(f"fitted beside, but no causes, as they add less than what nothing explains: {minor}")
     stays = [entry.effect for entry in diagnosis.amended.effects if not entry.placed]
     if stays:
         lines.append(
