@@ -293,3 +293,38 @@ def test_shapes_and_names_that_do_not_fit_are_refused(planar):
         engine.transfer(closed, [PlacementParameter("a", "m", "a_j9", (1.0, 0.0, 0.0, 0.0, 0.0, 0.0))])
     with pytest.raises(UnknownJointError, match="a_tip_mount"):
         engine.structure.site("a_tip_mount")
+
+
+def test_loops_may_share_joints_and_hang_on_any_body():
+    """A third chain is pinned to the first crank's end, so two loops share its joint: circles that meet again."""
+    chains = [("a", 0.0, [CRANKS[0], COUPLERS[0]]), ("b", GROUND, [CRANKS[1], COUPLERS[1]]), ("c", -0.5, [0.5, 0.45])]
+    loops = LoopsFile(
+        base_frame="ground",
+        end_frame="c_l2",
+        drives=("a_j1", "b_j1"),
+        loops=(
+            {"name": "tips", "frame_a": "a_tip", "frame_b": "b_tip", "type": "3d"},
+            {"name": "pin", "frame_a": "c_tip", "frame_b": "a_l2", "type": "3d"},
+        ),
+    )
+    engine = engine_for(ClosedChainMechanism(planar_urdf("three", chains), loops))
+    home = np.array([-2.0, -1.2])
+
+    def elbow(drives):
+        return circle_meeting((-0.5, 0.0), 0.5, knees(drives)[0], 0.45, side=+1)
+
+    x, z = elbow(home)
+    foot = np.arctan2(-z, x + 0.5)
+    along = knees(home)[0] - (x, z)
+    values = joints_at(home, tip_of(home)) | {"c_j1": foot, "c_j2": np.arctan2(-along[1], along[0]) - foot}
+    drives = home + np.random.default_rng(9).uniform(-0.2, 0.2, (10, 2))
+    closed = engine.close(drives, HomotopyStarts(engine, values).starts(drives)).require_all()
+    np.testing.assert_allclose(closed.position[:, [0, 2]], [elbow(d) for d in drives], rtol=0, atol=1e-12)
+    assert {"a_j1", "c_j2", "b_j1"} <= set(engine.structure.site_joints)
+    matrix = engine.transfer(closed, drive_parameters(engine.structure.mechanism)).matrix
+    steps = 1e-4 * np.array([1.0, 0.0])
+    for k, at in enumerate(drives):
+        near, far = (elbow(at + n * steps) - elbow(at - n * steps) for n in (1, 2))
+        slope = (8.0 * near - far) / 12e-4
+        np.testing.assert_allclose(matrix[k][[0, 2], 0], slope, rtol=0, atol=1e-9 * np.abs(slope).max())
+        np.testing.assert_allclose(matrix[k][:, 1], 0.0, rtol=0, atol=1e-12)  # the other crank does not reach it
