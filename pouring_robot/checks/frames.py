@@ -32,7 +32,7 @@ _HOPELESS_M, _HOPELESS_RAD = 0.02, 0.05
 _HOPELESS_SHARE = 0.02
 """Of the spread of the measured positions: large robots may be off by more."""
 _SUSPECT_SIGMAS = 20.0
-_GAIN = 0.2
+_GAIN, _EQUAL = 0.2, 1.5
 _TRIED_ROWS = 100  # enough to tell which mistake it is; all rows say whether
 _DEFAULT_METRES_PER_RAD = 1.0
 _MOST_BEYOND, _SOME_BEYOND = 0.5, 0.05  # share of values beyond the limits
@@ -137,20 +137,18 @@ class FrameChecks:
             if mistake is None or undone is None:
                 break
             after = undone.fit(1.0, rotations=False)
-            if after.position_scale_m > _GAIN * fit.position_scale_m:
+            if after.position_scale_m / undone.size_m > _GAIN * fit.position_scale_m / self.data.size_m:
                 break
             metrics = {"misfit_before_mm": fit.position_scale_m * 1e3, "misfit_after_mm": after.position_scale_m * 1e3}
             self._found(mistake.code, mistake.message, mistake.names, metrics)
             self.data, fit = undone, after
-        seen = self.data.position_m
-        spread = float(np.nanmedian(np.linalg.norm(seen - np.nanmedian(seen, axis=0), axis=1)))
-        if fit.position_scale_m > max(_HOPELESS_M, _HOPELESS_SHARE * spread):
+        if fit.position_scale_m > max(_HOPELESS_M, _HOPELESS_SHARE * self.data.spread_m):
             self._no_agreement(columns.POSITION, fit.position_scale_m * 1e3, "mm")
             return
         self.fit = self.data.fit(metres_per_rad(self.campaign))
 
     def _likeliest(self) -> Mistake | None:
-        """Return the mistake that leaves the least misfit when undone, by some of the rows."""
+        """Return the mistake that leaves the least misfit when undone, by some of the rows; it tells its equals."""
         complete = np.flatnonzero(self.data.poses.complete & np.isfinite(self.data.position_m).all(axis=1))
         some = self.data[complete[np.linspace(0, complete.size - 1, min(complete.size, _TRIED_ROWS)).astype(int)]]
         left: list[tuple[float, Mistake]] = []
@@ -158,8 +156,13 @@ class FrameChecks:
             undone = mistake.undo(some)
             if undone is not None:
                 with contextlib.suppress(FrameFitError):
-                    left.append((undone.fit(1.0, rotations=False).position_scale_m, mistake))
-        return min(left, key=lambda one: one[0])[1] if left else None
+                    left.append((undone.fit(1.0, rotations=False).position_scale_m / undone.size_m, mistake))
+        if not left:
+            return None
+        left.sort(key=lambda one: one[0])
+        (least, best), others = left[0], left[1:]
+        equals = [f"; as well possible: {mistake.message}" for misfit, mistake in others if misfit < _EQUAL * least]
+        return dataclasses.replace(best, message=best.message + "".join(equals))
 
     # --- rotations ---
 

@@ -28,6 +28,7 @@ ANGLE_MISTAKES = (
 )
 DRIVE_MISTAKES = {"length": LENGTH_MISTAKES, "angle": ANGLE_MISTAKES}
 _TELLING_SPREAD = 1e-2  # below it the affine map says little
+_UNITS_APART = 1e-3  # spreads less alike than two units of length: the target alone moved
 _REACHED = 0.8  # share of the rows that must have a pose with drives put right
 _MOST_ORDERED = 3  # drives of a kind of which all orders are tried; of more, any two are exchanged
 
@@ -55,6 +56,19 @@ class Comparison:
         vectors = None if self.rotation_vector_rad is None else self.rotation_vector_rad[rows]
         return Comparison(self.drives[rows], self.poses[rows], self.position_m[rows], vectors, self.inverted)
 
+    @property
+    def spread_m(self) -> float:
+        """Median distance of the measured positions from their middle, in m."""
+        return _spread(self.position_m) or math.inf
+
+    @property
+    def size_m(self) -> float:
+        """What misfits of positions are counted in, in m: the lesser spread, measured or commanded.
+
+        Positions a thousand times smaller miss by a thousand times less; that alone is no better.
+        """
+        return min(self.spread_m, max(_spread(self.poses.position_m), _UNITS_APART * self.spread_m))
+
     def fit(self, metres_per_rad: float, *, rotations: bool = True) -> FrameFit:
         """Fit the two frames; see :func:`fit_frames`."""
         vectors = self.rotation_vector_rad if rotations else None
@@ -68,6 +82,10 @@ class Comparison:
         if poses.complete.sum() < max(FEWEST_ROWS, _REACHED * len(drives)):
             return None
         return dataclasses.replace(self, drives=drives, poses=poses.inverse() if self.inverted else poses)
+
+
+def _spread(positions_m: FloatArray) -> float:
+    return float(np.nanmedian(np.linalg.norm(positions_m - np.nanmedian(positions_m, axis=0), axis=1)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,6 +33,7 @@ _HUBER = 1.5
 _TURNS = 0.1  # rad for a shift by the spread: what turns less shifts
 _STEPS, _TRIAL_STEPS = 60, 8
 _CONVERGED = 1e-8
+_WORSE, _HALVINGS = 1.1, 12  # near the answer the weights, not the steps, make the misfit grow a little
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +217,10 @@ class _Fit:
 
     def absolute_misfit(self, frames: OuterFrames) -> float:
         """Return the sum of the rows' distances, in m, an angle by the length that weighs as much."""
-        position, turn = (np.nansum(np.linalg.norm(part, axis=1)) for part in self.residual(frames))
+        return self._size(self.residual(frames))
+
+    def _size(self, residual: tuple[FloatArray, FloatArray]) -> float:
+        position, turn = (np.nansum(np.linalg.norm(part, axis=1)) for part in residual)
         return float(position + self.arm * turn)
 
     def untold(self, frames: OuterFrames, misfit_m: float = 0.0, misfit_rad: float = 0.0) -> _Untold:
@@ -237,23 +241,29 @@ class _Fit:
         return _Untold(axes, _clean(right[~told].T), tool, answer)
 
     def refined(self, frames: OuterFrames, untold: _Untold, steps: int = _STEPS) -> OuterFrames:
-        """Run Gauss-Newton with Huber weights, a row's position and rotation judged apart."""
+        """Run Gauss-Newton with Huber weights, a row's position and rotation judged apart; long steps are halved."""
+        free, residual = untold.free, self.residual(frames)
         for _ in range(steps):
             axes = _Axes.of(frames, self.poses)
-            step = untold.free @ self._step(frames, axes.columns @ untold.free)
-            frames = axes.moved(frames, step)
+            step = free @ self._step(frames, residual, axes.columns @ free)
+            for _ in range(_HALVINGS):
+                moved = axes.moved(frames, step)
+                left = self.residual(moved)
+                if self._size(left) <= _WORSE * self._size(residual):
+                    break
+                step *= 0.5
+            frames, residual = moved, left
             if np.abs(step).max() < _CONVERGED:
                 break
         return frames
 
-    def _step(self, frames: OuterFrames, columns: FloatArray) -> FloatArray:
-        position, turn = self.residual(frames)
-        residual = np.column_stack([position, self.arm * turn])
+    def _step(self, frames: OuterFrames, parts: tuple[FloatArray, FloatArray], columns: FloatArray) -> FloatArray:
+        residual = np.column_stack([parts[0], self.arm * parts[1]])
         jacobian = frames.jacobian(self.poses) @ columns
         jacobian[:, 3:] *= self.arm
         scale = max(robust_sigma(residual), 1e-12)
-        parts = [_weighted(jacobian[:, part], residual[:, part], scale) for part in (slice(0, 3), slice(3, 6))]
-        compact = np.asarray(np.linalg.qr(np.concatenate(parts), mode="r"))
+        rows = [_weighted(jacobian[:, part], residual[:, part], scale) for part in (slice(0, 3), slice(3, 6))]
+        compact = np.asarray(np.linalg.qr(np.concatenate(rows), mode="r"))
         step: FloatArray = np.linalg.lstsq(compact[:, :FRAMES], compact[:, FRAMES], rcond=1e-9)[0]
         return step
 

@@ -29,10 +29,11 @@ _SETS = 32  # of six rows; were a quarter of them wrong, all sets would hold a w
 _SEED = 20260722
 _STEPS = 20
 _LONGEST_TURN = 0.7  # rad: beyond it a quadratic says little of rotations
-_APART = 0.1  # rad: nearer starts are the same
+_APART = 0.15  # of matrices, 0.1 rad: nearer starts are the same
 _MOST_STARTS = 3
+_TURNS = 1e-6
+"""Root mean square of what varies of rotation matrices: below it no instrument sees them turn."""
 _ROUND_OFF = 1e-9
-"""Relative: a squared sum of rotations that is less does not vary."""
 
 
 def frame_starts(poses: PoseStack, measured: PoseStack, metres_per_rad: float) -> list[tuple[pin.SE3, pin.SE3]]:
@@ -53,10 +54,12 @@ def frame_starts(poses: PoseStack, measured: PoseStack, metres_per_rad: float) -
     starts: list[tuple[pin.SE3, pin.SE3]] = []
     for k in np.argsort(misfit):
         outer = rotations[k].T
-        if all(_angle(other.rotation.T @ outer) > _APART for other, _ in starts):
+        if all(np.linalg.norm(other.rotation - outer) > _APART for other, _ in starts):
             place = outer @ (constants[k] - centre) + middle
             starts.append((pin.SE3(outer, place), pin.SE3(inner_rotation[k], inner[k])))
-    return starts[:_MOST_STARTS]
+        if len(starts) == _MOST_STARTS:
+            break
+    return starts
 
 
 def affine_map(poses: PoseStack, position_m: FloatArray, rows: NDArray[np.bool_]) -> tuple[FloatArray, float]:
@@ -79,7 +82,7 @@ def affine_map(poses: PoseStack, position_m: FloatArray, rows: NDArray[np.bool_]
 def _varying(terms: FloatArray) -> FloatArray:
     """Return orthonormal columns that span centred columns (n, k), as far as they vary."""
     left, singular, _ = np.linalg.svd(terms, full_matrices=False)
-    return np.asarray(left[:, singular > _ROUND_OFF * np.sqrt(len(terms))])
+    return np.asarray(left[:, singular > _TURNS * np.sqrt(len(terms))])
 
 
 def _robust_linear(design: FloatArray, target: FloatArray) -> FloatArray:
@@ -102,10 +105,6 @@ def _row_sets(count: int) -> FloatArray:
     random = np.random.default_rng(_SEED)
     drawn = random.random((_SETS, count)).argsort(axis=1).argsort(axis=1) < FEWEST_ROWS
     return np.vstack([np.ones(count), drawn])
-
-
-def _angle(rotation: FloatArray) -> float:
-    return float(Rotation.from_matrix(rotation).magnitude())
 
 
 class _Form:
@@ -139,7 +138,10 @@ class _Form:
         squares = np.einsum("nij,nil->njl", self.rows, self.rows).reshape(n, -1)
         gram = (sets @ squares).reshape(-1, 13, 13)
         gram -= weight[:, None, None] * np.swapaxes(self.mean, 1, 2) @ self.mean  # with c at its best
-        inverse = np.linalg.pinv(gram[:, 9:12, 9:12], rcond=_ROUND_OFF, hermitian=True)
+        size, frame = np.linalg.eigh(gram[:, 9:12, 9:12])
+        # t_2 is told by what varies of the rotations, whose entries are of size one.
+        varies = size > _TURNS**2 * weight[:, None]
+        inverse = (frame * (varies / np.where(varies, size, 1.0))[:, None]) @ np.swapaxes(frame, 1, 2)
         kept = [*range(9), 12]
         self.to_inner = -inverse @ gram[:, 9:12, kept]
         reduced = gram[:, kept][:, :, kept] + gram[:, kept, 9:12] @ self.to_inner
