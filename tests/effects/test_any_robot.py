@@ -79,3 +79,15 @@ def test_columns_are_derivatives_of_the_exact_closure(rows, rng):
             expected = parameter.prior_std * difference(rows, rows.frames, parameter)
             size = max(1.0, np.abs(expected).max())
             assert np.abs(found - expected).max() <= 1e-5 * size, (effect.id, parameter.name)
+
+
+def test_orders_of_a_joint_are_said_together():
+    """A closed form: amplitudes 3 and 4 at order 2 make 5, and 5 / √2 rms."""
+    robot = RobotModel.for_robot(ROOT / "examples" / "robots" / "arm" / "robot.yaml").definition
+    effect = all_effects(robot)["joint_periodic"]
+    first = robot.drives[0].symbol
+    said = effect.in_words({f"{first}_sine_2": 3.0, f"{first}_cosine_2": -4.0})
+    assert len(said) == len(robot.drives)
+    assert "3.536 mrad rms" in said[0]
+    assert said[0].endswith("2 (5.000)")
+    assert all("0.000 mrad rms" in line for line in said[1:])

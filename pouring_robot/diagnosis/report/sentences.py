@@ -307,6 +307,8 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
         lines.append(f"without a command or a measurement: {_file_lines(diagnosis, unusable)}")
     if diagnosis.worse:
         lines.append("the amended model is further from the held-out rows than the given one: do not use it")
+    if diagnosis.model.robot is not None:
+        lines.append("no ladles.html: measured ladles are drawn of the pouring robot only")
     if diagnosis.judgement.minor:
         minor = ", ".join(diagnosis.judgement.minor)
         lines.append(f"fitted beside, but no causes, as they add less than what nothing explains: {minor}")
