@@ -55,6 +55,7 @@ def campaign_metrics(campaign: Campaign, found: Examination) -> dict[str, Any]:
         "outlier_rows": outlier_rows(found.flags).tolist(),
         "flags": [flag.to_json(campaign) for flag in found.flags],
         "misfit": None,
+        "untold_of_the_frames": [] if fit is None else list(fit.untold),
     }
     if fit is not None:
         rotation = fit.rotation_scale_rad

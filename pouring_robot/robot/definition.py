@@ -222,15 +222,15 @@ class RobotDefinition:
     def workspace(self, drawing: Drawing) -> tuple[FloatArray, BatchStart]:
         """Return drive values spread over the workspace, (n, drives), in m and rad, and the drawing's closed poses.
 
-        Evenly between the drives' limits; what does not close there is left out.
+        Evenly between the drives' limits; what does not close there, or with joints beyond limits, is left out.
         """
         limits = drawing.mechanism.joint_limits()
         lower, upper = np.transpose([limits.get(drive.joint, (-math.pi, math.pi)) for drive in self.drives])
         shares = qmc.Halton(len(self.drives), scramble=False).random(_WORKSPACE_SAMPLES + 1)[1:]
         drives = lower + (upper - lower) * shares
         start = drawing.starts(drives)
-        closed = np.flatnonzero(np.isfinite(start.position).all(axis=1))
-        return drives[closed], start[closed]
+        kept = np.flatnonzero(np.isfinite(start.position).all(axis=1) & drawing.in_reach(start))
+        return drives[kept], start[kept]
 
     def dh_table(self, nominal: ClosedChainMechanism) -> DHTable | None:
         """Return the DH table of the drawing; None for a robot that has none."""

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pouring_robot.batch import BatchStart, HomotopyStarts, StarStructure, engine_for
 from pouring_robot.exceptions import NoSolutionError
@@ -21,6 +22,9 @@ class Drawing(Protocol):
 
     def starts(self, drives: FloatArray, /) -> BatchStart:
         """Return the closed poses of drive values (n, drives), in m and rad; NaN where no pose has them."""
+
+    def in_reach(self, start: BatchStart, /) -> NDArray[np.bool_]:
+        """Return where all joints of closed poses are within their limits, (n,)."""
 
     def configuration_at(self, drives: FloatArray, /) -> FloatArray:
         """Return Pinocchio's configuration of one closed pose, (nq,), for drive values (drives,), in m and rad.
@@ -53,6 +57,20 @@ class HomeDrawing:
             ClosureError: the robot does not close at its home.
         """
         return self._followed.starts(drives)
+
+    def in_reach(self, start: BatchStart) -> NDArray[np.bool_]:
+        """Return where all joints of closed poses are within their limits, (n,)."""
+        structure, model = self._followed.engine.structure, self.mechanism.shared_model
+        if not isinstance(structure, StarStructure):
+            lower, upper = model.lowerPositionLimit, model.upperPositionLimit
+            return np.asarray(((start.joints >= lower) & (start.joints <= upper)).all(axis=1))
+        limits = self.mechanism.joint_limits()
+        within = np.ones(len(start), dtype=bool)
+        for chain, names in enumerate(structure.joint_names):
+            for k, name in enumerate(names):
+                low, high = limits.get(name, (-np.inf, np.inf))
+                within &= (start.joints[:, chain, k] >= low) & (start.joints[:, chain, k] <= high)
+        return within
 
     def configuration_at(self, drives: FloatArray, /) -> FloatArray:
         """Return Pinocchio's configuration of one closed pose, (nq,), for drive values (drives,), in m and rad.

@@ -69,6 +69,8 @@ def _print_summary(console: Console, figures: dict[str, Any]) -> None:
     misfit = figures["misfit"]
     if misfit is not None:
         console.print(_misfit_line(misfit), markup=False)
+    for line in _untold_lines(figures["untold_of_the_frames"]):
+        console.print(line, markup=False)
     if not figures["flags"]:
         console.print("checks: nothing found")
     for flag in figures["flags"]:
@@ -86,6 +88,12 @@ def _print_ranges(console: Console, ranges: dict[str, Any]) -> None:
         ends = ("–" if values[end] is None else f"{values[end]:.{digits}f}" for end in ("least", "largest"))
         rows.append((name, values["unit"].replace("degC", "°C"), *ends, str(values["missing"] or "")))
     console.print(plain_table(("column", "unit", "least", "largest", "missing"), rows, (0, 1)))
+
+
+def _untold_lines(untold: list[dict[str, float]]) -> list[str]:
+    """Return what the data do not tell of the frames, one line each: it is held at zero and costs nothing."""
+    spoken = [" ".join(f"{share:+.3g} {name}" for name, share in direction.items()) for direction in untold]
+    return [f"the poses do not tell of the frames: {text.removeprefix('+')}" for text in spoken]
 
 
 def _misfit_line(misfit: dict[str, Any]) -> str:

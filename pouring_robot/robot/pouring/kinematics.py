@@ -156,6 +156,10 @@ class FourUPUKinematics:
         lower, upper = np.moveaxis(np.array([[self._limits[name] for name in chain] for chain in CHAIN_JOINTS]), -1, 0)
         return np.asarray(((joints >= lower) & (joints <= upper)).all(axis=(1, 2)))
 
+    def in_reach(self, start: BatchStart, /) -> NDArray[np.bool_]:
+        """Return where all joints of closed poses are within their limits, (n,)."""
+        return self.within_limits(start.joints)
+
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the 20 chain joints, chain by chain from base to tip."""
