@@ -15,6 +15,7 @@ from pouring_robot.calibration.metrics import Misfit
 from pouring_robot.mechanism.arrays import FloatArray
 
 _STANDARD_ERRORS = 2.0
+_NEGLIGIBLE = 0.01  # of the noise's variance: half a per cent of the noise, which nobody sees
 
 
 @dataclass(frozen=True)
@@ -49,16 +50,31 @@ def mean_and_error(values: FloatArray) -> tuple[float, float]:
     return (float(known.mean()), float(known.std() / np.sqrt(known.size))) if known.size else (0.0, 0.0)
 
 
+def harmless(before: FloatArray, after: FloatArray, standard_errors: float) -> bool:
+    """Return whether neither positions nor rotations come out worse.
+
+    Either may by so many standard errors of the difference row by row, as less is chance, or by a hundredth of the
+    noise's variance, as less is nothing: what hardly moves the rotations at all may move those of every row the same
+    way, so that the standard error of next to nothing is smaller still.
+
+    Args:
+        before: scores of rows without a calibration, shape (n, 2); see :func:`row_scores`.
+        after: the same with it.
+        standard_errors: how many are chance.
+    """
+    harm = [mean_and_error(column) for column in (after - before).T]
+    return all(mean <= max(standard_errors * error, _NEGLIGIBLE) for mean, error in harm)
+
+
 def acceptable(before: FloatArray, after: FloatArray) -> bool:
     """Return whether held-out rows bear a calibration.
 
     They do unless positions and rotations together come out worse, or one of both does by more than two standard
-    errors of the difference row by row: less is chance. Any loss at all is no measure: where a calibration does nothing
-    to rotations, their error rises by a fraction of a per cent every other time.
+    errors; see :func:`harmless`.
 
     Args:
         before: scores of the held-out rows without the calibration, shape (n, 2); see :func:`row_scores`.
         after: the same with it.
     """
-    harm = [mean_and_error(column) for column in (after - before).T]
-    return sum(mean for mean, _ in harm) <= 0.0 and all(mean <= _STANDARD_ERRORS * error for mean, error in harm)
+    together = sum(mean_and_error(column)[0] for column in (after - before).T)
+    return together <= 0.0 and harmless(before, after, _STANDARD_ERRORS)

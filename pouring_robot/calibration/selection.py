@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pouring_robot.calibration.acceptance import mean_and_error, row_scores
+from pouring_robot.calibration.acceptance import harmless, mean_and_error, row_scores
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses
@@ -115,8 +115,8 @@ def select_groups(
     """Choose groups by forward selection on the training blocks; the test block is not looked at.
 
     A group is kept when the rows held out in turn come out better by more than two standard errors of that gain, and
-    neither their positions nor their rotations get worse by more than one standard error; of several, the one that
-    gains most. The round is repeated until none helps. What misleads all the same is refused at the end
+    neither their positions nor their rotations get worse by more than one standard error and visibly; of several, the
+    one that gains most. The round is repeated until none helps. What misleads all the same is refused at the end
     (:mod:`pouring_robot.calibration.acceptance`).
 
     Args:
@@ -155,8 +155,7 @@ def select_groups(
 def _judge(present: FloatArray, trial: FloatArray) -> tuple[float, float, bool]:
     """Return gain, its standard error and whether the group helps; scores have the shape (rows, 2)."""
     gain, error = mean_and_error(np.nanmean(np.log1p(present) - np.log1p(trial), axis=1))
-    harm = [mean_and_error(column) for column in (trial - present).T]
-    return gain, error, gain > _STANDARD_ERRORS * error > 0.0 and all(mean <= spread for mean, spread in harm)
+    return gain, error, gain > _STANDARD_ERRORS * error > 0.0 and harmless(present, trial, 1.0)
 
 
 def _rms(scores: FloatArray) -> float:

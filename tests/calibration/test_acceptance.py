@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pouring_robot.calibration.acceptance import acceptable, mean_and_error, row_scores
+from pouring_robot.calibration.acceptance import acceptable, harmless, mean_and_error, row_scores
 
 SIGMA = np.array([2.0, 2.0, 2.0, 0.5, 0.5, 0.5])
 
@@ -49,3 +49,12 @@ def test_positions_alone():
     before = scores(np.full(20, 9.0), np.full(20, np.nan))
     assert acceptable(before, before - 3.0)
     assert not acceptable(before, before + 3.0)
+
+
+def test_next_to_nothing_is_no_harm_however_even_it_is():
+    # A delta's zeros hardly move its rotations: every row alike, by 1e-4 of the noise's variance.
+    before = scores(np.full(40, 9.0), np.full(40, 1.0))
+    even = np.column_stack([np.full(40, -8.0), np.full(40, 1e-4)])
+    assert harmless(before, before + even, 1.0)
+    assert acceptable(before, before + even)
+    assert not harmless(before, before + 1e3 * even, 1.0)
