@@ -152,7 +152,9 @@ class ClosedChainMechanism:
         try:
             model = pin.buildModelFromXML(self._tree_urdf)
         except (ValueError, RuntimeError) as problem:
-            raise DescriptionError("URDF", f"Pinocchio cannot build it: {problem}") from problem
+            raise DescriptionError(
+                "URDF", f"Pinocchio cannot build it, for what its parser says above: {problem}"
+            ) from problem
         spherical = {name for name, kind in kinds.items() if kind == "spherical"}
         if spherical:
             model = make_spherical(model, spherical)
@@ -173,7 +175,11 @@ class ClosedChainMechanism:
         if not self._model.existFrame(name):
             known = [frame.name for frame in self._model.frames]
             raise DescriptionError(self._source, problem + closest(name, known))
-        return int(self._model.getFrameId(name))
+        return self._frame_named(name)
+
+    def _frame_named(self, name: str) -> int:
+        bodies = self._model.existFrame(name, pin.FrameType.BODY)  # a joint may be called as a link is; the link counts
+        return int(self._model.getFrameId(name, pin.FrameType.BODY) if bodies else self._model.getFrameId(name))
 
     def _joint_id(self, name: str) -> int:
         if not self._model.existJointName(name):
@@ -309,7 +315,7 @@ class ClosedChainMechanism:
         """
         if not self._model.existFrame(name):
             raise UnknownFrameError(name, (frame.name for frame in self._model.frames))
-        return int(self._model.getFrameId(name))
+        return self._frame_named(name)
 
     @property
     def T_end_tool(self) -> pin.SE3:  # noqa: N802 - frames as everywhere

@@ -11,11 +11,15 @@ from pathlib import Path
 from lxml import etree
 
 from pouring_robot.exceptions import DescriptionError
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.robot.robot_file import FORMAT
 from pouring_robot.robot.urdf import read_text
 
 _DRIVABLE = ("revolute", "continuous", "prismatic")
 _TOOLS = ("tool0", "tcp", "tool", "flange", "ee", "end_effector")  # usual names of the last frame, the likeliest first
+
+_WORDS = r"true|false|yes|no|on|off|null|y|n|[.](\d.*|inf|nan)"  # that YAML takes for something else than text
 
 
 class _Tree:
@@ -66,7 +70,7 @@ def first_robot_file(urdf: Path, beside: Path) -> str:
         beside: the folder in which the robot file is to stand; paths in it are relative to that.
 
     Raises:
-        DescriptionError: the URDF cannot be read, or nothing moves in it.
+        DescriptionError: the URDF cannot be read, Pinocchio cannot build it, or nothing moves in it.
     """
     tree = _Tree(urdf)
     ends = tree.ends()
@@ -85,11 +89,27 @@ def first_robot_file(urdf: Path, beside: Path) -> str:
         "base": _link(tree.joints[path[0]], "parent"),
         "end": end,
     }
-    return _text(names, drives, list(dict.fromkeys(aside)), others)
+    locked = tuple(dict.fromkeys(aside))
+    loops = LoopsFile(
+        mechanism=names["name"],
+        base_frame=names["base"],
+        end_frame=end,
+        loops=(),
+        drives=tuple(drives),
+        locked_joints=locked,
+    )
+    ClosedChainMechanism(read_text(urdf), loops, urdf)  # whether Pinocchio takes it shows before a file is written
+    return _text(names, drives, locked, others)
+
+
+def _quoted(name: str) -> str:
+    """Return a name or path as YAML reads it back: in quotes where it might be more than a text."""
+    plain = re.fullmatch(r"[A-Za-z_./][\w./-]*", name) and not re.fullmatch(_WORDS, name, re.IGNORECASE)
+    return name if plain else json.dumps(name)
 
 
 def _text(names: Mapping[str, str], drives: Sequence[str], aside: Sequence[str], others: Sequence[str]) -> str:
-    quoted = {key: json.dumps(value) if re.search(r"[^\w./-]", value) else value for key, value in names.items()}
+    quoted = {key: _quoted(value) for key, value in names.items()}
     lines = [
         "# A first robot file, read from the URDF. What a URDF cannot say is to be filled in or struck out.",
         f"format: {FORMAT}",
@@ -113,12 +133,12 @@ def _text(names: Mapping[str, str], drives: Sequence[str], aside: Sequence[str],
             "# in a tree they stay locked.",
         ]
     lines += [
-        f"locked_joints: [{', '.join(aside)}]",
+        f"locked_joints: [{', '.join(map(_quoted, aside))}]",
         "# What the controller commands, in its order. column: what a campaign calls it, without unit (by default the",
         "# joint's name). ratio: joint per command (a gear); mm_per_turn: a slide whose motor's angle is commanded.",
         "# In a closed robot leave only the driven joints.",
         "drives:",
-        *(f"  - {{joint: {name}}}" for name in drives),
+        *(f"  - {{joint: {_quoted(name)}}}" for name in drives),
         "# Drives that share a cause of error; by default all that turn and all that slide.",
         "#   groups: {legs: [leg1, leg2]}",
         f"payload_frame: {quoted['end']}",

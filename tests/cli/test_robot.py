@@ -109,3 +109,23 @@ def test_effects_are_those_of_the_robot(run):
     assert code == 0
     assert "joint_periodic" in out
     assert "truss_deflection" not in out
+
+
+@pytest.mark.parametrize("name", ["turn: left #2", "007", "No", "null", "a/b, c", 'say "x"', "[1]", "1e3"])
+def test_names_that_yaml_takes_for_something_else_stay_names(run, tmp_path, name):
+    path = tmp_path / "r.urdf"
+    quoted = name.replace('"', "&quot;")
+    path.write_text(ARM.replace('"shoulder"', f'"{quoted}"').replace('"tip"', f'"{quoted}"'), encoding="utf-8")
+    code, _, err = run("robot", "init", path)
+    assert (code, err) == (0, "")
+    file = RobotFile.load(tmp_path / "robot.yaml")
+    assert (file.drives[0].joint, file.end_frame, file.payload_frame) == (name, name, name)
+
+
+def test_what_pinocchio_cannot_build_leaves_no_file(run, tmp_path):
+    path = tmp_path / "r.urdf"
+    path.write_text(ARM.replace('parent link="slide"', 'parent link="gone"'), encoding="utf-8")
+    code, _, err = run("robot", "init", path)
+    assert code == 2
+    assert "Pinocchio cannot build it" in err.splitlines()[-1]
+    assert not (tmp_path / "robot.yaml").exists()
