@@ -159,6 +159,9 @@ class ClosedChainMechanism:
         if spherical:
             model = make_spherical(model, spherical)
         model.gravity.linear = np.array([0.0, 0.0, -GRAVITY_M_S2])
+        unsaid = model.lowerPositionLimit >= model.upperPositionLimit  # 0 and 0 is what a URDF has that leaves them out
+        model.lowerPositionLimit = np.where(unsaid, -np.inf, model.lowerPositionLimit)
+        model.upperPositionLimit = np.where(unsaid, np.inf, model.upperPositionLimit)
         return model
 
     def _check_mimics(self) -> None:
@@ -411,5 +414,6 @@ class ClosedChainMechanism:
                     self._model.lowerPositionLimit[joint.idx_q],
                     self._model.upperPositionLimit[joint.idx_q],
                 )
-                limits[name] = (float(lower), float(upper))
+                if np.isfinite([lower, upper]).all():
+                    limits[name] = (float(lower), float(upper))
         return limits

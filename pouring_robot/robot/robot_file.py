@@ -13,6 +13,7 @@ from pouring_robot.mechanism.joint_types import JointKind
 from pouring_robot.mechanism.loops import LoopSpec, LoopStiffness
 
 FORMAT = "pouring_robot/robot/1"
+_TAKEN = {"sample", "session", "time", "payload", "ambient", "x", "y", "z", "rx", "ry", "rz"}
 
 
 class DriveEntry(StrictModel):
@@ -93,6 +94,13 @@ class RobotFile(StrictModel):
                 if member not in joints:
                     raise ValueError(f"group '{group}' names '{member}', which is no drive{closest(member, joints)}")
         columns = [entry.column or entry.joint for entry in self.drives]
+        if len(joints) < len(self.drives):
+            raise ValueError("two drives move the same joint")
+        if taken := _TAKEN.intersection(columns):
+            raise ValueError(f"a drive's column cannot be '{min(taken)}', which campaigns have for something else")
+        both = joints.intersection((*self.locked_joints, *self.travel))
+        if both:
+            raise ValueError(f"'{min(both)}' is a drive; strike it from locked_joints and travel")
         twice = {column for column in columns if columns.count(column) > 1}
         if twice:
             raise ValueError(f"two drives have the column '{min(twice)}'")

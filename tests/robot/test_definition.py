@@ -173,3 +173,26 @@ def test_ball_joints_stay_in_the_robot_file(arm):
     definition = RobotDefinition.load(arm)
     assert len(definition.mechanism().joint_columns["mount"]) == 3
     assert b"mount: spherical" in definition.files_beside()["robot.yaml"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("joint: reach, mm_per_turn: 10.0", "joint: shoulder", "the same joint"),
+        ("column: turn", "column: rx", "cannot be 'rx'"),
+        ("drives:", "locked_joints: [reach]\ndrives:", "'reach' is a drive"),
+        ("drives:", "travel: [reach]\ndrives:", "'reach' is a drive"),
+    ],
+)
+def test_drives_that_cannot_be_are_refused(arm, old, new, says):
+    arm.write_text(FILE.replace(old, new), encoding="utf-8")
+    with pytest.raises(DescriptionError, match=says):
+        RobotDefinition.load(arm)
+
+
+def test_limits_of_a_urdf_that_leaves_them_out_bind_nothing(arm):
+    arm.with_name("arm.urdf").write_text(ARM.replace('lower="0" upper="1" ', ""), encoding="utf-8")
+    definition = RobotDefinition.load(arm)
+    assert "reach" not in definition.mechanism().joint_limits()
+    drives, _ = definition.workspace(definition.drawing())
+    assert np.ptp(drives, axis=0).min() > 1.0
