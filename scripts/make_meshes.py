@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.io.files import write_whole
+from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.pouring.layout import LadleDimensions, load_layout
-from pouring_robot.robot.urdf import description_folder
 
 SEGMENTS = 72
 """Facets around the ladle; the lip needs about ten of them."""

@@ -8,10 +8,11 @@ import pinocchio as pin
 
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.loops import LoopsFile
+from pouring_robot.mechanism.poses import PlacementError
+from pouring_robot.robot.description.urdf import perturb_urdf
 from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.pouring.description import render_urdf
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.urdf import PlacementError, perturb_urdf
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT / "tests" / "data"

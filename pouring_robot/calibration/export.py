@@ -10,8 +10,8 @@ from pouring_robot.calibration.report import headline, html_report
 from pouring_robot.calibration.summary import calibration_metrics, notes_of, warnings_of
 from pouring_robot.exceptions import DescriptionError, OutputError
 from pouring_robot.io.files import check_folder, write_together
+from pouring_robot.robot.description.urdf import urdf_files
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.urdf import urdf_files
 
 MODEL, FIGURES, REPORT = "calibrated.yaml", "calibration.json", "report.html"
 

@@ -7,7 +7,7 @@ temperatures in °C, as the names of the fields say.
 from __future__ import annotations
 
 from pouring_robot.io.quantities import Quantity, QuantityTable
-from pouring_robot.robot.definition import RobotDefinition
+from pouring_robot.robot.description.definition import RobotDefinition
 
 POSITION = ("x", "y", "z")
 ROTATION = ("rx", "ry", "rz")

@@ -21,7 +21,7 @@ from pouring_robot.io.files import check_outputs, write_together
 from pouring_robot.io.quantities import Quantity, read_quantities
 from pouring_robot.mechanism.arrays import FloatArray, read_only
 from pouring_robot.report.result import Result
-from pouring_robot.robot.definition import RobotDefinition
+from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.pouring.definition import PouringDefinition
 
 if TYPE_CHECKING:

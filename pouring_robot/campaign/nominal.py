@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.rotations import rotation_vectors
-from pouring_robot.robot.drawing import Drawing
+from pouring_robot.robot.description.drawing import Drawing
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from pouring_robot.checks.frames import FrameChecks
 from pouring_robot.checks.mistakes import Comparison
 from pouring_robot.checks.residuals import check_rows
 from pouring_robot.estimation.frame_fit import FrameFit
-from pouring_robot.robot.drawing import Drawing
+from pouring_robot.robot.description.drawing import Drawing
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ from pouring_robot.estimation.frame_fit import FrameFit
 from pouring_robot.estimation.frame_starts import FEWEST_ROWS
 from pouring_robot.exceptions import FrameFitError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.drawing import Drawing
+from pouring_robot.robot.description.drawing import Drawing
 
 _SUSPECT_M, _SUSPECT_RAD = 1e-3, 5e-3
 """Misfits below these a robot's errors explain; no mistake of units is looked for."""

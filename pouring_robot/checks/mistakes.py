@@ -19,7 +19,7 @@ from pouring_robot.estimation.frame_fit import FrameFit, fit_frames
 from pouring_robot.estimation.frame_starts import FEWEST_ROWS, affine_map
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.rotations import rotation_matrices
-from pouring_robot.robot.drawing import Drawing
+from pouring_robot.robot.description.drawing import Drawing
 
 LENGTH_MISTAKES = ((1e-3, "millimetres under a heading in metres"), (1e3, "metres under a heading in millimetres"))
 ANGLE_MISTAKES = (

@@ -20,7 +20,7 @@ from pouring_robot.checks.smoothing import (
 )
 from pouring_robot.estimation.frame_fit import FrameFit
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.drawing import Drawing
+from pouring_robot.robot.description.drawing import Drawing
 
 OUTLIER_SIGMAS = 8.0
 """A row is an outlier beyond this many robust deviations, in the pose and in the drives that would explain it."""

@@ -20,7 +20,7 @@ from pouring_robot.estimation.frame_fit import robust_sigma
 from pouring_robot.estimation.frames import OuterFrames
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import drive_parameters
-from pouring_robot.robot.drawing import Drawing
+from pouring_robot.robot.description.drawing import Drawing
 
 _RIDGE = 1e-3
 _ROWS_PER_TERM = 4

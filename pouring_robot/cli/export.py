@@ -19,9 +19,9 @@ def export(
     layout: options.LayoutName = None,
 ) -> None:
     """Write the robot as built: URDF with its meshes, and the file that says how the tree closes."""
+    from pouring_robot.robot.description.urdf import write_urdf
     from pouring_robot.robot.pouring.ladle_mesh import stale_mesh_note
     from pouring_robot.robot.robot import PouringRobot, robot_of
-    from pouring_robot.robot.urdf import write_urdf
 
     built = options.model_of(model, robot, layout)
     if model is not None:

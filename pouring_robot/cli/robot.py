@@ -26,8 +26,8 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace a robot fi
 def init(urdf: Urdf, out: Out = None, overwrite: Overwrite = False) -> None:
     """Write a first robot file for a URDF, with comments on what to fill in."""
     from pouring_robot.io.files import check_outputs, write_whole
-    from pouring_robot.robot.definition import RobotDefinition
-    from pouring_robot.robot.first_file import first_robot_file
+    from pouring_robot.robot.description.definition import RobotDefinition
+    from pouring_robot.robot.description.first_file import first_robot_file
 
     path = out or urdf.parent / "robot.yaml"
     check_outputs([path], overwrite=overwrite)

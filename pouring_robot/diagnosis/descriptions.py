@@ -15,7 +15,7 @@ from pouring_robot.inference.courses import separate, smooth, standardised, wand
 from pouring_robot.inference.discrepancy import Description
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import COMPONENTS
-from pouring_robot.robot.definition import Drive
+from pouring_robot.robot.description.definition import Drive
 
 _PRIOR_STD = 0.3e-3
 """Usual size of something unknown, in m and rad."""

@@ -20,8 +20,8 @@ from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.mechanism.rotations import rotation_vectors
-from pouring_robot.robot.causes import Causes
-from pouring_robot.robot.definition import Drive, RobotDefinition
+from pouring_robot.robot.description.causes import Causes
+from pouring_robot.robot.description.definition import Drive, RobotDefinition
 
 RISE, FORCE = "_rise_k", "_force"
 _TURNED, _STILL = 1e-9, 1e-6

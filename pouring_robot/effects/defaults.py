@@ -11,8 +11,8 @@ import numpy as np
 
 from pouring_robot.batch import engine_for
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.robot.causes import AMBIENT, AxisTilt, CauseEntry, Causes, Placements, Thermometers
-from pouring_robot.robot.definition import Drive, RobotDefinition
+from pouring_robot.robot.description.causes import AMBIENT, AxisTilt, CauseEntry, Causes, Placements, Thermometers
+from pouring_robot.robot.description.definition import Drive, RobotDefinition
 
 HARMONICS = 30
 """Orders of an error that is bound to a joint's own angle. What makes it (encoder, gear, transmission) is not asked."""

@@ -10,7 +10,7 @@ from pouring_robot.effects.base import Effect, EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.robot.definition import Drive
+from pouring_robot.robot.description.definition import Drive
 
 Drives = tuple[Drive, ...]
 _SHOWN_ORDERS = 3

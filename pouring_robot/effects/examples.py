@@ -6,7 +6,7 @@ import numpy as np
 
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.defaults import causes_of
-from pouring_robot.robot.definition import RobotDefinition
+from pouring_robot.robot.description.definition import RobotDefinition
 
 
 def complete_conditions(robot: RobotDefinition, rows: int = 3) -> Conditions:

@@ -14,8 +14,8 @@ from pouring_robot.effects.conditions import FORCE, RISE, Conditions
 from pouring_robot.effects.defaults import causes_of
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.robot.causes import Thermometers, Words
-from pouring_robot.robot.definition import Drive, RobotDefinition
+from pouring_robot.robot.description.causes import Thermometers, Words
+from pouring_robot.robot.description.definition import Drive, RobotDefinition
 
 _KILO, _HOUR_S = 1e3, 3600.0
 

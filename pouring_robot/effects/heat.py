@@ -12,7 +12,7 @@ from pouring_robot.effects.base import EffectParameter, Form
 from pouring_robot.effects.conditions import RISE, Conditions
 from pouring_robot.effects.drives import Drives, Family, channel, of_drives
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.definition import RobotDefinition
+from pouring_robot.robot.description.definition import RobotDefinition
 
 _PPM = 1e-6
 _PRIOR_STD_PPM = 12.0

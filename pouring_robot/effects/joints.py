@@ -11,7 +11,7 @@ from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.drives import Family
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.robot.causes import Placements
+from pouring_robot.robot.description.causes import Placements
 from pouring_robot.robot.tolerances import LEFT_BY_WORKMANSHIP_MM, LEFT_BY_WORKMANSHIP_MRAD, Tolerances
 
 Parameters = tuple[EffectParameter, ...]

@@ -22,8 +22,8 @@ from pouring_robot.effects.joints import Centres, Placement, Tilts
 from pouring_robot.effects.loads import Deflection, Spring, Stretch
 from pouring_robot.effects.surroundings import BaseDrift, MetrologyScale, SessionOffset
 from pouring_robot.exceptions import BadInputError, closest
-from pouring_robot.robot.causes import CauseEntry
-from pouring_robot.robot.definition import RobotDefinition
+from pouring_robot.robot.description.causes import CauseEntry
+from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.model import RobotModel
 
 GROUP = "pouring_robot.effects"

@@ -106,6 +106,7 @@ def validate(
             message = f"key '{where}' is missing"
         else:
             given = "" if isinstance(first["input"], dict | list) else f" (it is {first['input']!r})"
-            message = f"'{where}': {first['msg'].removeprefix('Value error, ')}{given}"
+            said = first["msg"].removeprefix("Value error, ")
+            message = f"'{where}': {said}{given}" if where else said
         more = f" (and {len(others)} more)" if others else ""
         raise error(path, (f"line {line}: " if line else "") + message + more) from problem

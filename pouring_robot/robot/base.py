@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pouring_robot.batch import STATUS_NAMES, BatchClosure, BatchStart, engine_for
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
@@ -31,6 +30,7 @@ from pouring_robot.robot.model import RobotModel
 if TYPE_CHECKING:
     import xarray as xr
 
+    from pouring_robot.batch import BatchClosure, BatchStart
     from pouring_robot.robot.parameters import ParameterCatalogue
 
 
@@ -113,6 +113,8 @@ class Robot:
         Raises:
             BadInputError: the array has another shape or holds a number that is not finite.
         """
+        from pouring_robot.batch import STATUS_NAMES
+
         names = self.nominal_solver.mechanism.loops.drives
         commanded = np.asarray(drives, dtype=float)
         if commanded.ndim != 2 or commanded.shape[1] != len(names) or not np.isfinite(commanded).all():
@@ -136,6 +138,8 @@ class Robot:
         Raises:
             BadInputError: the robot carries loads, under which it is closed pose by pose.
         """
+        from pouring_robot.batch import engine_for
+
         loads = self.actual_solver.energy.loads
         if loads.gravity or loads.drive_stiffness:
             raise BadInputError("under loads a robot is closed command by command: use transfer_at or closed_at")

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from pouring_robot.exceptions import BadInputError, OutputError
 from pouring_robot.io.cache import cache_folder, content_key
+from pouring_robot.robot.description.urdf import description_folder, write_urdf
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.urdf import description_folder, write_urdf
 
 
 def package_path() -> Path:

@@ -22,13 +22,13 @@ from pouring_robot.io.files import write_whole
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.loops import LoopsFile
-from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.robot.definition import RobotDefinition
+from pouring_robot.mechanism.poses import MM, MRAD, PlacementError
+from pouring_robot.robot.description.definition import RobotDefinition
+from pouring_robot.robot.description.robot_file import FORMAT as ROBOT_FORMAT
+from pouring_robot.robot.description.urdf import perturb_urdf
 from pouring_robot.robot.effect_stack import EffectEntry
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.pouring.definition import PouringDefinition
-from pouring_robot.robot.robot_file import FORMAT as ROBOT_FORMAT
-from pouring_robot.robot.urdf import PlacementError, perturb_urdf
 
 Triple = tuple[float, float, float]
 _ZERO: Triple = (0.0, 0.0, 0.0)

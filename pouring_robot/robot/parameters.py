@@ -16,7 +16,7 @@ from pouring_robot.batch import engine_for
 from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.parameters import GeometricParameter, drive_parameters, placement_parameters
-from pouring_robot.robot.definition import RobotDefinition
+from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.dh.parameters import DHParameter
 from pouring_robot.robot.tolerances import Kind, kind_of
 

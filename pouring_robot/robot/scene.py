@@ -18,9 +18,9 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
+from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.location import LadleLocation
 from pouring_robot.robot.metrics import decimals
-from pouring_robot.robot.urdf import description_folder
 from pouring_robot.viewer import GHOST_TINT, Scene, SceneArrow, SceneRobot, camera_on, visual_model
 
 # The largest error is drawn about this long unless the user says otherwise.

@@ -15,8 +15,8 @@ from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import DriveParameter, GeometricParameter
 from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.pouring.names import INNER_JOINTS
-from pouring_robot.robot.urdf import description_folder
 
 LEFT_BY_WORKMANSHIP_MM, LEFT_BY_WORKMANSHIP_MRAD = 0.015, 0.012
 """Standard deviation of a U-joint centre and of an axis that is left in a robot once it has been adjusted: what a

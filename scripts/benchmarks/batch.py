@@ -27,9 +27,10 @@ from pouring_robot.io.files import check_writable, write_whole
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureSolver
+from pouring_robot.mechanism.poses import PlacementError
+from pouring_robot.robot.description.urdf import perturb_urdf
 from pouring_robot.robot.dh.table import DHTable
 from pouring_robot.robot.robot import PouringRobot
-from pouring_robot.robot.urdf import PlacementError, perturb_urdf
 
 OFF_M, OFF_RAD = 0.020, 0.050
 REPEATS = 3

@@ -35,7 +35,7 @@ from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
 from pouring_robot.mechanism.loops import load_loops
 from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
-from pouring_robot.robot.urdf import read_text
+from pouring_robot.robot.description.urdf import read_text
 from scripts.studies.gepetto_toolbox import ToolboxFindings, close_with, load_toolbox
 
 TARGETS, REACH, CLOSED, STEP = 40, 0.2, 1e-9, 3e-6

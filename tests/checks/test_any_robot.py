@@ -13,7 +13,7 @@ from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.checks.check import check_campaign, examine
 from pouring_robot.checks.flags import outlier_rows
 from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors
-from pouring_robot.robot.definition import RobotDefinition
+from pouring_robot.robot.description.definition import RobotDefinition
 from tests.campaign.simulated import codes, damaged
 from tests.estimation.virtual import TRUE_FRAMES
 

@@ -9,7 +9,7 @@ import pytest
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses
 from pouring_robot.checks.smoothing import drive_effect, drive_errors
 from pouring_robot.estimation.frames import OuterFrames
-from pouring_robot.robot.definition import RobotDefinition
+from pouring_robot.robot.description.definition import RobotDefinition
 from tests.estimation.virtual import INNER
 
 ROBOTS = Path(__file__).resolve().parents[2] / "examples" / "robots"

@@ -5,8 +5,8 @@ import shutil
 
 import pytest
 
-from pouring_robot.robot.definition import RobotDefinition
-from pouring_robot.robot.robot_file import RobotFile
+from pouring_robot.robot.description.definition import RobotDefinition
+from pouring_robot.robot.description.robot_file import RobotFile
 from tests.robot.test_definition import ARM, ROBOTS
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from pouring_robot.batch import BatchEngine, GeneralEngine, HomotopyStarts
 from pouring_robot.mechanism.closure import ClosureSolver
-from pouring_robot.robot.definition import RobotDefinition
+from pouring_robot.robot.description.definition import RobotDefinition
 from tests.examples import arm, delta, five_bar, hexapod
 from tests.support import ROOT, pose_gap
 

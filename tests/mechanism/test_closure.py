@@ -14,8 +14,8 @@ from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechan
 from pouring_robot.mechanism.closure import ClosureOptions, ClosureSolver
 from pouring_robot.mechanism.energy import Loads
 from pouring_robot.mechanism.loops import LoopsFile
+from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.urdf import PlacementError
 from tests.support import (
     CHAINS,
     carried_by,

@@ -4,7 +4,7 @@ import pytest
 
 from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.mechanism.loops import LoopsFile, load_loops
-from pouring_robot.robot.urdf import description_folder
+from pouring_robot.robot.description.urdf import description_folder
 
 OWN = """
 mechanism: five-bar

@@ -19,9 +19,10 @@ from pouring_robot.mechanism.parameters import (
     StiffnessParameter,
     placement_parameters,
 )
+from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.mechanism.transfer import closed_chain_transfer
+from pouring_robot.robot.description.urdf import perturb_urdf
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
-from pouring_robot.robot.urdf import PlacementError, perturb_urdf
 from tests.support import carried_by, closure_condition, placement_error, round_off
 
 CHAIN_JOINTS = [f"leg{i}_s{k}" for i in (1, 2, 3, 4) for k in (1, 2, 3, 4, 5)]

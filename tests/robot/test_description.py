@@ -24,11 +24,12 @@ from scipy.spatial.transform import Rotation
 
 from pouring_robot.exceptions import DescriptionError, OutputError, UnknownJointError, UnknownLayoutError
 from pouring_robot.io.cache import CACHE_VARIABLE
-from pouring_robot.robot import urdf
+from pouring_robot.mechanism.poses import PlacementError
+from pouring_robot.robot.description import urdf
+from pouring_robot.robot.description.urdf import description_folder, perturb_urdf, write_urdf
 from pouring_robot.robot.pouring import description
 from pouring_robot.robot.pouring.description import render_urdf
 from pouring_robot.robot.pouring.layout import layout_names, load_layout
-from pouring_robot.robot.urdf import PlacementError, description_folder, perturb_urdf, write_urdf
 from tests.support import round_off
 
 LAYOUTS = ("paper", "wide")
@@ -599,7 +600,7 @@ def test_broken_xacro_is_refused_on_one_line(
 
 
 def test_missing_description_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(urdf, "__file__", str(tmp_path / "pouring_robot" / "robot" / "urdf.py"))
+    monkeypatch.setattr(urdf, "__file__", str(tmp_path / "pouring_robot" / "robot" / "description" / "urdf.py"))
     with pytest.raises(DescriptionError, match="missing; reinstall"):
         urdf.description_folder()
 

@@ -6,12 +6,12 @@ import pytest
 
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnknownJointError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.dh import DHTable, NotUPUError, UnknownParameterError
 from pouring_robot.robot.dh.chain import adjoint, inverse
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.description import render_urdf
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
-from pouring_robot.robot.urdf import PlacementError
 from tests.support import perturbed
 
 LAYOUTS = ("paper", "wide")

@@ -7,10 +7,10 @@ import pytest
 
 from pouring_robot.exceptions import BadInputError, NoSolutionError, PouringRobotError, UnreachablePoseError
 from pouring_robot.mechanism.closure import ClosureSolver
+from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics, JointReach
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.urdf import PlacementError
 from tests.support import BOX_LOWER, BOX_UPPER, perturbed, pose_gap, random_poses
 
 # U-joint centres in m.

@@ -10,7 +10,7 @@ from pouring_robot.cli.shared.tables import plain_table
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from pouring_robot.robot.definition import RobotDefinition
+    from pouring_robot.robot.description.definition import RobotDefinition
     from pouring_robot.robot.pouring.layout import Layout
 
 

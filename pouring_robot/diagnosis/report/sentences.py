@@ -21,7 +21,7 @@ from pouring_robot.effects.defaults import causes_of
 from pouring_robot.effects.facts import sources
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.robot.causes import Thermometers
+from pouring_robot.robot.description.causes import Thermometers
 
 _SHOWN_PARAMETERS, _SHOWN_SENTENCES, _SHOWN_PAIRS, _SHOWN_MEASUREMENTS = 4, 5, 2, 3
 _FEW_ROWS = 30

@@ -16,7 +16,7 @@ from pouring_robot.diagnosis.suggest.words import separating_words, untestable_w
 from pouring_robot.inference.discrimination import Prediction, choose, expected, total
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.robot.definition import RobotDefinition
+from pouring_robot.robot.description.definition import RobotDefinition
 
 MOST = 10
 RANDOM_SETS = 50

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.facts import facts_of, held_still
-from pouring_robot.robot.definition import RobotDefinition
+from pouring_robot.robot.description.definition import RobotDefinition
 
 _OPEN = "measure where the two predict most apart: the poses listed"
 

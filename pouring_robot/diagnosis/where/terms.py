@@ -20,7 +20,7 @@ from pouring_robot.inference.courses import separate, standardised
 from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
-from pouring_robot.robot.definition import Drive
+from pouring_robot.robot.description.definition import Drive
 
 POSE = "pose"
 _SOME, _MANY = 40, 80

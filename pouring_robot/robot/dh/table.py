@@ -21,6 +21,7 @@ import pinocchio as pin
 from pouring_robot.exceptions import BadInputError, UnknownJointError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.dh.chain import DHChain
 from pouring_robot.robot.dh.derivation import dh_chain
 from pouring_robot.robot.dh.fit import fit_errors
@@ -29,7 +30,6 @@ from pouring_robot.robot.dh.parameters import (
     UnknownParameterError,
     chain_parameters,
 )
-from pouring_robot.robot.urdf import PlacementError
 
 
 class DHTable:

@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-from pouring_robot.robot.causes import AMBIENT, AxisTilt, CauseEntry, Causes, Placements, Thermometers, Words
+from pouring_robot.robot.description.causes import (
+    AMBIENT,
+    AxisTilt,
+    CauseEntry,
+    Causes,
+    Placements,
+    Thermometers,
+    Words,
+)
 from pouring_robot.robot.pouring.names import CHAIN_JOINTS, DRIVE_JOINTS, LEGS, SEATS
 
 _LEGS, _TILT = DRIVE_JOINTS[:3], DRIVE_JOINTS[3:]

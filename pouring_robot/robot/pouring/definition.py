@@ -5,24 +5,27 @@ from __future__ import annotations
 import dataclasses
 import functools
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pouring_robot.batch import BatchStart
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.robot.causes import Causes
-from pouring_robot.robot.definition import ParameterGroups, ParameterSets, RobotDefinition
+from pouring_robot.robot.description.causes import Causes
+from pouring_robot.robot.description.definition import ParameterGroups, ParameterSets, RobotDefinition
+from pouring_robot.robot.description.robot_file import RobotFile
+from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.dh.table import DHTable
-from pouring_robot.robot.drawing import Drawing
 from pouring_robot.robot.pouring.causes import CAUSES
 from pouring_robot.robot.pouring.description import render_urdf
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.layout import load_layout
 from pouring_robot.robot.pouring.names import DRIVE_SYMBOLS, DRIVE_WORDS, LEGS
 from pouring_robot.robot.pouring.parameter_groups import GROUPS, SETS
-from pouring_robot.robot.robot_file import RobotFile
-from pouring_robot.robot.urdf import description_folder
+
+if TYPE_CHECKING:
+    from pouring_robot.batch import BatchStart
+    from pouring_robot.robot.description.drawing import Drawing
 
 _SHARES = (0.1, 0.5, 0.9)  # of the workspace box along each axis
 THERMOMETERS = ("melt", *LEGS, "platform")

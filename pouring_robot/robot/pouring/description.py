@@ -9,9 +9,9 @@ from pathlib import Path
 
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.io.cache import content_key, kept_text
+from pouring_robot.robot.description.urdf import MESH_PACKAGE, description_folder, read_text
 from pouring_robot.robot.pouring.layout import check_layout, shipped_layouts_file
 from pouring_robot.robot.pouring.names import CHAINS
-from pouring_robot.robot.urdf import MESH_PACKAGE, description_folder, read_text
 
 
 def render_urdf(
@@ -61,7 +61,7 @@ def _rendered(key: str, dimensions: str, folder: Path, arguments: tuple[tuple[st
     """Return the rendering that the key stands for: an earlier process may have made it."""
 
     def render() -> str:
-        from pouring_robot.robot.rendering import run_xacro
+        from pouring_robot.robot.description.rendering import run_xacro
 
         urdf, path = (
             run_xacro(folder / "pouring_robot.urdf.xacro", dict(arguments)),

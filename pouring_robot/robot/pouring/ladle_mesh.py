@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.pouring.layout import Layout
-from pouring_robot.robot.urdf import description_folder
 
 # The mesh is made of flat facets, so its outline lies up to 0.3 % inside the true one.
 _TOLERANCE = 0.005

@@ -20,9 +20,9 @@ from pouring_robot.exceptions import DescriptionError, UnknownLayoutError
 from pouring_robot.io.cache import content_key, kept_text
 from pouring_robot.io.typed_yaml import read_yaml, validate
 from pouring_robot.mechanism.arrays import read_only
+from pouring_robot.robot.description.urdf import description_folder, read_text
 from pouring_robot.robot.pouring import layout_schema
 from pouring_robot.robot.pouring.layout_schema import Ladle, LayoutEntry, LayoutsFile
-from pouring_robot.robot.urdf import description_folder, read_text
 
 
 @dataclass(frozen=True)

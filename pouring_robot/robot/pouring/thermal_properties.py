@@ -15,9 +15,9 @@ from pydantic import Strict as OnlyOfType
 from pouring_robot.exceptions import ThermalFileError
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, ZERO_CELSIUS_K
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
+from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.pouring.layout_schema import Density, Entry, Size
 from pouring_robot.robot.pouring.names import LEGS
-from pouring_robot.robot.urdf import description_folder
 
 PARTS = (*LEGS, "platform", "fixed_platform")
 """Parts with a temperature of their own, named as in campaign columns (``leg1_degC`` …, ``platform_degC``)."""

@@ -20,10 +20,10 @@ from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.io.temperatures import kelvin
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.names import CHAINS
 from pouring_robot.robot.pouring.thermal_properties import PARTS, ThermalProperties
-from pouring_robot.robot.urdf import PlacementError
 from pouring_robot.thermal.network.field import TemperatureField
 
 __all__ = ["PARTS", "ThermalExpansion"]

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
+from pouring_robot.robot.description.urdf import perturb_urdf
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
-from pouring_robot.robot.urdf import perturb_urdf
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
 
 

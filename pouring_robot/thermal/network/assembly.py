@@ -17,10 +17,10 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.temperatures import kelvin
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure import ClosureResult
+from pouring_robot.robot.description.urdf import read_text
 from pouring_robot.robot.pouring.layout import check_layout, shipped_layouts_file
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, load_thermal_properties
 from pouring_robot.robot.robot import PouringRobot
-from pouring_robot.robot.urdf import read_text
 from pouring_robot.thermal.network import parts
 from pouring_robot.thermal.network.circuit import Circuit
 from pouring_robot.thermal.network.elements import (

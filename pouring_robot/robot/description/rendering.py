@@ -13,7 +13,7 @@ from pathlib import Path
 import xacro
 
 from pouring_robot.exceptions import DescriptionError
-from pouring_robot.robot.urdf import read_text
+from pouring_robot.robot.description.urdf import read_text
 
 # How xacro begins to complain about the way a macro is called.
 _CALLERS_FAULTS = ("Invalid parameter", "Undefined parameters", "Not enough blocks", "Unused block")

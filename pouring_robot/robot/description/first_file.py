@@ -13,8 +13,8 @@ from lxml import etree
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.loops import LoopsFile
-from pouring_robot.robot.robot_file import FORMAT
-from pouring_robot.robot.urdf import read_text
+from pouring_robot.robot.description.robot_file import FORMAT
+from pouring_robot.robot.description.urdf import read_text
 
 _DRIVABLE = ("revolute", "continuous", "prismatic")
 _TOOLS = ("tool0", "tcp", "tool", "flange", "ee", "end_effector")  # usual names of the last frame, the likeliest first

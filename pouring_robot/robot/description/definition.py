@@ -25,7 +25,6 @@ import numpy as np
 import pydantic
 from lxml import etree
 from ruamel.yaml import YAML
-from scipy.stats import qmc
 
 from pouring_robot.exceptions import DescriptionError, UnknownJointError, closest
 from pouring_robot.mechanism.arrays import FloatArray
@@ -33,14 +32,14 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.joint_types import change_joints
 from pouring_robot.mechanism.loops import LoopsFile, load_loops
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.robot.robot_file import DriveEntry, RobotFile
-from pouring_robot.robot.urdf import meshes_from, read_text
+from pouring_robot.robot.description.robot_file import DriveEntry, RobotFile
+from pouring_robot.robot.description.urdf import meshes_from, read_text
 
 if TYPE_CHECKING:
     from pouring_robot.batch import BatchStart
-    from pouring_robot.robot.causes import Causes
+    from pouring_robot.robot.description.causes import Causes
+    from pouring_robot.robot.description.drawing import Drawing
     from pouring_robot.robot.dh.table import DHTable
-    from pouring_robot.robot.drawing import Drawing
 
 _WORKSPACE_SAMPLES = 200
 ParameterGroups = Mapping[str, tuple[str, tuple[str, ...]]]
@@ -185,7 +184,7 @@ class RobotDefinition:
         if self.file.urdf is not None:
             drawn = read_text(self.source)
         else:
-            from pouring_robot.robot.rendering import run_xacro
+            from pouring_robot.robot.description.rendering import run_xacro
 
             drawn = run_xacro(self.source, self.file.mappings)
         if self._kinds:
@@ -215,17 +214,23 @@ class RobotDefinition:
         Args:
             mechanism: that of the drawing, if it is at hand.
         """
-        from pouring_robot.robot.drawing import HomeDrawing
+        from pouring_robot.robot.description.drawing import HomeDrawing
 
         return HomeDrawing(mechanism or self.mechanism(), self.file.home)
 
     def workspace(self, drawing: Drawing) -> tuple[FloatArray, BatchStart]:
         """Return drive values spread over the workspace, (n, drives), in m and rad, and the drawing's closed poses.
 
-        Evenly between the drives' limits; what does not close there, or with joints beyond limits, is left out.
+        Evenly between the drives' limits; what does not close there, or with joints beyond limits, is left out. Without
+        limits a joint turns once around, and a slide stays at home: nobody knows how far it goes.
         """
+        from scipy.stats import qmc  # heavy, and for this only
+
+        turn = np.array([0.0 if drive.unit == "m" else math.pi for drive in self.drives])
+        any_way = zip(self.home_drives - turn, self.home_drives + turn, strict=True)
         limits = drawing.mechanism.joint_limits()
-        lower, upper = np.transpose([limits.get(drive.joint, (-math.pi, math.pi)) for drive in self.drives])
+        within = [limits.get(d.joint, free) for d, free in zip(self.drives, any_way, strict=True)]
+        lower, upper = np.transpose(within)
         shares = qmc.Halton(len(self.drives), scramble=False).random(_WORKSPACE_SAMPLES + 1)[1:]
         drives = lower + (upper - lower) * shares
         start = drawing.starts(drives)

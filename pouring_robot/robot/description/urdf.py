@@ -6,9 +6,7 @@ enters a mechanism, and :func:`write_urdf` puts it into a folder with its meshes
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +16,7 @@ from numpy.typing import NDArray
 
 from pouring_robot.exceptions import DescriptionError, UnknownJointError
 from pouring_robot.io.files import write_together
+from pouring_robot.mechanism.poses import PlacementError
 
 MESH_PACKAGE = "package://robot_description/meshes"
 
@@ -28,7 +27,7 @@ def description_folder() -> Path:
     Raises:
         DescriptionError: neither is there.
     """
-    here = Path(__file__).resolve().parents[1]
+    here = Path(__file__).resolve().parents[2]
     for folder in (here / "robot_description", here.parent / "robot_description"):
         if (folder / "urdf" / "pouring_robot.urdf.xacro").is_file():
             return folder
@@ -46,40 +45,6 @@ def read_text(path: Path) -> str:
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise DescriptionError(path, f"cannot be read: {reason}") from error
-
-
-@dataclass(frozen=True)
-class PlacementError:
-    """How far a joint is from where it should be, both parts in the joint's nominal frame.
-
-    Attributes:
-        translation_m: shift of the joint's origin, m.
-        rotation_rad: rotation vector (axis times angle), rad.
-    """
-
-    translation_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    rotation_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        """Refuse what is not three finite numbers each.
-
-        Raises:
-            ValueError: a part is not three finite numbers.
-        """
-        for name, part in (("translation_m", self.translation_m), ("rotation_rad", self.rotation_rad)):
-            if len(part) != 3 or not all(math.isfinite(v) for v in part):
-                raise ValueError(f"{name} must be three finite numbers, not {part}")
-
-    @classmethod
-    def from_se3(cls, displacement: pin.SE3) -> PlacementError:
-        """Take a displacement given as the pose of the actual placement in the nominal one."""
-        x, y, z = displacement.translation.tolist()
-        rx, ry, rz = pin.log3(displacement.rotation).tolist()
-        return cls((x, y, z), (rx, ry, rz))
-
-    def to_se3(self) -> pin.SE3:
-        """Return the same as the pose of the actual placement in the nominal one."""
-        return pin.SE3(pin.exp3(np.array(self.rotation_rad)), np.array(self.translation_m))
 
 
 def perturb_urdf(urdf: str, placements: Mapping[str, PlacementError]) -> str:
