@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.metadata import CampaignMetadata, metadata_path, read_metadata
 from pouring_robot.campaign.writer import campaign_files
-from pouring_robot.exceptions import BadInputError, CampaignError, closest
+from pouring_robot.exceptions import BadInputError, CampaignError, PouringRobotError, closest
 from pouring_robot.io.files import check_outputs, write_together
 from pouring_robot.io.quantities import Quantity, read_quantities
 from pouring_robot.mechanism.arrays import FloatArray, read_only
@@ -156,7 +156,11 @@ class Campaign(Result):
         path, robot = Path(path), robot or PouringDefinition()
         quantities = columns.campaign_columns(robot)
         example = next(quantity for quantity in quantities if quantity.required).headings[-1]
-        table = read_quantities(path, quantities, example, CampaignError)
+        try:
+            table = read_quantities(path, quantities, example, CampaignError)
+        except CampaignError as problem:
+            _refuse_campaign_of_another(path, robot, problem)
+            raise
         return cls(
             robot=robot,
             path=path,
@@ -327,6 +331,17 @@ class Campaign(Result):
                 if values is not None:
                     content[quantity.canonical] = values
         return pandas.DataFrame(content)
+
+
+def _refuse_campaign_of_another(path: Path, robot: RobotDefinition, problem: CampaignError) -> None:
+    """Say what is wrong with columns that are another robot's, if the YAML beside them names one."""
+    try:
+        named = read_metadata(metadata_path(path)).robot
+    except PouringRobotError:
+        return  # that is another matter, and the columns come first
+    if named != robot.name:
+        said = f"is a campaign of the robot '{named}', and was read as one of '{robot.name}'"
+        raise CampaignError(path, f"{said}; name its robot file (--robot)") from problem
 
 
 def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:

@@ -8,6 +8,7 @@ import pytest
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.robot_file import RobotFile
 from tests.robot.test_definition import ARM, ROBOTS
+from tests.support import ROOT
 
 
 @pytest.fixture
@@ -129,3 +130,11 @@ def test_what_pinocchio_cannot_build_leaves_no_file(run, tmp_path):
     assert code == 2
     assert "Pinocchio cannot build it" in err.splitlines()[-1]
     assert not (tmp_path / "robot.yaml").exists()
+
+
+def test_a_campaign_of_another_robot_says_whose_it_is(run, tmp_path):
+    series = ROOT / "examples" / "machines" / "ur10" / "series_c.csv"
+    code, _, err = run("campaign", "check", series)
+    assert code == 2
+    assert "is a campaign of the robot 'ur10', and was read as one of 'pouring_robot'; name its robot file" in err
+    assert err.count("\n") == 1
