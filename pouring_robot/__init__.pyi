@@ -30,6 +30,7 @@ from .robot.location import LadleLocation as LadleLocation
 from .robot.model import JointPlacement as JointPlacement
 from .robot.model import RobotModel as RobotModel
 from .robot.pouring.poses import PlatformPose as PlatformPose
+from .robot.base import Robot as Robot
 from .robot.robot import PouringRobot as PouringRobot
 from .robot.robot import load_robot as load_robot
 from .sweeps.config import SweepConfig as SweepConfig
