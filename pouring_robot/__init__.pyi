@@ -24,13 +24,13 @@ from .mechanism.energy import Loads as Loads
 from .mechanism.loops import LoopsFile as LoopsFile
 from .mechanism.loops import load_loops as load_loops
 from .mechanism.poses import PoseDifference as PoseDifference
+from .robot.base import Robot as Robot
 from .robot.files import package_path as package_path
 from .robot.files import urdf_path as urdf_path
 from .robot.location import LadleLocation as LadleLocation
 from .robot.model import JointPlacement as JointPlacement
 from .robot.model import RobotModel as RobotModel
 from .robot.pouring.poses import PlatformPose as PlatformPose
-from .robot.base import Robot as Robot
 from .robot.robot import PouringRobot as PouringRobot
 from .robot.robot import load_robot as load_robot
 from .sweeps.config import SweepConfig as SweepConfig
