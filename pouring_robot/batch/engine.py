@@ -13,13 +13,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 
 from pouring_robot.batch.kernels.samples import close_samples
 from pouring_robot.batch.kernels.serial import carry_samples
 from pouring_robot.batch.kernels.transfer import Columns, branch_samples, make_transfer_room, transfer_samples
 from pouring_robot.batch.kernels.workspace import make_room
-from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors
+from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, no_column, shaped
 from pouring_robot.batch.structure import StarStructure, fixed
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
@@ -63,14 +62,11 @@ class BatchEngine:
 
     def start_at(self, configurations: FloatArray) -> BatchStart:
         """Return Pinocchio configurations, shape (n, nq), as starts."""
-        mechanism, model = self.structure.mechanism, self.structure.mechanism.shared_model
-        base, end = (mechanism.frame_id(str(n)) for n in (mechanism.loops.base_frame, mechanism.loops.end_frame))
-        count, data = len(configurations), model.createData()
+        mechanism, count = self.structure.mechanism, len(configurations)
         position, rotation = np.empty((count, 3)), np.empty((count, 3, 3))
         joints = np.zeros((count, *self.structure.star.revolute.shape))
         for row, configuration in enumerate(configurations):
-            pin.framesForwardKinematics(model, data, configuration)
-            pose = data.oMf[base].actInv(data.oMf[end])
+            pose = mechanism.pose_base_to_end(configuration)
             position[row], rotation[row] = pose.translation, pose.rotation
             values = mechanism.joint_values(configuration)
             for i, names in enumerate(self.structure.joint_names):
@@ -94,7 +90,7 @@ class BatchEngine:
             BadInputError: a shape does not fit.
         """
         star, count = self.structure.star, len(start)
-        drives = _shaped(drives, (count, len(star.drives)), "drives")
+        drives = shaped(drives, (count, len(star.drives)), "drives")
         self._check(start)
         placed = SiteErrors.take(errors, count, self.structure.site_count)
         result = BatchClosure.empty(count, star.revolute.shape, len(self.structure.mechanism.anchors))
@@ -213,7 +209,7 @@ class BatchEngine:
             BadInputError: a parameter is of another kind, or a shape does not fit.
         """
         star, count = self.structure.star, len(joints)
-        joints = _shaped(joints, (count, *star.revolute.shape), "joints")
+        joints = shaped(joints, (count, *star.revolute.shape), "joints")
         chosen = self._chosen(parameters)
         columns = self._columns(chosen)
         placed = SiteErrors.take(errors, count, self.structure.site_count)
@@ -262,10 +258,7 @@ class BatchEngine:
                     raise BadInputError(f"parameter '{parameter.name}' stands twice")
                 drives[drive_names.index(parameter.joint)] = p
             else:
-                raise BadInputError(
-                    f"the batch engine has no column for '{parameter.name}'; it takes placement errors and drives: "
-                    "use closed_chain_transfer for the others"
-                )
+                raise no_column(parameter)
         order = np.argsort(sites, kind="stable")
         start = np.searchsorted(sites[order], np.arange(structure.site_count + 1))
         return Columns(fixed(start, np.int64), fixed(order, np.int64), fixed(twists), fixed(drives, np.int64))
@@ -280,10 +273,3 @@ class BatchEngine:
         with ThreadPoolExecutor(min(self.threads, len(ranges))) as pool:
             for _ in pool.map(lambda limits: run(*limits), ranges):
                 pass
-
-
-def _shaped(array: FloatArray, shape: tuple[int, ...], name: str) -> FloatArray:
-    array = fixed(array)
-    if array.shape != shape:
-        raise BadInputError(f"'{name}' must have the shape {shape}, not {array.shape}")
-    return array

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors
-from pouring_robot.batch.structure import fixed, seat_joint
+from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, no_column, shaped
+from pouring_robot.batch.structure import seat_joint
 from pouring_robot.exceptions import BadInputError, ClosureError, SingularPoseError, UnknownJointError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -55,6 +55,12 @@ class GeneralStructure:
         """All placement parameters, six a site."""
         return placement_parameters(self.site_joints)
 
+    def joint_values(self, joints: FloatArray) -> dict[str, FloatArray]:
+        """Return the values of joints of one coordinate, (n,) in m or rad, by name, from configurations (n, nq)."""
+        model = self.mechanism.shared_model
+        single = (j for j in range(1, model.njoints) if model.nqs[j] == 1)
+        return {str(model.names[j]): joints[:, model.idx_qs[j]] for j in single}
+
     def site(self, joint: str) -> int:
         """Return the number of the site that displaces a joint's placement.
 
@@ -89,7 +95,7 @@ class GeneralEngine:
 
     def start_at(self, configurations: FloatArray) -> BatchStart:
         """Return Pinocchio configurations, shape (n, nq), as starts."""
-        poses = [self._pose(self.structure.mechanism, configuration) for configuration in configurations]
+        poses = [self.structure.mechanism.pose_base_to_end(configuration) for configuration in configurations]
         position = np.array([pose.translation for pose in poses]).reshape(-1, 3)
         rotation = np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)
         return BatchStart(position, rotation, configurations)
@@ -108,9 +114,8 @@ class GeneralEngine:
             BadInputError: a shape does not fit.
         """
         mechanism, count = self.structure.mechanism, len(start)
-        names, drives = mechanism.loops.drives, fixed(drives)
-        if drives.shape != (count, len(names)):
-            raise BadInputError(f"'drives' must have the shape {(count, len(names))}, not {drives.shape}")
+        names = mechanism.loops.drives
+        drives = shaped(drives, (count, len(names)), "drives")
         start.check((mechanism.shared_model.nq,))
         solvers = _Solvers(self.structure, SiteErrors.take(errors, count, self.structure.site_count), self.options)
         result = BatchClosure.empty(count, (mechanism.shared_model.nq,), len(mechanism.anchors))
@@ -128,7 +133,7 @@ class GeneralEngine:
                 result.status[row] = _GAP_TOO_LARGE if problem.settled else _NOT_CONVERGED
                 result.iterations[row] = problem.iterations
                 continue
-            pose = self._pose(solver.mechanism, closed.configuration)
+            pose = solver.mechanism.pose_base_to_end(closed.configuration)
             result.position[row], result.rotation[row] = pose.translation, pose.rotation
             result.joints[row], result.residual[row] = closed.configuration, closed.residual
             result.iterations[row], result.status[row] = closed.iterations, _CLOSED
@@ -154,10 +159,7 @@ class GeneralEngine:
         count, chosen = len(closed), tuple(self.parameters if parameters is None else parameters)
         for parameter in chosen:
             if not isinstance(parameter, PlacementParameter | DriveParameter):
-                raise BadInputError(
-                    f"the batch engine has no column for '{parameter.name}'; it takes placement errors and drives: "
-                    "use closed_chain_transfer for the others"
-                )
+                raise no_column(parameter)
         solvers = _Solvers(self.structure, SiteErrors.take(errors, count, self.structure.site_count), self.options)
         matrix, status = np.full((count, 6, len(chosen)), np.nan), closed.status.copy()
         for row in np.flatnonzero(closed.status == _CLOSED).tolist():
@@ -171,14 +173,6 @@ class GeneralEngine:
             except SingularPoseError:
                 status[row] = _SINGULAR
         return BatchTransfer(chosen, matrix, status)
-
-    @staticmethod
-    def _pose(mechanism: ClosedChainMechanism, configuration: FloatArray) -> pin.SE3:
-        """Return the pose of the end frame in the base frame."""
-        model, data, loops = mechanism.shared_model, mechanism.thread_data(), mechanism.loops
-        pin.framesForwardKinematics(model, data, configuration)
-        base, end = (data.oMf[mechanism.frame_id(name)] for name in (loops.base_frame, str(loops.end_frame)))
-        return base.actInv(end)
 
 
 class _Solvers:

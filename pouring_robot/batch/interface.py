@@ -31,6 +31,9 @@ class Structure(Protocol):
     def parameters(self) -> tuple[PlacementParameter, ...]:
         """All placement parameters, six a site that is used."""
 
+    def joint_values(self, joints: FloatArray) -> dict[str, FloatArray]:
+        """Return the values of joints of one coordinate, (n,) each in m or rad, by name, from the engine's joints."""
+
     def site(self, joint: str) -> int:
         """Return the number of the site that displaces a joint's placement.
 

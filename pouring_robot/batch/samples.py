@@ -245,3 +245,23 @@ class BatchTransfer:
     def __post_init__(self) -> None:
         """Lock the arrays."""
         lock_fields(self, "matrix", "status")
+
+
+def shaped(array: FloatArray, shape: tuple[int, ...], name: str) -> FloatArray:
+    """Return an array as the kernels take it.
+
+    Raises:
+        BadInputError: it has another shape.
+    """
+    array = fixed(array)
+    if array.shape != shape:
+        raise BadInputError(f"'{name}' must have the shape {shape}, not {array.shape}")
+    return array
+
+
+def no_column(parameter: LocalParameter) -> BadInputError:
+    """Return the error of a parameter that no engine has a column of G for."""
+    return BadInputError(
+        f"the batch engine has no column for '{parameter.name}'; it takes placement errors and drives: "
+        "use closed_chain_transfer for the others"
+    )

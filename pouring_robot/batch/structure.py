@@ -147,6 +147,10 @@ class StarStructure:
         """All placement parameters, six a site, in the order of the columns of placement errors."""
         return placement_parameters(name for name in self.site_joints if name)
 
+    def joint_values(self, joints: FloatArray) -> dict[str, FloatArray]:
+        """Return the values of joints, (n,) each in m or rad, by name, from joints by chain (n, chains, joints)."""
+        return {name: joints[:, i, k] for i, names in enumerate(self.joint_names) for k, name in enumerate(names)}
+
     def site(self, joint: str) -> int:
         """Return the number of the site that displaces a joint's placement.
 

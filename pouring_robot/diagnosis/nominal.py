@@ -27,7 +27,7 @@ def nominal_rows(drawing: MeasurementModel, closure: BatchClosure) -> NominalRow
     engine = drawing.engine
     mechanism = engine.structure.mechanism
     drives = [p for p in drawing.parameters if isinstance(p, DriveParameter)]
-    values = joint_values(mechanism, getattr(engine.structure, "joint_names", None), closure.joints)
+    values = engine.structure.joint_values(closure.joints)
     own, hangs = causes_of(robot).own_weight, robot.file.payload_frame or str(mechanism.loops.end_frame)
     return NominalRows(
         robot,
@@ -39,23 +39,6 @@ def nominal_rows(drawing: MeasurementModel, closure: BatchClosure) -> NominalRow
         _own_force(mechanism, values, len(closure)) if own else None,
         mechanism.placement_on_end(hangs).translation if own else None,
     )
-
-
-def joint_values(
-    mechanism: ClosedChainMechanism, chains: tuple[tuple[str, ...], ...] | None, joints: FloatArray
-) -> dict[str, FloatArray]:
-    """Return the values of joints of one coordinate, (n,) each in m or rad, by name.
-
-    Args:
-        mechanism: of the engine.
-        chains: names of the joints of each chain, where values come chain by chain.
-        joints: as an engine gives them: (n, chains, joints), or configurations (n, nq).
-    """
-    if chains is not None:
-        return {name: joints[:, i, k] for i, names in enumerate(chains) for k, name in enumerate(names)}
-    model = mechanism.shared_model
-    single = [j for j in range(1, model.njoints) if model.nqs[j] == 1]
-    return {str(model.names[j]): joints[:, model.idx_qs[j]] for j in single}
 
 
 def _up(mechanism: ClosedChainMechanism) -> FloatArray:

@@ -357,6 +357,13 @@ class ClosedChainMechanism:
             return data.oMi[self._model.parents[index]] * self._model.jointPlacements[index]
         return data.oMf[self.frame_id(joint)]
 
+    def pose_base_to_end(self, configuration: FloatArray) -> pin.SE3:
+        """Return the pose of the end frame in the base frame at a configuration, shape (nq,)."""
+        data = self.thread_data()
+        pin.framesForwardKinematics(self._model, data, configuration)
+        base, end = (data.oMf[self.frame_id(str(n))] for n in (self._loops.base_frame, self._loops.end_frame))
+        return base.actInv(end)
+
     def neutral_configuration(self) -> FloatArray:
         """Return the configuration with every joint at zero; shape (nq,)."""
         return np.asarray(pin.neutral(self._model), dtype=float)

@@ -60,16 +60,11 @@ class HomeDrawing:
 
     def in_reach(self, start: BatchStart) -> NDArray[np.bool_]:
         """Return where all joints of closed poses are within their limits, (n,)."""
-        structure, model = self._followed.engine.structure, self.mechanism.shared_model
-        if not isinstance(structure, StarStructure):
-            lower, upper = model.lowerPositionLimit, model.upperPositionLimit
-            return np.asarray(((start.joints >= lower) & (start.joints <= upper)).all(axis=1))
-        limits = self.mechanism.joint_limits()
+        values, limits = self._followed.engine.structure.joint_values(start.joints), self.mechanism.joint_limits()
         within = np.ones(len(start), dtype=bool)
-        for chain, names in enumerate(structure.joint_names):
-            for k, name in enumerate(names):
-                low, high = limits.get(name, (-np.inf, np.inf))
-                within &= (start.joints[:, chain, k] >= low) & (start.joints[:, chain, k] <= high)
+        for name, (lower, upper) in limits.items():
+            if name in values:
+                within &= (values[name] >= lower) & (values[name] <= upper)
         return within
 
     def configuration_at(self, drives: FloatArray, /) -> FloatArray:
@@ -78,14 +73,10 @@ class HomeDrawing:
         Raises:
             NoSolutionError: no pose has these drive values.
         """
-        joints, structure = self.starts(drives[None]).joints[0], self._followed.engine.structure
-        if not np.isfinite(joints).all():
+        start, structure = self.starts(drives[None]), self._followed.engine.structure
+        if not np.isfinite(start.joints).all():
             raise NoSolutionError("no pose of the drawing has these drive values; check them against the joint limits")
         if not isinstance(structure, StarStructure):
-            return np.asarray(joints)
-        values = {
-            name: float(value)
-            for names, row in zip(structure.joint_names, joints, strict=True)
-            for name, value in zip(names, row, strict=False)  # a chain may be shorter than the longest
-        }
+            return np.asarray(start.joints[0])
+        values = {name: float(course[0]) for name, course in structure.joint_values(start.joints).items()}
         return self.mechanism.with_joint_values(self.mechanism.neutral_configuration(), values)
