@@ -6,7 +6,12 @@ temperatures in °C, as the names of the fields say.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
 from pouring_robot.io.quantities import Quantity, QuantityTable
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.definition import RobotDefinition
 
 POSITION = ("x", "y", "z")
@@ -23,6 +28,17 @@ def drive_names(robot: RobotDefinition) -> tuple[str, ...]:
 def drive_columns(robot: RobotDefinition) -> tuple[Quantity, ...]:
     """Return the columns of the drives, as they are commanded."""
     return tuple(Quantity(drive.column, drive.command, required=True) for drive in robot.drives)
+
+
+def drive_values(quantities: Mapping[str, FloatArray], robot: RobotDefinition) -> FloatArray:
+    """Return the values of the driven joints, (n, drives), in m and rad, from columns (n,); NaN where one is absent."""
+    return stacked(quantities, drive_names(robot)) * [drive.factor for drive in robot.drives]
+
+
+def stacked(quantities: Mapping[str, FloatArray], names: Iterable[str]) -> FloatArray:
+    """Return quantities (n,) side by side, (n, names); NaN where one is absent."""
+    empty = np.full(next(iter(quantities.values())).size, np.nan)
+    return np.stack([quantities.get(name, empty) for name in names], axis=-1)
 
 
 def approach_names(robot: RobotDefinition) -> tuple[str, ...]:
@@ -42,6 +58,11 @@ def condition_columns(robot: RobotDefinition) -> tuple[Quantity, ...]:
         *(Quantity(name, "length") for name in robot.travels),
         *(Quantity(name, "temperature") for name in (AMBIENT, *parts)),
     )
+
+
+def condition_names(robot: RobotDefinition) -> tuple[str, ...]:
+    """Return the conditions that are one number a row: neither names nor sides of approach."""
+    return tuple(q.name for q in condition_columns(robot) if q.kind not in ("label", "sign"))
 
 
 def campaign_columns(robot: RobotDefinition) -> tuple[Quantity, ...]:

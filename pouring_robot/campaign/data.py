@@ -98,8 +98,7 @@ class Campaign(Result):
 
     @functools.cached_property
     def _condition_names(self) -> tuple[str, ...]:
-        given = columns.condition_columns(self.robot)
-        return tuple(q.name for q in given if q.kind not in ("label", "sign"))
+        return columns.condition_names(self.robot)
 
     @functools.cached_property
     def _places(self) -> dict[str, tuple[str, int]]:
@@ -355,16 +354,12 @@ def arrays_from(quantities: Mapping[str, FloatArray], robot: RobotDefinition) ->
 
     Of drives and positions absent ones become NaN; of the others, what is absent or empty becomes None.
     """
-    empty = np.full(next(iter(quantities.values())).size, np.nan)
-
-    def stack(names: Sequence[str]) -> FloatArray:
-        return np.stack([quantities.get(name, empty) for name in names], axis=-1)
-
-    approach, rotation = stack(columns.approach_names(robot)), stack(columns.ROTATION)
-    conditions = (q.name for q in columns.condition_columns(robot) if q.kind not in ("label", "sign"))
+    approach = columns.stacked(quantities, columns.approach_names(robot))
+    rotation = columns.stacked(quantities, columns.ROTATION)
+    conditions = columns.condition_names(robot)
     return {
-        "drives": stack(columns.drive_names(robot)) * [drive.factor for drive in robot.drives],
-        "position_m": stack(columns.POSITION),
+        "drives": columns.drive_values(quantities, robot),
+        "position_m": columns.stacked(quantities, columns.POSITION),
         "rotation_vector_rad": rotation if np.isfinite(rotation).any() else None,
         "approach": approach if np.isfinite(approach).any() else None,
         "conditions": {n: quantities[n] for n in conditions if n in quantities and np.isfinite(quantities[n]).any()},

@@ -56,8 +56,7 @@ def calibrate(
 
     check_folder(out)
     present = options.model_of(model, robot)
-    if model:
-        options.say_left_out(present, model, warm=True)
+    options.say_left_out(present, model, warm=True)
     data = Campaign.read(campaign, present.definition)
     chosen = CalibrationOptions(
         parameters=tuple(parameters or ("geometry",)),

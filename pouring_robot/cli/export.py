@@ -24,8 +24,7 @@ def export(
     from pouring_robot.robot.robot import PouringRobot, robot_of
 
     built = options.model_of(model, robot, layout)
-    if model is not None:
-        options.say_left_out(built, model)
+    options.say_left_out(built, model)
     found = robot_of(built)
     beside = built.definition.files_beside()
     urdf = write_urdf(built.tree_urdf(), out, beside)

@@ -50,17 +50,18 @@ def locate(
     """Say where the robot should be and where it is for every row of drive values of a table."""
     import numpy as np
 
-    from pouring_robot.campaign.columns import drive_columns
+    from pouring_robot.campaign.columns import drive_columns, drive_values
     from pouring_robot.exceptions import BadInputError
     from pouring_robot.io.quantities import read_quantities
     from pouring_robot.mechanism.poses import MM, MRAD
     from pouring_robot.robot.base import Robot
 
-    found = Robot(options.model_of(model, robot))
+    built = options.model_of(model, robot)
+    options.say_left_out(built, model)
+    found = Robot(built)
     wanted = drive_columns(found.model.definition)
     table = read_quantities(commands, wanted, wanted[0].canonical)
-    factors = [drive.factor for drive in found.model.definition.drives]
-    drives = np.column_stack([table.numbers[quantity.name] for quantity in wanted]) * factors
+    drives = drive_values(table.numbers, found.model.definition)
     empty = np.argwhere(~np.isfinite(drives))
     if empty.size:
         row, column = (int(k) for k in empty[0])

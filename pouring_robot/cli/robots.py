@@ -96,10 +96,9 @@ def robots(
 
     if model is not None or robot is not None or layout is not None:
         chosen = [options.model_of(model, robot, layout)]
+        options.say_left_out(chosen[0], model)
     else:
         chosen = [RobotModel(layout=name) for name in layout_names()]
-    if model is not None:
-        options.say_left_out(chosen[0], model)
     figures = [robot_figures(robot_of(one)) for one in chosen]
     if as_json:
         options.print_json(figures)

@@ -34,6 +34,14 @@ if TYPE_CHECKING:
     from pouring_robot.robot.parameters import ParameterCatalogue
 
 
+def as_it_stands(model: RobotModel | Path | str | None, who: str) -> RobotModel:
+    """Return a model, and warn the caller of ``who``, a function of the library, of what its robot leaves out of it."""
+    loaded = RobotModel.of(model)
+    for line in loaded.left_out(who):
+        warnings.warn(line, stacklevel=3)
+    return loaded
+
+
 class Robot:
     """The robot of the drawing and as built. Holds solver workspace: one object a thread.
 
@@ -70,15 +78,16 @@ class Robot:
         Raises:
             DescriptionError: a file is wrong.
         """
-        loaded = RobotModel.of(model)
-        for line in loaded.left_out(f"{cls.__name__}.load"):
-            warnings.warn(line, stacklevel=2)
-        return cls(loaded)
+        return cls(as_it_stands(model, f"{cls.__name__}.load"))
 
     def __repr__(self) -> str:
         """Return name and number of errors."""
         errors = len(self.model.joint_placements) + len(self.model.drive_offsets)
-        return f"<{type(self).__name__}: {self.model.definition.name}, {errors} displaced joints and drives>"
+        return f"<{type(self).__name__}: {self._called}, {errors} displaced joints and drives>"
+
+    @property
+    def _called(self) -> str:
+        return self.model.definition.name
 
     @functools.cached_property
     def parameters(self) -> ParameterCatalogue:

@@ -28,7 +28,7 @@ from pouring_robot.mechanism.jacobians import (
     drive_jacobians,
 )
 from pouring_robot.mechanism.parameters import LocalParameter
-from pouring_robot.robot.base import Robot
+from pouring_robot.robot.base import Robot, as_it_stands
 from pouring_robot.robot.location import LadleLocation, located
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
@@ -63,10 +63,9 @@ class PouringRobot(Robot):
             raise BadInputError(f"the model is one of {self.model.definition.name}: load it with Robot.load")
         self.kinematics = self.drawing
 
-    def __repr__(self) -> str:
-        """Return layout and number of errors."""
-        errors = len(self.model.joint_placements) + len(self.model.drive_offsets)
-        return f"<{type(self).__name__}: layout {self.model.layout}, {errors} displaced joints and drives>"
+    @property
+    def _called(self) -> str:
+        return f"layout {self.model.layout}"
 
     @functools.cached_property
     def layout(self) -> Layout:
@@ -202,4 +201,4 @@ def load_robot(model: RobotModel | Path | str | None = None) -> PouringRobot:
         ModelFileError: the model file is wrong.
         UnknownLayoutError: it names a layout that does not exist.
     """
-    return PouringRobot.load(model)
+    return PouringRobot(as_it_stands(model, "load_robot"))

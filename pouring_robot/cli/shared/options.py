@@ -75,14 +75,9 @@ def robot_of(model: Path | None, layout: str | None, *, warm: bool = False) -> P
     Raises:
         BadInputError: both a model file and a layout are given, or one of them is wrong.
     """
-    from pouring_robot.robot.model import RobotModel
     from pouring_robot.robot.robot import PouringRobot
 
-    if model is not None and layout is not None:
-        raise BadInputError("give --model or --layout, not both: the model file names its layout")
-    if model is None:
-        return PouringRobot(RobotModel(layout=layout) if layout else None)
-    found = RobotModel.load(model)
+    found = model_of(model, None, layout)
     if found.robot:
         raise BadInputError(f"{model}: this command knows the pouring robot only, not {found.definition.name}")
     say_left_out(found, model, warm=warm)
@@ -105,8 +100,11 @@ def model_of(model: Path | None, robot: Path | None, layout: str | None = None) 
     return RobotModel(layout=layout) if layout else RobotModel.of(model)
 
 
-def say_left_out(model: RobotModel, file: Path | str, *, warm: bool = False) -> None:
-    """Say on standard error what a command leaves out of a model: heat, and effects that only a campaign tells of."""
+def say_left_out(model: RobotModel, file: Path | str | None, *, warm: bool = False) -> None:
+    """Say on standard error what a command leaves out of a model: heat, and effects that only a campaign tells of.
+
+    A drawing (no file) has neither.
+    """
     for line in model.left_out("this command", str(file), warm=warm):
         print(f"note: {line}", file=sys.stderr)
 
