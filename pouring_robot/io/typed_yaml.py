@@ -46,6 +46,8 @@ def read_yaml(path: Path | str, error: type[DescriptionError] = DescriptionError
         raise error(path, f"{line}not valid YAML: {summary}") from problem
     except (YAMLError, ValueError) as problem:  # such as a number or a character YAML cannot hold
         raise error(path, f"not valid YAML: {str(problem).splitlines()[0]}") from problem
+    except TypeError as problem:  # the reader cannot hold a mapping with a list in it as a key
+        raise error(path, "not valid YAML: a key is a list or a mapping; keys are plain words") from problem
     if not isinstance(content, CommentedMap):
         raise error(path, "must be a mapping of keys to values at its top level")
     return content

@@ -249,3 +249,11 @@ def test_any_damage_to_the_example_is_refused_or_harmless(tmp_path, place, chang
         RobotModel.load(path)
     except BadInputError as error:
         assert "\n" not in str(error)
+
+
+@pytest.mark.parametrize("text", ["{format: []}: 1\n", "? {a: [1]}\n: 2\n"])
+def test_a_key_that_is_no_word_is_refused(tmp_path, text):
+    path = tmp_path / "model.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ModelFileError, match="keys are plain words"):
+        RobotModel.load(path)
