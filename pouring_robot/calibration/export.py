@@ -11,6 +11,7 @@ from pouring_robot.calibration.summary import calibration_metrics, notes_of, war
 from pouring_robot.exceptions import DescriptionError, OutputError
 from pouring_robot.io.files import check_folder, write_together
 from pouring_robot.robot.description.urdf import urdf_files
+from pouring_robot.robot.export.closed import ClosedRobot
 from pouring_robot.robot.model import RobotModel
 
 MODEL, FIGURES, REPORT = "calibrated.yaml", "calibration.json", "report.html"
@@ -31,7 +32,7 @@ def write_calibration(calibration: CalibrationFindings, folder: Path | str) -> l
     """
     folder, model = check_folder(folder), described(calibration)
     try:
-        files = urdf_files(model.tree_urdf(), folder, model.definition.files_beside())
+        files = urdf_files(ClosedRobot.of(model).urdf, folder, model.definition.files_beside())
     except DescriptionError as error:
         raise OutputError(folder, error.problem) from error
     files[folder / FIGURES] = json.dumps(calibration_metrics(calibration), indent=1, allow_nan=False) + "\n"

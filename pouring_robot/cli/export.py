@@ -1,34 +1,95 @@
-"""``pouring-robot export``: the robot as built for other programs."""
+"""``pouring-robot export``: the robot as built for other programs, closed."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from pouring_robot.cli.shared import options
+from pouring_robot.exceptions import BadInputError
 
-OutFolder = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the URDF, its meshes and loops.")]
+if TYPE_CHECKING:
+    from pouring_robot.robot.model import RobotModel
+
+OutFolder = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the description and its meshes.")]
+Form = Annotated[
+    Literal["urdf", "mjcf", "sdf", "drake"],
+    typer.Option("--format", help="drake: SDF whose loops are bushings; sdf: loops are joints."),
+]
+AtMm = Annotated[
+    tuple[float, float, float] | None,
+    typer.Option("--at-mm", metavar="X Y Z", help="Position of the platform in which it stands closed."),
+]
+Joints = Annotated[
+    str | None,
+    typer.Option("--joints", metavar="VALUES", help="Drive values in which it stands closed, m and rad: '0.5 0.5 1'."),
+]
 
 
 def export(
     out: OutFolder,
+    form: Form = "urdf",
+    at_mm: AtMm = None,
+    tilt_deg: Annotated[float, typer.Option("--tilt-deg", metavar="T", help="Tilt about y with --at-mm.")] = 0.0,
+    joints: Joints = None,
+    zero_here: Annotated[bool, typer.Option("--zero-here", help="URDF: count all joints from this pose.")] = False,
+    absolute_meshes: Annotated[bool, typer.Option("--absolute-meshes", help="URDF: address meshes from /.")] = False,
     model: options.ModelFile = None,
     robot: options.RobotFile = None,
     layout: options.LayoutName = None,
 ) -> None:
-    """Write the robot as built: URDF with its meshes, and the file that says how the tree closes."""
-    from pouring_robot.robot.description.urdf import write_urdf
+    """Write the robot as built, closed at a pose: description, meshes, joint values, and how the tree closes.
+
+    Without a pose it stands in the middle of its workspace, or at the home of its robot file.
+    """
+    from pouring_robot.io.files import write_together
+    from pouring_robot.mechanism.poses import MM, MRAD
+    from pouring_robot.robot.export.closed import ClosedRobot
+    from pouring_robot.robot.export.folder import exported_files
     from pouring_robot.robot.pouring.ladle_mesh import stale_mesh_note
-    from pouring_robot.robot.robot import PouringRobot, robot_of
+    from pouring_robot.robot.pouring.layout import load_layout
 
     built = options.model_of(model, robot, layout)
     options.say_left_out(built, model)
-    found = robot_of(built)
-    beside = built.definition.files_beside()
-    urdf = write_urdf(built.tree_urdf(), out, beside)
+    closed = ClosedRobot.of(built, _drives(built, at_mm, tilt_deg, joints))
+    files = exported_files(closed, out, form, zero_here=zero_here, absolute_meshes=absolute_meshes)
     console = options.console()
-    options.print_written(console, (urdf, *(out / name for name in beside)))
-    note = stale_mesh_note(found.layout) if isinstance(found, PouringRobot) else None
+    options.print_written(console, reversed(write_together(files)))
+    result, gap = closed.result, closed.over_workspace() if form == "urdf" else None
+    console.print(
+        f"closed: left open {result.gap_m / MM:.2g} mm and {result.gap_rad / MRAD:.2g} mrad at most", markup=False
+    )
+    if gap:
+        loops = closed.mechanism.loops
+        console.print(
+            f"the tree carries '{loops.end_frame}' on one chain: '{loops.working_frame}' is right here; with the joint "
+            f"values of {gap.poses} poses of the workspace it is {gap.rms_m / MM:.2g} mm rms and "
+            f"{gap.largest_m / MM:.2g} mm at most off",
+            markup=False,
+        )
+    note = None if built.robot else stale_mesh_note(load_layout(built.layout, built.layouts_path))
     options.print_notes(console, [note] if note else [])
+
+
+def _drives(
+    model: RobotModel, at_mm: tuple[float, float, float] | None, tilt_deg: float, joints: str | None
+) -> list[float] | None:
+    """Return the drive values of the pose that was asked for; None: none was."""
+    from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
+    from pouring_robot.robot.pouring.poses import PlatformPose
+
+    if at_mm is not None and joints is not None:
+        raise BadInputError("give --at-mm or --joints, not both")
+    if at_mm is not None:
+        drawing = model.definition.drawing()
+        if not isinstance(drawing, FourUPUKinematics):
+            raise BadInputError(f"{model.definition.name} is not commanded by poses; give drive values by --joints")
+        return list(drawing.inverse(PlatformPose.from_mm_deg(*at_mm, tilt_deg)).values())
+    if joints is None:
+        return None
+    try:
+        return [float(value) for value in joints.replace(",", " ").split()]
+    except ValueError as problem:
+        raise BadInputError(f"--joints '{joints}': {problem}; give numbers in m and rad") from problem

@@ -8,6 +8,7 @@ from pathlib import Path
 from pouring_robot.exceptions import BadInputError, OutputError
 from pouring_robot.io.cache import cache_folder, content_key
 from pouring_robot.robot.description.urdf import description_folder, write_urdf
+from pouring_robot.robot.export.closed import ClosedRobot
 from pouring_robot.robot.model import RobotModel
 
 
@@ -33,7 +34,7 @@ def urdf_path(*, layout: str | None = None, model: RobotModel | Path | str | Non
     """
     if layout is not None and model is not None:
         raise BadInputError("give layout or model, not both: the model names its layout")
-    urdf = (RobotModel(layout=layout) if layout else RobotModel.of(model)).tree_urdf()
+    urdf = ClosedRobot.of(RobotModel(layout=layout) if layout else RobotModel.of(model)).urdf
     place = (cache_folder() or Path(tempfile.gettempdir(), "pouring_robot")) / "robots" / content_key([urdf])
     try:
         place.mkdir(parents=True, exist_ok=True)

@@ -329,15 +329,6 @@ class RobotModel(StrictModel):
         seat, root = self.loops().loops[0].frame_b, etree.fromstring(self.nominal_urdf().encode())
         return next((str(j.get("name")) for j in root.iterfind("joint") if j.find("child").get("link") == seat), seat)
 
-    def tree_urdf(self) -> str:
-        """Return the robot as built for programs that know no loops.
-
-        In :meth:`urdf` the joint that only carries the platform in the tree stands as drawn. Here it stands so
-        that the carrying chain meets the platform at its displaced seat, and the joint of a drive with an offset is
-        displaced by it, so that its value is the command.
-        """
-        return meet_at_cut_joints(self.with_offsets_placed().urdf(), self.loops())
-
     def with_offsets_placed(self) -> RobotModel:
         """Return the same robot with each drive's offset as a displacement of its joint along or about its axis.
 
@@ -369,18 +360,3 @@ class RobotModel(StrictModel):
 def _says_something(content: Any) -> bool:
     """Return whether there is anything in nested mappings, such as ``{"leg1_s1": {}}``, but empty ones."""
     return any(map(_says_something, content.values())) if isinstance(content, dict) else True
-
-
-def meet_at_cut_joints(urdf: str, loops: LoopsFile) -> str:
-    """Return the URDF with its cut joints placed so that the loops of the carrying chains are closed in the tree."""
-    mechanism = ClosedChainMechanism(urdf, loops)
-    model, paths = mechanism.shared_model, mechanism.frame_paths
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, mechanism.neutral_configuration())
-    errors = {}
-    for cut in loops.cut_joints:
-        for loop in loops.loops:
-            if paths[loop.frame_a] == paths[cut][:-1]:
-                mount, foot, seat = (data.oMf[mechanism.frame_id(name)] for name in (cut, loop.frame_a, loop.frame_b))
-                errors[cut] = PlacementError.from_se3(mount.actInv(foot * seat.actInv(mount)))
-    return perturb_urdf(urdf, errors)

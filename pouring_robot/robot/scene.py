@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -18,7 +17,7 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
-from pouring_robot.robot.description.urdf import description_folder
+from pouring_robot.robot.description.urdf import with_mesh_files
 from pouring_robot.robot.location import LadleLocation
 from pouring_robot.robot.metrics import decimals
 from pouring_robot.viewer import GHOST_TINT, Scene, SceneArrow, SceneRobot, camera_on, visual_model
@@ -96,8 +95,7 @@ def drawn_robot(
     tint: tuple[float, float, float] | None = None,
 ) -> SceneRobot:
     """Return a mechanism in a configuration (nq,), ready for a scene."""
-    folders: list[Path | str] = [description_folder().parent]
-    visual = visual_model(mechanism.shared_model, mechanism.tree_urdf, folders)
+    visual = visual_model(mechanism.shared_model, with_mesh_files(mechanism.tree_urdf))
     return SceneRobot(name, mechanism.shared_model, visual, configuration, opacity=opacity, tint=tint, label=label)
 
 

@@ -18,7 +18,7 @@ from pouring_robot.exceptions import DescriptionError, UnknownJointError
 from pouring_robot.io.files import write_together
 from pouring_robot.mechanism.poses import PlacementError
 
-MESH_PACKAGE = "package://robot_description/meshes"
+MESH_PACKAGE = "package://pouring_robot_description/meshes"
 
 
 def description_folder() -> Path:
@@ -72,6 +72,11 @@ def perturb_urdf(urdf: str, placements: Mapping[str, PlacementError]) -> str:
         _displace(joints[name], placement)
     text: str = etree.tostring(root, encoding="unicode")
     return text + "\n"
+
+
+def with_mesh_files(urdf: str) -> str:
+    """Return the URDF with the meshes of our own package addressed as files, for readers that know no packages."""
+    return urdf.replace(MESH_PACKAGE, (description_folder() / "meshes").as_posix())
 
 
 def meshes_from(urdf: str, folder: Path) -> str:
@@ -131,11 +136,21 @@ def urdf_files(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
         except OSError as error:
             raise DescriptionError(source, f"cannot be read: {error.strerror}") from error
         mesh.set("filename", f"meshes/{source.name}")
+    _say_massless(root)
     files |= {folder / name: content for name, content in (beside or {}).items()}
-    files[folder / f"{root.get('name', 'robot')}.urdf"] = (
-        etree.tostring(root, xml_declaration=True, encoding="utf-8") + b"\n"
-    )
+    # No XML declaration: some readers pass the text on as a string, which must not declare an encoding.
+    files[folder / f"{root.get('name', 'robot')}.urdf"] = etree.tostring(root, encoding="unicode").encode() + b"\n"
     return files
+
+
+def _say_massless(root: etree._Element) -> None:
+    """Give frames that something carries a mass of zero: left unsaid, some readers take it for 1 kg."""
+    for name in (joint.find("child").get("link") for joint in root.iterfind("joint")):
+        link = next(link for link in root.iterfind("link") if link.get("name") == name)
+        if link.find("inertial") is None:
+            inertial = etree.SubElement(link, "inertial")
+            etree.SubElement(inertial, "mass", value="0")
+            etree.SubElement(inertial, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
 
 
 def _displace(joint: etree._Element, placement: PlacementError) -> None:

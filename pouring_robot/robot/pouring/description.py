@@ -31,7 +31,7 @@ def render_urdf(
         chain_order: the four chains; the first carries the moving platform in the tree, the others
             close on it.
         layouts_file: dimensions file (default: the shipped one).
-        mesh_folder: folder written into the mesh addresses (default: ``package://robot_description/meshes``).
+        mesh_folder: folder written into the mesh addresses (default: ``package://pouring_robot_description/meshes``).
 
     Raises:
         DescriptionError: the dimensions file or a xacro file is wrong; names file and, where known, line

@@ -218,6 +218,10 @@ class Leg(StrictModel):
     sole_length: Length
 
 
+class Drag(Entry[Share, Literal["1"]]):
+    """Share of its rated force that a joint resists with at its rated speed."""
+
+
 class Ratings(StrictModel):
     """Velocity and effort limits of the joints."""
 
@@ -227,6 +231,7 @@ class Ratings(StrictModel):
     leg_force: Force
     joint_speed: Spin
     joint_torque: Torque
+    drag: Drag | None = None
 
 
 class Materials(StrictModel):

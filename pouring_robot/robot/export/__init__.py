@@ -1,0 +1,1 @@
+"""The closed robot as files for other programs: URDF and SRDF, MJCF, SDF, and tables of joint values."""

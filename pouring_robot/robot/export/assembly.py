@@ -1,0 +1,280 @@
+"""A closed robot as bodies, joints and loops, each body where it stands: what MJCF and SDF are written from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import PurePosixPath
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from lxml import etree
+
+from pouring_robot.exceptions import DescriptionError
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.loops import LoopsFile
+from pouring_robot.robot.export.closed import ClosedRobot
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A visual or a collision.
+
+    Attributes:
+        kind: ``box``, ``cylinder``, ``sphere`` or ``mesh``.
+        sizes: in m: lengths of a box; radius and length of a cylinder; radius of a sphere; scale of a mesh.
+        pose: in its body.
+        mesh: file name of a mesh.
+        colour: red, green, blue, opacity.
+    """
+
+    kind: str
+    sizes: tuple[float, ...]
+    pose: pin.SE3
+    mesh: str = ""
+    colour: tuple[float, ...] = (0.7, 0.7, 0.7, 1.0)
+
+
+@dataclass(frozen=True)
+class Body:
+    """A link where it stands.
+
+    Attributes:
+        name: of the link.
+        pose: in the world, m.
+        inertia: in the body's frame; None for a frame without mass.
+        visuals: what is drawn.
+        collisions: what is touched.
+    """
+
+    name: str
+    pose: pin.SE3
+    inertia: pin.Inertia | None
+    visuals: tuple[Shape, ...]
+    collisions: tuple[Shape, ...]
+
+
+# Of a drive's servo: what it yields at its rated force, in m or rad, and how fast it answers, in rad/s.
+_YIELDS, _BANDWIDTH = 5e-3, 100.0
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint of the tree.
+
+    Attributes:
+        name: of the joint.
+        kind: ``revolute`` (``continuous`` too), ``prismatic``, ``spherical`` or ``fixed``.
+        parent: body that carries it; ``child``: body that it moves.
+        axis: in the child, unit length, (3,).
+        value: at which the bodies stand where they stand, in m or rad.
+        limits: lower and upper value; None: it goes round.
+        effort: largest force or torque, N or Nm; 0: not said. Likewise ``velocity``, m/s or rad/s.
+        damping: Ns/m or Nms/rad; ``friction``: N or Nm.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    axis: FloatArray
+    value: float
+    limits: tuple[float, float] | None
+    effort: float
+    velocity: float
+    damping: float
+    friction: float
+
+    @property
+    def servo_stiffness(self) -> float:
+        """Stiffness of a servo that moves it, in N/m or Nm/rad."""
+        return (self.effort or 1e3) / _YIELDS
+
+    @property
+    def armature(self) -> float:
+        """Inertia of that servo's motor, seen from the joint, in kg or kg m²."""
+        return self.servo_stiffness / _BANDWIDTH**2
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """A closed robot without its cut joints: every chain closes on the platform by a loop.
+
+    Attributes:
+        name: of the robot.
+        bodies: by name, each after the one that carries it.
+        joints: by the name of the body that each moves; bodies that nothing carries are not in it.
+        loops: frames (bodies here) that coincide, drives, stiffness.
+        base: the body that stands still, first of all.
+        mimics: ratio by follower and leader.
+        mobilities: how readily a loop's body, all loops open, is moved at its centre of mass, in 1/kg, and turned, in
+            1/(kg m²); mean of the three directions, by name.
+    """
+
+    name: str
+    bodies: Mapping[str, Body]
+    joints: Mapping[str, Joint]
+    loops: LoopsFile
+    base: str
+    mimics: Mapping[tuple[str, str], float]
+    mobilities: Mapping[str, tuple[float, float]]
+
+    @classmethod
+    def of(cls, closed: ClosedRobot) -> Assembly:
+        """Read it off a closed robot.
+
+        Raises:
+            DescriptionError: the URDF has a joint or shape that cannot be written.
+        """
+        root, mechanism = etree.fromstring(closed.urdf.encode()), closed.mechanism
+        paint = {
+            m.get("name"): m.find("color").get("rgba") for m in root.iter("material") if m.find("color") is not None
+        }
+        links = {str(link.get("name")): link for link in root.iterfind("link")}
+        joints = {}
+        for entry in root.iterfind("joint"):
+            if entry.get("name") not in mechanism.loops.cut_joints:
+                one = _joint(entry, closed)
+                joints[one.child] = one
+        carried = {entry.find("child").get("link") for entry in root.iterfind("joint")}
+        base = next(name for name in links if name not in carried)
+        bodies = {
+            name: Body(
+                name,
+                closed.result.pose("universe", name),
+                _inertia(links[name]),
+                tuple(_shapes(links[name], "visual", paint)),
+                tuple(_shapes(links[name], "collision", paint)),
+            )
+            for name in _carriers_first(links, joints)
+        }
+        for frame in (frame for loop in mechanism.loops.loops for frame in (loop.frame_a, loop.frame_b)):
+            if frame not in bodies:
+                raise DescriptionError("URDF", f"the loop's frame '{frame}' is no link, so it cannot be exported")
+        mimics = {(m.joint, m.leader): m.ratio for m in mechanism.mimics}
+        found = cls(str(root.get("name")), bodies, joints, mechanism.loops, base, mimics, {})
+        return replace(found, mobilities=_mobilities(closed, found))
+
+    def solid(self, name: str) -> str:
+        """Return the body that a frame without mass sits on; a body with mass is its own."""
+        while self.bodies[name].inertia is None and name in self.joints and self.joints[name].kind == "fixed":
+            name = self.joints[name].parent
+        return name
+
+    def carried_by(self, name: str) -> tuple[str, ...]:
+        """Return the bodies that a body carries by joints."""
+        return tuple(joint.child for joint in self.joints.values() if joint.parent == name)
+
+    @property
+    def servos(self) -> tuple[Joint, ...]:
+        """The joints that are held by a servo: drives, then the locked ones."""
+        by_name = {joint.name: joint for joint in self.joints.values() if joint.kind in ("revolute", "prismatic")}
+        return tuple(by_name[n] for n in (*self.loops.drives, *self.loops.locked_joints) if n in by_name)
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Bodies that only loops hold."""
+        return tuple(name for name in self.bodies if name not in self.joints and name != self.base)
+
+    @property
+    def meshes(self) -> dict[str, Shape]:
+        """One shape of each mesh, by file name."""
+        every = (s for body in self.bodies.values() for s in (*body.visuals, *body.collisions))
+        return {shape.mesh: shape for shape in every if shape.mesh}
+
+
+def _mobilities(closed: ClosedRobot, assembly: Assembly) -> dict[str, tuple[float, float]]:
+    mechanism, found = closed.mechanism, {}
+    model, data = mechanism.shared_model, mechanism.shared_model.createData()
+    mass = pin.crba(model, data, closed.result.configuration)
+    mass = np.triu(mass) + np.triu(mass, 1).T
+    for joint in assembly.servos:
+        own = mechanism.joint_columns[joint.name].start
+        mass[own, own] += joint.armature
+    pin.computeJointJacobians(model, data, closed.result.configuration)
+    for loop in assembly.loops.loops:
+        for name in (assembly.solid(loop.frame_a), assembly.solid(loop.frame_b)):
+            inertia = assembly.bodies[name].inertia
+            if inertia is None or name == assembly.base:
+                found[name] = (0.0, 0.0)
+                continue
+            frame = model.frames[mechanism.frame_id(name)]
+            centre = frame.placement * pin.SE3(np.eye(3), inertia.lever)
+            jacobian = pin.getFrameJacobian(model, data, frame.parentJoint, centre, pin.LOCAL_WORLD_ALIGNED)
+            shares = np.diag(jacobian @ np.linalg.solve(mass, jacobian.T)) / 3.0
+            found[name] = (float(shares[:3].sum()), float(shares[3:].sum()))
+    return found
+
+
+def _carriers_first(links: Mapping[str, Any], joints: Mapping[str, Joint]) -> list[str]:
+    def depth(name: str) -> int:
+        return 1 + depth(joints[name].parent) if name in joints else 0
+
+    return sorted(links, key=depth)
+
+
+def _numbers(element: Any, key: str, default: str) -> FloatArray:
+    return np.array((element.get(key, default) if element is not None else default).split(), dtype=float)
+
+
+def _pose(element: Any) -> pin.SE3:
+    origin = element.find("origin")
+    return pin.SE3(pin.rpy.rpyToMatrix(_numbers(origin, "rpy", "0 0 0")), _numbers(origin, "xyz", "0 0 0"))
+
+
+def _inertia(link: Any) -> pin.Inertia | None:
+    inertial = link.find("inertial")
+    mass = float(inertial.find("mass").get("value")) if inertial is not None else 0.0
+    if mass == 0.0:
+        return None
+    moments = inertial.find("inertia")
+    xx, xy, xz, yy, yz, zz = (float(moments.get(f"i{key}", "0")) for key in ("xx", "xy", "xz", "yy", "yz", "zz"))
+    own = pin.Inertia(mass, np.zeros(3), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    return _pose(inertial).act(own)
+
+
+def _shapes(link: Any, what: str, paint: Mapping[Any, Any]) -> Iterator[Shape]:
+    for entry in link.iterfind(what):
+        form, material = entry.find("geometry")[0], entry.find("material")
+        rgba = paint.get(material.get("name")) if material is not None else None
+        colour = tuple(float(v) for v in rgba.split()) if rgba else Shape.colour
+        match form.tag:
+            case "box":
+                sizes = _numbers(form, "size", "")
+            case "cylinder":
+                sizes = np.array([float(form.get("radius")), float(form.get("length"))])
+            case "sphere":
+                sizes = np.array([float(form.get("radius"))])
+            case "mesh":
+                sizes = _numbers(form, "scale", "1 1 1")
+            case _:
+                raise DescriptionError("URDF", f"link {link.get('name')}: a '{form.tag}' cannot be exported")
+        mesh = PurePosixPath(form.get("filename", "")).name if form.tag == "mesh" else ""
+        yield Shape(form.tag, tuple(sizes.tolist()), _pose(entry), mesh, colour)
+
+
+def _joint(entry: Any, closed: ClosedRobot) -> Joint:
+    name, kind = str(entry.get("name")), str(entry.get("type"))
+    if kind not in ("revolute", "continuous", "prismatic", "fixed"):
+        raise DescriptionError("URDF", f"joint {name}: '{kind}' cannot be exported; leave it to cut_joints")
+    limit, dynamics = entry.find("limit"), entry.find("dynamics")
+    axis = _numbers(entry.find("axis"), "xyz", "1 0 0")
+    if closed.mechanism.loops.joint_types.get(name) == "spherical":
+        kind = "spherical"
+    bounded = kind in ("revolute", "prismatic") and limit is not None and limit.get("lower") != limit.get("upper")
+    effort, velocity = (float(limit.get(key, "0")) if limit is not None else 0.0 for key in ("effort", "velocity"))
+    damping, friction = (float(dynamics.get(k, "0")) if dynamics is not None else 0.0 for k in ("damping", "friction"))
+    return Joint(
+        name,
+        "revolute" if kind == "continuous" else kind,
+        str(entry.find("parent").get("link")),
+        str(entry.find("child").get("link")),
+        axis / np.linalg.norm(axis),
+        closed.joints.get(name, 0.0),
+        (float(limit.get("lower", "0")), float(limit.get("upper", "0"))) if bounded else None,
+        effort,
+        velocity,
+        damping,
+        friction,
+    )

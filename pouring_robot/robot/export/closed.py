@@ -1,0 +1,140 @@
+"""The robot as built, closed at one command, for programs that know trees only.
+
+A tree carries the platform on one chain. As built, it would stand where that chain alone puts it, and what the loops
+leave open would all show at the feet of the others. So the joint that carries it (``cut_joints``) is placed where the
+closure, in which all chains count alike, has the platform at the chosen command: there every body of the tree stands
+where the package says, and each foot is off its seat by that chain's own share. Elsewhere the carrier's share is
+another one; :meth:`ClosedRobot.over_workspace` says how much that does.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from lxml import etree
+from numpy.typing import ArrayLike
+
+from pouring_robot.batch import engine_for
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure import ClosureResult
+from pouring_robot.mechanism.poses import PlacementError
+from pouring_robot.robot.base import Robot
+from pouring_robot.robot.description.urdf import perturb_urdf
+from pouring_robot.robot.location import frames_of
+from pouring_robot.robot.model import RobotModel
+
+
+@dataclass(frozen=True)
+class TreeGap:
+    """How far the working frame of the tree is from the closed robot's, over the workspace.
+
+    Attributes:
+        poses: how many were compared.
+        rms_m: root mean square of the distances, in m.
+        largest_m: the largest distance, in m.
+    """
+
+    poses: int
+    rms_m: float
+    largest_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedRobot:
+    """The robot as built, closed at one command.
+
+    Attributes:
+        robot: its drives' offsets stand in the joints, so that the value of a drive's joint is the command.
+        result: the closure at the command.
+    """
+
+    robot: Robot
+    result: ClosureResult
+
+    @classmethod
+    def of(cls, model: RobotModel, drives: ArrayLike | None = None) -> ClosedRobot:
+        """Close the robot of a model.
+
+        Args:
+            model: the robot as built.
+            drives: the command, (drives,), in m and rad; by default the middle of the workspace or the home.
+
+        Raises:
+            BadInputError: the number of drives is wrong.
+            NoSolutionError: no pose has these drive values.
+        """
+        robot = Robot(model.with_offsets_placed())
+        command = model.definition.home_drives if drives is None else np.asarray(drives, dtype=float)
+        return cls(robot, robot.closed_at(command)[1])
+
+    @property
+    def mechanism(self) -> ClosedChainMechanism:
+        """The mechanism as built."""
+        return self.result.mechanism
+
+    @property
+    def joints(self) -> dict[str, float]:
+        """Value of every joint of one freedom, in m and rad."""
+        return self.result.joint_values
+
+    @functools.cached_property
+    def urdf(self) -> str:
+        """The tree, the platform standing at the command where the closure puts it."""
+        return perturb_urdf(self.mechanism.urdf, self._carried())
+
+    def urdf_zero_here(self) -> str:
+        """Return the tree with the zeros of its joints moved to the command, for viewers that show zeros."""
+        axes = {
+            str(joint.get("name")): np.array((axis.get("xyz") if axis is not None else "1 0 0").split(), dtype=float)
+            for joint in etree.fromstring(self.urdf.encode()).iterfind("joint")
+            for axis in (joint.find("axis"),)
+        }
+        moved = {}
+        for name, value in self.joints.items():
+            way = tuple((value * axes[name] / np.linalg.norm(axes[name])).tolist())
+            is_slide = self.mechanism.unit_of(name) == "m"
+            moved[name] = PlacementError(translation_m=way) if is_slide else PlacementError(rotation_rad=way)
+        root = etree.fromstring(perturb_urdf(self.urdf, moved).encode())
+        for joint in root.iterfind("joint"):
+            value = self.joints.get(str(joint.get("name")), 0.0)
+            limit, mimic = joint.find("limit"), joint.find("mimic")
+            for bound in ("lower", "upper") if limit is not None and joint.get("type") != "continuous" else ():
+                limit.set(bound, repr(float(limit.get(bound, "0")) - value))
+            if mimic is not None:
+                mimic.set("offset", "0")
+        return str(etree.tostring(root, encoding="unicode")) + "\n"
+
+    def _carried(self) -> dict[str, PlacementError]:
+        """Return how far each cut joint stands off in the tree: the value of the free joint it is in the closure."""
+        model, placed = self.mechanism.shared_model, {}
+        for name in self.mechanism.loops.cut_joints:
+            first = model.joints[self.mechanism.joint_id(name)].idx_q
+            placed[name] = PlacementError.from_se3(pin.XYZQUATToSE3(self.result.configuration[first : first + 7]))
+        return placed
+
+    def over_workspace(self) -> TreeGap | None:
+        """Compare the tree with the closed robot over the workspace; None where the tree is all there is.
+
+        The tree gets the joint values of the closed robot, as a table of them would give.
+        """
+        if not self.mechanism.loops.cut_joints:
+            return None
+        loops, tree = self.mechanism.loops, pin.buildModelFromXML(self.urdf)
+        drives, start = self.robot.model.definition.workspace(self.robot.drawing)
+        closed = self.robot.close(drives, start)
+        good = np.flatnonzero(closed.closed)
+        values = engine_for(self.mechanism).structure.joint_values(closed.joints)
+        expected = frames_of(self.mechanism, closed.position, closed.rotation)[:, -1, :, 3]
+        data, off = tree.createData(), np.empty(len(good))
+        base, tip = (tree.getFrameId(name) for name in (loops.base_frame, loops.working_frame))
+        indices = {tree.joints[tree.getJointId(name)].idx_q: name for name in values if tree.existJointName(name)}
+        for k, row in enumerate(good):
+            configuration = pin.neutral(tree)
+            for index, name in indices.items():
+                configuration[index] = values[name][row]
+            pin.framesForwardKinematics(tree, data, configuration)
+            off[k] = np.linalg.norm(data.oMf[base].actInv(data.oMf[tip]).translation - expected[row])
+        return TreeGap(len(good), float(np.sqrt(np.mean(off**2))), float(off.max()))

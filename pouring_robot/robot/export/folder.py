@@ -1,0 +1,90 @@
+"""The folder that holds an exported robot: description, meshes in every format, joint values, closed."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import trimesh
+from lxml import etree
+
+from pouring_robot.robot.description.urdf import urdf_files
+from pouring_robot.robot.export.assembly import Assembly
+from pouring_robot.robot.export.closed import ClosedRobot
+from pouring_robot.robot.export.contacts import joined_or_touching, srdf
+from pouring_robot.robot.export.joints import JointRow, joints_text
+from pouring_robot.robot.export.mjcf import mjcf
+from pouring_robot.robot.export.sdf import sdf
+
+Format = Literal["urdf", "mjcf", "sdf", "drake"]
+FORMATS: tuple[Format, ...] = get_args(Format)
+
+
+def exported_files(
+    closed: ClosedRobot,
+    folder: Path,
+    form: Format = "urdf",
+    *,
+    zero_here: bool = False,
+    absolute_meshes: bool = False,
+) -> dict[Path, bytes | str]:
+    """Return what an export writes, by path; the description last.
+
+    Args:
+        closed: the robot as built, closed at the chosen command.
+        folder: where it will stand.
+        form: what describes it: ``urdf`` (with an SRDF and the file that says how it closes), ``mjcf``, ``sdf`` (loops
+            are joints) or ``drake`` (SDF, loops are bushings).
+        zero_here: whether the URDF's joints count from the command, so that its zero is closed. Without it they have
+            the package's values.
+        absolute_meshes: whether meshes are addressed from the root, for readers that know no folder.
+
+    Raises:
+        DescriptionError: a mesh is missing, or something has no words in the format.
+    """
+    assembly = Assembly.of(closed)
+    pairs = joined_or_touching(closed, assembly)
+    name = assembly.name
+    beside: dict[str, bytes] = {} if zero_here or form != "urdf" else closed.robot.model.definition.files_beside()
+    files = urdf_files(closed.urdf_zero_here() if zero_here else closed.urdf, folder, beside)
+    *_, urdf = files
+    drawn = files.pop(urdf)
+    for path in [path for path in files if path.parent.name == "meshes"]:
+        mesh = trimesh.load_mesh(io.BytesIO(_bytes(files[path])), file_type=path.suffix[1:])
+        files[path.with_suffix(".obj")] = str(mesh.export(file_type="obj", header=None))
+        files[path.with_suffix(".glb")] = _bytes(mesh.export(file_type="glb"))
+    for kind in ("csv", "json"):
+        place = folder / f"joints.{kind}"
+        files[place] = joints_text([JointRow.of(closed.result)], place)
+    match form:
+        case "mjcf":
+            files[folder / f"{name}.xml"] = mjcf(assembly, pairs)
+        case "sdf" | "drake":
+            files[folder / "model.config"] = _model_config(name)
+            files[folder / f"{name}.sdf"] = sdf(assembly, "joints" if form == "sdf" else "bushings")
+        case "urdf":
+            files[urdf.with_suffix(".srdf")] = srdf(assembly, pairs)
+            files[urdf] = _absolute(drawn, folder) if absolute_meshes else drawn
+    return files
+
+
+def _bytes(content: Any) -> bytes:
+    return content.encode() if isinstance(content, str) else bytes(content)
+
+
+def _absolute(urdf: bytes | str, folder: Path) -> bytes:
+    root = etree.fromstring(_bytes(urdf))
+    for mesh in root.iter("mesh"):
+        if "://" not in mesh.get("filename"):
+            mesh.set("filename", str((folder / mesh.get("filename")).resolve()))
+    return bytes(etree.tostring(root, encoding="utf-8")) + b"\n"
+
+
+def _model_config(name: str) -> str:
+    root = etree.Element("model")
+    for tag, value in (("name", name), ("version", "1.0"), ("sdf", f"{name}.sdf")):
+        etree.SubElement(root, tag).text = value
+    root.find("sdf").set("version", "1.9")
+    etree.indent(root)
+    return str(etree.tostring(root, encoding="unicode")) + "\n"

@@ -1,0 +1,65 @@
+"""Tables of joint values, by which other programs stand closed: a row a pose, names of the exported tree, SI."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.closure import ClosureResult
+
+
+@dataclass(frozen=True)
+class JointRow:
+    """The joints of the robot as built at one command.
+
+    Attributes:
+        values: by joint, in m or rad; a drive has its command, as in the exported tree.
+        units: ``m`` or ``rad``, by joint.
+        gap_m: largest distance left open in a loop, in m; ``gap_rad``: largest angle, in rad.
+    """
+
+    values: Mapping[str, float]
+    units: Mapping[str, str]
+    gap_m: float
+    gap_rad: float
+
+    @classmethod
+    def of(cls, closed: ClosureResult, commanded: Mapping[str, float] | None = None) -> JointRow:
+        """Take them from a closure.
+
+        Args:
+            closed: the robot as built.
+            commanded: the drives' commands, where the closure's drives stand beyond them by their offsets.
+        """
+        values = closed.joint_values | dict(commanded or {})
+        units = {name: closed.mechanism.unit_of(name) for name in values}
+        return cls(values, units, closed.gap_m, closed.gap_rad)
+
+
+def joints_json(rows: Sequence[JointRow]) -> dict[str, Any]:
+    """Return the table for JSON."""
+    poses = [{"joints": dict(row.values), "left_open_m": row.gap_m, "left_open_rad": row.gap_rad} for row in rows]
+    return {"units": dict(rows[0].units) if rows else {}, "poses": poses}
+
+
+def joints_text(rows: Sequence[JointRow], path: Path) -> str:
+    """Return the table as the file it is for: JSON or, with units on the headings, CSV.
+
+    Raises:
+        BadInputError: the file's name ends in neither.
+    """
+    if path.suffix == ".json":
+        return json.dumps(joints_json(rows), indent=1, allow_nan=False) + "\n"
+    if path.suffix != ".csv":
+        raise BadInputError(f"{path}: a table of joints is a .csv or a .json; name it so")
+    out = io.StringIO()
+    heads = [f"{name}_{unit}" for name, unit in rows[0].units.items()] if rows else []
+    print(*heads, "left_open_m", "left_open_rad", sep=",", file=out)
+    for row in rows:
+        print(*(repr(float(v)) for v in (*row.values.values(), row.gap_m, row.gap_rad)), sep=",", file=out)
+    return out.getvalue()

@@ -1,0 +1,182 @@
+"""The closed robot in MuJoCo's format: all loops as equality constraints, drives as actuators.
+
+Bodies stand closed when the file is loaded, and ``ref`` gives the joints the package's values there. The platform
+hangs free between all of its chains, so no chain is preferred.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+from typing import Any
+
+import pinocchio as pin
+from lxml import etree
+
+from pouring_robot.exceptions import DescriptionError
+from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
+from pouring_robot.mechanism.loops import LoopSpec
+from pouring_robot.robot.export.assembly import Assembly, Body, Joint, Shape
+
+# Of a loop that is left to itself: how fast it closes, in s. And MuJoCo's largest impedance.
+_TIME_CONSTANT, _LARGEST_IMPEDANCE = 0.02, 0.9999
+_DEFAULT_DAMPING = 1.0
+
+
+def text(values: Iterable[float]) -> str:
+    """Return numbers as text that reads back as the same doubles."""
+    return " ".join(repr(float(value)) for value in values)
+
+
+def mjcf(assembly: Assembly, touching: Iterable[tuple[str, str]] = ()) -> str:
+    """Return the robot as MJCF; meshes are OBJ files in ``meshes``.
+
+    Args:
+        assembly: the closed robot.
+        touching: pairs of bodies whose contacts are left out.
+
+    Raises:
+        DescriptionError: a moving body has no mass, which MuJoCo refuses.
+    """
+    root = etree.Element("mujoco", model=assembly.name)
+    # Frames without mass stay bodies, visuals stay, and no mass is invented or changed.
+    etree.SubElement(
+        root, "compiler", angle="radian", meshdir="meshes", autolimits="true", fusestatic="false",
+        discardvisual="false", balanceinertia="false", boundmass="0", boundinertia="0",
+    )  # fmt: skip
+    options = {"integrator": "implicitfast", "iterations": "100", "tolerance": "1e-14"}
+    step = min((0.002, *(0.4 * _Weld.of(loop, assembly).time_constant for loop in assembly.loops.loops)))
+    etree.SubElement(root, "option", gravity=text((0.0, 0.0, -GRAVITY_M_S2)), timestep=repr(step), **options)
+    etree.SubElement(root, "statistic", extent="3")
+    asset = etree.SubElement(root, "asset")
+    for name, shape in assembly.meshes.items():
+        etree.SubElement(asset, "mesh", name=_stem(name), file=f"{_stem(name)}.obj", scale=text(shape.sizes))
+    world = etree.SubElement(root, "worldbody")
+    etree.SubElement(world, "light", pos="0 0 6", directional="true")
+    _fill(world, assembly.bodies[assembly.base], assembly)
+    for name in assembly.free:
+        _fill(_placed(world, assembly.bodies[name], pin.SE3.Identity(), free=True), assembly.bodies[name], assembly)
+    contact = etree.SubElement(root, "contact")
+    for one, other in touching:
+        names = ("world" if body == assembly.base else body for body in (one, other))
+        etree.SubElement(contact, "exclude", **dict(zip(("body1", "body2"), names, strict=True)))
+    _close(etree.SubElement(root, "equality"), assembly)
+    actuators = etree.SubElement(root, "actuator")
+    for joint in assembly.servos:
+        _servo(actuators, joint)
+    key = etree.SubElement(etree.SubElement(root, "keyframe"), "key", name="closed")
+    key.set("ctrl", text(joint.value for joint in assembly.servos))
+    etree.indent(root)
+    return str(etree.tostring(root, encoding="unicode")) + "\n"
+
+
+def _stem(mesh: str) -> str:
+    return PurePosixPath(mesh).stem
+
+
+def _pose(pose: pin.SE3) -> dict[str, str]:
+    x, y, z, w = pin.Quaternion(pose.rotation).coeffs()
+    return {"pos": text(pose.translation), "quat": text((w, x, y, z))}
+
+
+def _placed(parent: Any, body: Body, above: pin.SE3, *, free: bool = False) -> Any:
+    element = etree.SubElement(parent, "body", name=body.name, **_pose(above.actInv(body.pose)))
+    if free:
+        etree.SubElement(element, "freejoint", name=f"{body.name}_free")
+    return element
+
+
+def _fill(element: Any, body: Body, assembly: Assembly) -> None:
+    """Put joint, mass and shapes of a body into its element, and what it carries below it."""
+    joint = assembly.joints.get(body.name)
+    if joint is not None and joint.kind != "fixed":
+        _joint(element, joint, assembly)
+        if body.inertia is None and not any(assembly.joints[c].kind == "fixed" for c in assembly.carried_by(body.name)):
+            raise DescriptionError("URDF", f"link {body.name} moves and has no mass, which MuJoCo refuses; give it one")
+    if body.inertia is not None and body.name != assembly.base:
+        m = body.inertia.inertia
+        moments = text((m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]))
+        etree.SubElement(
+            element, "inertial", pos=text(body.inertia.lever), mass=repr(body.inertia.mass), fullinertia=moments
+        )
+    for shape in body.visuals:
+        _geom(element, shape, contype="0", conaffinity="0", group="2", rgba=text(shape.colour))
+    for shape in body.collisions:
+        _geom(element, shape, group="3")
+    for frame in {f for loop in assembly.loops.loops for f in (loop.frame_a, loop.frame_b)}:
+        if assembly.solid(frame) == body.name:
+            place = _pose(body.pose.actInv(assembly.bodies[frame].pose))
+            etree.SubElement(element, "site", name=frame, group="4", **place)
+    for name in assembly.carried_by(body.name):
+        child = assembly.bodies[name]
+        _fill(_placed(element, child, body.pose), child, assembly)
+
+
+def _joint(element: Any, joint: Joint, assembly: Assembly) -> None:
+    if joint.kind == "spherical":
+        etree.SubElement(element, "joint", name=joint.name, type="ball", damping=repr(_DEFAULT_DAMPING))
+        return
+    kind = "slide" if joint.kind == "prismatic" else "hinge"
+    written = etree.SubElement(
+        element, "joint", name=joint.name, type=kind, axis=text(joint.axis), ref=repr(joint.value),
+        damping=repr(joint.damping or _DEFAULT_DAMPING), frictionloss=repr(joint.friction),
+    )  # fmt: skip
+    if joint in assembly.servos:
+        written.set("armature", repr(joint.armature))
+    if joint.limits:
+        written.set("range", text(joint.limits))
+
+
+def _geom(element: Any, shape: Shape, **more: str) -> None:
+    kinds = {"box": 0.5, "cylinder": 0.5, "sphere": 1.0, "mesh": 0.0}
+    geom = etree.SubElement(element, "geom", type=shape.kind, **_pose(shape.pose), **more)
+    if shape.kind == "mesh":
+        geom.set("mesh", _stem(shape.mesh))
+    elif shape.kind == "cylinder":
+        geom.set("size", text((shape.sizes[0], 0.5 * shape.sizes[1])))
+    else:
+        geom.set("size", text(kinds[shape.kind] * size for size in shape.sizes))
+
+
+@dataclass(frozen=True)
+class _Weld:
+    """MuJoCo's words for a loop as stiff as ours.
+
+    A constraint at rest pulls with k r d / ((1 - d) m) where it is open by r: k = 1/(d t)² with its time constant t, d
+    its impedance, m the sum of the mobilities of its two bodies. A weld's rotation counts half its angle, times the
+    torque scale.
+    """
+
+    time_constant: float
+    impedance: float
+    torque_scale: float
+
+    @classmethod
+    def of(cls, loop: LoopSpec, assembly: Assembly) -> _Weld:
+        ends = (assembly.mobilities[assembly.solid(frame)] for frame in (loop.frame_a, loop.frame_b))
+        slide, turn = (sum(parts) for parts in zip(*ends, strict=True))
+        along, about = assembly.loops.stiffness_si
+        time = min(_TIME_CONSTANT, 1.0 / math.sqrt(along * slide * _LARGEST_IMPEDANCE * (1.0 - _LARGEST_IMPEDANCE)))
+        impedance = 0.5 + math.sqrt(0.25 - 1.0 / (along * slide * time**2))
+        return cls(time, impedance, 2.0 * math.sqrt(about / along * turn / slide))
+
+
+def _close(equality: Any, assembly: Assembly) -> None:
+    for loop in assembly.loops.loops:
+        weld = _Weld.of(loop, assembly)
+        softness = {"solref": text((weld.time_constant, 1.0)), "solimp": text((*[weld.impedance] * 2, 1e-3, 0.5, 2.0))}
+        kind, scale = ("weld", {"torquescale": repr(weld.torque_scale)}) if loop.type == "6d" else ("connect", {})
+        etree.SubElement(equality, kind, name=loop.name, site1=loop.frame_a, site2=loop.frame_b, **scale, **softness)
+    for (follower, leader), ratio in assembly.mimics.items():
+        etree.SubElement(equality, "joint", joint1=follower, joint2=leader, polycoef=text((0.0, ratio, 0.0, 0.0, 0.0)))
+
+
+def _servo(actuators: Any, joint: Joint) -> None:
+    """A servo that gives its rated force where it is off by what it may yield."""
+    servo = etree.SubElement(
+        actuators, "position", name=joint.name, joint=joint.name, kp=repr(joint.servo_stiffness), dampratio="1"
+    )
+    if joint.limits:
+        servo.set("ctrlrange", text(joint.limits))

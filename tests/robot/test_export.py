@@ -1,0 +1,226 @@
+"""What other programs get is the closed robot: read back by Pinocchio, MuJoCo and trimesh, and let go in MuJoCo."""
+
+import csv
+import json
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+import trimesh
+from lxml import etree
+
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.files import write_together
+from pouring_robot.mechanism.closure import ClosureSolver
+from pouring_robot.mechanism.energy import Loads
+from pouring_robot.robot.export.assembly import Assembly
+from pouring_robot.robot.export.closed import ClosedRobot
+from pouring_robot.robot.export.contacts import joined_or_touching
+from pouring_robot.robot.export.folder import FORMATS, exported_files
+from pouring_robot.robot.export.joints import JointRow, joints_text
+from pouring_robot.robot.export.mjcf import mjcf
+from pouring_robot.robot.model import DriveOffset, RobotModel
+from tests.support import ROOT, crooked_model, pose_gap, random_poses
+
+ROBOTS = ROOT / "examples" / "robots"
+NAMES = ("arm", "delta", "five_bar", "hexapod")
+PAYLOAD_KG = 500.0
+
+
+def at_pose(model, pose):
+    """Return the robot of a model, closed at a pose of the platform."""
+    return ClosedRobot.of(model, list(model.definition.drawing().inverse(pose).values()))
+
+
+def written(closed, folder, form="urdf", **options):
+    """Write an export and return the path of its description."""
+    return write_together(exported_files(closed, folder, form, **options))[-1]
+
+
+def of_tree(urdf, values, base, tip):
+    """Return a pose by Pinocchio's own reading of a URDF at joint values."""
+    model = pin.buildModelFromXML(urdf)
+    data, configuration = model.createData(), pin.neutral(model)
+    for name, value in values.items():
+        joint = model.joints[model.getJointId(name)]
+        configuration[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))
+    pin.framesForwardKinematics(model, data, configuration)
+    base, tip = (data.oMf[model.getFrameId(name, pin.FrameType.BODY)] for name in (base, tip))
+    return base.actInv(tip)
+
+
+@pytest.fixture(scope="module")
+def crooked():
+    """A robot with tilted axes and a drive that stands beyond its command."""
+    model = crooked_model(seed=3, axis_mrad=1.0)
+    return model.model_copy(update={"drive_offsets": {"leg2_s3": DriveOffset(offset_mm=0.7)}})
+
+
+@pytest.mark.parametrize("pose", random_poses(3, seed=11))
+def test_the_tree_stands_where_the_closed_robot_stands(crooked, pose):
+    """The package's answer comes from the model with its offset; the tree's from joint values that are commands."""
+    from pouring_robot.robot.robot import PouringRobot
+
+    closed, located = at_pose(crooked, pose), PouringRobot(crooked).locate(pose)
+    for frame in ("ladle_lip", "leg2_foot", "leg4_moving_rod"):
+        found = of_tree(closed.urdf, closed.joints, "fixed_platform", frame)
+        assert pose_gap(found, located.actual.pose("fixed_platform", frame)) == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert closed.joints["leg2_s3"] == pytest.approx(located.drives["leg2_s3"], abs=1e-15)
+    zero = of_tree(closed.urdf_zero_here(), {}, "fixed_platform", "ladle_lip")
+    assert pose_gap(zero, located.poses("ladle_lip")[1]) == pytest.approx([0.0, 0.0], abs=1e-9)
+
+
+def test_zeros_that_were_moved_keep_the_limits_where_they_were(crooked):
+    closed = ClosedRobot.of(crooked)
+    one, other = (pin.buildModelFromXML(text) for text in (closed.urdf, closed.urdf_zero_here()))
+    values = np.array([closed.joints[name] for name in list(one.names)[1:]])
+    np.testing.assert_allclose(other.lowerPositionLimit + values, one.lowerPositionLimit, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(other.upperPositionLimit + values, one.upperPositionLimit, rtol=0, atol=1e-12)
+
+
+def test_how_far_the_tree_is_off_elsewhere_is_said(crooked):
+    """Ten poses closed one by one lie within the printed figures."""
+    from pouring_robot.robot.robot import PouringRobot
+
+    closed, robot = ClosedRobot.of(crooked), PouringRobot(crooked.with_offsets_placed())
+    off = []
+    for pose in random_poses(10, seed=12):
+        result = robot.locate(pose).actual
+        found = of_tree(closed.urdf, result.joint_values, "fixed_platform", "ladle_lip")
+        off.append(pose_gap(found, result.pose("fixed_platform", "ladle_lip"))[0])
+    gap = closed.over_workspace()
+    assert gap.poses == 81 and 0.0 < gap.rms_m < gap.largest_m
+    assert 0.1 * gap.rms_m < np.sqrt(np.mean(np.square(off))) < 3.0 * gap.rms_m
+    assert ClosedRobot.of(RobotModel()).over_workspace().largest_m < 1e-12
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_other_robots_stand_closed_in_mujoco_with_their_masses(name, tmp_path):
+    closed = ClosedRobot.of(RobotModel.for_robot(ROBOTS / name / "robot.yaml"))
+    model = mujoco.MjModel.from_xml_path(str(written(closed, tmp_path, "mjcf")))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    assembly = Assembly.of(closed)
+    for body in assembly.bodies.values():
+        if body.name != assembly.base:
+            there = data.body(body.name)
+            found = pin.SE3(there.xmat.reshape(3, 3), there.xpos)
+            assert pose_gap(found, body.pose) == pytest.approx([0.0, 0.0], abs=1e-9)
+            mass = body.inertia.mass if body.inertia else 0.0
+            assert model.body(body.name).mass[0] == pytest.approx(mass, rel=1e-12)
+    assert np.abs(data.efc_pos[: data.ne]).max(initial=0.0) < 1e-9
+    assert data.ncon == 0
+    for joint, value in closed.joints.items():
+        assert data.joint(joint).qpos[0] == pytest.approx(value, abs=1e-12)
+
+
+def test_mujocos_loops_are_as_stiff_as_ours(crooked, tmp_path):
+    model = mujoco.MjModel.from_xml_path(str(written(ClosedRobot.of(crooked), tmp_path, "mjcf")))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    rows = (data.efc_KBIP[: data.ne, 0] / data.efc_R[: data.ne]).reshape(-1, 6)
+    scale = np.array([model.eq_data[k, 10] for k in range(model.neq)])
+    np.testing.assert_allclose(rows[:, :3], 1e8, rtol=1e-6)
+    np.testing.assert_allclose(rows[:, 3:] * (scale[:, None] / 2.0) ** 2, 1e5, rtol=1e-6)  # it counts half an angle
+
+
+def settled(closed, payload_kg, most=40):
+    """Let a robot go in MuJoCo, the drives' servos at their commands; return the platform in the base at rest.
+
+    The file holds the loops' and the servos' stiffness; gravity is switched on with a payload.
+    """
+    assembly = Assembly.of(closed)
+    bare = etree.fromstring(mjcf(assembly, joined_or_touching(closed, assembly)).encode())
+    for mesh in bare.xpath("//asset/mesh | //geom[@mesh]"):
+        mesh.getparent().remove(mesh)
+    spec = mujoco.MjSpec.from_string(etree.tostring(bare, encoding="unicode"))
+    if payload_kg:
+        melt = spec.body("ladle").add_body(name="melt")
+        melt.mass, melt.inertia, melt.explicitinertial = payload_kg, [1e-3] * 3, True
+    else:
+        spec.option.gravity = np.zeros(3)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    for _ in range(most):
+        mujoco.mj_step(model, data, 500)
+        if np.abs(data.qvel).max() < 1e-8:
+            break
+    else:
+        raise AssertionError("it does not come to rest")
+    base, tip = (
+        pin.SE3(data.body(name).xmat.reshape(3, 3).copy(), data.body(name).xpos.copy())
+        for name in ("fixed_platform", "ladle_lip")
+    )
+    return base.actInv(tip)
+
+
+def ours(closed, loads):
+    """Return the same by the package: servos yield as the file says."""
+    stiffness = {joint.name: joint.servo_stiffness for joint in Assembly.of(closed).servos}
+    drives = {name: stiffness[name] for name in closed.mechanism.loops.drives}
+    solver = ClosureSolver(closed.mechanism, Loads(drive_stiffness=drives, **loads))
+    return solver.solve_from(closed.result.configuration).pose("fixed_platform", "ladle_lip")
+
+
+def test_mujoco_settles_where_we_say_under_a_full_ladle(crooked):
+    for pose in random_poses(1, seed=13):
+        closed = at_pose(crooked, pose)
+        cold = closed.result.pose("fixed_platform", "ladle_lip")
+        loaded = {"gravity": True, "payload_kg": PAYLOAD_KG, "payload_frame": "ladle"}
+        for payload, loads in ((0.0, {}), (PAYLOAD_KG, loaded)):
+            expected = ours(closed, loads)
+            moved = max(np.linalg.norm(expected.translation - cold.translation), 1e-5)
+            assert pose_gap(settled(closed, payload), expected)[0] < 0.02 * moved
+
+
+def test_contacts_of_what_is_joined_are_left_out_and_others_not(crooked, tmp_path):
+    closed = ClosedRobot.of(crooked)
+    pairs = joined_or_touching(closed, Assembly.of(closed))
+    assert ("leg2_upper_cross", "leg2_fixed_rod") in pairs
+    assert ("leg3_foot", "moving_platform") in pairs  # by a loop
+    assert ("leg1_fixed_rod", "leg3_fixed_rod") not in pairs
+    path = written(closed, tmp_path)
+    srdf = etree.parse(path.with_suffix(".srdf"))
+    assert len(srdf.findall("disable_collisions")) == len(pairs)
+    assert len(srdf.findall("passive_joint")) == 16
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_a_folder_is_complete_and_its_meshes_are_the_ladle(form, crooked, tmp_path):
+    path = written(ClosedRobot.of(crooked), tmp_path / form, form)
+    text = path.read_text(encoding="utf-8")
+    assert not text.startswith("<?xml")
+    for name in ("ladle.stl", "ladle.obj", "ladle.glb"):
+        mesh = trimesh.load_mesh(path.parent / "meshes" / name)
+        assert mesh.volume == pytest.approx(trimesh.load_mesh(path.parent / "meshes" / "ladle.stl").volume, rel=1e-4)
+    table = json.loads((path.parent / "joints.json").read_text(encoding="utf-8"))
+    (row,) = csv.DictReader((path.parent / "joints.csv").open(encoding="utf-8"))
+    for name, value in table["poses"][0]["joints"].items():
+        assert float(row[f"{name}_{table['units'][name]}"]) == value
+
+
+def test_sdf_links_stand_closed_and_weigh_what_they_weigh(crooked, tmp_path):
+    closed = ClosedRobot.of(crooked)
+    for form, loops in (("sdf", "joint"), ("drake", "{http://drake.mit.edu}linear_bushing_rpy")):
+        model = etree.parse(written(closed, tmp_path / form, form)).find("model")
+        mass = sum(float(value.text) for value in model.iterfind("link/inertial/mass"))
+        assert mass == pytest.approx(sum(i.mass for i in closed.mechanism.shared_model.inertias), rel=1e-8)
+        numbers = [float(v) for v in model.find("link[@name='moving_platform']/pose").text.split()]
+        found = pin.XYZQUATToSE3(np.array(numbers))
+        assert pose_gap(found, closed.result.pose("universe", "moving_platform")) == pytest.approx([0, 0], abs=1e-12)
+        assert len(model.findall(loops)) == (4 if form == "drake" else 22 + 2 + 1 + 4)
+
+
+def test_robot_wrapper_reads_absolute_meshes_without_a_folder(tmp_path):
+    path = written(ClosedRobot.of(RobotModel()), tmp_path, absolute_meshes=True)
+    wrapper = pin.RobotWrapper.BuildFromURDF(str(path))
+    assert any("ladle.stl" in item.meshPath for item in wrapper.visual_model.geometryObjects)
+
+
+def test_a_table_of_joints_has_a_known_ending(tmp_path):
+    row = JointRow.of(ClosedRobot.of(RobotModel()).result)
+    with pytest.raises(BadInputError, match=r"\.csv or a \.json"):
+        joints_text([row], tmp_path / "joints.txt")
