@@ -24,6 +24,7 @@ def path(
     html: options.HtmlFile = None,
     png: options.PngFile = None,
     exaggerate: options.Exaggeration = None,
+    joints: options.JointsFile = None,
     melt_degC: heat_options.MeltDegC = None,
     ambient_degC: heat_options.AmbientDegC = None,
     steady: heat_options.Steady = False,
@@ -39,7 +40,7 @@ def path(
     from pouring_robot.robot.metrics import location_figures
     from pouring_robot.robot.pose_table import read_pose_lines
 
-    options.refuse_unwritable(html, png)
+    options.refuse_unwritable(html, png, joints)
     commanded = read_pose_lines(poses)
     robot = options.robot_of(model, layout, warm=True)
     heat = heat_options.heat_of(robot, melt_degC, ambient_degC, steady, after_min, cold)
@@ -59,6 +60,7 @@ def path(
     locations = [one.location for one in found]
     notes = lines.location_notes(robot, html, png, model_file=model is not None)
     written = lines.write_drawings(locations, html, png, exaggerate, warm=heated is not None)
+    written += lines.write_joints(locations, robot.model, joints)
     if as_json:
         options.print_figures({"layout": robot.model.layout, "poses": rows, "notes": notes}, written)
         return

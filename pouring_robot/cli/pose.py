@@ -14,6 +14,7 @@ def pose(
     html: options.HtmlFile = None,
     png: options.PngFile = None,
     exaggerate: options.Exaggeration = None,
+    joints: options.JointsFile = None,
     melt_degC: heat_options.MeltDegC = None,
     ambient_degC: heat_options.AmbientDegC = None,
     steady: heat_options.Steady = False,
@@ -28,7 +29,7 @@ def pose(
     from pouring_robot.robot.metrics import location_figures
     from pouring_robot.robot.pouring.poses import PlatformPose
 
-    options.refuse_unwritable(html, png)
+    options.refuse_unwritable(html, png, joints)
     robot = options.robot_of(model, layout, warm=True)
     heat = heat_options.heat_of(robot, melt_degC, ambient_degC, steady, after_min, cold)
     heated, wanted = heat_options.heated_of(robot, heat), PlatformPose.from_mm_deg(*at_mm, tilt_deg)
@@ -38,6 +39,7 @@ def pose(
     dexterity, weakness = robot.dexterity(location), robot.axis_weakness(location)
     notes = locations.location_notes(robot, html, png, model_file=model is not None)
     written = locations.write_drawings([location], html, png, exaggerate, warm=heated is not None)
+    written += locations.write_joints([location], robot.model, joints)
     if as_json:
         figures = location_figures(location, dexterity, weakness)
         figures |= {"layout": robot.model.layout, "notes": notes, "written": [str(path) for path in written]}

@@ -357,6 +357,24 @@ def test_a_singular_pose_draws_nothing(run, tmp_path, monkeypatch):
     refused(run, tmp_path, 3, "singular", "pose", *AT, "--png", "view.png")
 
 
+def test_joint_values_of_a_path_put_the_exported_tree_where_the_ladle_is(run, tmp_path):
+    """Read back from the files by Pinocchio alone, at the pose that was exported."""
+    at = ("--at-mm", "-100", "20", "-600", "--tilt-deg", "17", "--model", ACTUAL)
+    assert run("export", "--out", "out", *at)[0] == 0
+    assert run("pose", *at, "--joints", "pose.json")[0] == 0
+    assert run("path", POSES, "--model", ACTUAL, "--joints", "path.csv")[0] == 0
+    figures = json.loads(run("pose", *at, "--json")[1])
+    table = json.loads((tmp_path / "pose.json").read_text(encoding="utf-8"))["poses"][0]["joints"]
+    tree = pin.buildModelFromUrdf(str(tmp_path / "out" / "pouring_robot.urdf"))
+    data, configuration = tree.createData(), np.array([table[name] for name in list(tree.names)[1:]])
+    pin.framesForwardKinematics(tree, data, configuration)
+    base, lip = (data.oMf[tree.getFrameId(name)] for name in ("fixed_platform", "ladle_lip"))
+    expected = figures["frames"]["ladle_lip"]["actual_mm"]
+    np.testing.assert_allclose(base.actInv(lip).translation, np.array(expected) / 1e3, rtol=0, atol=1e-6)
+    rows = (tmp_path / "path.csv").read_text(encoding="utf-8").splitlines()
+    assert len(rows) == 6 and rows[0].startswith("truss_travel_m,") and rows[0].count(",") == 23
+
+
 def test_an_export_that_fails_leaves_the_folder_as_it_was(run, tmp_path):
     (tmp_path / "robot" / "loops.yaml").mkdir(parents=True)
     refused(run, tmp_path, 2, ("loops.yaml", "it is a folder"), "export", "--out", "robot")

@@ -12,10 +12,13 @@ from rich.table import Table
 from pouring_robot.cli.shared.options import print_notes
 from pouring_robot.cli.shared.tables import plain_table
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.files import write_whole
 from pouring_robot.mechanism.jacobians import AxisWeakness, Dexterity
 from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.export.joints import JointRow, joints_text
 from pouring_robot.robot.location import LadleLocation
 from pouring_robot.robot.metrics import decimals
+from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.ladle_mesh import stale_mesh_note
 from pouring_robot.robot.robot import PouringRobot
 
@@ -128,6 +131,19 @@ def print_closure_note(
         if location.outside_workspace_rad:
             beyond.append(f"tilt by {math.degrees(location.outside_workspace_rad):.2f} deg")
         console.print(f"note: the pose is outside the workspace box: {', '.join(beyond)}")
+
+
+def write_joints(locations: Sequence[LadleLocation], model: RobotModel, file: Path | None) -> list[Path]:
+    """Write the joint values of the robot as built, for the exported tree, and return what was written.
+
+    Raises:
+        BadInputError: the file's name ends in neither .csv nor .json.
+        OutputError: it cannot be written.
+    """
+    if file is None:
+        return []
+    offsets = model.drive_offset_values()
+    return [write_whole(file, joints_text([JointRow.of(one.actual, offsets) for one in locations], file))]
 
 
 def write_drawings(

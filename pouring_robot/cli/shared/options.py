@@ -50,6 +50,10 @@ HoldOutBy = Annotated[
 ]
 HtmlFile = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write a self-contained meshcat page.")]
 PngFile = Annotated[Path | None, typer.Option("--png", metavar="FILE", help="Write a picture; no screen is needed.")]
+JointsFile = Annotated[
+    Path | None,
+    typer.Option("--joints", metavar="FILE", help="Write the values of all joints, m and rad, as .csv or .json."),
+]
 Exaggeration = Annotated[
     float | None, typer.Option("--exaggerate", metavar="FACTOR", help="Draw errors this many times larger.")
 ]

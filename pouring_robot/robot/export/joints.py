@@ -7,6 +7,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from pouring_robot.exceptions import BadInputError
@@ -29,14 +30,14 @@ class JointRow:
     gap_rad: float
 
     @classmethod
-    def of(cls, closed: ClosureResult, commanded: Mapping[str, float] | None = None) -> JointRow:
+    def of(cls, closed: ClosureResult, offsets: Mapping[str, float] = MappingProxyType({})) -> JointRow:
         """Take them from a closure.
 
         Args:
             closed: the robot as built.
-            commanded: the drives' commands, where the closure's drives stand beyond them by their offsets.
+            offsets: by which drives stand beyond their commands in it, m or rad; in the exported tree joints hold them.
         """
-        values = closed.joint_values | dict(commanded or {})
+        values = {name: value - offsets.get(name, 0.0) for name, value in closed.joint_values.items()}
         units = {name: closed.mechanism.unit_of(name) for name in values}
         return cls(values, units, closed.gap_m, closed.gap_rad)
 
