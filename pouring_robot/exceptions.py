@@ -10,6 +10,11 @@ import difflib
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 def closest(name: str, known: Iterable[str]) -> str:
@@ -150,6 +155,23 @@ class UnreachablePoseError(NoSolutionError):
         super().__init__(
             f"the pose is out of reach: joint '{joint}' would stand at {value * factor:.2f} {shown}, "
             f"{excess * factor:.2f} {shown} beyond its limits {lower * factor:.2f} to {upper * factor:.2f} {shown}"
+        )
+
+
+class UnreachableTargetError(NoSolutionError):
+    """No drive values bring the end body to a pose.
+
+    Attributes:
+        left: what the nearest ones leave, (6,): displacement in m and rotation vector in rad.
+    """
+
+    def __init__(self, left: NDArray[np.float64]) -> None:
+        """Keep the figures and say how near the robot comes."""
+        self.left = left
+        away, turned = (1e3 * math.sqrt(float(part @ part)) for part in (left[:3], left[3:]))
+        super().__init__(
+            f"the pose is out of reach: the nearest that was found is {away:.3g} mm and {turned:.3g} mrad away; the "
+            "robot may not command all of its freedoms"
         )
 
 
@@ -363,20 +385,17 @@ class ThermalSolutionError(NoSolutionError):
 
 
 class CompensationError(NoSolutionError):
-    """No drive values bring the ladle to a pose.
+    """No drive values bring the robot as built to a pose.
 
     Attributes:
-        wanted: the pose: x, y, z in mm and tilt in deg.
+        wanted: the command that leads there in the drawing, in words.
         left_m: how far off the last step left it, in m; ``left_rad`` its tilt, in rad.
-        steps: taken.
     """
 
-    def __init__(self, wanted: tuple[float, float, float, float], left_m: float, left_rad: float, steps: int) -> None:
+    def __init__(self, wanted: str, left_m: float, left_rad: float) -> None:
         """Keep the figures."""
-        self.wanted, self.left_m, self.left_rad, self.steps = wanted, left_m, left_rad, steps
-        x, y, z, tilt = wanted
+        self.wanted, self.left_m, self.left_rad = wanted, left_m, left_rad
         super().__init__(
-            f"no drive values found for x {x:g}, y {y:g}, z {z:g} mm, tilt {tilt:g} deg: after {steps} steps the "
-            f"ladle is {left_m * 1e3:.3g} mm and {left_rad * 1e3:.3g} mrad off; choose a pose further from a "
-            "singularity"
+            f"no drive values found for {wanted}: Newton's last step leaves {left_m * 1e3:.3g} mm and "
+            f"{left_rad * 1e3:.3g} mrad; choose a pose further from a singularity"
         )

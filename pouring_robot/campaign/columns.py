@@ -25,16 +25,6 @@ def drive_names(robot: RobotDefinition) -> tuple[str, ...]:
     return tuple(drive.column for drive in robot.drives)
 
 
-def drive_columns(robot: RobotDefinition) -> tuple[Quantity, ...]:
-    """Return the columns of the drives, as they are commanded."""
-    return tuple(Quantity(drive.column, drive.command, required=True) for drive in robot.drives)
-
-
-def drive_values(quantities: Mapping[str, FloatArray], robot: RobotDefinition) -> FloatArray:
-    """Return the values of the driven joints, (n, drives), in m and rad, from columns (n,); NaN where one is absent."""
-    return stacked(quantities, drive_names(robot)) * [drive.factor for drive in robot.drives]
-
-
 def stacked(quantities: Mapping[str, FloatArray], names: Iterable[str]) -> FloatArray:
     """Return quantities (n,) side by side, (n, names); NaN where one is absent."""
     empty = np.full(next(iter(quantities.values())).size, np.nan)
@@ -72,7 +62,7 @@ def campaign_columns(robot: RobotDefinition) -> tuple[Quantity, ...]:
         Quantity("sample", "label"),
         session,
         time,
-        *drive_columns(robot),
+        *robot.drive_columns,
         *others,
         *(Quantity(name, "length", required=True) for name in POSITION),
         *(Quantity(name, "angle", part_of="a rotation vector") for name in ROTATION),

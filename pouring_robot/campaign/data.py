@@ -358,7 +358,7 @@ def arrays_from(quantities: Mapping[str, FloatArray], robot: RobotDefinition) ->
     rotation = columns.stacked(quantities, columns.ROTATION)
     conditions = columns.condition_names(robot)
     return {
-        "drives": columns.drive_values(quantities, robot),
+        "drives": robot.drive_values(quantities),
         "position_m": columns.stacked(quantities, columns.POSITION),
         "rotation_vector_rad": rotation if np.isfinite(rotation).any() else None,
         "approach": approach if np.isfinite(approach).any() else None,

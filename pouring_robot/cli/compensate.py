@@ -1,10 +1,10 @@
-"""``pouring-robot compensate``: what to command so that the actual ladle comes to the wanted pose."""
+"""``pouring-robot compensate``: what to command so that the actual robot comes to where it should be."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 from rich.table import Table
@@ -14,27 +14,25 @@ from pouring_robot.cli.shared.tables import plain_table
 from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseError, UnknownFrameError
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.metrics import decimals
-from pouring_robot.robot.pose_table import read_pose_lines
 from pouring_robot.robot.pouring.poses import PlatformPose
 
 if TYPE_CHECKING:
     from pouring_robot.compensation.result import Compensation
+    from pouring_robot.robot.base import Command, Robot
+    from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.robot import PouringRobot
 
+Found = TypeVar("Found")
 PosesFile = Annotated[
     Path | None,
-    typer.Argument(metavar="POSES.csv", help="Wanted poses: columns x_mm, y_mm, z_mm, tilt_deg. Or --at-mm."),
-]
-AtMm = Annotated[
-    tuple[float, float, float] | None,
-    typer.Option("--at-mm", metavar="X Y Z", help="Wanted position of the platform."),
+    typer.Argument(metavar="POSES.csv", help="Wanted poses, as 'path' reads them. Or --at-mm, or --drives."),
 ]
 Frame = Annotated[
     str | None,
     typer.Option(
         "--frame",
         metavar="NAME",
-        help="Whose position shall be right: moving_platform (default), ladle or ladle_lip.",
+        help="What shall be right: moving_platform (default), ladle or ladle_lip; of another robot its tool.",
     ),
 ]
 OutFile = Annotated[Path | None, typer.Option("--out", metavar="FILE.csv", help="Write the commands, one row a pose.")]
@@ -42,9 +40,12 @@ OutFile = Annotated[Path | None, typer.Option("--out", metavar="FILE.csv", help=
 
 def compensate(
     poses: PosesFile = None,
-    at_mm: AtMm = None,
-    tilt_deg: Annotated[float | None, typer.Option("--tilt-deg", metavar="T", help="Wanted tilt about y.")] = None,
+    at_mm: options.AtMm = None,
+    tilt_deg: options.TiltDeg = None,
+    rotation_deg: options.RotationDeg = None,
+    drives: options.Drives = None,
     model: options.ModelFile = None,
+    robot: options.RobotFile = None,
     layout: options.LayoutName = None,
     frame: Frame = None,
     out: OutFile = None,
@@ -55,39 +56,52 @@ def compensate(
     after_min: heat_options.AfterMin = None,
     cold: heat_options.Cold = False,
 ) -> None:
-    """Find drive values that bring the actual ladle to wanted poses, and say what they cannot cancel.
+    """Find drive values that bring the actual ladle, or tool, to wanted poses, and say what they cannot cancel.
 
     With --after-min every pose is taken by itself: held so long from cold.
     """
     options.refuse_unwritable(out)
-    if (poses is None) == (at_mm is None):
-        raise BadInputError("give a file of poses or one pose by --at-mm, one of the two")
-    if poses is not None and tilt_deg is not None:
-        raise BadInputError("--tilt-deg belongs to --at-mm; a file of poses has a column for the tilt")
-    wanted = {0: PlatformPose.from_mm_deg(*at_mm, tilt_deg or 0.0)} if at_mm else read_pose_lines(poses or Path())
-    robot = options.robot_of(model, layout, warm=True)
-    _check_frame(robot.nominal_solver.mechanism.loops.reported_frames, frame)
-    heat = heat_options.heat_of(robot, melt_degC, ambient_degC, steady, after_min, cold)
+    one = (at_mm, tilt_deg, rotation_deg, drives)
+    if poses is not None and any(option is not None for option in one):
+        raise BadInputError("give a file of poses or one command by options, one of the two")
+    present = options.robot_of(model, robot, layout, warm=True)
+    wanted = {0: options.command_of(present, *one)} if poses is None else present.read_commands(poses)
+    from pouring_robot.robot.robot import PouringRobot
+
+    _check_frame(present.nominal_solver.mechanism.loops.reported_frames, frame)
+    heat = heat_options.heat_of(present, melt_degC, ambient_degC, steady, after_min, cold)
+    if isinstance(present, PouringRobot):
+        _ladle(present, heat, wanted, frame, poses, out, as_json)
+    else:
+        _tool(present, wanted, frame, poses, out, as_json)
+
+
+def _ladle(
+    robot: PouringRobot,
+    heat: HeatSection | None,
+    wanted: Mapping[int, Command],
+    frame: str | None,
+    poses: Path | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
     from pouring_robot.compensation.result import commands_csv
     from pouring_robot.compensation.search import compensate as compensated
     from pouring_robot.io.files import write_whole
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 
     heated = HeatedRobot(robot, heat)
-    found: list[Compensation] = []
-    with progress.stage_bars() as show:
-        for line, pose in wanted.items():
-            try:
-                found.append(compensated(heated, pose, frame))
-            except NoSolutionError as error:
-                if poses is None:
-                    raise
-                raise PathPoseError(poses, line, error) from error
-            show("compensating", len(found), len(wanted))
+
+    def bring(command: Command) -> Compensation:
+        if not isinstance(command, PlatformPose):
+            raise BadInputError("a ladle is brought to a pose: give --at-mm and --tilt-deg")
+        return compensated(heated, command, frame)
+
+    found = _each(wanted, bring, poses)
     written = [write_whole(out, commands_csv(found))] if out else []
     if as_json:
         rows = [one.figures() | {"heat": heat_options.heat_figures(heated, one.state)} for one in found]
-        options.print_json({"layout": robot.model.layout, "poses": rows, "written": [str(file) for file in written]})
+        options.print_figures({**robot.name, "poses": rows}, written)
         return
     console = options.console()
     console.print(_commands_table(found))
@@ -101,8 +115,45 @@ def compensate(
     outside = [str(i) for i, one in enumerate(found, start=1) if _is_outside(robot, one.wanted)]
     if outside:
         console.print(f"note: outside the workspace box: pose {', '.join(outside)}")
-    for file in written:
-        console.print(f"wrote {file}")
+    options.print_written(console, written)
+
+
+def _tool(
+    robot: Robot, wanted: Mapping[int, Command], frame: str | None, poses: Path | None, out: Path | None, as_json: bool
+) -> None:
+    """Compensate a robot that is commanded by drive values."""
+    from pouring_robot.compensation.drives import compensate_drives, drives_csv
+    from pouring_robot.io.files import write_whole
+
+    found = _each(wanted, lambda command: compensate_drives(robot, robot.location_of(command), frame), poses)
+    written = [write_whole(out, drives_csv(found))] if out else []
+    if as_json:
+        options.print_figures({**robot.name, "poses": [one.figures() for one in found]}, written)
+        return
+    console = options.console()
+    rows = [[f"{value:.4f}" for value in one.row().values()] for one in found]
+    head = [name.replace("_", " ") for name in found[0].row()]
+    console.print(plain_table(head, rows, (), title="drives to command; how far off without and with it"))
+    if len(found) == 1:
+        console.print(found[0].headline, markup=False)
+    if robot.model.is_drawing:
+        console.print("note: the drawing needs no compensation; give --model")
+    options.print_written(console, written)
+
+
+def _each(wanted: Mapping[int, Command], bring: Callable[[Command], Found], poses: Path | None) -> list[Found]:
+    """Return what is found for each command; an error names the line of its table."""
+    found: list[Found] = []
+    with progress.stage_bars() as show:
+        for line, command in wanted.items():
+            try:
+                found.append(bring(command))
+            except NoSolutionError as error:
+                if poses is None:
+                    raise
+                raise PathPoseError(poses, line, error) from error
+            show("compensating", len(found), len(wanted))
+    return found
 
 
 def _check_frame(known: Sequence[str], frame: str | None) -> None:

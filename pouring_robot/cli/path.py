@@ -1,4 +1,4 @@
-"""``pouring-robot path``: where the ladle is along a list of commanded poses."""
+"""``pouring-robot path``: where a robot is along a list of commands."""
 
 from __future__ import annotations
 
@@ -12,13 +12,17 @@ from pouring_robot.exceptions import NoSolutionError, PathPoseError
 
 PosesFile = Annotated[
     Path,
-    typer.Argument(metavar="POSES.csv", help="Columns x, y, z, tilt with units: x_mm, y_mm, z_mm, tilt_deg."),
+    typer.Argument(
+        metavar="POSES.csv",
+        help="Columns x_mm, y_mm, z_mm, tilt_deg; of another robot its drives, or x, y, z and rx, ry, rz.",
+    ),
 ]
 
 
 def path(
     poses: PosesFile,
     model: options.ModelFile = None,
+    robot: options.RobotFile = None,
     layout: options.LayoutName = None,
     as_json: options.AsJson = False,
     html: options.HtmlFile = None,
@@ -31,26 +35,26 @@ def path(
     after_min: heat_options.AfterMin = None,
     cold: heat_options.Cold = False,
 ) -> None:
-    """Say where the ladle is for every pose of a CSV file, one row each.
+    """Say where the ladle, or another robot, is for every command of a table, one row each.
 
     A warm robot is taken by itself at every pose: held until nothing changes, or so long from cold (--after-min).
     """
     from pouring_robot.cli.shared import locations as lines
     from pouring_robot.mechanism.poses import MM
+    from pouring_robot.robot.location import LadleLocation
     from pouring_robot.robot.metrics import location_figures
-    from pouring_robot.robot.pose_table import read_pose_lines
 
     options.refuse_unwritable(html, png, joints)
-    commanded = read_pose_lines(poses)
-    robot = options.robot_of(model, layout, warm=True)
-    heat = heat_options.heat_of(robot, melt_degC, ambient_degC, steady, after_min, cold)
-    heated = heat_options.heated_of(robot, heat)
+    present = options.robot_of(model, robot, layout, warm=True)
+    commanded = present.read_commands(poses)
+    heat = heat_options.heat_of(present, melt_degC, ambient_degC, steady, after_min, cold)
+    heated = heat_options.heated_of(present, heat)
     found: list[heat_options.Warmth] = []
     rows = []
     with progress.stage_bars() as show:
-        for line, pose in commanded.items():
+        for line, command in commanded.items():
             try:
-                one = heat_options.Warmth.of(robot, heated, pose)
+                one = heat_options.Warmth.of(present, heated, command)
                 found.append(one)
                 if as_json:  # may find a singular pose: before anything is written
                     rows.append(location_figures(one.location, one.robot.dexterity(one.location)) | one.figures())
@@ -58,11 +62,11 @@ def path(
                 raise PathPoseError(poses, line, error) from error
             show("closing", len(found), len(commanded))
     locations = [one.location for one in found]
-    notes = lines.location_notes(robot, html, png, model_file=model is not None)
+    notes = lines.location_notes(present, html, png, model_file=model is not None)
     written = lines.write_drawings(locations, html, png, exaggerate, warm=heated is not None)
-    written += lines.write_joints(locations, robot.model, joints)
+    written += lines.write_joints(locations, present.model, joints)
     if as_json:
-        options.print_figures({"layout": robot.model.layout, "poses": rows, "notes": notes}, written)
+        options.print_figures({**present.name, "poses": rows, "notes": notes}, written)
         return
     console = options.console()
     console.print(lines.path_table(locations), markup=False, soft_wrap=True)
@@ -71,11 +75,15 @@ def path(
         if heat is not None and len(found) > 1:
             console.print(heat_options.alone_line(heat))
     worst = max(location.difference().distance_m for location in locations) / MM
-    accuracy = robot.layout.accuracy_m / MM
-    verdict = "within" if worst <= accuracy else "BEYOND"
-    console.print(f"largest error {worst:.3f} mm: {verdict} the required {accuracy:g} mm")
+    console.print(f"largest error {worst:.3f} mm{_verdict(worst * MM, present.accuracy_m)}")
     options.print_notes(console, notes)
-    outside = [i for i, location in enumerate(locations, start=1) if not location.in_workspace]
+    outside = [i for i, one in enumerate(locations, start=1) if isinstance(one, LadleLocation) and not one.in_workspace]
     if outside:
         console.print(f"note: outside the workspace box: pose {', '.join(map(str, outside))}")
     options.print_written(console, written)
+
+
+def _verdict(error_m: float, accuracy_m: float | None) -> str:
+    if accuracy_m is None:
+        return ""
+    return f": {'within' if error_m <= accuracy_m else 'BEYOND'} the required {accuracy_m * 1e3:g} mm"

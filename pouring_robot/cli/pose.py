@@ -1,4 +1,4 @@
-"""``pouring-robot pose``: where the ladle is for one commanded pose."""
+"""``pouring-robot pose``: where a robot is for one command."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ from pouring_robot.cli.shared import heat_options, options
 
 
 def pose(
-    at_mm: options.AtMm,
-    tilt_deg: options.TiltDeg = 0.0,
+    at_mm: options.AtMm = None,
+    tilt_deg: options.TiltDeg = None,
+    rotation_deg: options.RotationDeg = None,
+    drives: options.Drives = None,
     model: options.ModelFile = None,
+    robot: options.RobotFile = None,
     layout: options.LayoutName = None,
     as_json: options.AsJson = False,
     html: options.HtmlFile = None,
@@ -21,28 +24,28 @@ def pose(
     after_min: heat_options.AfterMin = None,
     cold: heat_options.Cold = False,
 ) -> None:
-    """Say where the ladle should be, where it is, cold or warm, and what the joints are forced to.
+    """Say where the ladle, or another robot, should be, where it is, cold or warm, and what the joints are forced to.
 
     Text and JSON alike give positions and legs in mm, tilt and joint angles in degrees, and errors in mm and mrad.
     """
     from pouring_robot.cli.shared import locations
     from pouring_robot.robot.metrics import location_figures
-    from pouring_robot.robot.pouring.poses import PlatformPose
 
     options.refuse_unwritable(html, png, joints)
-    robot = options.robot_of(model, layout, warm=True)
-    heat = heat_options.heat_of(robot, melt_degC, ambient_degC, steady, after_min, cold)
-    heated, wanted = heat_options.heated_of(robot, heat), PlatformPose.from_mm_deg(*at_mm, tilt_deg)
-    warmth = heat_options.Warmth.of(robot, heated, wanted, shares=True)
-    robot, location = warmth.robot, warmth.location
+    present = options.robot_of(model, robot, layout, warm=True)
+    command = options.command_of(present, at_mm, tilt_deg, rotation_deg, drives)
+    heat = heat_options.heat_of(present, melt_degC, ambient_degC, steady, after_min, cold)
+    heated = heat_options.heated_of(present, heat)
+    warmth = heat_options.Warmth.of(present, heated, command, shares=True)
+    found, location = warmth.robot, warmth.location
     # Both may find a singular pose: before anything is written.
-    dexterity, weakness = robot.dexterity(location), robot.axis_weakness(location)
-    notes = locations.location_notes(robot, html, png, model_file=model is not None)
+    dexterity, weakness = found.dexterity(location), found.axis_weakness(location)
+    notes = locations.location_notes(found, html, png, model_file=model is not None)
     written = locations.write_drawings([location], html, png, exaggerate, warm=heated is not None)
-    written += locations.write_joints([location], robot.model, joints)
+    written += locations.write_joints([location], present.model, joints)
     if as_json:
         figures = location_figures(location, dexterity, weakness)
-        figures |= {"layout": robot.model.layout, "notes": notes, "written": [str(path) for path in written]}
+        figures |= {**found.name, "notes": notes, "written": [str(path) for path in written]}
         options.print_json(figures | warmth.figures())
         return
     console = options.console()

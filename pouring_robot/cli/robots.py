@@ -12,9 +12,8 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from pouring_robot.mechanism.closure import ClosureResult
     from pouring_robot.robot.base import Robot
-    from pouring_robot.robot.robot import PouringRobot
+    from pouring_robot.robot.pouring.layout import Layout
 
 
 def robot_figures(robot: Robot) -> dict[str, Any]:
@@ -23,23 +22,19 @@ def robot_figures(robot: Robot) -> dict[str, Any]:
 
     mechanism, loops = robot.actual_solver.mechanism, robot.actual_solver.mechanism.loops
     model, limits = mechanism.shared_model, mechanism.joint_limits()
-    if isinstance(robot, PouringRobot):
-        nominal, actual = _in_the_middle(robot)
-        named, workspace = {"layout": robot.model.layout}, {"workspace": _workspace(robot)}
-    else:
-        nominal, actual = robot.closed_at(robot.model.definition.home_drives)
-        named, workspace = {"robot": robot.model.definition.name}, {}
+    location = robot.location_in_the_middle()
+    workspace = {"workspace": _workspace(robot.layout)} if isinstance(robot, PouringRobot) else {}
     return {
-        **named,
+        **robot.name,
         "mechanism": loops.mechanism,
         "bodies": int(model.nbodies) - 1,
         "mass_kg": float(sum(inertia.mass for inertia in list(model.inertias)[1:])),
         "joints": int(mechanism.closing_columns.size) - 6 * len(loops.cut_joints),
         "loops": list(loops.names),
         "equations": sum(6 if loop.type == "6d" else 3 for loop in loops.loops),
-        "rank_nominal": nominal.rank,
-        "rank_actual": actual.rank,
-        "freedoms": nominal.freedoms,
+        "rank_nominal": location.nominal.rank,
+        "rank_actual": location.actual.rank,
+        "freedoms": location.nominal.freedoms,
         "drives": {
             name: _at_the_edge(limits.get(name, (-math.inf, math.inf)), mechanism.unit_of(name))
             for name in loops.drives
@@ -50,20 +45,9 @@ def robot_figures(robot: Robot) -> dict[str, Any]:
     }
 
 
-def _in_the_middle(robot: PouringRobot) -> tuple[ClosureResult, ClosureResult]:
-    """Return the closed robot of the drawing and as built in the middle of the workspace box."""
-    from pouring_robot.robot.pouring.poses import PlatformPose
-
-    lower, upper = robot.layout.box
-    x, y, z, tilt = (0.5 * (lower + upper)).tolist()
-    location = robot.locate(PlatformPose((x, y, z), tilt))
-    return location.nominal, location.actual
-
-
-def _workspace(robot: PouringRobot) -> dict[str, Any]:
+def _workspace(layout: Layout) -> dict[str, Any]:
     from pouring_robot.mechanism.poses import MM
 
-    layout = robot.layout
     return {
         "position_lower_mm": _rounded(layout.position_lower_m / MM),
         "position_upper_mm": _rounded(layout.position_upper_m / MM),

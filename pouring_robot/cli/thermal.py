@@ -46,6 +46,7 @@ def thermal(
         float | None, typer.Option("--every-min", metavar="MIN", help="Rows of a shift (default: those of its file).")
     ] = None,
     model: options.ModelFile = None,
+    robot: options.RobotFile = None,
     layout: options.LayoutName = None,
     melt_degC: heat_options.MeltDegC = None,
     ambient_degC: heat_options.AmbientDegC = None,
@@ -66,7 +67,7 @@ def thermal(
     of a model file take no part; its heat section does.
     """
     options.refuse_unwritable(csv, png)
-    robot = options.robot_of(model, layout, warm=True)
+    ladle = options.with_melt(options.robot_of(model, robot, layout, warm=True))
     from pouring_robot.robot.heat_section import HeatSection
 
     if history is not None and (melt_degC is not None or steady or after_min is not None):
@@ -77,25 +78,25 @@ def thermal(
         raise BadInputError("--every-min gives the rows of a shift; give the shift by --history")
     if tilt_deg is not None and at_mm is None:
         raise BadInputError("--tilt-deg belongs to a pose; give its position by --at-mm")
-    heat = heat_options.heat_of(robot, melt_degC, ambient_degC, steady, after_min, False) or HeatSection()
+    heat = heat_options.heat_of(ladle, melt_degC, ambient_degC, steady, after_min, False) or HeatSection()
     pose = None if at_mm is None else PlatformPose.from_mm_deg(*at_mm, tilt_deg or 0.0)
     if history is None and pose is None:
         raise BadInputError("say where the robot stands: --at-mm X Y Z and --tilt-deg T")
     from pouring_robot.io.files import write_whole
     from pouring_robot.thermal.report import PoseHeat, heated_drawing
 
-    heated = heated_drawing(robot, heat, radiation=not conduction_only)
+    heated = heated_drawing(ladle, heat, radiation=not conduction_only)
     kind = "conduction alone" if conduction_only else "conduction and radiation"
     found: PoseHeat | ShiftHeat
     drawn: PoseHeat | ShiftHeat
     if history is not None:
         found, drawn = _shift(heated, heat, history, pose, every_min, picture=png is not None)
-        title = f"{history.name}: {kind}, layout {robot.model.layout}"
+        title = f"{history.name}: {kind}, layout {ladle.model.layout}"
     else:
         found = drawn = PoseHeat.of(heated, pose or PlatformPose((0.0, 0.0, 0.0), 0.0))
         melt, ambient = heated.temperatures_degC
         when = "steady" if heat.after_min is None else f"after {heat.after_min:g} min"
-        title = f"melt {melt:g}, surroundings {ambient:g} °C, {when}; {kind}; layout {robot.model.layout}"
+        title = f"melt {melt:g}, surroundings {ambient:g} °C, {when}; {kind}; layout {ladle.model.layout}"
     written = [found.save(csv)] if csv else []
     if png:
         from pouring_robot.thermal.plots import pose_picture, shift_picture
@@ -105,7 +106,7 @@ def thermal(
     if as_json:
         content = found.figures()
         measured = {"measured_degC": heat.measured_degC} if heat.measured_degC else {}
-        names = {"layout": robot.model.layout, "radiation": not conduction_only, "written": list(map(str, written))}
+        names = {"layout": ladle.model.layout, "radiation": not conduction_only, "written": list(map(str, written))}
         options.print_json(content | measured | names)
         return
     console = options.console()

@@ -78,7 +78,8 @@ class _Search:
             start = result.configuration
             self.steps += 1
         miss_m, miss_rad = float(np.linalg.norm(left[:3])), abs(float(left[3]))
-        raise CompensationError(self.wanted.to_mm_deg(), miss_m, miss_rad, _MOST_STEPS)
+        x, y, z, tilt = self.wanted.to_mm_deg()
+        raise CompensationError(f"x {x:g}, y {y:g}, z {z:g} mm, tilt {tilt:g} deg", miss_m, miss_rad)
 
     def left(self, result: ClosureResult) -> FloatArray:
         """Return what is missing: x, y, z of the frame in m and the platform's tilt in rad, actual minus wanted."""

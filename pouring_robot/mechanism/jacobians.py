@@ -6,6 +6,7 @@ loops close.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -15,9 +16,6 @@ from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
 from pouring_robot.mechanism.parameters import drive_parameters, placement_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
-
-# Rows of the platform twist that the four drives control: x, y, z and the tilt about y.
-TASK_ROWS = (0, 1, 2, 4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,10 +41,10 @@ class DriveJacobians:
 
 @dataclass(frozen=True)
 class Dexterity:
-    """How well the drives command the four freedoms; lengths and angles compared through ``length_m``.
+    """How well the drives command the end body; lengths and angles compared through ``length_m``.
 
     Attributes:
-        condition: condition number of the scaled 4 x 4 Jacobian (1 is best).
+        condition: condition number of the scaled Jacobian (1 is best).
         singularity: the nearer kind; ``serial``: the platform loses a freedom, ``parallel``: it gains one.
         distance: smallest factor between task and drive motion, or its inverse, whichever is smaller; zero is
             singular.
@@ -111,17 +109,20 @@ def drive_jacobians(solver: ClosureSolver, result: ClosureResult) -> DriveJacobi
     return DriveJacobians(transfer.matrix, transfer.joints, margin)
 
 
-def dexterity(jacobians: DriveJacobians, prismatic: tuple[bool, ...], length_m: float) -> Dexterity:
-    """Return condition and distance to singularity of the four task freedoms.
+def dexterity(
+    jacobians: DriveJacobians, prismatic: tuple[bool, ...], length_m: float, rows: Sequence[int] = range(6)
+) -> Dexterity:
+    """Return condition and distance to singularity of what the drives command.
 
     Args:
-        jacobians: of a mechanism with four drives.
+        jacobians: of a mechanism.
         prismatic: which drives are lengths.
         length_m: characteristic length that turns angles into lengths, for instance the mean distance of the
             moving U-joint centres from the platform's origin.
+        rows: of the end body's twist that count; by default all six.
     """
-    task = jacobians.platform[list(TASK_ROWS)].copy()
-    task[3] *= length_m
+    scales = np.where(np.array(rows) < 3, 1.0, length_m)
+    task = jacobians.platform[list(rows)] * scales[:, None]
     task[:, [not is_length for is_length in prismatic]] /= length_m
     factors = np.linalg.svd(task, compute_uv=False)
     smallest, largest = float(factors[-1]), float(factors[0])

@@ -9,29 +9,40 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError, UnreachableTargetError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
 from pouring_robot.mechanism.energy import NO_LOADS, Loads
+from pouring_robot.mechanism.jacobians import AxisWeakness, Dexterity, dexterity, drive_jacobians
 from pouring_robot.mechanism.parameters import LocalParameter
+from pouring_robot.mechanism.reach import JointReach, joint_reach
 from pouring_robot.mechanism.transfer import closed_chain_transfer
-from pouring_robot.robot.location import error_dataset, frames_of
+from pouring_robot.robot.inverse import REACHED, Reached, Target, bring
+from pouring_robot.robot.location import OUT_OF_REACH, Location, error_dataset, frames_of
 from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.pose_table import read_command_lines
+from pouring_robot.robot.pouring.poses import PlatformPose
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from pouring_robot.batch import BatchClosure, BatchStart
     from pouring_robot.robot.parameters import ParameterCatalogue
+
+Command = PlatformPose | Target | FloatArray
+"""What a robot may be asked for: a target of its end body, drive values, or a pose of the pouring robot's platform."""
+_MOST_TRIES = 12
 
 
 def as_it_stands(model: RobotModel | Path | str | None, who: str) -> RobotModel:
@@ -138,7 +149,8 @@ class Robot:
             "unit": ("drive", units),
             "commanded_drives": (("pose", "drive"), commanded),
         }
-        status = np.array(STATUS_NAMES)[closed.status]
+        reachable = self.drawing.in_reach(start) | ~closed.closed
+        status = np.where(reachable, np.array(STATUS_NAMES)[closed.status], OUT_OF_REACH)
         return error_dataset(self.nominal_solver.mechanism.loops, status, nominal, actual, coordinates)
 
     def close(self, drives: FloatArray, start: BatchStart) -> BatchClosure:
@@ -151,25 +163,176 @@ class Robot:
 
         loads = self.actual_solver.energy.loads
         if loads.gravity or loads.drive_stiffness:
-            raise BadInputError("under loads a robot is closed command by command: use transfer_at or closed_at")
+            raise BadInputError("under loads a robot is closed command by command: use transfer_at or location_at")
         engine = engine_for(self.actual_solver.mechanism, options=self.actual_solver.options)
         offsets = self.actual_drives(dict.fromkeys(self.nominal_solver.mechanism.loops.drives, 0.0))
         return engine.close(drives + np.array(list(offsets.values())), start)
 
-    def closed_at(self, drives: Sequence[float] | FloatArray) -> tuple[ClosureResult, ClosureResult]:
-        """Return the closed robot of the drawing and as built for one command (drives,), in m and rad.
+    @property
+    def name(self) -> dict[str, str]:
+        """Which robot it is, for figures."""
+        return {"robot": self.model.definition.name}
+
+    @property
+    def accuracy_m(self) -> float | None:
+        """Required accuracy of the working frame, in m, if somebody says so."""
+        return None
+
+    @property
+    def picture_notes(self) -> tuple[str, ...]:
+        """What one should know of its pictures, in a line each."""
+        return ()
+
+    def read_commands(self, path: Path) -> Mapping[int, Command]:
+        """Read commands from a table, by the line they stand on; see :mod:`pouring_robot.robot.pose_table`.
+
+        Raises:
+            TableError: the file is wrong.
+        """
+        return read_command_lines(path, self.model.definition)
+
+    def pose_command(self, position_m: FloatArray, turn_rad: FloatArray | None) -> Command:
+        """Return the command that asks for a pose of the end body.
+
+        Args:
+            position_m: of its origin in the base, shape (3,), in m.
+            turn_rad: rotation vector of its axes, shape (3,), in rad; None: not said.
+
+        Raises:
+            BadInputError: the robot cannot be asked for such a pose.
+        """
+        return Target(position_m, None if turn_rad is None else pin.exp3(turn_rad))
+
+    def location_of(self, command: Command) -> Location:
+        """Return where the robot should be and where it is: at drives, or at a target.
+
+        Raises:
+            BadInputError: it is no command of this robot.
+            NoSolutionError: as those.
+        """
+        if isinstance(command, PlatformPose):
+            raise BadInputError(f"{self.model.definition.name} is commanded by drive values or a target, not a tilt")
+        return self.location_to(command) if isinstance(command, Target) else self.location_at(command)
+
+    def location_at(self, drives: Sequence[float] | FloatArray) -> Location:
+        """Return where the robot should be and where it is for one command (drives,), in m and rad.
 
         Raises:
             BadInputError: the number of drives is wrong.
             NoSolutionError: no pose has these drive values.
+            UnreachablePoseError: the pose that has them is beyond a joint's limits.
         """
         mechanism = self.nominal_solver.mechanism
-        if np.shape(drives) != (len(mechanism.loops.drives),):
-            raise BadInputError(f"give one value for each drive: {', '.join(mechanism.loops.drives)}")
-        configuration = self.drawing.configuration_at(np.asarray(drives, dtype=float))
-        named = dict(zip(mechanism.loops.drives, np.asarray(drives, dtype=float).tolist(), strict=True))
-        nominal = self.nominal_solver.solve(named, configuration)
-        return nominal, self.actual_solver.solve(self.actual_drives(named), nominal.configuration)
+        values = np.asarray(drives, dtype=float)
+        if values.shape != (len(mechanism.loops.drives),) or not np.isfinite(values).all():
+            raise BadInputError(f"give one finite value for each drive: {', '.join(mechanism.loops.drives)}")
+        nominal = self.close_nominal(values, self.drawing.configuration_at(values))
+        return self._located(values, nominal)
+
+    def location_in_the_middle(self) -> Location:
+        """Return where the robot should be and where it is at its home, or in the middle of its workspace."""
+        return self.location_at(self.model.definition.home_drives)
+
+    def location_to(self, target: Target) -> Location:
+        """Return where the robot is when it is sent to a target: the drives that bring the drawing's end body there.
+
+        Raises:
+            BadInputError: the target does not determine the drives.
+            UnreachablePoseError: a joint would pass its limits.
+            NoSolutionError: the drawing does not come to the target.
+        """
+        found = self.drives_to(target)
+        return self._located(found.drives, found.result)
+
+    def drives_to(self, target: Target) -> Reached:
+        """Return the drives that bring a frame of the drawing to a target; see :meth:`location_to`."""
+        refusal: NoSolutionError | None = None
+        nearest = np.inf
+        for drives, configuration in self._tries(target):
+            try:
+                found = bring(self.nominal_solver, self.close_nominal, target, drives, configuration)
+                size = float(np.abs(found.left).max())
+                if size >= REACHED:
+                    if size < nearest:
+                        nearest, refusal = size, UnreachableTargetError(found.left)
+                    continue
+                self._refuse_beyond_limits(found.drives, found.result)
+            except NoSolutionError as problem:
+                refusal = problem
+                continue
+            if (count := len(drives)) > sum(found.ranks):
+                more = "; give its attitude too" if target.rotation is None else ""
+                raise BadInputError(
+                    f"the pose determines {sum(found.ranks)} of the {count} drives{more}, or give the drive values"
+                )
+            return found
+        raise refusal or NoSolutionError("the robot closes nowhere near its home")
+
+    def _tries(self, target: Target) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Yield drives and configurations from which to search: home, then the workspace, the nearest first."""
+        home = self.model.definition.home_drives
+        with contextlib.suppress(NoSolutionError):
+            yield home, self.drawing.configuration_at(home)
+        drives, start = self._workspace
+        apart = np.linalg.norm(start.position - target.position_m, axis=1)
+        if target.rotation is not None:
+            apart = apart + 0.1 * np.linalg.norm(start.rotation - target.rotation, axis=(1, 2))
+        for k in np.argsort(apart)[:_MOST_TRIES].tolist():
+            yield drives[k], self.drawing.configuration_at(drives[k])
+
+    @functools.cached_property
+    def _workspace(self) -> tuple[FloatArray, BatchStart]:
+        return self.model.definition.workspace(self.drawing)
+
+    def close_nominal(self, drives: FloatArray, start: FloatArray) -> ClosureResult:
+        """As :meth:`close_actual`, of the drawing."""
+        return self.nominal_solver.solve(self._named(drives), start)
+
+    def close_actual(self, drives: FloatArray, start: FloatArray) -> ClosureResult:
+        """Close the robot as built for one command (drives,), in m and rad, from a configuration (nq,).
+
+        Raises:
+            ClosureError: it does not close.
+        """
+        return self.actual_solver.solve(self.actual_drives(self._named(drives)), start)
+
+    def _named(self, drives: FloatArray) -> dict[str, float]:
+        return dict(zip(self.nominal_solver.mechanism.loops.drives, drives.tolist(), strict=True))
+
+    def _reach(self, drives: FloatArray, nominal: ClosureResult) -> tuple[JointReach, ...]:
+        return joint_reach(self.nominal_solver.mechanism, nominal.joint_values | self._named(drives))
+
+    def _refuse_beyond_limits(self, drives: FloatArray, nominal: ClosureResult) -> None:
+        for worst in self._reach(drives, nominal)[:1]:
+            if worst.margin < 0.0:
+                raise UnreachablePoseError(worst.joint, worst.value, worst.lower, worst.upper, worst.unit)
+
+    def _located(self, drives: FloatArray, nominal: ClosureResult) -> Location:
+        self._refuse_beyond_limits(drives, nominal)
+        actual = self.close_actual(drives, nominal.configuration)
+        return Location(self._named(drives), nominal, actual, self._reach(drives, nominal))
+
+    def dexterity(self, location: Location) -> Dexterity:
+        """Return condition and distance to singularity of the actual robot at a location."""
+        mechanism = self.actual_solver.mechanism
+        prismatic = tuple(mechanism.unit_of(name) == "m" for name in mechanism.loops.drives)
+        jacobians = drive_jacobians(self.actual_solver, location.actual)
+        return dexterity(jacobians, prismatic, self._length_m(location), self._task_rows)
+
+    _task_rows: Sequence[int] = range(6)
+
+    def axis_weakness(self, location: Location) -> AxisWeakness | None:
+        """Return how far one tilted axis moves the working frame sideways; None: nothing is known of it."""
+        return None
+
+    def _length_m(self, location: Location) -> float:
+        """Return the mean distance of the driven joints from the end body, in m: compares angles with lengths."""
+        mechanism = location.nominal.mechanism
+        model, data = mechanism.shared_model, mechanism.thread_data()
+        pin.forwardKinematics(model, data, location.nominal.configuration)
+        end = location.nominal.pose("universe", str(mechanism.loops.end_frame)).translation
+        joints = [data.oMi[mechanism.joint_id(name)].translation for name in mechanism.loops.drives]
+        return float(np.linalg.norm(np.array(joints) - end, axis=1).mean())
 
     def transfer_at(
         self,
@@ -193,7 +356,7 @@ class Robot:
             UnknownFrameError: there is no such frame.
             NoSolutionError: no pose has these drive values, or they do not determine the frame.
         """
-        return self._transfer(self.closed_at(drives)[1], parameters, frame)
+        return self._transfer(self.location_at(drives).actual, parameters, frame)
 
     def _transfer(
         self, closed: ClosureResult, parameters: str | Sequence[str | LocalParameter], frame: str | None

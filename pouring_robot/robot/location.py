@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
@@ -16,9 +17,10 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
 from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
+from pouring_robot.mechanism.reach import JointReach
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.report.result import Result
-from pouring_robot.robot.pouring.kinematics import FourUPUKinematics, JointReach
+from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.poses import PlatformPose
 
 if TYPE_CHECKING:
@@ -31,43 +33,28 @@ OUT_OF_REACH = "out of reach"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LadleLocation(Result):
-    """Nominal and actual pose for one command. Arrays are read-only; locations compare by identity.
+class Location(Result):
+    """Nominal and actual pose of any robot for one command. Locations compare by identity.
 
     Attributes:
-        commanded: the pose the controller was asked for.
-        drives: drive values it commands, in m and rad.
+        drives: drive values that are commanded, in m and rad.
         nominal: the closed robot of the drawing.
         actual: the closed robot as built at the same commands; its drives stand at command plus their offsets.
-        reach: every chain joint within its limits, the most limiting first.
-        outside_workspace_m: by how far the position leaves the workspace box, per axis, in m; zero inside.
-        outside_workspace_rad: by how far the tilt leaves it, in rad.
+        reach: every joint of the drawing that has limits, the most limiting first.
     """
 
-    commanded: PlatformPose
     drives: dict[str, float]
     nominal: ClosureResult
     actual: ClosureResult
     reach: tuple[JointReach, ...]
-    outside_workspace_m: FloatArray
-    outside_workspace_rad: float
-
-    def __post_init__(self) -> None:
-        """Lock the array."""
-        lock_fields(self, "outside_workspace_m")
 
     @property
     def loops(self) -> LoopsFile:
         """The declaration of the mechanism: it names base, end and tool frames."""
         return self.nominal.mechanism.loops
 
-    @property
-    def in_workspace(self) -> bool:
-        """Whether the commanded pose lies in the workspace box."""
-        return not self.outside_workspace_m.any() and self.outside_workspace_rad == 0.0
-
     def poses(self, frame: str) -> tuple[pin.SE3, pin.SE3]:
-        """Return nominal and actual pose of a frame in the fixed platform.
+        """Return nominal and actual pose of a frame in the base.
 
         Raises:
             UnknownFrameError: there is no such frame.
@@ -76,7 +63,7 @@ class LadleLocation(Result):
         return self.nominal.pose(base, frame), self.actual.pose(base, frame)
 
     def difference(self, frame: str | None = None) -> PoseDifference:
-        """Return actual minus nominal pose of a frame (default: the pouring lip), in the axes of the fixed platform.
+        """Return actual minus nominal pose of a frame (default: the working frame), in the axes of the base.
 
         Raises:
             UnknownFrameError: there is no such frame.
@@ -84,13 +71,22 @@ class LadleLocation(Result):
         return PoseDifference.between(*self.poses(frame or self.loops.working_frame))
 
     @property
+    def command(self) -> str:
+        """What was commanded, in mm and degrees."""
+        return ", ".join(drive_words(self.nominal.mechanism, self.drives))
+
+    @property
+    def title(self) -> str:
+        """The same for a picture."""
+        return self.command
+
+    @property
     def headline(self) -> str:
         """By how much the working frame is off, and for which command."""
-        x, y, z, tilt = self.commanded.to_mm_deg()
         off = self.difference()
         return (
             f"{self.loops.working_frame} is {off.distance_m / MM:.3f} mm and {off.angle_rad / MRAD:.3f} mrad off "
-            f"at {x:g}, {y:g}, {z:g} mm, {tilt:g} deg"
+            f"at {self.command}"
         )
 
     def to_frame(self) -> pd.DataFrame:
@@ -106,6 +102,50 @@ class LadleLocation(Result):
             figures = {name.format(axis): part[k] for name, part in parts.items() for k, axis in enumerate("xyz")}
             rows.append({"frame": frame, **figures})
         return pd.DataFrame(rows)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LadleLocation(Location):
+    """Where the ladle of the pouring robot should be and is for one commanded pose. Arrays are read-only.
+
+    Attributes:
+        commanded: the pose the controller was asked for.
+        outside_workspace_m: by how far the position leaves the workspace box, per axis, in m; zero inside.
+        outside_workspace_rad: by how far the tilt leaves it, in rad.
+    """
+
+    commanded: PlatformPose
+    outside_workspace_m: FloatArray
+    outside_workspace_rad: float
+
+    def __post_init__(self) -> None:
+        """Lock the array."""
+        lock_fields(self, "outside_workspace_m")
+
+    @property
+    def in_workspace(self) -> bool:
+        """Whether the commanded pose lies in the workspace box."""
+        return not self.outside_workspace_m.any() and self.outside_workspace_rad == 0.0
+
+    @property
+    def command(self) -> str:
+        """The commanded pose, in mm and degrees."""
+        x, y, z, tilt = self.commanded.to_mm_deg()
+        return f"{x:g}, {y:g}, {z:g} mm, {tilt:g} deg"
+
+    @property
+    def title(self) -> str:
+        """The same for a picture."""
+        x, y, z, tilt = self.commanded.to_mm_deg()
+        return f"x {x:.0f}, y {y:.0f}, z {z:.0f} mm, tilt {tilt:.1f}°"
+
+
+def drive_words(mechanism: ClosedChainMechanism, drives: Mapping[str, float]) -> list[str]:
+    """Return drive values (m, rad) by name in mm and degrees, as in the JSON output."""
+    return [
+        f"{name} {value / MM:.4f} mm" if mechanism.unit_of(name) == "m" else f"{name} {math.degrees(value):.5f} deg"
+        for name, value in drives.items()
+    ]
 
 
 class LocatingRobot(Protocol):

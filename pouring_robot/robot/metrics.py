@@ -9,7 +9,7 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureResult
 from pouring_robot.mechanism.jacobians import AxisWeakness, Dexterity
 from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
-from pouring_robot.robot.location import LadleLocation
+from pouring_robot.robot.location import LadleLocation, Location
 
 Figures = dict[str, Any]
 
@@ -36,7 +36,7 @@ def difference_figures(difference: PoseDifference) -> Figures:
     }
 
 
-def _frame_figures(location: LadleLocation, frame: str) -> Figures:
+def _frame_figures(location: Location, frame: str) -> Figures:
     nominal, actual = location.poses(frame)
     return {
         "nominal_mm": (nominal.translation / MM).tolist(),
@@ -62,17 +62,39 @@ def internal_load_figures(result: ClosureResult) -> Figures:
     }
 
 
-def location_figures(location: LadleLocation, dexterity: Dexterity, weakness: AxisWeakness | None = None) -> Figures:
-    """Return everything known of one location, ready for JSON; units are in the names."""
-    sideways = {} if weakness is None else {"sideways": sideways_figures(weakness)}
+def _command_figures(location: Location) -> Figures:
+    """Return the pose that was commanded, of a robot that is commanded by poses."""
+    if not isinstance(location, LadleLocation):
+        return {}
     x, y, z, tilt = location.commanded.to_mm_deg()
-    limiting = location.reach[0]
-    scale, unit = (MM, "mm") if limiting.unit == "m" else (math.radians(1.0), "deg")
     return {
         "commanded": {"x_mm": x, "y_mm": y, "z_mm": z, "tilt_deg": tilt},
         "in_workspace": location.in_workspace,
         "outside_workspace_mm": (location.outside_workspace_m / MM).tolist(),
         "outside_workspace_deg": math.degrees(location.outside_workspace_rad),
+    }
+
+
+def _limit_figures(location: Location) -> Figures:
+    """Return the joint that is nearest to its limits; nothing where none has any."""
+    if not location.reach:
+        return {}
+    limiting = location.reach[0]
+    scale, unit = (MM, "mm") if limiting.unit == "m" else (math.radians(1.0), "deg")
+    return {
+        "limiting_joint": {
+            "joint": limiting.joint,
+            f"value_{unit}": limiting.value / scale,
+            f"margin_{unit}": limiting.margin / scale,
+        }
+    }
+
+
+def location_figures(location: Location, dexterity: Dexterity, weakness: AxisWeakness | None = None) -> Figures:
+    """Return everything known of one location, ready for JSON; units are in the names."""
+    sideways = {} if weakness is None else {"sideways": sideways_figures(weakness)}
+    return {
+        **_command_figures(location),
         "drives": joint_figures(location.nominal.mechanism, location.drives),
         "frames": {frame: _frame_figures(location, frame) for frame in location.loops.reported_frames},
         "closure": {
@@ -84,11 +106,7 @@ def location_figures(location: LadleLocation, dexterity: Dexterity, weakness: Ax
             "iterations": location.actual.iterations,
             "internal_load": internal_load_figures(location.actual),
         },
-        "limiting_joint": {
-            "joint": limiting.joint,
-            f"value_{unit}": limiting.value / scale,
-            f"margin_{unit}": limiting.margin / scale,
-        },
+        **_limit_figures(location),
         "dexterity": {
             "condition": dexterity.condition,
             "nearer_singularity": dexterity.singularity,

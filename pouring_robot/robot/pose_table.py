@@ -1,13 +1,18 @@
-"""Commanded poses from a table, whose column names carry the units."""
+"""Commands from a table, whose column names carry the units: poses, or drive values of any robot."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from pouring_robot.exceptions import TableError
-from pouring_robot.io.quantities import to_inner
+from pouring_robot.io.quantities import Quantity, read_quantities, to_inner
 from pouring_robot.io.tables import Table, read_table
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.rotations import rotation_matrices
+from pouring_robot.robot.description.definition import RobotDefinition
+from pouring_robot.robot.inverse import Target
 from pouring_robot.robot.pouring.poses import PlatformPose
 
 _UNITS = {"x": ("mm", "m"), "y": ("mm", "m"), "z": ("mm", "m"), "tilt": ("deg", "rad", "mrad")}
@@ -49,3 +54,32 @@ def _column(table: Table, name: str) -> FloatArray:
         problem = "stands twice" if found else "is missing"
         raise table.heading_fault(f"the column for {name} ({' or '.join(headings)}) {problem}")
     return to_inner(table.numbers(table.headings.index(found[0])), found[0].removeprefix(f"{name}_"))
+
+
+def read_command_lines(path: Path | str, robot: RobotDefinition) -> dict[int, FloatArray | Target]:
+    """Read commands of any robot: a column for each drive; or x, y, z of the end frame and, if wanted, rx, ry, rz.
+
+    Returns:
+        Drive values (drives,), in m and rad, or targets, in the file's order by the line they stand on.
+
+    Raises:
+        TableError: the file cannot be read, a heading is misspelt, or a value is missing.
+    """
+    places = tuple(Quantity(name, "length", part_of="a position") for name in "xyz")
+    turns = tuple(Quantity(f"r{name}", "angle", part_of="a rotation vector") for name in "xyz")
+    drives = robot.drive_columns
+    posed = any(heading in q.headings for heading in read_table(path, drives[0].canonical).headings for q in places)
+    columns = (*places, *turns) if posed else drives
+    table = read_quantities(path, columns, columns[0].canonical)
+    for quantity in (q for q in columns if q.name in table.numbers):
+        missing = np.flatnonzero(~np.isfinite(table.numbers[quantity.name]))
+        if missing.size:
+            raise table.fault("the value is missing; a command has them all", int(missing[0]), quantity.name)
+    lines = table.table.lines.tolist()
+    if not posed:
+        return dict(zip(lines, robot.drive_values(table.numbers), strict=True))
+    position = np.stack([table.numbers[q.name] for q in places], axis=-1)
+    if turns[0].name not in table.numbers:
+        return {line: Target(place) for line, place in zip(lines, position, strict=True)}
+    rotation = rotation_matrices(np.stack([table.numbers[q.name] for q in turns], axis=-1))
+    return {line: Target(p, turned) for line, p, turned in zip(lines, position, rotation, strict=True)}

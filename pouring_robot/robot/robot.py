@@ -19,19 +19,14 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure import DEFAULT_OPTIONS, ClosureOptions, ClosureResult
 from pouring_robot.mechanism.energy import NO_LOADS, Loads
-from pouring_robot.mechanism.jacobians import (
-    AxisWeakness,
-    Dexterity,
-    DriveJacobians,
-    axis_weakness,
-    dexterity,
-    drive_jacobians,
-)
+from pouring_robot.mechanism.jacobians import AxisWeakness, DriveJacobians, axis_weakness, drive_jacobians
 from pouring_robot.mechanism.parameters import LocalParameter
-from pouring_robot.robot.base import Robot, as_it_stands
-from pouring_robot.robot.location import LadleLocation, located
+from pouring_robot.robot.base import Command, Robot, as_it_stands
+from pouring_robot.robot.location import LadleLocation, Location, located
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
+from pouring_robot.robot.pose_table import read_pose_lines
+from pouring_robot.robot.pouring.kinematics import TASK_ROWS, FourUPUKinematics
+from pouring_robot.robot.pouring.ladle_mesh import stale_mesh_note
 from pouring_robot.robot.pouring.layout import Layout, load_layout
 from pouring_robot.robot.pouring.poses import PlatformPose
 
@@ -132,6 +127,50 @@ class PouringRobot(Robot):
             outside_workspace_rad=outside_rad,
         )
 
+    def _located(self, drives: FloatArray, nominal: ClosureResult) -> LadleLocation:
+        return self.locate(self.kinematics.forward(self._named(drives)))
+
+    @property
+    def name(self) -> dict[str, str]:
+        """Its layout, for figures."""
+        return {"layout": self.model.layout}
+
+    @property
+    def accuracy_m(self) -> float:
+        """Required accuracy of the pouring lip, in m."""
+        return self.layout.accuracy_m
+
+    @property
+    def picture_notes(self) -> tuple[str, ...]:
+        """Whether the ladle's mesh is that of the layout."""
+        note = stale_mesh_note(self.layout)
+        return (note,) if note else ()
+
+    def read_commands(self, path: Path) -> dict[int, PlatformPose]:
+        """Read poses from a table, by the line they stand on.
+
+        Raises:
+            TableError: the file is wrong.
+        """
+        return read_pose_lines(path)
+
+    def pose_command(self, position_m: FloatArray, turn_rad: FloatArray | None) -> PlatformPose:
+        """Return the pose of a place and a turn about y."""
+        turn = np.zeros(3) if turn_rad is None else turn_rad
+        if turn[0] or turn[2]:
+            raise BadInputError("the platform turns about y only: give a tilt")
+        x, y, z, tilt = (float(value) for value in (*position_m, turn[1]))
+        return PlatformPose((x, y, z), tilt)
+
+    def location_in_the_middle(self) -> LadleLocation:
+        """Return where the ladle should be and where it is in the middle of the workspace box."""
+        x, y, z, tilt = np.mean(self.layout.box, axis=0).tolist()
+        return self.locate(PlatformPose((x, y, z), tilt))
+
+    def location_of(self, command: Command) -> Location:
+        """Return where the ladle should be and where it is for a pose, a target or drive values (4,), in m and rad."""
+        return self.locate(command) if isinstance(command, PlatformPose) else super().location_of(command)
+
     def outside_workspace(self, pose: PlatformPose) -> tuple[FloatArray, float]:
         """Return by how far a pose leaves the workspace box: per axis, shape (3,), in m, and in tilt, in rad."""
         layout, position = self.layout, np.array(pose.position_m)
@@ -171,14 +210,12 @@ class PouringRobot(Robot):
         """Return the Jacobians of the actual robot at a location."""
         return drive_jacobians(self.actual_solver, location.actual)
 
-    def dexterity(self, location: LadleLocation) -> Dexterity:
-        """Return condition and distance to singularity of the actual robot at a location."""
-        mechanism = self.actual_solver.mechanism
-        prismatic = tuple(mechanism.unit_of(name) == "m" for name in mechanism.loops.drives)
-        length = float(np.linalg.norm(self.kinematics.moving_centres_m, axis=1).mean())
-        return dexterity(self.drive_jacobians(location), prismatic, length)
+    _task_rows = TASK_ROWS
 
-    def axis_weakness(self, location: LadleLocation) -> AxisWeakness:
+    def _length_m(self, location: Location) -> float:
+        return float(np.linalg.norm(self.kinematics.moving_centres_m, axis=1).mean())
+
+    def axis_weakness(self, location: Location) -> AxisWeakness:
         """Return how far one tilted joint axis moves the pouring lip sideways, at the worst joint."""
         return axis_weakness(self.actual_solver, location.actual, location.loops.working_frame)
 

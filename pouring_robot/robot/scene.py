@@ -18,7 +18,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
 from pouring_robot.robot.description.urdf import with_mesh_files
-from pouring_robot.robot.location import LadleLocation
+from pouring_robot.robot.location import Location
 from pouring_robot.robot.metrics import decimals
 from pouring_robot.viewer import GHOST_TINT, Scene, SceneArrow, SceneRobot, camera_on, visual_model
 
@@ -29,7 +29,7 @@ _LARGEST_FACTOR = 1000.0
 VIEW_DIRECTION = (1.0, -0.7, 0.38)
 
 
-def automatic_exaggeration(locations: Sequence[LadleLocation]) -> float:
+def automatic_exaggeration(locations: Sequence[Location]) -> float:
     """Return a factor of the series 1, 2, 5, 10 … that makes the largest error visible."""
     return exaggeration_for(max(location.difference().distance_m for location in locations))
 
@@ -43,9 +43,7 @@ def exaggeration_for(largest_m: float) -> float:
     return float(max(step * decade for step in (1, 2, 5) if step * decade <= wanted * (1 + 1e-9)))
 
 
-def pose_scene(
-    locations: Sequence[LadleLocation], exaggeration: float | None = None, actual: str = "as built"
-) -> Scene:
+def pose_scene(locations: Sequence[Location], exaggeration: float | None = None, actual: str = "as built") -> Scene:
     """Return the scene of one or more locations: robots at the one with the largest error, an arrow at each.
 
     Args:
@@ -62,11 +60,17 @@ def pose_scene(
     if not 0.0 < factor <= _LARGEST_FACTOR:
         raise BadInputError(f"the exaggeration factor must be above 0 and at most {_LARGEST_FACTOR:g}, not {factor}")
     worst = max(locations, key=lambda location: location.difference().distance_m)
-    x, y, z, tilt = worst.commanded.to_mm_deg()
+    tip = worst.loops.working_frame.replace("_", " ")
     scene = Scene(
-        title=f"Where the ladle really is: x {x:.0f}, y {y:.0f}, z {z:.0f} mm, tilt {tilt:.1f}°",
+        title=f"Where the {tip} really is: {worst.title}",
         robots=(
-            drawn_robot(worst.actual.mechanism, exaggerated_configuration(worst, factor), "actual", actual),
+            drawn_robot(
+                worst.actual.mechanism,
+                exaggerated_configuration(worst, factor),
+                "actual",
+                actual,
+                model=_enlarged_model(worst, factor),
+            ),
             drawn_robot(
                 worst.nominal.mechanism,
                 worst.nominal.configuration,
@@ -93,10 +97,26 @@ def drawn_robot(
     label: str,
     opacity: float = 1.0,
     tint: tuple[float, float, float] | None = None,
+    model: pin.Model | None = None,
 ) -> SceneRobot:
-    """Return a mechanism in a configuration (nq,), ready for a scene."""
-    visual = visual_model(mechanism.shared_model, with_mesh_files(mechanism.tree_urdf))
-    return SceneRobot(name, mechanism.shared_model, visual, configuration, opacity=opacity, tint=tint, label=label)
+    """Return a mechanism in a configuration (nq,), ready for a scene; its joints may be placed by another model."""
+    model = model or mechanism.shared_model
+    visual = visual_model(model, with_mesh_files(mechanism.tree_urdf))
+    return SceneRobot(name, model, visual, configuration, opacity=opacity, tint=tint, label=label)
+
+
+def _enlarged_model(location: Location, factor: float) -> pin.Model:
+    """Return the actual robot, its joints' displacements enlarged where the tree itself carries the end body.
+
+    Where loops do, the end body is put where it belongs by its cut joints.
+    """
+    drawn, model = location.nominal.mechanism.shared_model, location.actual.mechanism.copy_model()
+    if not location.loops.cut_joints:
+        for joint in range(1, model.njoints):
+            placement = drawn.jointPlacements[joint]
+            error = pin.log6(placement.actInv(model.jointPlacements[joint]))
+            model.jointPlacements[joint] = placement * pin.exp6(factor * error)
+    return model
 
 
 def enlarged_pose(nominal: pin.SE3, difference: PoseDifference, factor: float) -> pin.SE3:
@@ -105,7 +125,7 @@ def enlarged_pose(nominal: pin.SE3, difference: PoseDifference, factor: float) -
     return pin.SE3(rotation, nominal.translation + factor * difference.translation_m)
 
 
-def exaggerated_configuration(location: LadleLocation, factor: float) -> FloatArray:
+def exaggerated_configuration(location: Location, factor: float) -> FloatArray:
     """Return a configuration of the actual robot with its displacement enlarged; shape (nq,).
 
     The platform stands exactly where the enlarged difference puts it; the legs' joints are extrapolated.
@@ -134,7 +154,7 @@ def _stored(model: pin.Model, joint: int) -> slice:
     return slice(model.idx_qs[joint], model.idx_qs[joint] + model.nqs[joint])
 
 
-def _arrow(name: str, location: LadleLocation, factor: float) -> SceneArrow:
+def _arrow(name: str, location: Location, factor: float) -> SceneArrow:
     end_frame = str(location.loops.end_frame)
     nominal_base = location.nominal.pose("universe", location.loops.base_frame)
     nominal, _ = location.poses(location.loops.working_frame)
@@ -150,11 +170,14 @@ def _arrow(name: str, location: LadleLocation, factor: float) -> SceneArrow:
     )
 
 
-def _caption(location: LadleLocation, count: int) -> tuple[tuple[str, str], ...]:
+def _caption(location: Location, count: int) -> tuple[tuple[str, str], ...]:
     translation, rotation = location.difference().to_mm_mrad()
     rows = [
-        ("error at the lip, x y z", " ".join(decimals(v, 2, sign=True) for v in translation) + " mm"),
-        ("rotation of the ladle", " ".join(decimals(v, 2, sign=True) for v in rotation) + " mrad"),
+        (
+            f"error at the {location.loops.working_frame.replace('_', ' ')}, x y z",
+            " ".join(decimals(v, 2, sign=True) for v in translation) + " mm",
+        ),
+        ("its rotation", " ".join(decimals(v, 2, sign=True) for v in rotation) + " mrad"),
         (
             "left open at the joints",
             f"{location.actual.gap_m / MM:.4f} mm, {location.actual.gap_rad / MRAD:.3f} mrad",

@@ -155,9 +155,9 @@ def test_compensate_says_that_the_cold_drawing_needs_none(run):
 @pytest.mark.parametrize(
     ("arguments", "code", "says"),
     [
-        ([], 2, "give a file of poses or one pose"),
+        ([], 2, "give a pose by --at-mm or drive values by --drives"),
         ([POSES, *AT], 2, "one of the two"),
-        ([POSES, "--tilt-deg", "3"], 2, "--tilt-deg belongs to --at-mm"),
+        ([POSES, "--tilt-deg", "3"], 2, "one of the two"),
         (["nowhere.csv"], 2, "cannot be read"),
         ([*AT, "--frame", "lip"], 2, "no frame 'lip'"),
         ([*AT, "--out", "missing/c.csv"], 2, "does not exist"),

@@ -83,17 +83,17 @@ def test_every_line_of_a_first_file_is_known_to_the_reader(run, urdf):
 def test_rows_of_drives_are_located_in_their_units(run, tmp_path):
     """The arm with its wrist bent by 90 degrees: 150 + 310 + 310 mm in front, 450 + 600 + 120 - 100 mm high."""
     (tmp_path / "c.csv").write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,0,0,0,90,0\n90,0,0,0,90,0\n")
-    code, out, _ = run("robot", "locate", "c.csv", "--robot", ROBOTS / "arm" / "robot.yaml", "--json")
+    code, out, _ = run("path", "c.csv", "--robot", ROBOTS / "arm" / "robot.yaml", "--json")
     first, second = json.loads(out)["poses"]
     assert code == 0
-    assert [first[key] for key in ("x_mm", "y_mm", "z_mm")] == pytest.approx([770.0, 0.0, 1070.0], abs=1e-9)
-    assert [second[key] for key in ("x_mm", "y_mm", "z_mm")] == pytest.approx([0.0, 770.0, 1070.0], abs=1e-9)
-    assert first["error_x_mm"] == 0.0
+    assert first["frames"]["flange"]["nominal_mm"] == pytest.approx([770.0, 0.0, 1070.0], abs=1e-9)
+    assert second["frames"]["flange"]["nominal_mm"] == pytest.approx([0.0, 770.0, 1070.0], abs=1e-9)
+    assert first["frames"]["flange"]["error"]["distance_mm"] == 0.0
 
 
 def test_a_missing_drive_value_is_named(run, tmp_path):
     (tmp_path / "c.csv").write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,0,0,,90,0\n")
-    code, _, err = run("robot", "locate", "c.csv", "--robot", ROBOTS / "arm" / "robot.yaml")
+    code, _, err = run("path", "c.csv", "--robot", ROBOTS / "arm" / "robot.yaml")
     assert code == 2
     assert "line 2, column q4_deg: the value is missing" in err
 
@@ -137,4 +137,43 @@ def test_a_campaign_of_another_robot_says_whose_it_is(run, tmp_path):
     code, _, err = run("campaign", "check", series)
     assert code == 2
     assert "is a campaign of the robot 'ur10', and was read as one of 'pouring_robot'; name its robot file" in err
+    assert err.count("\n") == 1
+
+
+def test_any_robot_is_posed_and_compensated(run, tmp_path):
+    """A delta whose first arm is off by 1 mrad: sent to a place, drawn, and corrected there."""
+    robot = ROBOTS / "delta" / "robot.yaml"
+    (tmp_path / "built.yaml").write_text(
+        f"format: pouring_robot/model/1\nrobot: {robot}\ndrive_offsets: {{arm1_drive: {{offset_mrad: 1.0}}}}\n"
+    )
+    at = ("--at-mm", "50", "20", "-600")
+    code, out, err = run("pose", "--model", "built.yaml", *at, "--json", "--png", "delta.png")
+    figures = json.loads(out)
+    assert (code, err) == (0, "")
+    frames = figures["frames"]
+    end, *_, tip = frames
+    assert frames[end]["nominal_mm"] == pytest.approx([50.0, 20.0, -600.0], abs=1e-6)
+    assert 0.05 < frames[tip]["error"]["distance_mm"] < 1.0
+    assert (tmp_path / "delta.png").stat().st_size > 10_000
+    code, out, _ = run("compensate", "--model", "built.yaml", *at, "--json")
+    (row,) = json.loads(out)["poses"]
+    assert row["drives"]["arm1_drive_deg"] == pytest.approx(row["wanted"]["arm1_drive_deg"] - 0.0572958, abs=1e-6)
+    assert row["left"]["distance_mm"] < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("pose", "--drives", "1 2"), "give one number for each of q1 (deg)".replace("q1", "joint1")),
+        (("pose", "--at-mm", "500", "0", "700"), "determines 3 of the 6 drives"),
+        (("pose", "--drives", "0 0 0 0 0 0", "--tilt-deg", "3"), "belong to --at-mm"),
+        (("pose",), "--at-mm or drive values by --drives"),
+        (("pose", "--drives", "0 0 0 0 60 0", "--steady"), "pouring robot's melt"),
+        (("thermal", "--at-mm", "0", "0", "0"), "pouring robot's melt"),
+    ],
+)
+def test_what_an_arm_cannot_be_asked_is_refused_on_one_line(run, arguments, says):
+    code, _, err = run(*arguments, "--robot", ROBOTS / "arm" / "robot.yaml")
+    assert code == 2
+    assert says in err
     assert err.count("\n") == 1

@@ -155,9 +155,9 @@ def test_outside_the_box(drawing):
 
 
 def test_a_search_that_fails_says_its_figures():
-    error = CompensationError((1.0, 2.0, -600.0, 10.0), 1e-3, 2e-3, 25)
-    assert (error.exit_code, error.left_m, error.steps) == (3, 1e-3, 25)
-    assert "z -600 mm, tilt 10 deg: after 25 steps the ladle is 1 mm and 2 mrad off" in str(error)
+    error = CompensationError("x 1, y 2, z -600 mm, tilt 10 deg", 1e-3, 2e-3)
+    assert (error.exit_code, error.left_m) == (3, 1e-3)
+    assert "z -600 mm, tilt 10 deg: Newton's last step leaves 1 mm and 2 mrad" in str(error)
 
 
 def test_a_result_is_told_on_one_line(hot):

@@ -8,8 +8,9 @@ from pouring_robot.exceptions import BadInputError, SingularPoseError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureSolver
 from pouring_robot.mechanism.energy import Loads
-from pouring_robot.mechanism.jacobians import TASK_ROWS, DriveJacobians, dexterity, drive_jacobians
+from pouring_robot.mechanism.jacobians import DriveJacobians, dexterity, drive_jacobians
 from pouring_robot.mechanism.loops import LoopsFile
+from pouring_robot.robot.pouring.kinematics import TASK_ROWS
 from pouring_robot.robot.pouring.poses import PlatformPose
 from tests.support import circle_meeting, closure_condition, planar_urdf, random_poses, relative_error, round_off
 
@@ -145,15 +146,15 @@ def test_dexterity_of_known_jacobians():
     platform = np.zeros((6, 4))
     platform[list(TASK_ROWS), range(4)] = (2.0, 4.0, 1.0, 0.5)
     jacobians = DriveJacobians(platform, np.zeros((0, 4)), 1.0)
-    serial = dexterity(jacobians, (True, True, True, False), length_m=0.4)
+    serial = dexterity(jacobians, (True, True, True, False), 0.4, TASK_ROWS)
     # The tilt row is scaled up and the angular drive's column down by the length, so 0.5 stays.
     assert (serial.condition, serial.singularity) == (pytest.approx(8.0), "parallel")
     assert serial.distance == pytest.approx(0.25)
     platform[4, 3] = 0.1
-    nearer = dexterity(DriveJacobians(platform, np.zeros((0, 4)), 1.0), (True, True, True, False), 0.4)
+    nearer = dexterity(DriveJacobians(platform, np.zeros((0, 4)), 1.0), (True, True, True, False), 0.4, TASK_ROWS)
     assert (nearer.singularity, nearer.distance) == ("serial", pytest.approx(0.1))
     platform[4, 3] = 0.0
-    lost = dexterity(DriveJacobians(platform, np.zeros((0, 4)), 1.0), (True, True, True, False), 0.4)
+    lost = dexterity(DriveJacobians(platform, np.zeros((0, 4)), 1.0), (True, True, True, False), 0.4, TASK_ROWS)
     assert (lost.condition, lost.distance) == (np.inf, 0.0)
 
 
@@ -161,12 +162,12 @@ def test_dexterity_does_not_depend_on_the_unit_of_length(drawing):
     location = drawing.locate(PlatformPose((-0.1, 0.01, -0.6), 0.2))
     found = drawing.drive_jacobians(location)
     prismatic = (True, True, True, False)
-    in_m = dexterity(found, prismatic, 0.4)
+    in_m = dexterity(found, prismatic, 0.4, TASK_ROWS)
     # The same in mm: linear rows and angular columns change, the characteristic length too.
     platform = found.platform.copy()
     platform[:3] *= 1e3
     platform[:, :3] /= 1e3
-    in_mm = dexterity(DriveJacobians(platform, found.joints, found.closure_margin), prismatic, 400.0)
+    in_mm = dexterity(DriveJacobians(platform, found.joints, found.closure_margin), prismatic, 400.0, TASK_ROWS)
     assert in_mm.condition == pytest.approx(in_m.condition, rel=1e-9)
     assert in_mm.distance == pytest.approx(in_m.distance, rel=1e-9)
 

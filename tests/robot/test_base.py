@@ -39,7 +39,8 @@ def test_many_commands_are_one_after_the_other(crooked):
     loops = crooked.model.loops()
     assert (found.status == "closed").all()
     for k, one in enumerate(drives):
-        for result, name in zip(crooked.closed_at(one), ("nominal", "actual"), strict=True):
+        location = crooked.location_at(one)
+        for result, name in ((location.nominal, "nominal"), (location.actual, "actual")):
             pose = result.pose(loops.base_frame, loops.working_frame)
             seen = found[f"{name}_position"].sel(frame=loops.working_frame).values[k]
             np.testing.assert_allclose(seen, pose.translation, rtol=0, atol=1e-9)
@@ -50,12 +51,12 @@ def test_transfer_is_the_derivative_of_the_closed_robot(crooked):
     """Of every drive and one placement: central differences of the closed pose, an independent way."""
     drives, frame = commands(crooked, 1, seed=2)[0], crooked.model.loops().working_frame
     base = crooked.model.loops().base_frame
-    here = crooked.closed_at(drives)[1].pose(base, frame)
+    here = crooked.location_at(drives).actual.pose(base, frame)
     found = crooked.transfer_at(drives, "drives")
     step = 1e-5
     for k in range(len(drives)):
         moved = step * np.eye(len(drives))[k]
-        plus, minus = (crooked.closed_at(drives + sign * moved)[1].pose(base, frame) for sign in (1.0, -1.0))
+        plus, minus = (crooked.location_at(drives + sign * moved).actual.pose(base, frame) for sign in (1.0, -1.0))
         shift = (plus.translation - minus.translation) / (2 * step)
         turn = pin.log3(plus.rotation @ minus.rotation.T) / (2 * step)
         assert relative_error(found.values[:, k], np.concatenate([shift, turn])) < 1e-6
@@ -72,7 +73,7 @@ def test_commands_that_no_pose_has_say_so():
     assert found.status.values.tolist()[1] != "closed"
     assert np.isnan(found.actual_position.values[1]).all()
     with pytest.raises(NoSolutionError, match="no pose of the drawing"):
-        robot.closed_at(apart)
+        robot.location_at(apart)
 
 
 @pytest.mark.parametrize("drives", [[1.0, 2.0], [[1.0, np.nan, 0.0]], [["a", 1, 2]], [[1.0, 2.0]]])

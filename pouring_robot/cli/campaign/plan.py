@@ -89,7 +89,7 @@ def plan(
         starts=starts,
         seed=seed,
     )
-    robot = options.robot_of(model, layout)
+    robot = options.with_melt(options.robot_of(model, None, layout))
     planner = Planner(robot, request)
     with progress.stage_bars() as show:
         found = planner.plan(show)

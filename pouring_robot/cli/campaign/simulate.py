@@ -56,7 +56,7 @@ def simulate(
         raise BadInputError("give the poses by --plan FILE or by --random N, one of the two")
     outputs = [out, out.with_suffix(".yaml"), *([truth] if truth else [])]
     check_outputs(outputs, overwrite=overwrite)
-    robot = options.robot_of(model, layout)
+    robot = options.with_melt(options.robot_of(model, None, layout))
     poses = read_plan(plan, robot) if plan is not None else random_plan(robot, random or 0, seed)
     settings = MeasurementOptions(
         sigma_position_m=noise_mm * 1e-3,

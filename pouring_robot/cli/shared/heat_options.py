@@ -7,19 +7,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pouring_robot.cli.shared.options import with_melt
 from pouring_robot.cli.shared.tables import plain_table
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.metrics import decimals
 from pouring_robot.robot.pouring.names import LEGS
+from pouring_robot.robot.pouring.poses import PlatformPose
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from pouring_robot.robot.location import LadleLocation
-    from pouring_robot.robot.pouring.poses import PlatformPose
-    from pouring_robot.robot.robot import PouringRobot
+    from pouring_robot.robot.base import Command, Robot
+    from pouring_robot.robot.location import Location
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, PoseShares, WarmState
 
 MeltDegC = Annotated[
@@ -39,7 +40,7 @@ Cold = Annotated[bool, typer.Option("--cold", help="Leave out the heat that the 
 
 
 def heat_of(
-    robot: PouringRobot,
+    robot: Robot,
     melt: float | None,
     ambient: float | None,
     steady: bool,
@@ -61,6 +62,7 @@ def heat_of(
         return None
     if robot.model.heat is None and not given and not steady:
         return None
+    with_melt(robot)
     if steady:
         given["after_min"] = None
     return (robot.model.heat or HeatSection()).with_values(**given)
@@ -78,22 +80,25 @@ class Warmth:
         shares: what geometry and heat do, by frame.
     """
 
-    robot: PouringRobot
-    location: LadleLocation
+    robot: Robot
+    location: Location
     heated: HeatedRobot | None = None
     state: WarmState | None = None
     shares: dict[str, PoseShares] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, robot: PouringRobot, heated: HeatedRobot | None, pose: PlatformPose, *, shares: bool = False) -> Warmth:
+    def of(cls, robot: Robot, heated: HeatedRobot | None, command: Command, *, shares: bool = False) -> Warmth:
         """Find it, and the shares of geometry and heat if they are wanted.
 
         Raises:
             NoSolutionError: the robot cannot take the pose, or no temperatures are found.
+            BadInputError: a warm robot is asked for anything but a pose of its platform.
         """
         if heated is None:
-            return cls(robot, robot.locate(pose))
-        state = heated.locate(pose)
+            return cls(robot, robot.location_of(command))
+        if not isinstance(command, PlatformPose):
+            raise BadInputError("a warm robot is sent to a pose: give --at-mm and --tilt-deg, or --cold")
+        state = heated.locate(command)
         loops = state.location.loops
         told = heated.shares(state, (loops.end_frame or "", loops.working_frame)) if shares else {}
         return cls(state.robot, state.location, heated, state, told)
@@ -120,14 +125,14 @@ class Warmth:
         console.print(settled_line(self.state))
 
 
-def heated_of(robot: PouringRobot, heat: HeatSection | None) -> HeatedRobot | None:
+def heated_of(robot: Robot, heat: HeatSection | None) -> HeatedRobot | None:
     """Return the robot with its heat, or None for a cold one."""
     if heat is None:
         return None
     # The thermal network takes a while to import; only a warm robot pays for it.
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 
-    return HeatedRobot(robot, heat)
+    return HeatedRobot(with_melt(robot), heat)
 
 
 def heat_line(heated: HeatedRobot, state: WarmState) -> str:

@@ -15,20 +15,19 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.files import write_whole
 from pouring_robot.mechanism.jacobians import AxisWeakness, Dexterity
 from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.base import Robot
 from pouring_robot.robot.export.joints import JointRow, joints_text
-from pouring_robot.robot.location import LadleLocation
+from pouring_robot.robot.location import LadleLocation, Location, drive_words
 from pouring_robot.robot.metrics import decimals
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pouring.ladle_mesh import stale_mesh_note
-from pouring_robot.robot.robot import PouringRobot
 
 
 def _cells(values: Iterable[float], digits: int = 3, *, sign: bool = False) -> list[str]:
     return [decimals(value, digits, sign=sign) for value in values]
 
 
-def location_table(location: LadleLocation) -> Table:
-    """Return nominal and actual pose of the platform, the ladle and its lip."""
+def location_table(location: Location) -> Table:
+    """Return nominal and actual pose of the end body and its tools, such as the ladle and its lip."""
     rows: list[list[str]] = []
     for frame in location.loops.reported_frames:
         nominal, actual = location.poses(frame)
@@ -39,26 +38,26 @@ def location_table(location: LadleLocation) -> Table:
             ["", "error", *_cells(translation, sign=True), *_cells(rotation, sign=True)],
         ]
     head = ("frame", "", "x", "y", "z", "rx", "ry", "rz")
-    table = plain_table(head, rows, (0, 1), title="in the fixed platform's frame: mm, mrad")
+    table = plain_table(head, rows, (0, 1), title=f"{_seen_from(location)}: mm, mrad")
     for row in table.rows[2::3]:
         row.style = "bold"
     return table
 
 
-def path_table(locations: Sequence[LadleLocation]) -> str:
+def path_table(locations: Sequence[Location]) -> str:
     """Return one line a pose, with a heading: the command, and the error at the lip.
 
     Text and no rich table: that would take twice as long to set as thousands of poses take to close.
     """
-    rows: list[tuple[str, ...]] = [
-        ("x", "y", "z", "tilt °", "Δx", "Δy", "Δz", "|Δ|", "rx", "ry", "rz", "open µm", "open mrad")
-    ]
+    posed = isinstance(locations[0], LadleLocation)
+    command = ("x", "y", "z", "tilt °") if posed else ("x", "y", "z")
+    rows: list[tuple[str, ...]] = [(*command, "Δx", "Δy", "Δz", "|Δ|", "rx", "ry", "rz", "open µm", "open mrad")]
     for location in locations:
         difference = location.difference()
         translation, rotation = difference.to_mm_mrad()
         rows.append(
             (
-                *_cells(location.commanded.to_mm_deg(), 1),
+                *_commanded(location),
                 *_cells(translation, sign=True),
                 f"{difference.distance_m / MM:.3f}",
                 *_cells(rotation, sign=True),
@@ -68,28 +67,37 @@ def path_table(locations: Sequence[LadleLocation]) -> str:
         )
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
-    return "\n".join(["error of the pouring lip: mm, mrad", *lines])
+    tip = locations[0].loops.working_frame
+    word = "the pouring lip" if posed else f"{tip}, beside where it should be"
+    return "\n".join([f"error of {word}: mm, mrad", *lines])
 
 
-def drives_line(location: LadleLocation) -> str:
+def _commanded(location: Location) -> list[str]:
+    """Return the pose that was commanded, or where the drawing puts the working frame."""
+    if isinstance(location, LadleLocation):
+        return _cells(location.commanded.to_mm_deg(), 1)
+    nominal, _ = location.poses(location.loops.working_frame)
+    return _cells(nominal.translation / MM)
+
+
+def _seen_from(location: Location) -> str:
+    seen = "the fixed platform" if isinstance(location, LadleLocation) else location.loops.base_frame
+    return f"in {seen}'s frame"
+
+
+def drives_line(location: Location) -> str:
     """Return the commanded drives, in mm and degrees, as in the JSON output."""
-    mechanism = location.nominal.mechanism
-    shown = (
-        f"{name} {value / MM:.4f} mm" if mechanism.unit_of(name) == "m" else f"{name} {math.degrees(value):.5f} deg"
-        for name, value in location.drives.items()
-    )
-    return f"drives: {'  '.join(shown)}"
+    return f"drives: {'  '.join(drive_words(location.nominal.mechanism, location.drives))}"
 
 
-def location_notes(robot: PouringRobot, html: Path | None, png: Path | None, *, model_file: bool) -> list[str]:
+def location_notes(robot: Robot, html: Path | None, png: Path | None, *, model_file: bool) -> list[str]:
     """Return what a user should know of model and picture before reading the figures, one line each."""
     notes = []
     if robot.model.is_drawing:
         reason = "the model file holds no errors" if model_file else "no model file was given"
         notes.append(f"{reason}, so the robot as built is the drawing{'' if model_file else '; see --model'}")
     notes += [unseen_note(joint) for joint in robot.unseen_displacements]
-    stale = stale_mesh_note(robot.layout) if html or png else None
-    return [*notes, stale] if stale else notes
+    return [*notes, *robot.picture_notes] if html or png else notes
 
 
 def unseen_note(joint: str) -> str:
@@ -98,9 +106,35 @@ def unseen_note(joint: str) -> str:
 
 
 def print_closure_note(
-    console: Console, location: LadleLocation, dexterity: Dexterity, weakness: AxisWeakness, notes: Sequence[str]
+    console: Console, location: Location, dexterity: Dexterity, weakness: AxisWeakness | None, notes: Sequence[str]
 ) -> None:
     """Say what the closure found besides the pose: fit of the parts, rank, load, reach, sideways weakness."""
+    if location.loops.loops:
+        _print_loops(console, location)
+    if weakness is not None:
+        console.print(
+            f"sideways: {weakness.m_per_rad:.1f} mm at the lip per mrad of axis tilt, at the worst axis "
+            f"({weakness.parameter})"
+        )
+    limits = "reach: no joint has limits"
+    if location.reach:
+        limiting = location.reach[0]
+        limits = f"reach: '{limiting.joint}' limits, {limiting.relative_margin:.0%} of its range left"
+    console.print(
+        f"{limits}; condition {dexterity.condition:.1f}, {dexterity.distance:.3f} from a {dexterity.singularity} "
+        "singularity",
+        markup=False,
+    )
+    print_notes(console, notes)
+    if isinstance(location, LadleLocation) and not location.in_workspace:
+        outside = zip("xyz", location.outside_workspace_m, strict=True)
+        beyond = [f"{axis} by {value / MM:.1f} mm" for axis, value in outside if value]
+        if location.outside_workspace_rad:
+            beyond.append(f"tilt by {math.degrees(location.outside_workspace_rad):.2f} deg")
+        console.print(f"note: the pose is outside the workspace box: {', '.join(beyond)}")
+
+
+def _print_loops(console: Console, location: Location) -> None:
     nominal, actual = location.nominal, location.actual
     console.print(
         f"closure: rank {nominal.rank} nominal, {actual.rank} as built; left open {actual.gap_m * 1e6:.3f} µm and "
@@ -115,25 +149,9 @@ def print_closure_note(
         f"internal load: up to {actual.internal_force_n:.1f} N and {actual.internal_torque_nm:.1f} Nm in a chain "
         "(by the assumed joint stiffness)"
     )
-    console.print(
-        f"sideways: {weakness.m_per_rad:.1f} mm at the lip per mrad of axis tilt, at the worst axis "
-        f"({weakness.parameter})"
-    )
-    limiting = location.reach[0]
-    console.print(
-        f"reach: '{limiting.joint}' limits, {limiting.relative_margin:.0%} of its range left; condition "
-        f"{dexterity.condition:.1f}, {dexterity.distance:.3f} from a {dexterity.singularity} singularity"
-    )
-    print_notes(console, notes)
-    if not location.in_workspace:
-        outside = zip("xyz", location.outside_workspace_m, strict=True)
-        beyond = [f"{axis} by {value / MM:.1f} mm" for axis, value in outside if value]
-        if location.outside_workspace_rad:
-            beyond.append(f"tilt by {math.degrees(location.outside_workspace_rad):.2f} deg")
-        console.print(f"note: the pose is outside the workspace box: {', '.join(beyond)}")
 
 
-def write_joints(locations: Sequence[LadleLocation], model: RobotModel, file: Path | None) -> list[Path]:
+def write_joints(locations: Sequence[Location], model: RobotModel, file: Path | None) -> list[Path]:
     """Write the joint values of the robot as built, for the exported tree, and return what was written.
 
     Raises:
@@ -147,7 +165,7 @@ def write_joints(locations: Sequence[LadleLocation], model: RobotModel, file: Pa
 
 
 def write_drawings(
-    locations: Sequence[LadleLocation],
+    locations: Sequence[Location],
     html: Path | None,
     png: Path | None,
     exaggerate: float | None,

@@ -27,6 +27,7 @@ from lxml import etree
 from ruamel.yaml import YAML
 
 from pouring_robot.exceptions import DescriptionError, UnknownJointError, closest
+from pouring_robot.io.quantities import Quantity
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.joint_types import change_joints
@@ -203,6 +204,16 @@ class RobotDefinition:
         stream = io.StringIO()
         YAML().dump({**said, "urdf": f"{self._root().get('name', 'robot')}.urdf", **own}, stream)
         return {"robot.yaml": stream.getvalue().encode()}
+
+    @property
+    def drive_columns(self) -> tuple[Quantity, ...]:
+        """The columns of the drives in a table, as they are commanded."""
+        return tuple(Quantity(drive.column, drive.command, required=True) for drive in self.drives)
+
+    def drive_values(self, numbers: Mapping[str, FloatArray]) -> FloatArray:
+        """Return the values of the driven joints, (n, drives), in m and rad, from columns (n,); absent ones are NaN."""
+        empty = np.full(next(iter(numbers.values())).size, np.nan)
+        return np.stack([numbers.get(drive.column, empty) * drive.factor for drive in self.drives], axis=-1)
 
     def mechanism(self) -> ClosedChainMechanism:
         """Return the mechanism of the drawing."""

@@ -68,7 +68,7 @@ class ClosedRobot:
         """
         robot = Robot(model.with_offsets_placed())
         command = model.definition.home_drives if drives is None else np.asarray(drives, dtype=float)
-        return cls(robot, robot.closed_at(command)[1])
+        return cls(robot, robot.location_at(command).actual)
 
     @property
     def mechanism(self) -> ClosedChainMechanism:

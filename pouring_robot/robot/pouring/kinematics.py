@@ -9,8 +9,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError, closest
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.reach import JointReach, joint_reach
 from pouring_robot.robot.pouring.names import CHAIN_JOINTS, DRIVE_JOINTS, LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 
@@ -26,33 +26,8 @@ if TYPE_CHECKING:
     from pouring_robot.batch.samples import BatchCommand, BatchStart
 
 
-@dataclass(frozen=True)
-class JointReach:
-    """How one joint stands within its limits at a pose.
-
-    Attributes:
-        joint: its name.
-        unit: ``m`` or ``rad``, of the three values.
-        value: where it stands.
-        lower: lower limit.
-        upper: upper limit.
-    """
-
-    joint: str
-    unit: Literal["m", "rad"]
-    value: float
-    lower: float
-    upper: float
-
-    @property
-    def margin(self) -> float:
-        """Distance to the nearer limit, negative beyond it."""
-        return min(self.value - self.lower, self.upper - self.value)
-
-    @property
-    def relative_margin(self) -> float:
-        """The margin as a share of the joint's range, so that lengths and angles compare."""
-        return self.margin / (self.upper - self.lower)
+TASK_ROWS = (0, 1, 2, 4)
+"""Rows of the platform's twist that the four drives control: x, y, z and the tilt about y."""
 
 
 class FourUPUKinematics:
@@ -69,7 +44,6 @@ class FourUPUKinematics:
         fixed, moving = self._centres(closed_at_zero)
         self.fixed_centres_m, self.moving_centres_m = fixed, moving
         self._limits = nominal.joint_limits()
-        self._units = {name: nominal.unit_of(name) for name in self._limits}
 
     def _centres(self, configuration: FloatArray) -> tuple[FloatArray, FloatArray]:
         model = self.mechanism.shared_model
@@ -192,8 +166,7 @@ class FourUPUKinematics:
 
     def reach(self, values: Mapping[str, float]) -> tuple[JointReach, ...]:
         """Return how every chain joint stands within its limits, the most limiting one first."""
-        reaches = [JointReach(name, self._units[name], value, *self._limits[name]) for name, value in values.items()]
-        return tuple(sorted(reaches, key=lambda reach: reach.relative_margin))
+        return joint_reach(self.mechanism, values)
 
     def limiting_joint(self, values: Mapping[str, float]) -> JointReach:
         """Return the joint that is nearest to, or furthest beyond, its limits."""

@@ -1,0 +1,131 @@
+"""Drive values that bring a body of any robot to a pose: its place first, its attitude as far as the drives then go.
+
+Newton on the exact Jacobian of the closed mechanism, G by its drives. A robot of fewer than six freedoms commands the
+place as far as it can, and turns with what is left: a delta only places, an arm does both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
+from pouring_robot.mechanism.parameters import drive_parameters
+from pouring_robot.mechanism.transfer import closed_chain_transfer
+
+REACHED = 1e-9
+"""A target is met when place and attitude are this near, in m and rad."""
+_SETTLED, _MOST_STEPS = 1e-11, 60
+_SINGULAR = 1e-7  # of the drawing, whose directions are commanded or exactly not
+_LONGEST_M, _LONGEST_RAD = 0.1, 0.3
+
+Close = Callable[[FloatArray, FloatArray], ClosureResult]
+"""Closes a robot for commanded drives (drives,), in m and rad, from a configuration (nq,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """Where a frame of the end body is wanted, in the base.
+
+    Attributes:
+        position_m: of its origin, shape (3,), in m.
+        rotation: of its axes, shape (3, 3); None: any.
+        frame: the frame; None: the end frame.
+    """
+
+    position_m: FloatArray
+    rotation: FloatArray | None = None
+    frame: str | None = None
+
+    def left(self, pose: pin.SE3) -> FloatArray:
+        """Return a pose minus the target, (6,): displacement in m and rotation vector in rad, in the base's axes."""
+        turn = np.zeros(3) if self.rotation is None else pin.log3(pose.rotation @ self.rotation.T)
+        return np.concatenate([pose.translation - self.position_m, turn])
+
+
+@dataclass(frozen=True, eq=False)
+class Reached:
+    """Where Newton ended.
+
+    Attributes:
+        drives: drive values to command, shape (drives,), in m and rad.
+        result: the robot closed with them.
+        left: what is missing, as :meth:`Target.left`.
+        ranks: how many freedoms the drives command here: of the place, and of the attitude beside it.
+        settled: whether the last step moved nothing any more.
+    """
+
+    drives: FloatArray
+    result: ClosureResult
+    left: FloatArray
+    ranks: tuple[int, int]
+    settled: bool
+
+
+def bring(
+    solver: ClosureSolver,
+    close: Close,
+    target: Target,
+    drives: FloatArray,
+    start: FloatArray,
+    ranks: tuple[int, int] | None = None,
+) -> Reached:
+    """Return the drives nearest to a target that Newton finds.
+
+    Args:
+        solver: of the robot.
+        close: closes it.
+        target: the pose wanted.
+        drives: to begin with, shape (drives,), in m and rad.
+        start: configuration to begin with, shape (nq,).
+        ranks: as :class:`Reached` has them of the drawing; errors make a robot as built seem to command what its drives
+            hardly move. None: those found on the way.
+
+    Raises:
+        ClosureError: the robot does not close on the way.
+        SingularPoseError: its drives do not determine its pose on the way.
+    """
+    mechanism, base = solver.mechanism, solver.mechanism.loops.base_frame
+    parameters = drive_parameters(mechanism)
+    longest = np.array([_LONGEST_M if parameter.unit == "m" else _LONGEST_RAD for parameter in parameters])
+    frame = target.frame or str(mechanism.loops.end_frame)
+    before = np.inf
+    for _ in range(_MOST_STEPS):
+        result = close(drives, start)
+        left = target.left(result.pose(base, frame))
+        matrix = closed_chain_transfer(solver, result, parameters, frame).matrix
+        step, found = _step(matrix, left, target.rotation is not None, ranks)
+        size = float(np.abs(step).max())
+        # Round-off may end the way a little earlier.
+        if settled := size < _SETTLED or (size < 100.0 * _SETTLED and size > 0.5 * before):
+            break
+        before = size
+        drives = drives + step / max(1.0, float((np.abs(step) / longest).max()))
+        start = result.configuration
+    return Reached(drives, result, left, found, settled)
+
+
+def _step(
+    matrix: FloatArray, left: FloatArray, turned: bool, ranks: tuple[int, int] | None
+) -> tuple[FloatArray, tuple[int, int]]:
+    """Return the step of the drives that cancels what is left, (drives,), and the freedoms that it uses."""
+    sizes = np.linalg.norm(matrix, axis=0)
+    scaled = matrix / np.where(sizes > 0.0, sizes, 1.0)
+    place, placed = _inverse(scaled[:3], ranks and ranks[0])
+    step, turns = -place @ left[:3], 0
+    if turned:
+        still = np.eye(len(step)) - place @ scaled[:3]
+        turn, turns = _inverse(scaled[3:] @ still, ranks and ranks[1])
+        step -= turn @ (left[3:] + scaled[3:] @ step)
+    return step / np.where(sizes > 0.0, sizes, 1.0), (placed, turns)
+
+
+def _inverse(matrix: FloatArray, rank: int | None) -> tuple[FloatArray, int]:
+    """Return the pseudo-inverse of a matrix (3, n) by its strongest directions, and how many they are."""
+    u, s, vt = np.linalg.svd(matrix, full_matrices=False)
+    kept = int(np.count_nonzero(s > _SINGULAR)) if rank is None else rank
+    return vt[:kept].T @ ((u[:, :kept] / s[:kept]).T), kept

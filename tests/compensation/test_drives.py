@@ -1,0 +1,41 @@
+"""Compensation of any robot: what its drives command is cancelled, what is left is stationary."""
+
+import numpy as np
+import pytest
+
+from pouring_robot.compensation.drives import compensate_drives, drives_csv
+from pouring_robot.robot.base import Robot
+from tests.robot.test_base import commands, crooked
+
+__all__ = ["crooked"]
+
+
+def test_the_tool_comes_where_the_drawing_has_it(crooked):
+    """An arm and a hexapod wholly; a delta in place; a five-bar in its plane, so far as drives move it at all."""
+    wanted = crooked.location_at(commands(crooked, 1, seed=4)[0])
+    found = compensate_drives(crooked, wanted)
+    again = crooked.location_at(list(found.drives.values()))
+    frame = crooked.model.loops().working_frame
+    left = again.poses(frame)[1].translation - wanted.poses(frame)[0].translation
+    plane = 2 if crooked.model.definition.name == "five_bar" else 3
+    assert np.abs(left[:plane]).max() < 1e-9
+    assert found.before.distance_m > 1e-5 > found.left.distance_m or plane == 2
+    if len(found.drives) == 6:
+        assert np.abs(found.left.rotation_rad).max() < 1e-9
+
+
+def test_commands_are_written_as_they_are_read(crooked, tmp_path):
+    wanted = crooked.location_at(commands(crooked, 1, seed=4)[0])
+    found = compensate_drives(crooked, wanted)
+    path = tmp_path / "c.csv"
+    path.write_text(drives_csv([found]), encoding="utf-8")
+    (drives,) = crooked.read_commands(path).values()
+    assert drives == pytest.approx(list(found.drives.values()), rel=1e-10, abs=1e-12)
+
+
+def test_the_drawing_needs_none():
+    robot = Robot.load("examples/robots/delta/robot.yaml")
+    wanted = robot.location_at([0.2, 0.1, 0.0])
+    found = compensate_drives(robot, wanted)
+    assert found.drives == pytest.approx(wanted.drives, abs=1e-10)
+    assert "without compensation" in found.headline

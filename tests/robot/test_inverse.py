@@ -1,0 +1,63 @@
+"""Drive values for a target: drawn from drives of their own, met to 1e-9; what a target leaves open is refused."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from pouring_robot.exceptions import BadInputError, UnreachableTargetError
+from pouring_robot.robot.base import Robot
+from pouring_robot.robot.inverse import REACHED, Target
+from tests.robot.test_base import NAMES, ROBOTS
+from tests.support import ROOT
+
+PLACED_ONLY = ("delta", "five_bar")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_reachable_targets_are_met(name):
+    robot = Robot.load(ROBOTS / name / "robot.yaml")
+    drives, _ = robot.model.definition.workspace(robot.drawing)
+    random = np.random.default_rng(5)
+    for _ in range(10):
+        # Between two poses of the workspace, so that the search has none of the targets to begin with.
+        k, other = random.choice(len(drives), 2, replace=False)
+        between = 0.7 * drives[k] + 0.3 * drives[other]
+        pose = robot.nominal_solver.solve(
+            dict(zip(robot.model.loops().drives, between.tolist(), strict=True)),
+            robot.drawing.configuration_at(between),
+        ).pose_base_to_end
+        target = Target(pose.translation, None if name in PLACED_ONLY else pose.rotation)
+        found = robot.location_to(target)
+        assert np.abs(target.left(found.nominal.pose_base_to_end)).max() < REACHED
+
+
+def test_a_place_alone_does_not_determine_an_arm():
+    arm = Robot.load(ROBOTS / "arm" / "robot.yaml")
+    with pytest.raises(BadInputError, match="determines 3 of the 6 drives; give its attitude too"):
+        arm.location_to(Target(np.array([0.5, 0.1, 0.7])))
+
+
+def test_what_the_drives_do_not_command_is_out_of_reach():
+    bar = Robot.load(ROBOTS / "five_bar" / "robot.yaml")
+    with pytest.raises(UnreachableTargetError, match="the nearest that was found is 50 mm"):
+        bar.location_to(Target(np.array([0.02, 0.56, 0.05])))
+    delta = Robot.load(ROBOTS / "delta" / "robot.yaml")
+    with pytest.raises(UnreachableTargetError, match="200 mrad away"):
+        delta.location_to(Target(np.array([0.0, 0.0, -0.6]), pin.exp3(np.array([0.0, 0.0, 0.2]))))
+
+
+def test_the_pouring_robot_is_one_of_them(drawing):
+    """Its closed form and the search agree."""
+    target = Target(np.array([-0.1, 0.02, -0.6]), pin.exp3(np.array([0.0, 0.3, 0.0])))
+    found = drawing.location_to(target)
+    wanted = drawing.kinematics.inverse(found.commanded)
+    assert list(found.drives.values()) == pytest.approx(list(wanted.values()), abs=1e-12)
+    assert found.commanded.position_m == pytest.approx(target.position_m, abs=REACHED)
+    assert found.commanded.tilt_rad == pytest.approx(0.3, abs=REACHED)
+
+
+def test_a_real_arm_comes_back_to_where_it_was():
+    arm = Robot.load(ROOT / "examples" / "machines" / "ur10" / "robot.yaml")
+    there = arm.location_at([0.3, -1.4, 1.1, 0.2, 0.6, 0.1]).nominal.pose_base_to_end
+    found = arm.location_to(Target(there.translation, there.rotation)).nominal.pose_base_to_end
+    assert np.abs(pin.log6(there.actInv(found)).vector).max() < REACHED
