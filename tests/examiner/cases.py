@@ -8,13 +8,14 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
-from tests.examiner import burdens, coincidences, conditions, faults, strangers
+from tests.examiner import coincidences, conditions, faults, strangers
 from tests.examiner.judge import DETECTABLE, Judge
 from tests.examiner.machine import NoEquilibriumError, turn
 from tests.examiner.rig import Fault, Rig
 
 KINDS = ["null"] * 5 + ["single"] * 7 + ["pair"] * 3 + ["outside"] * 3 + ["confounded"] * 2
-KNOWN = [name for name in burdens.FORMS if not name.startswith(strangers.STRANGER)]
+KNOWN, STRANGE = list(faults.FORMS), list(strangers.FORMS)
+FORMS = faults.FORMS | strangers.FORMS
 STANDS_OUT = 4.0  # deviations of workmanship that a fault of workmanship must reach to be one
 ATTEMPTS = 60
 
@@ -66,7 +67,7 @@ def choose(rng, kind, index):
     if kind in {"single", "pair"}:
         first = KNOWN[index % len(KNOWN)]
         return [first] if kind == "single" else [first, str(rng.choice([e for e in KNOWN if e != first]))]
-    return [strangers.outside()[index % len(strangers.outside())]] if kind == "outside" else []
+    return [STRANGE[index % len(STRANGE)]] if kind == "outside" else []
 
 
 def attempt(rng, kind, index, seed):
@@ -80,10 +81,9 @@ def attempt(rng, kind, index, seed):
     judge = Judge(rig)
     sag = rig.stiffen(judge)
     ratios = []
-    rig.faults = []
     most = {}
     for name in names:
-        fault, most[name] = faults.draw(rng, scene, name)
+        fault, most[name] = faults.draw(rng, scene, name, FORMS[name])
         fault.size = 0.1 if np.isfinite(most[name]) else 1.0
         rig.faults.append(fault)
         ratios.append(float(np.exp(rng.uniform(np.log(3 if kind in {"pair", "outside"} else 1), np.log(15)))))
@@ -94,7 +94,9 @@ def attempt(rng, kind, index, seed):
         if fault.size < workmanship_floor(fault, scale):
             raise Unlikely(f"{fault.form}: ordinary workmanship")
     alike = explain(rig, judge) if names else {}
-    accept = sorted({name for name, rest in alike.items() if rest < DETECTABLE} | set(names)) if len(names) == 1 else []
+    accept = sorted({name for name, rest in alike.items() if rest < DETECTABLE} | set(names))
+    if kind == "pair" and min(alike.values()) < DETECTABLE:
+        raise Unlikely(f"{names}: one effect explains both")
     if kind == "confounded" and len(accept) < 2:
         raise Unlikely(f"{names[0]}: alone, {alike}")
     if kind == "outside" and min(alike.values()) < max(4 * DETECTABLE, 0.2 * alike["none"]):

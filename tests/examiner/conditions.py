@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.examiner.machine import BOX, drives_of
+from tests.examiner.machine import BOX, GRAVITY, drives_of
 
 WORN = 0.04  # share of the workspace's edges that a plan keeps away from
 
@@ -44,7 +44,7 @@ class Scene:
     @property
     def weight(self):
         """Return the weight of ladle and melt (n,), N."""
-        return 9.80665 * (self.tare + self.payload)
+        return GRAVITY * (self.tare + self.payload)
 
 
 def poses(rng, n):

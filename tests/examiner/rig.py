@@ -103,8 +103,8 @@ class Rig:
         return Sight(x, self.tracker @ base @ state.R @ self.target)
 
     def stiffen(self, judge):
-        """Make the springs so stiff that weight alone stays under a quarter of the noise; return what it then is."""
+        """Make the springs so stiff that weight alone shows little beside the noise; return how much, in its units."""
         bare = judge.ratio(self.see(faults=[], weight=False), self.see(faults=[]))
-        if bare > 0.25:
-            self.springs = self.springs.stiffer(bare / 0.25)
-        return min(bare, 0.25)
+        little = np.exp(self.rng.uniform(np.log(0.03), np.log(0.25)))
+        self.springs = self.springs.stiffer(max(bare / little, 1.0))
+        return min(bare, little)
