@@ -63,11 +63,12 @@ class BatchStart:
 
 @dataclass(frozen=True, eq=False)
 class BatchCommand:
-    """What the controller commands for many poses.
+    """What the controller commands.
 
     Attributes:
-        poses: x, y, z in m and the tilt in rad, shape (n, 4).
-        drives: nominal drive values, m or rad, shape (n, 4).
+        poses: what it is asked for, number by number in m and rad, shape (n, k): x, y, z and the tilt of the pouring
+            robot's platform, drive values of another robot.
+        drives: nominal drive values, m or rad, shape (n, drives).
         start: the closed nominal robot.
     """
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from typing import Any
 
 import numpy as np
@@ -269,13 +270,11 @@ def next_measurements(calibration: CalibrationFindings) -> list[str]:
     seen = "--position-only" if not noise.turned else f"--sigma-mrad {noise.rotation_rad / MRAD:.3g}"
     deficient = calibration.rank_anywhere > calibration.base.rank
     purpose = "determine what is still open" if deficient else "narrow the intervals most"
-    if robot.plans_poses:
-        found.append(
-            f"poses that {purpose}: pouring-robot campaign plan --out next.csv --priors "
-            f"--sigma-mm {noise.position_m / MM:.3g} {seen} --parameters " + " --parameters ".join(groups)
-        )
-    elif deficient:
-        found.append(f"other poses, that {purpose} of {', '.join(groups)}")
+    whose = f"--robot {os.path.relpath(robot.path)} " if calibration.present.robot else ""
+    found.append(
+        f"poses that {purpose}: pouring-robot campaign plan {whose}--out next.csv --priors "
+        f"--sigma-mm {noise.position_m / MM:.3g} {seen} --parameters " + " --parameters ".join(groups)
+    )
     ladle = _ladle(calibration)
     if ladle["poses"]:
         pose = ladle["worst_pose"]

@@ -70,11 +70,10 @@ def campaign_columns(robot: RobotDefinition) -> tuple[Quantity, ...]:
 
 
 def plan_columns(robot: RobotDefinition) -> tuple[Quantity, ...]:
-    """Return the columns of a pose plan: the poses to command, and optional conditions."""
+    """Return the columns of a plan: what to command, and optional conditions."""
     return (
         Quantity("sample", "label"),
-        *(Quantity(name, "length", required=True) for name in POSITION),
-        Quantity("tilt", "angle", required=True),
+        *robot.command_columns,
         *condition_columns(robot),
     )
 

@@ -1,7 +1,8 @@
-"""Pose plans: which poses to command, under which conditions; from a CSV file or at random."""
+"""Pose plans: what to command, under which conditions; from a CSV file or at random."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionErr
 from pouring_robot.io.quantities import read_quantities
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.base import Command, Robot
+from pouring_robot.robot.description.command import command_box
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
 
@@ -22,17 +25,17 @@ _POUR_CYCLE = 25  # poses from one filling of the ladle to the next
 
 @dataclass(frozen=True, eq=False)
 class PosePlan:
-    """Poses to command and what is known of each.
+    """What to command and what is known of each pose.
 
     Attributes:
-        poses: n poses of the moving platform in the fixed platform.
-        drives: (n, 4) drive values the controller commands for them, in m and rad.
+        poses: n commands: poses of the pouring robot's platform, drive values of another robot.
+        drives: (n, drives) drive values the controller commands for them, in m and rad.
         samples: n names; "" where none.
         sessions: n sessions.
         conditions: values (n,) of each condition that is planned, by quantity name, in m, kg, s and °C.
     """
 
-    poses: tuple[PlatformPose, ...]
+    poses: tuple[Command, ...]
     drives: FloatArray
     samples: tuple[str, ...]
     sessions: tuple[str, ...]
@@ -42,98 +45,108 @@ class PosePlan:
         """Return the number of poses."""
         return len(self.poses)
 
+    @property
+    def rows(self) -> FloatArray:
+        """The commands number by number, (n, k), in m and rad."""
+        return np.array([(*p.position_m, p.tilt_rad) if isinstance(p, PlatformPose) else p for p in self.poses])
 
-def read_plan(path: Path | str, robot: PouringRobot) -> PosePlan:
-    """Read a pose plan: columns x, y, z, tilt, and any of a campaign's condition columns, units on their names.
+    @property
+    def platform_poses(self) -> Iterator[PlatformPose]:
+        """The poses, of the pouring robot."""
+        return (pose for pose in self.poses if isinstance(pose, PlatformPose))
+
+
+def read_plan(path: Path | str, robot: Robot) -> PosePlan:
+    """Read a plan: what to command, and any of a campaign's condition columns, units on their names.
 
     Without approach columns the approaches follow from the order of the poses.
 
     Raises:
         CampaignError: the file is wrong, or the robot cannot take a pose; names file, line and column.
     """
-    table = read_quantities(
-        path, columns.plan_columns(robot.model.definition), "x_mm, y_mm, z_mm, tilt_deg", CampaignError
-    )
-    place = np.column_stack([table.numbers[name] for name in (*columns.POSITION, "tilt")])
-    poses, drives = [], []
-    for row, (x, y, z, tilt) in enumerate(place.tolist()):
-        if not np.isfinite(place[row]).all():
-            name = (*columns.POSITION, "tilt")[int(np.argmin(np.isfinite(place[row])))]
-            raise table.fault("the value is missing; a plan needs x, y, z and tilt of every pose", row, name)
-        pose = PlatformPose((x, y, z), tilt)
+    definition = robot.model.definition
+    wanted = definition.command_columns
+    example = ", ".join(axis.heading for axis in robot.command_axes)
+    table = read_quantities(path, columns.plan_columns(definition), example, CampaignError)
+    values = definition.command_values(table.numbers)
+    if not np.isfinite(values).all():
+        row, column = (int(k[0]) for k in np.nonzero(~np.isfinite(values)))
+        names = ", ".join(quantity.name for quantity in wanted)
+        raise table.fault(f"the value is missing; a plan needs {names} of every pose", row, wanted[column].name)
+    commands = robot.drawing.commands(values)
+    unreached = ~(np.isfinite(commands.start.position).all(axis=1) & robot.drawing.in_reach(commands.start))
+    for row in np.flatnonzero(unreached).tolist():
         try:
-            commanded = robot.kinematics.inverse(pose)
+            robot.location_of(robot.command_at(values[row]))
         except NoSolutionError as error:
             raise table.fault(str(error), row) from error
-        poses.append(pose)
-        drives.append(list(commanded.values()))
-    conditions = {name: values for name, values in table.numbers.items() if name not in (*columns.POSITION, "tilt")}
-    for name in columns.approach_names(robot.model.definition):
-        values = conditions.get(name, np.empty(0))
-        wrong = np.flatnonzero(np.isfinite(values) & (np.abs(values) != 1.0))
+    conditions = {name: v for name, v in table.numbers.items() if name not in {quantity.name for quantity in wanted}}
+    for name in columns.approach_names(definition):
+        sides = conditions.get(name, np.empty(0))
+        wrong = np.flatnonzero(np.isfinite(sides) & (np.abs(sides) != 1.0))
         if wrong.size:
-            raise table.fault(f"an approach is +1 or -1, not {values[wrong[0]]:g}", int(wrong[0]), name)
-    commanded_drives = np.array(drives)
-    samples = table.labels.get("sample", tuple(str(i) for i in range(len(poses))))
+            raise table.fault(f"an approach is +1 or -1, not {sides[wrong[0]]:g}", int(wrong[0]), name)
+    samples = table.labels.get("sample", tuple(str(i) for i in range(len(values))))
     return PosePlan(
-        tuple(poses),
-        commanded_drives,
+        tuple(robot.command_at(row) for row in values),
+        commands.drives,
         samples,
         columns.sessions_of(table),
-        _approaches(robot, commanded_drives) | conditions,
+        _approaches(robot, commands.drives) | conditions,
     )
 
 
-def random_plan(robot: PouringRobot, count: int, seed: int) -> PosePlan:
-    """Return poses drawn evenly from the workspace box, where the robot can go, with a plausible day's conditions.
+def random_plan(robot: Robot, count: int, seed: int) -> PosePlan:
+    """Return commands drawn evenly, where the robot can go, with a plausible day's conditions.
 
-    Conditions (load falling from pour to pour, truss somewhere on its rails, parts warming up) are drawn too,
-    so that whatever in a model depends on them shows.
+    From the workspace box, or between the drives' limits. Conditions (parts warming up; of the pouring robot also load
+    falling from pour to pour and truss somewhere on its rails) are drawn too, so that whatever in a model depends on
+    them shows.
 
     Raises:
-        BadInputError: the count is not between 1 and 100,000, or hardly any pose of the box is within reach.
+        BadInputError: the count is not between 1 and 100,000, or hardly any command is within reach.
     """
     if not 1 <= count <= _MOST_POSES:
         raise BadInputError(f"a plan has 1 to {_MOST_POSES} poses, not {count}")
-    random, layout = np.random.default_rng([seed, 1]), robot.layout
-    poses: list[PlatformPose] = []
-    drives: list[list[float]] = []
+    random, (lower, upper) = np.random.default_rng([seed, 1]), command_box(robot.command_axes)
+    poses: list[Command] = []
+    drives: list[FloatArray] = []
     for _ in range(50 * count):
-        x, y, z, tilt = random.uniform(*layout.box).tolist()
-        pose = PlatformPose((x, y, z), tilt)
-        try:
-            drives.append(list(robot.kinematics.inverse(pose).values()))
-        except NoSolutionError:
+        values = random.uniform(lower, upper)
+        found = robot.drawing.commands(values[None])
+        if not (np.isfinite(found.start.position).all() and robot.drawing.in_reach(found.start).all()):
             continue
-        poses.append(pose)
+        drives.append(found.drives[0])
+        poses.append(robot.command_at(values))
         if len(poses) == count:
             break
     if len(poses) < count:
-        raise BadInputError("hardly any pose of the workspace box is within the joint limits; check the layout")
+        raise BadInputError("hardly any pose of the workspace is within the joint limits; check the layout or the URDF")
     commanded = np.array(drives)
     conditions = _approaches(robot, commanded) | _random_conditions(robot, count, random)
     return PosePlan(tuple(poses), commanded, tuple(str(i) for i in range(count)), ("1",) * count, conditions)
 
 
-def _approaches(robot: PouringRobot, drives: FloatArray) -> dict[str, FloatArray]:
+def _approaches(robot: Robot, drives: FloatArray) -> dict[str, FloatArray]:
     """Return +1 where a drive rose to its value from the pose before, -1 where it fell; the first rose."""
     steps = np.diff(drives, axis=0, prepend=drives[:1] - 1.0)
     names = columns.approach_names(robot.model.definition)
     return {name: np.where(steps[:, k] >= 0.0, 1.0, -1.0) for k, name in enumerate(names)}
 
 
-def _random_conditions(robot: PouringRobot, count: int, random: np.random.Generator) -> dict[str, FloatArray]:
-    ladle, numbers = robot.layout.ladle, np.arange(count)
-    time = np.round(np.cumsum(random.uniform(0.8, 1.2, count) * _SECONDS_A_POSE), 1)
-    filled = 1.0 - (numbers % _POUR_CYCLE) / _POUR_CYCLE
-    conditions = {
-        "time": time,
-        "payload": np.round(ladle.payload_kg * filled, 1),
-        "truss_travel": np.round(random.uniform(0.0, robot.layout.truss_span_m, count), 4),
-        "melt": np.full(count, round(float(random.uniform(1400.0, 1700.0)), 1)),
-        "ambient": np.round(REFERENCE_DEGC + 4.0 * np.sin(time / 9000.0) + random.normal(0.0, 0.1, count), 2),
-    }
-    for name in (part for part in robot.model.definition.thermometers if part not in conditions):
+def _random_conditions(robot: Robot, count: int, random: np.random.Generator) -> dict[str, FloatArray]:
+    time = np.round(np.cumsum(random.uniform(0.8, 1.2, count) * _SECONDS_A_POSE), 1).astype(float)
+    conditions = {"time": time}
+    if isinstance(robot, PouringRobot):
+        filled = 1.0 - (np.arange(count) % _POUR_CYCLE) / _POUR_CYCLE
+        conditions |= {
+            "payload": np.round(robot.layout.ladle.payload_kg * filled, 1),
+            "truss_travel": np.round(random.uniform(0.0, robot.layout.truss_span_m, count), 4),
+            "melt": np.full(count, round(float(random.uniform(1400.0, 1700.0)), 1)),
+        }
+    hall = REFERENCE_DEGC + 4.0 * np.sin(time / 9000.0) + random.normal(0.0, 0.1, count)
+    conditions["ambient"] = np.round(hall, 2)
+    for name in (part for part in robot.model.definition.expected_thermometers if part not in conditions):
         # A part warms towards its own temperature within an hour, and its sensor is read to 0.01 K.
         warm, lag = random.uniform(40.0, 160.0), random.uniform(1800.0, 5400.0)
         course = 20.0 + warm * (1.0 - np.exp(-time / lag)) + random.normal(0.0, 0.3, count)

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -22,6 +23,7 @@ from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import pose_figures
 from pouring_robot.mechanism.rotations import rotation_vectors
+from pouring_robot.robot.base import Robot
 from pouring_robot.robot.robot import PouringRobot
 
 ActualPoses = Callable[[PosePlan], list[pin.SE3]]
@@ -108,7 +110,7 @@ class VirtualMeasurement:
 
 @one_blas_thread()
 def simulate_campaign(
-    robot: PouringRobot,
+    robot: Robot,
     plan: PosePlan,
     options: MeasurementOptions | None = None,
     *,
@@ -119,7 +121,7 @@ def simulate_campaign(
     """Measure a robot as built without having it.
 
     Args:
-        robot: the robot as built closes its loops at the drives that the drawing's kinematics command.
+        robot: the robot as built closes its loops at the commanded drives.
         plan: the poses.
         options: noise, outliers, frames, seed.
         path: the name the campaign is to have.
@@ -157,12 +159,11 @@ def simulate_campaign(
     )
 
 
-def _close(robot: PouringRobot, plan: PosePlan, path: Path, progress: Progress) -> list[pin.SE3]:
+def _close(robot: Robot, plan: PosePlan, path: Path, progress: Progress) -> list[pin.SE3]:
     actual = []
-    for row in range(len(plan)):
-        drives = dict(zip(robot.model.loops().drives, plan.drives[row].tolist(), strict=True))
+    for row, command in enumerate(plan.poses):
         try:
-            actual.append(robot.forward(drives, near=plan.poses[row]).pose_base_to_end)
+            actual.append(robot.location_of(command).actual.pose_base_to_end)
         except NoSolutionError as error:
             raise CampaignError(path, f"pose {row + 1} of the plan: {error}") from error
         progress("measuring", row + 1, len(plan))
@@ -193,21 +194,26 @@ def _lose(measured: dict[str, FloatArray], share: float, random: np.random.Gener
 
 
 def _campaign(
-    robot: PouringRobot, plan: PosePlan, options: MeasurementOptions, path: Path, measured: dict[str, FloatArray]
+    robot: Robot, plan: PosePlan, options: MeasurementOptions, path: Path, measured: dict[str, FloatArray]
 ) -> Campaign:
-    ladle = robot.layout.ladle
+    ((what, name),) = robot.name.items()
     metadata = CampaignMetadata(
-        description=f"virtual measurement of layout {robot.model.layout}, {len(plan)} poses, seed {options.seed}",
+        robot=robot.model.definition.name,
+        description=f"virtual measurement of {what} {name}, {len(plan)} poses, seed {options.seed}",
         sigma_position_m=options.sigma_position_m or None,
         sigma_rotation_rad=options.sigma_rotation_rad or None,
-        screw_pitch_m=_SCREW_PITCH_M,
-        truss_span_m=robot.layout.truss_span_m,
-        ladle_tare_kg=ladle.tare_kg,
-        ladle_centre_of_mass_m=ladle.centre_of_mass_m,
         reference_temperature_degC=REFERENCE_DEGC,
     )
+    if isinstance(robot, PouringRobot):
+        ladle = robot.layout.ladle
+        facts: dict[str, Any] = {"screw_pitch_m": _SCREW_PITCH_M, "truss_span_m": robot.layout.truss_span_m}
+        facts |= {"ladle_tare_kg": ladle.tare_kg, "ladle_centre_of_mass_m": ladle.centre_of_mass_m}
+        metadata = metadata.model_copy(update=facts)
+    else:
+        metadata = metadata.model_copy(update={"target": robot.model.loops().end_frame})
     definition = robot.model.definition
-    drives = dict(zip(drive_names(definition), plan.drives.T, strict=True))
+    commanded = plan.drives / [drive.factor for drive in definition.drives]
+    drives = dict(zip(drive_names(definition), commanded.T, strict=True))
     lengths = (drive.column for drive in definition.drives if drive.command == "length")
     return Campaign(
         robot=definition,

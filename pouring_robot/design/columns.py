@@ -17,11 +17,10 @@ from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
-from pouring_robot.robot.pouring.layout import Layout
+from pouring_robot.robot.base import Robot
+from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.robot import PouringRobot
 
-# Candidates are round figures, so that the plan's file says exactly what was planned.
-_ROUND_M, _ROUND_DEG = 1e-4, 1e-2
 _EDGE_LEVELS = 3
 
 
@@ -48,7 +47,7 @@ class Columns:
         parameters: what is to be determined.
     """
 
-    def __init__(self, robot: PouringRobot, parameters: Sequence[PlannedParameter]) -> None:
+    def __init__(self, robot: Robot, parameters: Sequence[PlannedParameter]) -> None:
         """Build the measurement model with the drives, which carry the columns of the conditions, at its end."""
         nominal = robot.nominal_solver.mechanism
         self.robot, self.parameters = robot, tuple(parameters)
@@ -58,6 +57,9 @@ class Columns:
         self._model = MeasurementModel(robot.model, self.local)
         self._drive_model = self._model.with_parameters(self.drives)
         self._lip_m = np.array(nominal.T_end_tool.translation)
+        self._ladle_at, self._tare_kg = np.zeros(3), 0.0
+        if isinstance(robot, PouringRobot):
+            self._ladle_at, self._tare_kg = np.array(robot.layout.ladle.centre_of_mass_m), robot.layout.ladle.tare_kg
 
     @property
     def unknowns(self) -> int:
@@ -65,9 +67,9 @@ class Columns:
         return FRAMES + len(self.parameters)
 
     def reachable(self, poses: FloatArray) -> NDArray[np.bool_]:
-        """Return which poses (n, 4), x y z in m and tilt in rad, are within joint limits; shape (n,)."""
-        kinematics = self.robot.kinematics
-        return kinematics.within_limits(kinematics.commands(poses).start.joints)
+        """Return which commands (n, k), in m and rad, are within joint limits; shape (n,)."""
+        start = self.robot.drawing.commands(poses).start
+        return np.isfinite(start.position).all(axis=1) & self.robot.drawing.in_reach(start)
 
     def measured(
         self, poses: FloatArray, conditions: Sequence[Conditions], noise: NoiseLevel, target_m: FloatArray
@@ -75,7 +77,7 @@ class Columns:
         """Return whitened rows of every pose under every condition.
 
         Args:
-            poses: x, y, z in m and the tilt in rad, shape (n, 4).
+            poses: commands, in m and rad, shape (n, k).
             conditions: c of them.
             noise: of the device; decides how many components k a pose has.
             target_m: place of the target on the moving platform, shape (3,).
@@ -89,12 +91,12 @@ class Columns:
         return rows[:, :, : len(sigma)] / sigma[:, None], closed
 
     def ladle(self, poses: FloatArray, conditions: Conditions) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return how the pouring lip moves per unit of each unknown, and which poses close.
+        """Return how the working frame moves per unit of each unknown, and which poses close.
 
         It is seen in the tracker's frame, and stands where it does to the target.
 
         Args:
-            poses: shape (n, 4).
+            poses: shape (n, k).
             conditions: at work; side 0 is the mean of both.
 
         Returns:
@@ -107,9 +109,9 @@ class Columns:
         self, poses: FloatArray, target_m: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
         """Return columns of frames and local parameters, of the drives, and load on each drive per N of weight."""
-        command = self.robot.kinematics.commands(poses)
+        command = self.robot.drawing.commands(poses)
         modelled = self._model.at(command.drives, command.start)
-        still, centre = pin.SE3.Identity(), np.array(self.robot.layout.ladle.centre_of_mass_m)
+        still, centre = pin.SE3.Identity(), self._ladle_at
         at_target = pin.SE3(np.eye(3), np.asarray(target_m, dtype=float))
         seen = modelled.linearise(Unknowns.zero(OuterFrames(still, at_target), len(self.local)))
         driven = modelled.with_model(self._drive_model)
@@ -126,9 +128,8 @@ class Columns:
     ) -> FloatArray:
         rows = np.empty((len(poses), 6, self.unknowns))
         rows[:, :, : base.shape[2]] = base
-        ladle = self.robot.layout.ladle
-        weight = GRAVITY_M_S2 * (ladle.tare_kg + conditions.payload_kg)
-        commanded = self.robot.kinematics.commands(poses).drives
+        weight = GRAVITY_M_S2 * (self._tare_kg + conditions.payload_kg)
+        commanded = self.robot.drawing.commands(poses).drives
         for k, parameter in enumerate(self.parameters[len(self.local) :], start=base.shape[2]):
             drive = [d.joint for d in self.drives].index(parameter.local.joint)
             column = drives[:, :, drive]
@@ -142,21 +143,25 @@ class Columns:
         return rows
 
 
-def candidate_poses(layout: Layout, count: int) -> FloatArray:
-    """Return poses that fill the workspace box: its corners, edges and middles, and a Sobol sequence between.
+def candidate_poses(axes: Sequence[CommandAxis], count: int) -> FloatArray:
+    """Return commands that fill the workspace: its corners, edges and middles, and a Sobol sequence between.
 
     Args:
-        layout: the workspace.
-        count: how many about; at least the 81 of corners, edges and middles.
+        axes: what a command is made of.
+        count: how many about; at least those of corners, edges and middles, where these are no more than a third.
 
     Returns:
-        Round figures (0.1 mm, 0.01 degrees) inside the box, none twice; shape (n, 4), in m and rad.
+        Round figures inside the limits, so that the plan's file says exactly what was planned, none twice; shape
+        (n, k), in m and rad.
     """
-    lower, upper = layout.box
-    grid = layout.grid(*[np.linspace(0.0, 1.0, _EDGE_LEVELS)] * 4)
+    lower, upper = command_box(axes)
+    levels = np.linspace(0.0, 1.0, _EDGE_LEVELS)
+    edges = _EDGE_LEVELS ** len(axes) <= max(count / 3, _EDGE_LEVELS**4)
+    grid = np.stack(np.meshgrid(*[levels] * len(axes), indexing="ij"), axis=-1).reshape(-1, len(axes))
+    grid = lower + (upper - lower) * (grid if edges else grid[:0])
     wanted = max(0, count - len(grid))
-    filled = qmc.Sobol(4, scramble=False).random_base2(int(np.ceil(np.log2(wanted + 1))))[:wanted]
-    step = np.array([_ROUND_M, _ROUND_M, _ROUND_M, np.radians(_ROUND_DEG)])
+    filled = qmc.Sobol(len(axes), scramble=False).random_base2(int(np.ceil(np.log2(wanted + 1))))[:wanted]
+    step = np.array([axis.step for axis in axes])
     poses = np.concatenate([grid, lower + (upper - lower) * filled])
     whole = np.clip(np.round(poses / step), np.ceil(lower / step - 1e-9), np.floor(upper / step + 1e-9))
     _, first = np.unique(whole, axis=0, return_index=True)

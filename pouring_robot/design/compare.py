@@ -74,15 +74,15 @@ def compare_with_random(planner: Planner, plan: MeasurementPlan, count: int = 50
 
 
 def random_visits(planner: Planner, seed: int) -> tuple[FloatArray, list[Conditions]]:
-    """Return rows of a random plan like the one asked for: poses (rows, 4) in m and rad, and their conditions."""
+    """Return rows of a random plan like the one asked for: commands (rows, k) in m and rad, and their conditions."""
     request = planner.request
     drawn = random_plan(planner.robot, request.poses, seed)
     random = np.random.default_rng([seed, 4])
     both = set(random.choice(request.poses, request.both_sides, replace=False).tolist())
     poses, conditions = [], []
-    for k, pose in enumerate(drawn.poses):
+    for k, pose in enumerate(drawn.rows):
         state = planner.states[int(random.integers(len(planner.states)))]
         for side in (1, -1) if k in both else (1,):
-            poses.append((*pose.position_m, pose.tilt_rad))
+            poses.append(pose)
             conditions.append(Conditions(side, state.payload_kg, state.leg_degC))
     return np.array(poses), conditions

@@ -43,6 +43,7 @@ from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.base import Robot
 from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.robot.tolerances import Tolerances
 
@@ -62,7 +63,7 @@ _ONE, _BOTH = 0, 1  # kinds of a candidate: visited from one side, or from both
 
 @one_blas_thread()
 def plan_campaign(
-    robot: PouringRobot, request: PlanRequest | None = None, progress: Progress = say_nothing
+    robot: Robot, request: PlanRequest | None = None, progress: Progress = say_nothing
 ) -> MeasurementPlan:
     """Return the poses, and conditions, that tell most about a robot's parameters.
 
@@ -92,7 +93,7 @@ class Planner:
         NoSolutionError: the robot can hardly go anywhere in its workspace.
     """
 
-    def __init__(self, robot: PouringRobot, request: PlanRequest | None = None) -> None:
+    def __init__(self, robot: Robot, request: PlanRequest | None = None) -> None:
         """Choose the parameters and see how every candidate shows them."""
         self.robot, self.request = robot, request or PlanRequest()
         self._refuse_overload()
@@ -101,7 +102,7 @@ class Planner:
         visits = len(self.states) * (2 if self.request.both_sides else 1)
         # Where a pose can be visited in several ways, fewer poses make as many candidates.
         wanted = self.request.candidates // visits if visits > 1 else self.request.candidates
-        poses = candidate_poses(robot.layout, wanted)
+        poses = candidate_poses(robot.command_axes, wanted)
         self.poses, rows = self._rows(columns, poses[columns.reachable(poses)])
         # Of the frames' twelve numbers some cannot be told apart: along y, the axis of every tilt, both frames shift
         # the target alike. Which of them is kept changes neither the parameters nor the ladle seen by the tracker.
@@ -124,6 +125,10 @@ class Planner:
         return np.delete(columns, np.setdiff1d(np.arange(FRAMES), self._frames), axis=-1)
 
     def _refuse_overload(self) -> None:
+        if not isinstance(self.robot, PouringRobot):
+            if self.request.loads_kg or self.request.leg_degC:
+                raise BadInputError("loads and leg temperatures are planned for the pouring robot only")
+            return
         most = self.robot.layout.ladle.payload_kg
         if self.request.loads_kg and max(self.request.loads_kg) > most:
             raise BadInputError(f"the ladle holds at most {most:g} kg of melt, not {max(self.request.loads_kg):g} kg")
@@ -150,7 +155,7 @@ class Planner:
         visits = [Conditions(side, s.payload_kg, s.leg_degC) for s in self.states for side in sides]
         rows, closed = self.measured(columns, poses, visits)
         if np.count_nonzero(closed) < max(self.request.poses, 20):
-            raise NoSolutionError("the robot can hardly go anywhere in its workspace box; check the layout and model")
+            raise NoSolutionError("the robot can hardly go anywhere in its workspace; check limits and model")
         shape = (-1, len(self.states), len(sides), *rows.shape[2:])
         return poses[closed], rows[closed].reshape(shape)
 
@@ -219,6 +224,8 @@ class Planner:
         quality = self._quality(stack, request.poses)
         return MeasurementPlan(
             request,
+            self.robot.command_axes,
+            self.robot.model.definition,
             self.parameters,
             self.left_out,
             chosen_poses,
@@ -248,7 +255,7 @@ class Planner:
         lower, upper = self.poses.min(axis=0), self.poses.max(axis=0)
         scaled = (self.poses - lower) / np.maximum(upper - lower, 1e-12)
         ordered: list[tuple[int, int, int]] = []
-        here = np.zeros(4)
+        here = np.zeros(lower.size)
         for state in sorted({s for _, s, _ in visits}, key=lambda s: (self.states[s].leg_degC, s)):
             left = sorted(v for v in visits if v[1] == state)
             while left:
@@ -263,7 +270,7 @@ class Planner:
         """Return what any other plan would give, for the same parameters and noise.
 
         Args:
-            poses: rows, x y z in m and tilt in rad, shape (rows, 4).
+            poses: rows, commands in m and rad, shape (rows, k).
             conditions: of each row; by default of all alike, one side, empty and at the reference temperature.
 
         Raises:
@@ -288,13 +295,25 @@ class Planner:
         variance = np.einsum("gip,pq,giq->gi", ladle, expected, ladle, optimize=True)
         std = np.sqrt(np.diagonal(expected)[self.nuisance :])
         values = projected_singular_values(flat, self.nuisance, prior)
-        return PlanQuality(expected, std, grid, np.sqrt(np.maximum(variance, 0.0)), values, poses)
+        return PlanQuality(
+            expected,
+            std,
+            self.robot.command_axes,
+            self.robot.model.loops().working_frame,
+            grid,
+            np.sqrt(np.maximum(variance, 0.0)),
+            values,
+            poses,
+        )
 
     @functools.cached_property
     def _ladle(self) -> tuple[FloatArray, FloatArray]:
-        """Workspace poses within reach, and the ladle's columns there at the heaviest load and highest heat."""
-        grid = self.robot.layout.grid(*(np.linspace(0.0, 1.0, n) for n in _LADLE_LEVELS))
-        grid = grid[self.columns.reachable(grid)]
+        """Workspace poses within reach, and the working frame's columns there at the heaviest load and highest heat."""
+        if isinstance(self.robot, PouringRobot):
+            grid = self.robot.layout.grid(*(np.linspace(0.0, 1.0, n) for n in _LADLE_LEVELS))
+            grid = grid[self.columns.reachable(grid)]
+        else:
+            grid, _ = self.robot.model.definition.workspace(self.robot.drawing)
         work = Conditions(0, max(s.payload_kg for s in self.states), max(s.leg_degC for s in self.states))
         columns, closed = self.columns.ladle(grid, work)
         return grid[closed], self._apart(columns[closed])

@@ -11,40 +11,50 @@ from pouring_robot.design.result import MeasurementPlan
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.plots import COLOURS, draw_box, new_figure, png_of
-from pouring_robot.robot.pouring.layout import Layout
+from pouring_robot.robot.description.command import command_box
+from pouring_robot.robot.pouring.definition import PouringDefinition
 
 
-def plot(plan: MeasurementPlan, layout: Layout) -> bytes:
-    """Draw where the poses lie (x-z, y-z, tilt-z) and the ladle's expected standard deviation over the workspace.
+def plot(plan: MeasurementPlan) -> bytes:
+    """Draw where the commands lie, two numbers at a time, and the working frame's expected standard deviation there.
+
+    Of the pouring robot x-z, y-z and tilt-z.
 
     Args:
         plan: the plan.
-        layout: gives the workspace box.
 
     Returns:
         A PNG file.
     """
     figure = new_figure(11.0, 10.5, dpi=120)
-    sights = figure.subplot_mosaic("XYTT;AABB", height_ratios=(1.4, 1.0), width_ratios=(1.0, 1.0, 1.2, 1.2))
-    edge = np.array([1e3, 1e3, 1e3, math.degrees(1.0)])
-    lower, upper = (corner * edge for corner in layout.box)
+    edge = np.array([axis.shown(1.0) for axis in plan.axes])
+    lower, upper = (corner * edge for corner in command_box(plan.axes))
+    high = min(2, len(plan.axes) - 1)
+    shown = [k for k in range(len(plan.axes)) if k != high][:3]
+    names = [axis.heading.replace("_", " [") + "]" for axis in plan.axes]
+    above, below = "XYT"[: len(shown)], "AB"[: len(shown)]
+    mosaic = "XYTT;AABB" if len(shown) == 3 else f"{above};{below}"
+    sights = figure.subplot_mosaic(mosaic, height_ratios=(1.4, 1.0))
     poses = plan.poses * edge
-    for key, axis, name in (("X", 0, "x [mm]"), ("Y", 1, "y [mm]"), ("T", 3, "tilt [°]")):
-        draw_box(sights[key], (lower[axis], upper[axis]), (lower[2], upper[2]))
+    for key, axis in zip(above, shown, strict=True):
+        draw_box(sights[key], (lower[axis], upper[axis]), (lower[high], upper[high]))
         sights[key].margins(0.12)
-        across, up = _spread(poses[:, axis], poses[:, 2], upper[axis] - lower[axis], upper[2] - lower[2])
+        across, up = _spread(poses[:, axis], poses[:, high], upper[axis] - lower[axis], upper[high] - lower[high])
         _points(sights[key], plan, across, up)
-        sights[key].set(xlabel=name, ylabel="z [mm]")
+        sights[key].set(xlabel=names[axis], ylabel=names[high])
         sights[key].grid(alpha=0.25)
     handles, labels = sights["X"].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False)
     grid, std = plan.quality.ladle_poses * edge, plan.quality.ladle_position_std_m / MM
-    for key, axis, name in (("A", 3, "tilt [°]"), ("B", 0, "x [mm]")):
-        across, up, mean = _mapped(grid[:, axis], grid[:, 2], std)
-        drawn = sights[key].contourf(across, up, mean, levels=12, cmap="viridis")
+    for key, axis in zip(below, (shown[-1], shown[0]), strict=False):
+        if isinstance(plan.robot, PouringDefinition):
+            drawn = sights[key].contourf(*_mapped(grid[:, axis], grid[:, high], std), levels=12, cmap="viridis")
+        else:  # its commands lie on no grid
+            drawn = sights[key].scatter(grid[:, axis], grid[:, high], c=std, cmap="viridis")
         figure.colorbar(drawn, ax=sights[key], label="mm")
-        sights[key].set(xlabel=name, ylabel="z [mm]", title="expected standard deviation of the pouring lip")
-    sights["T"].set_title("poses of one place are drawn a little apart", fontsize="small")
+        tip = f"expected standard deviation of {plan.robot.tool_words[1]}"
+        sights[key].set(xlabel=names[axis], ylabel=names[high], title=tip)
+    sights[above[-1]].set_title("poses of one place are drawn a little apart", fontsize="small")
     figure.suptitle(plan.headline)
     return png_of(figure)
 

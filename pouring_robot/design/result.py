@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +21,8 @@ from pouring_robot.io.tables import csv_text
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.result import Result
-from pouring_robot.robot.pouring.definition import PouringDefinition
+from pouring_robot.robot.description.command import CommandAxis
+from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.pouring.names import LEGS
 
 if TYPE_CHECKING:
@@ -68,14 +68,18 @@ class PlanQuality:
     Attributes:
         covariance: of the f frame numbers that can be told apart and the parameters, shape (f + P, f + P).
         parameter_std: of the parameters, shape (P,).
-        ladle_poses: poses of the workspace, x y z in m and tilt in rad, shape (g, 4).
-        ladle_std: of the pouring lip there, x y z in m and rotation vector in rad, shape (g, 6).
+        axes: what a command is made of.
+        frame: the working frame: the pouring lip, or a tool.
+        ladle_poses: commands of the workspace, in m and rad, shape (g, k).
+        ladle_std: of the working frame there, x y z in m and rotation vector in rad, shape (g, 6).
         singular_values: of the plan with the frames projected out, per shown unit (mm, mrad ...), shape (P,).
         poses: number of poses.
     """
 
     covariance: FloatArray
     parameter_std: FloatArray
+    axes: tuple[CommandAxis, ...]
+    frame: str
     ladle_poses: FloatArray
     ladle_std: FloatArray
     singular_values: FloatArray
@@ -109,13 +113,13 @@ class PlanQuality:
     def ladle_figures(self) -> dict[str, Any]:
         """Return how well the pouring lip will be known, for JSON, in the units people use."""
         by_axis = np.sqrt(np.mean(self.ladle_std**2, axis=0))
-        x, y, z, tilt = self.ladle_poses[int(np.argmax(self.ladle_position_std_m))].tolist()
+        worst = self.ladle_poses[int(np.argmax(self.ladle_position_std_m))].tolist()
         return {
-            "frame": "ladle_lip",
+            "frame": self.frame,
             "rms_mm": self.ladle_rms_m / MM,
             "rms_mrad": self.ladle_rms_rad / MRAD,
             "worst_mm": self.ladle_worst_m / MM,
-            "worst_at": {"x_mm": x / MM, "y_mm": y / MM, "z_mm": z / MM, "tilt_deg": math.degrees(tilt)},
+            "worst_at": {axis.heading: axis.shown(value) for axis, value in zip(self.axes, worst, strict=True)},
             "rms_by_axis_mm": dict(zip("xyz", (by_axis[:3] / MM).tolist(), strict=True)),
             "rms_by_axis_mrad": dict(zip("xyz", (by_axis[3:] / MRAD).tolist(), strict=True)),
         }
@@ -127,9 +131,11 @@ class MeasurementPlan(Result):
 
     Attributes:
         request: what was asked for.
+        axes: what a command is made of.
+        robot: for which robot.
         parameters: what is to be determined.
         left_out: names of parameters that were asked for but left out: what is kept shows the same.
-        poses: rows in the order to measure them, x y z in m and tilt in rad, shape (rows, 4).
+        poses: rows in the order to measure them, commands in m and rad, shape (rows, k).
         conditions: of each row.
         pose_numbers: which of the n poses each row is, from 1.
         quality: what is to be expected.
@@ -138,6 +144,8 @@ class MeasurementPlan(Result):
     """
 
     request: PlanRequest
+    axes: tuple[CommandAxis, ...]
+    robot: RobotDefinition
     parameters: tuple[PlannedParameter, ...]
     left_out: tuple[str, ...]
     poses: FloatArray
@@ -151,9 +159,9 @@ class MeasurementPlan(Result):
     def headline(self) -> str:
         """How many poses and measurements, and how well the pouring lip will then be known."""
         return (
-            f"{self.request.poses} poses, {len(self.poses)} measurements, criterion {self.request.criterion}: the lip "
-            f"is then known to {self.quality.ladle_rms_m / MM:.3f} mm RMS, {self.quality.ladle_worst_m / MM:.3f} mm at "
-            "worst"
+            f"{self.request.poses} poses, {len(self.poses)} measurements, criterion {self.request.criterion}: "
+            f"{self.robot.tool_words[1]} is then known to {self.quality.ladle_rms_m / MM:.3f} mm RMS, "
+            f"{self.quality.ladle_worst_m / MM:.3f} mm at worst"
         )
 
     def table(self) -> tuple[list[str], list[list[str]]]:
@@ -162,16 +170,15 @@ class MeasurementPlan(Result):
         A sample is named after its pose; the second visit of a pose, from the other side, has a ``b``.
         """
         request = self.request
-        headings = ["sample", "x_mm", "y_mm", "z_mm", "tilt_deg"]
-        approaches = columns.approach_names(PouringDefinition())
+        headings = ["sample", *(axis.heading for axis in self.axes)]
+        approaches = columns.approach_names(self.robot)
         headings += list(approaches) if request.both_sides else []
         headings += ["payload_kg"] if request.loads_kg else []
         headings += [f"{leg}_degC" for leg in LEGS] if request.leg_degC else []
         rows = []
         for pose, visit, number in zip(self.poses.tolist(), self.conditions, self.pose_numbers.tolist(), strict=True):
-            x, y, z, tilt = pose
-            row = [f"{number}{'b' if visit.side < 0 else ''}", *(f"{value / MM:.1f}" for value in (x, y, z))]
-            row.append(f"{math.degrees(tilt):.2f}")
+            row = [f"{number}{'b' if visit.side < 0 else ''}"]
+            row += [axis.text(value) for axis, value in zip(self.axes, pose, strict=True)]
             row += [str(visit.side)] * len(approaches) if request.both_sides else []
             row += [f"{visit.payload_kg:g}"] if request.loads_kg else []
             row += [f"{visit.leg_degC:g}"] * len(LEGS) if request.leg_degC else []

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from pouring_robot.batch import BatchClosure, BatchStart
+    from pouring_robot.robot.description.command import CommandAxis
     from pouring_robot.robot.parameters import ParameterCatalogue
 
 Command = PlatformPose | Target | FloatArray
@@ -202,6 +203,15 @@ class Robot:
             BadInputError: the robot cannot be asked for such a pose.
         """
         return Target(position_m, None if turn_rad is None else pin.exp3(turn_rad))
+
+    def command_at(self, values: FloatArray) -> Command:
+        """Return the command of numbers (k,), in m and rad; see :meth:`RobotDefinition.command_axes`."""
+        return values
+
+    @functools.cached_property
+    def command_axes(self) -> tuple[CommandAxis, ...]:
+        """What it is commanded by."""
+        return self.model.definition.command_axes(self.nominal_solver.mechanism)
 
     def location_of(self, command: Command) -> Location:
         """Return where the robot should be and where it is: at drives, or at a target.

@@ -167,6 +167,11 @@ class PouringRobot(Robot):
         x, y, z, tilt = np.mean(self.layout.box, axis=0).tolist()
         return self.locate(PlatformPose((x, y, z), tilt))
 
+    def command_at(self, values: FloatArray) -> PlatformPose:
+        """Return the pose of x, y, z in m and the tilt in rad, (4,)."""
+        x, y, z, tilt = values.tolist()
+        return PlatformPose((x, y, z), tilt)
+
     def location_of(self, command: Command) -> Location:
         """Return where the ladle should be and where it is for a pose, a target or drive values (4,), in m and rad."""
         return self.locate(command) if isinstance(command, PlatformPose) else super().location_of(command)

@@ -2,7 +2,12 @@
 
 import pytest
 
-from pouring_robot import BadInputError, PlanRequest, plan_campaign
+from pouring_robot import BadInputError, PlanRequest, Robot, plan_campaign
+from pouring_robot.campaign.plan import read_plan
+from pouring_robot.design.compare import compare_with_random
+from pouring_robot.design.planning import Planner
+from pouring_robot.design.plots import plot
+from tests.support import ROOT
 
 
 def test_a_plan_is_as_large_as_asked(drawing):
@@ -13,3 +18,19 @@ def test_a_plan_is_as_large_as_asked(drawing):
 def test_what_does_not_exist_is_refused(drawing):
     with pytest.raises(BadInputError, match="no parameter"):
         plan_campaign(drawing, PlanRequest(parameters=("nothing",)))
+
+
+def test_another_robot_is_planned_by_its_drives(tmp_path):
+    """Better than random poses, inside the limits, and read back as planned."""
+    robot = Robot.load(ROOT / "examples" / "robots" / "delta" / "robot.yaml")
+    planner = Planner(robot, PlanRequest(poses=12, parameters=("drives",), candidates=300, starts=2))
+    plan = planner.plan()
+    path = plan.save(tmp_path / "p.csv")
+    assert read_plan(path, robot).drives == pytest.approx(plan.poses, abs=1e-12)
+    assert compare_with_random(planner, plan, 5).ratios[0] < 1.0
+    limits = robot.nominal_solver.mechanism.joint_limits()["arm1_drive"]
+    assert plan.poses.min() >= limits[0] and plan.poses.max() <= limits[1]
+    assert plan.quality.frame == robot.model.loops().working_frame
+    assert plot(plan).startswith(b"\x89PNG")
+    with pytest.raises(BadInputError, match="pouring robot only"):
+        Planner(robot, PlanRequest(loads_kg=(0.0, 100.0)))

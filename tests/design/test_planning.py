@@ -198,7 +198,7 @@ def test_exchange_refuses_what_it_cannot_choose_from():
 
 
 def test_candidates_are_round_figures_inside_the_box(robot):
-    poses = candidate_poses(robot.layout, 400)
+    poses = candidate_poses(robot.command_axes, 400)
     lower, upper = robot.layout.box
     assert np.all(poses >= lower - 1e-12) and np.all(poses <= upper + 1e-12)
     assert 390 <= len(np.unique(poses, axis=0)) == len(poses) <= 400
@@ -415,7 +415,7 @@ def test_plan_file_is_what_simulate_reads(robot, visited, tmp_path):
 
 
 def test_picture_and_figures(robot, visited, tmp_path):
-    assert len(plot(visited, robot.layout)) > 20_000
+    assert len(plot(visited)) > 20_000
     assert repr(visited) == f"<MeasurementPlan: {visited.headline}>"
     assert visited.to_frame().x_mm.tolist() == [row["x_mm"] for row in visited.rows()]
     figures = json.loads(json.dumps(visited.figures(), allow_nan=False))

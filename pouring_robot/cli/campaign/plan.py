@@ -33,6 +33,7 @@ def plan(
     ] = None,
     criterion: Annotated[str, typer.Option("--criterion", metavar="D|O1..O5", help="What the plan is best in.")] = "D",
     model: options.ModelFile = None,
+    robot: options.RobotFile = None,
     layout: options.LayoutName = None,
     sigma_mm: Annotated[float, typer.Option("--sigma-mm", help="Noise of a measured coordinate.")] = 0.05,
     sigma_mrad: Annotated[float, typer.Option("--sigma-mrad", help="Noise of a rotation component.")] = 0.05,
@@ -89,23 +90,23 @@ def plan(
         starts=starts,
         seed=seed,
     )
-    robot = options.with_melt(options.robot_of(model, None, layout))
-    planner = Planner(robot, request)
+    present = options.robot_of(model, robot, layout)
+    planner = Planner(present, request)
     with progress.stage_bars() as show:
         found = planner.plan(show)
     comparison = compare_with_random(planner, found, _COMPARED, seed)
-    written = write_together({out: found.csv()} | ({png: plot(found, robot.layout)} if png else {}))
+    written = write_together({out: found.csv()} | ({png: plot(found)} if png else {}))
     figures = found.figures() | {"random_plans": comparison.figures()}
     if as_json:
         options.print_figures(figures, written)
         return
     console = options.console()
     console.print(plain_table(*found.table(), left=(0,), title="poses, in the order to measure them", wrap=True))
-    _print_expected(console, figures)
+    _print_expected(console, figures, present.model.definition.tool_words[1].removeprefix("the "))
     options.print_written(console, written)
 
 
-def _print_expected(console: Console, figures: dict[str, Any]) -> None:
+def _print_expected(console: Console, figures: dict[str, Any], tip: str) -> None:
     ladle, compared = figures["ladle"], figures["random_plans"]
     rows = [[p["name"], f"{p['std']:.4g}", p["unit"]] for p in figures["parameters"]]
     console.print(
@@ -117,9 +118,9 @@ def _print_expected(console: Console, figures: dict[str, Any]) -> None:
         console.print(f"left out, because those above show the same: {named}", markup=False)
     sides = ", ".join(f"{axis} {value:.3f}" for axis, value in ladle["rms_by_axis_mm"].items())
     worst = ladle["worst_at"]
-    at = f"{worst['x_mm']:.0f} {worst['y_mm']:.0f} {worst['z_mm']:.0f} mm {worst['tilt_deg']:.1f}°"
+    at = " ".join(f"{name} {value:.1f}" for name, value in worst.items())
     console.print(
-        f"pouring lip, seen by the tracker: known to {ladle['rms_mm']:.4f} mm and {ladle['rms_mrad']:.4f} mrad RMS "
+        f"{tip}, seen by the tracker: known to {ladle['rms_mm']:.4f} mm and {ladle['rms_mrad']:.4f} mrad RMS "
         f"over the workspace ({sides} mm), {ladle['worst_mm']:.4f} mm at worst, at {at}",
         markup=False,
         soft_wrap=True,

@@ -18,11 +18,16 @@ def simulate(
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Table to write, .csv or .parquet; YAML beside.")],
     plan: Annotated[
         Path | None,
-        typer.Option("--plan", metavar="FILE", help="Poses: x, y, z, tilt with units, and any condition columns."),
+        typer.Option(
+            "--plan",
+            metavar="FILE",
+            help="Poses as 'path' reads them, and any condition columns.",
+        ),
     ] = None,
-    random: Annotated[int | None, typer.Option("--random", metavar="N", help="N poses spread over the box.")] = None,
+    random: Annotated[int | None, typer.Option("--random", metavar="N", help="N poses all over the workspace.")] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")] = 0,
     model: options.ModelFile = None,
+    robot: options.RobotFile = None,
     layout: options.LayoutName = None,
     noise_mm: Annotated[float, typer.Option("--noise-mm", help="Noise of a coordinate.")] = 0.05,
     noise_mrad: Annotated[float, typer.Option("--noise-mrad", help="Noise of a rotation component.")] = 0.05,
@@ -56,8 +61,8 @@ def simulate(
         raise BadInputError("give the poses by --plan FILE or by --random N, one of the two")
     outputs = [out, out.with_suffix(".yaml"), *([truth] if truth else [])]
     check_outputs(outputs, overwrite=overwrite)
-    robot = options.with_melt(options.robot_of(model, None, layout))
-    poses = read_plan(plan, robot) if plan is not None else random_plan(robot, random or 0, seed)
+    present = options.robot_of(model, robot, layout)
+    poses = read_plan(plan, present) if plan is not None else random_plan(present, random or 0, seed)
     settings = MeasurementOptions(
         sigma_position_m=noise_mm * 1e-3,
         sigma_rotation_rad=None if position_only else noise_mrad * 1e-3,
@@ -69,7 +74,7 @@ def simulate(
         seed=seed,
     )
     with progress.stage_bars() as show:
-        measured = simulate_campaign(robot, poses, settings, path=out, progress=show)
+        measured = simulate_campaign(present, poses, settings, path=out, progress=show)
     files = measured.campaign.contents(out)
     if truth:
         files[truth] = measured.truth_text(model).encode()

@@ -119,7 +119,7 @@ def _reach(campaign: Campaign, model: RobotModel, count: int, seed: int) -> _Rea
     if model.robot is None:
         robot = PouringRobot(model)
         plan = random_plan(robot, count, seed)
-        poses = (pose.to_se3() for pose in plan.poses)
+        poses = (pose.to_se3() for pose in plan.platform_poses)
         span = campaign.metadata.truss_span_m or robot.layout.truss_span_m
         places = tuple(EndPose(pose.translation, pose.rotation) for pose in poses)
         travels = dict.fromkeys(campaign.robot.travels, (0.0, span))

@@ -33,6 +33,7 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.joint_types import change_joints
 from pouring_robot.mechanism.loops import LoopsFile, load_loops
 from pouring_robot.mechanism.poses import MM
+from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.description.robot_file import DriveEntry, RobotFile
 from pouring_robot.robot.description.urdf import meshes_from, read_text
 
@@ -232,21 +233,37 @@ class RobotDefinition:
     def workspace(self, drawing: Drawing) -> tuple[FloatArray, BatchStart]:
         """Return drive values spread over the workspace, (n, drives), in m and rad, and the drawing's closed poses.
 
-        Evenly between the drives' limits; what does not close there, or with joints beyond limits, is left out. Without
-        limits a joint turns once around, and a slide stays at home: nobody knows how far it goes.
+        Evenly between the drives' limits; what does not close there, or with joints beyond limits, is left out.
         """
         from scipy.stats import qmc  # heavy, and for this only
 
-        turn = np.array([0.0 if drive.unit == "m" else math.pi for drive in self.drives])
-        any_way = zip(self.home_drives - turn, self.home_drives + turn, strict=True)
-        limits = drawing.mechanism.joint_limits()
-        within = [limits.get(d.joint, free) for d, free in zip(self.drives, any_way, strict=True)]
-        lower, upper = np.transpose(within)
+        lower, upper = command_box(self.command_axes(drawing.mechanism))
         shares = qmc.Halton(len(self.drives), scramble=False).random(_WORKSPACE_SAMPLES + 1)[1:]
         drives = lower + (upper - lower) * shares
         start = drawing.starts(drives)
         kept = np.flatnonzero(np.isfinite(start.position).all(axis=1) & drawing.in_reach(start))
         return drives[kept], start[kept]
+
+    def command_axes(self, mechanism: ClosedChainMechanism) -> tuple[CommandAxis, ...]:
+        """Return what commands the mechanism of the drawing: its drives, between their limits.
+
+        Without limits a joint turns once around, and a slide stays at home: nobody knows how far it goes.
+        """
+        limits, axes = mechanism.joint_limits(), []
+        for drive, column, home in zip(self.drives, self.drive_columns, self.home_drives.tolist(), strict=True):
+            turn = 0.0 if drive.unit == "m" else math.pi
+            lower, upper = limits.get(drive.joint, (home - turn, home + turn))
+            axes.append(CommandAxis(column, lower, upper, drive.factor))
+        return tuple(axes)
+
+    @property
+    def command_columns(self) -> tuple[Quantity, ...]:
+        """The columns of a command in a table."""
+        return self.drive_columns
+
+    def command_values(self, numbers: Mapping[str, FloatArray]) -> FloatArray:
+        """Return commands, (n, k), in m and rad, from columns (n,)."""
+        return self.drive_values(numbers)
 
     def dh_table(self, nominal: ClosedChainMechanism) -> DHTable | None:
         """Return the DH table of the drawing; None for a robot that has none."""
@@ -291,11 +308,6 @@ class RobotDefinition:
     def tool_words(self) -> tuple[str, str]:
         """What is carried, and the point of it whose error counts, in sentences."""
         return "the tool", self.loops.working_frame
-
-    @property
-    def plans_poses(self) -> bool:
-        """Whether poses can be planned for it: somebody says how drives follow from a pose, and where it is to work."""
-        return False
 
     @property
     def expected_thermometers(self) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.batch import BatchStart, HomotopyStarts, StarStructure, engine_for
+from pouring_robot.batch import BatchCommand, BatchStart, HomotopyStarts, StarStructure, engine_for
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -22,6 +22,9 @@ class Drawing(Protocol):
 
     def starts(self, drives: FloatArray, /) -> BatchStart:
         """Return the closed poses of drive values (n, drives), in m and rad; NaN where no pose has them."""
+
+    def commands(self, commands: FloatArray, /) -> BatchCommand:
+        """Return the drives of commands (n, k), in m and rad, and the closed poses; NaN where there is none."""
 
     def in_reach(self, start: BatchStart, /) -> NDArray[np.bool_]:
         """Return where all joints of closed poses are within their limits, (n,)."""
@@ -57,6 +60,10 @@ class HomeDrawing:
             ClosureError: the robot does not close at its home.
         """
         return self._followed.starts(drives)
+
+    def commands(self, commands: FloatArray, /) -> BatchCommand:
+        """Return drive values (n, drives), which are the commands, with their closed poses."""
+        return BatchCommand(commands, commands, self.starts(commands))
 
     def in_reach(self, start: BatchStart) -> NDArray[np.bool_]:
         """Return where all joints of closed poses are within their limits, (n,)."""

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pouring_robot.io.quantities import Quantity
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.robot.description.causes import Causes
+from pouring_robot.robot.description.command import CommandAxis
 from pouring_robot.robot.description.definition import ParameterGroups, ParameterSets, RobotDefinition
 from pouring_robot.robot.description.robot_file import RobotFile
 from pouring_robot.robot.description.urdf import description_folder
@@ -101,9 +104,21 @@ class PouringDefinition(RobotDefinition):
         return "the ladle", "the pouring lip"
 
     @property
-    def plans_poses(self) -> bool:
-        """It has closed-form kinematics and a workspace box."""
-        return True
+    def command_columns(self) -> tuple[Quantity, ...]:
+        """Place and tilt of the platform."""
+        return (*(Quantity(name, "length", required=True) for name in "xyz"), Quantity("tilt", "angle", required=True))
+
+    def command_axes(self, mechanism: ClosedChainMechanism) -> tuple[CommandAxis, ...]:
+        """Return the same, inside the workspace box."""
+        box = zip(*load_layout(self.layout, self.layouts_file).box, strict=True)
+        return tuple(
+            CommandAxis(column, float(lower), float(upper))
+            for column, (lower, upper) in zip(self.command_columns, box, strict=True)
+        )
+
+    def command_values(self, numbers: Mapping[str, FloatArray]) -> FloatArray:
+        """Return poses, (n, 4), in m and rad, from columns (n,)."""
+        return np.stack([numbers[column.name] for column in self.command_columns], axis=-1)
 
     @property
     def expected_thermometers(self) -> tuple[str, ...]:

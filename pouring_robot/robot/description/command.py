@@ -1,0 +1,58 @@
+"""What a robot is commanded by, number by number: drive values, or what its controller makes them of."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pouring_robot.io.quantities import Quantity
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.poses import MM
+
+_ROUND_M, _ROUND_RAD = 1e-4, math.radians(1e-2)
+
+
+@dataclass(frozen=True)
+class CommandAxis:
+    """One number of a command.
+
+    Attributes:
+        quantity: its column in a table.
+        lower: least value, in m or rad; ``upper``: largest one.
+        factor: value in m or rad for a command of one (SI) in the table.
+    """
+
+    quantity: Quantity
+    lower: float
+    upper: float
+    factor: float = 1.0
+
+    @property
+    def _shown(self) -> tuple[str, float, int]:
+        return ("mm", MM, 1) if self.quantity.kind == "length" else ("deg", math.radians(1.0), 2)
+
+    @property
+    def heading(self) -> str:
+        """Of a column in mm or degrees."""
+        return f"{self.quantity.name}_{self._shown[0]}"
+
+    @property
+    def step(self) -> float:
+        """Between round figures of the table, 0.1 mm or 0.01 degrees, in m or rad of the value."""
+        return abs(self.factor) * (_ROUND_M if self.quantity.kind == "length" else _ROUND_RAD)
+
+    def shown(self, value: float) -> float:
+        """Return a value (m or rad) as the table has it, in mm or degrees."""
+        return value / self.factor / self._shown[1]
+
+    def text(self, value: float) -> str:
+        """Return the same as a round figure."""
+        return f"{self.shown(value):.{self._shown[2]}f}"
+
+
+def command_box(axes: Sequence[CommandAxis]) -> tuple[FloatArray, FloatArray]:
+    """Return the least and largest values of a command, (k,) each, in m and rad."""
+    return np.array([axis.lower for axis in axes]), np.array([axis.upper for axis in axes])
