@@ -3,37 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
 from pouring_robot.cli.shared import options
-from pouring_robot.exceptions import BadInputError
-
-if TYPE_CHECKING:
-    from pouring_robot.robot.model import RobotModel
 
 OutFolder = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the description and its meshes.")]
 Form = Annotated[
     Literal["urdf", "mjcf", "sdf", "drake"],
     typer.Option("--format", help="drake: SDF whose loops are bushings; sdf: loops are joints."),
 ]
-AtMm = Annotated[
-    tuple[float, float, float] | None,
-    typer.Option("--at-mm", metavar="X Y Z", help="Position of the platform in which it stands closed."),
-]
-Joints = Annotated[
-    str | None,
-    typer.Option("--joints", metavar="VALUES", help="Drive values in which it stands closed, m and rad: '0.5 0.5 1'."),
-]
 
 
 def export(
     out: OutFolder,
     form: Form = "urdf",
-    at_mm: AtMm = None,
-    tilt_deg: Annotated[float, typer.Option("--tilt-deg", metavar="T", help="Tilt about y with --at-mm.")] = 0.0,
-    joints: Joints = None,
+    at_mm: options.AtMm = None,
+    tilt_deg: options.TiltDeg = None,
+    rotation_deg: options.RotationDeg = None,
+    drives: options.Drives = None,
     zero_here: Annotated[bool, typer.Option("--zero-here", help="URDF: count all joints from this pose.")] = False,
     absolute_meshes: Annotated[bool, typer.Option("--absolute-meshes", help="URDF: address meshes from /.")] = False,
     model: options.ModelFile = None,
@@ -50,10 +39,13 @@ def export(
     from pouring_robot.robot.export.folder import exported_files
     from pouring_robot.robot.pouring.ladle_mesh import stale_mesh_note
     from pouring_robot.robot.pouring.layout import load_layout
+    from pouring_robot.robot.robot import robot_of
 
     built = options.model_of(model, robot, layout)
     options.say_left_out(built, model)
-    closed = ClosedRobot.of(built, _drives(built, at_mm, tilt_deg, joints))
+    pose = (at_mm, tilt_deg, rotation_deg, drives)
+    asked = any(option is not None for option in pose)
+    closed = ClosedRobot.of(built, options.command_of(robot_of(built), *pose) if asked else None)
     files = exported_files(closed, out, form, zero_here=zero_here, absolute_meshes=absolute_meshes)
     console = options.console()
     options.print_written(console, reversed(write_together(files)))
@@ -71,25 +63,3 @@ def export(
         )
     note = None if built.robot else stale_mesh_note(load_layout(built.layout, built.layouts_path))
     options.print_notes(console, [note] if note else [])
-
-
-def _drives(
-    model: RobotModel, at_mm: tuple[float, float, float] | None, tilt_deg: float, joints: str | None
-) -> list[float] | None:
-    """Return the drive values of the pose that was asked for; None: none was."""
-    from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
-    from pouring_robot.robot.pouring.poses import PlatformPose
-
-    if at_mm is not None and joints is not None:
-        raise BadInputError("give --at-mm or --joints, not both")
-    if at_mm is not None:
-        drawing = model.definition.drawing()
-        if not isinstance(drawing, FourUPUKinematics):
-            raise BadInputError(f"{model.definition.name} is not commanded by poses; give drive values by --joints")
-        return list(drawing.inverse(PlatformPose.from_mm_deg(*at_mm, tilt_deg)).values())
-    if joints is None:
-        return None
-    try:
-        return [float(value) for value in joints.replace(",", " ").split()]
-    except ValueError as problem:
-        raise BadInputError(f"--joints '{joints}': {problem}; give numbers in m and rad") from problem

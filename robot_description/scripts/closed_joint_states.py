@@ -32,7 +32,7 @@ class ClosedJointStates(Node):
         """Publish the joints for a message; one without all drives, or that nothing closes, is left out with a line."""
         given = dict(zip(message.name, message.position, strict=True))
         try:
-            _, closed = self.robot.closed_at([given[name] for name in self.drives])
+            closed = self.robot.location_at([given[name] for name in self.drives]).actual
         except (KeyError, NoSolutionError) as problem:
             self.get_logger().warning(f"not closed: {problem}", throttle_duration_sec=2.0)
             return

@@ -61,7 +61,8 @@ def write(folder: Path) -> None:
         commands = drawing.commands(_spread(load_layout().box))
         for values in commands.drives.tolist():
             drives = dict(zip(closed.mechanism.loops.drives, values, strict=True))
-            nominal, cold = closed.robot.closed_at(values)
+            location = closed.robot.location_at(values)
+            nominal, cold = location.nominal, location.actual
             row: dict[str, Any] = {"drives": drives, "joints": cold.joint_values}
             row["platform"] = cold.pose("universe", "moving_platform").homogeneous.tolist()
             row["nominal"] = nominal.pose(BASE, LIP).translation.tolist()

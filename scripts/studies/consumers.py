@@ -56,7 +56,7 @@ def write(folder: Path) -> None:
 
     model = RobotModel.load(Path(__file__).parents[2] / "examples" / "actual.yaml")
     located = PouringRobot(model).locate(PlatformPose.from_mm_deg(*POSE_MM, TILT_DEG))
-    closed = ClosedRobot.of(model, list(located.drives.values()))
+    closed = ClosedRobot.of(model, located.commanded)
     for form in FORMATS:
         write_together(exported_files(closed, folder / form, form))
     write_together(exported_files(closed, folder / "absolute", absolute_meshes=True))

@@ -30,7 +30,7 @@ PAYLOAD_KG = 500.0
 
 def at_pose(model, pose):
     """Return the robot of a model, closed at a pose of the platform."""
-    return ClosedRobot.of(model, list(model.definition.drawing().inverse(pose).values()))
+    return ClosedRobot.of(model, pose)
 
 
 def written(closed, folder, form="urdf", **options):

@@ -6,15 +6,14 @@ import re
 import sys
 import types
 
-import numpy as np
 import pytest
 import yaml
 from lxml import etree
 
-from pouring_robot.robot.base import Robot
 from pouring_robot.robot.description.rendering import run_xacro
 from pouring_robot.robot.description.urdf import MESH_PACKAGE, description_folder
-from pouring_robot.robot.pouring.definition import PouringDefinition
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.robot import PouringRobot
 
 PACKAGE = "pouring_robot_description"
 FOLDER = description_folder()
@@ -94,12 +93,12 @@ def test_ros2_control_commands_the_drives_from_a_closed_start(layout):
         joint.get("name"): float(joint.find("state_interface[@name='position']/param").text)
         for joint in tags.iterfind("joint")
     }
-    definition = PouringDefinition(layout)
-    home = [starts[drive.joint] for drive in definition.drives]
-    np.testing.assert_allclose(home, definition.home_drives, rtol=0, atol=1e-12)
+    robot = PouringRobot(RobotModel(layout=layout))
+    middle = robot.location_in_the_middle().drives
+    assert {name: starts[name] for name in middle} == pytest.approx(middle, abs=1e-12)
     controllers = yaml.safe_load((FOLDER / "config" / "controllers.yaml").read_text(encoding="utf-8"))
     assert controllers["drives_controller"]["ros__parameters"]["joints"] == list(starts)
-    model = definition.mechanism().joint_limits()
+    model = robot.nominal_solver.mechanism.joint_limits()
     for joint in tags.iterfind("joint"):
         limits = [float(param.text) for param in joint.iterfind("command_interface/param")]
         assert limits == pytest.approx(model[joint.get("name")], abs=1e-12)
@@ -108,9 +107,7 @@ def test_ros2_control_commands_the_drives_from_a_closed_start(layout):
 def test_sliders_start_closed():
     zeros = yaml.safe_load((FOLDER / "config" / "sliders.yaml").read_text(encoding="utf-8"))
     found = zeros["joint_state_publisher_gui"]["ros__parameters"]["zeros"]
-    definition = PouringDefinition()
-    assert list(found) == [drive.joint for drive in definition.drives]
-    np.testing.assert_allclose(list(found.values()), definition.home_drives, rtol=0, atol=1e-12)
+    assert found == pytest.approx(PouringRobot().location_in_the_middle().drives, abs=1e-12)
 
 
 def test_the_rviz_file_is_yaml_and_shows_the_robot():
@@ -130,12 +127,12 @@ def test_the_node_publishes_all_joints_of_the_closed_robot(monkeypatch):
     log = types.SimpleNamespace(warning=lambda text, **_: said.append(text))
     monkeypatch.setattr(module.ClosedJointStates, "get_logger", lambda self: log, raising=False)
     node = object.__new__(module.ClosedJointStates)
-    node.robot, node.publisher = Robot(), types.SimpleNamespace(publish=sent.append)
+    node.robot, node.publisher = PouringRobot(), types.SimpleNamespace(publish=sent.append)
     node.drives, node.travels = node.robot.nominal_solver.mechanism.loops.drives, ("truss_travel",)
-    home = PouringDefinition().home_drives
+    home = node.robot.location_in_the_middle().drives.values()
     node.close(Message([*node.drives, "truss_travel", "leg4_s3"], [*home, 2.5, 0.0]))
     joints = dict(zip(sent[0].name, sent[0].position, strict=True))
-    expected = node.robot.closed_at(home)[1].joint_values
-    assert joints == {**expected, "truss_travel": 2.5} and sent[0].header.stamp == "now"
+    expected = node.robot.location_in_the_middle().actual.joint_values
+    assert joints == pytest.approx({**expected, "truss_travel": 2.5}, abs=1e-9) and sent[0].header.stamp == "now"
     node.close(Message(["leg1_s3"], [0.5]))
     assert len(sent) == 1 and "leg2_s3" in said[0]

@@ -15,16 +15,16 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 from lxml import etree
-from numpy.typing import ArrayLike
 
 from pouring_robot.batch import engine_for
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureResult
 from pouring_robot.mechanism.poses import PlacementError
-from pouring_robot.robot.base import Robot
+from pouring_robot.robot.base import Command, Robot
 from pouring_robot.robot.description.urdf import perturb_urdf
 from pouring_robot.robot.location import frames_of
 from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.robot import robot_of
 
 
 @dataclass(frozen=True)
@@ -55,20 +55,20 @@ class ClosedRobot:
     result: ClosureResult
 
     @classmethod
-    def of(cls, model: RobotModel, drives: ArrayLike | None = None) -> ClosedRobot:
+    def of(cls, model: RobotModel, command: Command | None = None) -> ClosedRobot:
         """Close the robot of a model.
 
         Args:
             model: the robot as built.
-            drives: the command, (drives,), in m and rad; by default the middle of the workspace or the home.
+            command: where it stands; by default in the middle of its workspace, or at its home.
 
         Raises:
-            BadInputError: the number of drives is wrong.
-            NoSolutionError: no pose has these drive values.
+            BadInputError: it is no command of this robot.
+            NoSolutionError: no pose has it.
         """
-        robot = Robot(model.with_offsets_placed())
-        command = model.definition.home_drives if drives is None else np.asarray(drives, dtype=float)
-        return cls(robot, robot.location_at(command).actual)
+        robot = robot_of(model.with_offsets_placed())
+        location = robot.location_in_the_middle() if command is None else robot.location_of(command)
+        return cls(robot, location.actual)
 
     @property
     def mechanism(self) -> ClosedChainMechanism:

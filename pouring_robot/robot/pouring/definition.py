@@ -73,12 +73,6 @@ class PouringDefinition(RobotDefinition):
         reached = np.flatnonzero(drawing.within_limits(commands.start.joints))
         return commands.drives[reached], commands.start[reached]
 
-    @property
-    def home_drives(self) -> FloatArray:
-        """Drive values in the middle of the workspace, (4,)."""
-        middle = load_layout(self.layout, self.layouts_file).grid(*[0.5] * 4)
-        return np.asarray(self.drawing().commands(middle).drives[0])
-
     def dh_table(self, nominal: ClosedChainMechanism) -> DHTable:
         """Return the DH table of the four chains."""
         return DHTable.from_mechanism(nominal)
