@@ -23,6 +23,8 @@ def engine_for(
     Raises:
         BadInputError: the mechanism names no end frame, or the number of threads is not positive.
     """
+    if mechanism.loops.redundant_drives:
+        return GeneralEngine(mechanism, options)
     try:
         return BatchEngine(mechanism, threads, options)
     except UnsupportedMechanismError:  # no star, no serial arm

@@ -23,6 +23,7 @@ from pouring_robot.mechanism.parameters import (
     PlacementParameter,
     placement_parameters,
 )
+from pouring_robot.mechanism.redundancy import disagreement, redundant_drives
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 
 _CLOSED, _NOT_CONVERGED, _GAP_TOO_LARGE, _NOT_FINITE, _SINGULAR = range(5)
@@ -118,8 +119,9 @@ class GeneralEngine:
         drives = shaped(drives, (count, len(names)), "drives")
         start.check((mechanism.shared_model.nq,))
         solvers = _Solvers(self.structure, SiteErrors.take(errors, count, self.structure.site_count), self.options)
-        result = BatchClosure.empty(count, (mechanism.shared_model.nq,), len(mechanism.anchors))
-        for array in (result.position, result.rotation, result.joints, result.residual):
+        redundant = redundant_drives(mechanism)
+        result = BatchClosure.empty(count, (mechanism.shared_model.nq,), len(mechanism.anchors), redundant)
+        for array in (result.position, result.rotation, result.joints, result.residual, result.disagreement):
             array.fill(np.nan)
         result.iterations.fill(0)
         for row in range(count):
@@ -137,6 +139,8 @@ class GeneralEngine:
             result.position[row], result.rotation[row] = pose.translation, pose.rotation
             result.joints[row], result.residual[row] = closed.configuration, closed.residual
             result.iterations[row], result.status[row] = closed.iterations, _CLOSED
+            if redundant:
+                result.disagreement[row], _ = disagreement(solver, closed)
         return result.locked()
 
     def transfer(
@@ -162,17 +166,20 @@ class GeneralEngine:
                 raise no_column(parameter)
         solvers = _Solvers(self.structure, SiteErrors.take(errors, count, self.structure.site_count), self.options)
         matrix, status = np.full((count, 6, len(chosen)), np.nan), closed.status.copy()
+        redundant = np.full((count, closed.disagreement.shape[1], len(chosen)), np.nan)
         for row in np.flatnonzero(closed.status == _CLOSED).tolist():
             solver = solvers.of(row)
             if solver is None:
                 status[row] = _NOT_FINITE
                 continue
             try:
-                found = closed_chain_transfer(solver, solver.result_at(closed.joints[row]), chosen)
-                matrix[row] = found.matrix
+                result = solver.result_at(closed.joints[row])
+                matrix[row] = closed_chain_transfer(solver, result, chosen).matrix
+                if redundant.size:
+                    redundant[row] = disagreement(solver, result, chosen)[1]
             except SingularPoseError:
                 status[row] = _SINGULAR
-        return BatchTransfer(chosen, matrix, status)
+        return BatchTransfer(chosen, matrix, status, redundant)
 
 
 class _Solvers:

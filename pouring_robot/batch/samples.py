@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -174,6 +174,7 @@ class BatchClosure:
         residual: what is left open in each loop, log6, in m and rad, shape (n, loops, 6).
         iterations: Newton steps taken, shape (n,).
         status: 0 closed, 1 not converged, 2 left open too far, 3 input not finite, shape (n,).
+        disagreement: what r redundant drives disagree by, in m, shape (n, r).
     """
 
     position: FloatArray
@@ -182,10 +183,11 @@ class BatchClosure:
     residual: FloatArray
     iterations: NDArray[np.int32]
     status: NDArray[np.uint8]
+    disagreement: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @classmethod
-    def empty(cls, count: int, joints: tuple[int, ...], loops: int) -> BatchClosure:
-        """Return room for ``count`` samples with joints of that shape, and so many loops."""
+    def empty(cls, count: int, joints: tuple[int, ...], loops: int, redundant: int = 0) -> BatchClosure:
+        """Return room for ``count`` samples with joints of that shape, so many loops and redundant drives."""
         return cls(
             np.empty((count, 3)),
             np.empty((count, 3, 3)),
@@ -193,11 +195,12 @@ class BatchClosure:
             np.empty((count, loops, 6)),
             np.empty(count, dtype=np.int32),
             np.empty(count, dtype=np.uint8),
+            np.empty((count, redundant)),
         )
 
     def locked(self) -> BatchClosure:
         """Return the same, locked against writing."""
-        lock_fields(self, "position", "rotation", "joints", "residual", "iterations", "status")
+        lock_fields(self, "position", "rotation", "joints", "residual", "iterations", "status", "disagreement")
         return self
 
     def __len__(self) -> int:
@@ -237,11 +240,13 @@ class BatchTransfer:
             axes, per unit of each parameter. NaN where the status is not 0.
         status: as in :class:`BatchClosure`, shape (n,); 4 where the
             sample is closed but its drives do not determine the platform.
+        disagreement: derivative of that of :class:`BatchClosure`, shape (n, r, columns); None without redundant drives.
     """
 
     parameters: tuple[LocalParameter, ...]
     matrix: FloatArray
     status: NDArray[np.uint8]
+    disagreement: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Lock the arrays."""

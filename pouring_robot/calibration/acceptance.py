@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pouring_robot.calibration.metrics import Misfit
+from pouring_robot.estimation.instruments import KINDS, kind_of
 from pouring_robot.mechanism.arrays import FloatArray
 
 _STANDARD_ERRORS = 2.0
@@ -33,15 +34,20 @@ class Refusal:
 
 
 def row_scores(residual: FloatArray, sigma: FloatArray) -> FloatArray:
-    """Return each row's mean squared residual over its noise, of position and rotation, shape (n, 2); NaN: unmeasured.
+    """Return each row's mean squared residual over its noise, of each kind of instrument; NaN: unmeasured.
 
     Args:
-        residual: measured minus predicted, shape (n, 6), in m and rad; NaN where missing.
-        sigma: noise of the six components, shape (6,), in m and rad.
+        residual: measured minus predicted, shape (n, K), in m and rad; NaN where missing.
+        sigma: noise of the components, shape (K,), in m and rad.
+
+    Returns:
+        Shape (n, kinds), in the order of :data:`~pouring_robot.estimation.instruments.KINDS`.
     """
-    squared = ((residual / sigma) ** 2).reshape(-1, 2, 3)
-    count = np.isfinite(squared).sum(axis=2)
-    return np.where(count > 0, np.nansum(squared, axis=2) / np.maximum(count, 1), np.nan)
+    squared = (residual / sigma) ** 2
+    of_kind = kind_of(np.arange(len(sigma))) == np.arange(len(KINDS))[:, None]
+    share = of_kind.T.astype(float)
+    count = np.isfinite(squared) @ share
+    return np.where(count > 0.0, np.nan_to_num(squared) @ share / np.maximum(count, 1.0), np.nan)
 
 
 def mean_and_error(values: FloatArray) -> tuple[float, float]:
@@ -51,14 +57,14 @@ def mean_and_error(values: FloatArray) -> tuple[float, float]:
 
 
 def harmless(before: FloatArray, after: FloatArray, standard_errors: float) -> bool:
-    """Return whether neither positions nor rotations come out worse.
+    """Return whether no kind of measurement comes out worse.
 
-    Either may by so many standard errors of the difference row by row, as less is chance, or by a hundredth of the
+    Each may by so many standard errors of the difference row by row, as less is chance, or by a hundredth of the
     noise's variance, as less is nothing: what hardly moves the rotations at all may move those of every row the same
     way, so that the standard error of next to nothing is smaller still.
 
     Args:
-        before: scores of rows without a calibration, shape (n, 2); see :func:`row_scores`.
+        before: scores of rows without a calibration, shape (n, kinds); see :func:`row_scores`.
         after: the same with it.
         standard_errors: how many are chance.
     """
@@ -69,11 +75,11 @@ def harmless(before: FloatArray, after: FloatArray, standard_errors: float) -> b
 def acceptable(before: FloatArray, after: FloatArray) -> bool:
     """Return whether held-out rows bear a calibration.
 
-    They do unless positions and rotations together come out worse, or one of both does by more than two standard
+    They do unless all kinds of measurement together come out worse, or one of them does by more than two standard
     errors; see :func:`harmless`.
 
     Args:
-        before: scores of the held-out rows without the calibration, shape (n, 2); see :func:`row_scores`.
+        before: scores of the held-out rows without the calibration, shape (n, kinds); see :func:`row_scores`.
         after: the same with it.
     """
     together = sum(mean_and_error(column)[0] for column in (after - before).T)

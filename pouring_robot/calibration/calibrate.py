@@ -25,7 +25,7 @@ from pouring_robot.estimation.identifiability import base_parameters
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.noise import repeats, stated_noise
 from pouring_robot.estimation.priors import prior_std
-from pouring_robot.estimation.residuals import MeasuredPoses, regressor
+from pouring_robot.estimation.residuals import MeasuredPoses, observed, regressor
 from pouring_robot.estimation.solver import Fit, FitOptions, first_frames, fit_with_noise, identify
 from pouring_robot.estimation.splits import HoldOut, Rows, Split, split
 from pouring_robot.exceptions import CampaignError
@@ -140,27 +140,26 @@ def calibrate(
     everything = MeasurementModel(model, all_parameters(candidates), options.threads)
     rows = everything.at(campaign.drives)
     noise = stated_noise(campaign, parts.train)
-    measured = MeasuredPoses.from_campaign(campaign, noise.position_m, noise.rotation_rad)
-    measured.position_m[left_out], measured.rotation[left_out] = np.nan, np.nan
+    measured = MeasuredPoses.from_campaign(campaign, noise).without(left_out)
     if noise.from_residuals:
         progress("estimating the noise from residuals")
         train, seen = rows[parts.train], measured[parts.train]
-        prior = prior_std(rows.model.parameters, tolerances)
+        prior = prior_std(rows.model.parameters, tolerances, framed=measured.framed)
         noise = fit_with_noise(train, seen, first_frames(train, seen), prior, noise, options.fit)[1]
-        measured = measured.with_noise(noise.position_m, noise.rotation_rad)
+        measured = measured.with_noise(noise)
     progress("choosing parameters")
     selection = Selection(candidates, ())
     if options.choose:
         selection = select_groups(rows, measured, parts, candidates, tolerances, options.fit, progress)
-    full = MeasuredPoses.from_campaign(campaign, noise.position_m, noise.rotation_rad)
+    full = MeasuredPoses.from_campaign(campaign, noise)
 
     def fitted(groups: Sequence[ParameterGroup], *, curvature: bool = True) -> tuple[ModelledRows, Fit, FloatArray]:
         """Fit groups to the training rows; return all rows as they model them, the fit, and all differences to it."""
         chosen = rows.with_model(everything.with_parameters(all_parameters(groups)))
         train, seen = chosen[parts.train], measured[parts.train]
-        prior = prior_std(chosen.model.parameters, tolerances)
+        prior = prior_std(chosen.model.parameters, tolerances, framed=measured.framed)
         fit = identify(train, seen, first_frames(train, seen), prior, replace(options.fit, curvature=curvature))
-        return chosen, fit, full.difference(chosen.predict(fit.unknowns))
+        return chosen, fit, full.residual(chosen.predict(fit.unknowns))
 
     _, _, before = fitted((), curvature=options.fit.curvature)
     progress("fitting")
@@ -174,8 +173,8 @@ def calibrate(
     inflation = _inflation(fit)
     alike = repeats(campaign, np.setdiff1d(np.flatnonzero(campaign.usable), left_out))
     start = fit.unknowns.at(np.zeros_like(fit.unknowns.values))
-    shown = regressor(chosen[parts.train].linearise(start), measured.sigma, measured[parts.train].known)
-    workspace = workspace_rows(chosen.model)
+    shown = observed(measured[parts.train], chosen[parts.train].linearise(start))
+    workspace = chosen if campaign.redundant_drives else workspace_rows(chosen.model)
     return Calibration(
         campaign=campaign,
         present=model,
@@ -234,6 +233,6 @@ def _inflation(fit: Fit) -> float:
 
 def _rank_anywhere(seen: FloatArray, workspace: ModelledRows, start: Unknowns, measured: MeasuredPoses) -> int:
     """Return the rank of a campaign's regressor with poses of the workspace added, measured as the campaign was."""
-    known = np.broadcast_to(measured.known.any(axis=0), (len(workspace), 6))
-    added = regressor(workspace.linearise(start), measured.sigma, known)
+    known = np.broadcast_to(measured.known[:, :6].any(axis=0), (len(workspace), 6))
+    added = regressor(workspace.linearise(start), measured.sigma[:6], known)
     return base_parameters(np.vstack([seen, added]), workspace.model.names).rank

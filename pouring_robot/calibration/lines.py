@@ -9,6 +9,7 @@ import numpy as np
 from pouring_robot.calibration.findings import CalibrationFindings
 from pouring_robot.estimation.frames import FRAMES
 from pouring_robot.estimation.identifiability import combination_text, robot_combinations
+from pouring_robot.estimation.instruments import are
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.poses import MM, MRAD
 
@@ -90,8 +91,8 @@ class GroupLine:
 
     Attributes:
         name: of the group; ``meaning`` what it is on the machine; ``count`` its parameters.
-        moved_mm: by how much it moves the target over the fitted rows, RMS of a coordinate, what a shift of the outer
-            frames would do taken off; ``moved_mrad`` RMS of a rotation component, NaN where none was measured.
+        moved_mm: by how much it moves what was measured over the fitted rows, RMS of a coordinate, what a shift of the
+            outer frames would do taken off; ``moved_mrad`` RMS of a rotation component, NaN where none was measured.
     """
 
     name: str
@@ -107,7 +108,7 @@ def group_effects(calibration: CalibrationFindings) -> list[GroupLine]:
     jacobian = fit.equations.jacobian
     if jacobian is None:
         raise BadInputError("a fit holds its Jacobian")
-    frames, turned = jacobian[:, :FRAMES], fit.equations.components >= 3
+    frames, turned = jacobian[:, :FRAMES], are("rotation", fit.equations.components)
     lines, first = [], FRAMES
     for group in calibration.selection.groups:
         columns = slice(first, first + len(group.parameters))
@@ -122,7 +123,7 @@ def group_effects(calibration: CalibrationFindings) -> list[GroupLine]:
                 group.name,
                 group.meaning,
                 len(group.parameters),
-                move * noise.position_m / MM,
+                move * noise.length_m / MM,
                 turn * noise.rotation_rad / MRAD,
             )
         )

@@ -21,11 +21,12 @@ class Misfit:
 
     Attributes:
         rows: number of rows.
-        rms_mm: root mean square of a coordinate.
+        rms_mm: root mean square of a coordinate; where no place was measured, of a distance or closure.
         p95_mm: length of the position error that 95 % of the rows keep; ``max_mm`` the largest.
         rms_mrad: root mean square of a rotation component.
         p95_mrad: angle that 95 % of the rows keep; ``max_mrad`` the largest.
         axis_rms_mm: root mean square of x, y and z; ``axis_rms_mrad`` of the rotation components.
+        line_rms_mm: root mean square of a distance or closure.
     """
 
     rows: int
@@ -37,19 +38,22 @@ class Misfit:
     max_mrad: float
     axis_rms_mm: tuple[float, float, float]
     axis_rms_mrad: tuple[float, float, float]
+    line_rms_mm: float
 
     @classmethod
     def of(cls, difference: FloatArray) -> Misfit:
-        """Take differences (n, 6) in m and rad, NaN where missing."""
-        position, turn = difference[:, :3] / MM, difference[:, 3:] / MRAD
+        """Take differences (n, K) in m and rad, NaN where missing."""
+        position, turn, line = difference[:, :3] / MM, difference[:, 3:6] / MRAD, difference[:, 6:] / MM
+        length = position if np.isfinite(position).any() or not line.size else line
         return cls(
             int(np.isfinite(difference).any(axis=1).sum()),
-            _rms(position),
-            *_largest(position),
+            _rms(length),
+            *_largest(length),
             _rms(turn),
             *_largest(turn),
             (_rms(position[:, 0]), _rms(position[:, 1]), _rms(position[:, 2])),
             (_rms(turn[:, 0]), _rms(turn[:, 1]), _rms(turn[:, 2])),
+            _rms(line),
         )
 
 
@@ -59,8 +63,9 @@ def _rms(values: FloatArray) -> float:
 
 
 def _largest(vectors: FloatArray) -> tuple[float, float]:
+    vectors = vectors[:, np.isfinite(vectors).any(axis=0)]
     lengths = np.linalg.norm(vectors, axis=1)
-    lengths = lengths[np.isfinite(lengths)]
+    lengths = lengths[np.isfinite(lengths)] if vectors.size else lengths[:0]
     return (float(np.quantile(lengths, 0.95)), float(lengths.max())) if lengths.size else (float("nan"), float("nan"))
 
 
@@ -116,13 +121,13 @@ def pose_performance(
 
 def _accuracy(difference: FloatArray) -> tuple[float, float]:
     mean = difference.mean(axis=0)
-    return float(np.linalg.norm(mean[:3])) / MM, float(np.linalg.norm(mean[3:])) / MRAD
+    return float(np.linalg.norm(mean[:3])) / MM, float(np.linalg.norm(mean[3:6])) / MRAD
 
 
 def _repeatability(difference: FloatArray) -> tuple[float, float]:
     # Repeats share their prediction, so that differences scatter as the measurements do.
     found = []
-    for part, unit in ((difference[:, :3], MM), (difference[:, 3:], MRAD)):
+    for part, unit in ((difference[:, :3], MM), (difference[:, 3:6], MRAD)):
         lengths = np.linalg.norm(part - part.mean(axis=0), axis=1)
         found.append(float(lengths.mean() + 3.0 * lengths.std(ddof=1)) / unit)
     return found[0], found[1]

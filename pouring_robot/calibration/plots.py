@@ -33,7 +33,7 @@ def _residuals(calibration: CalibrationFindings) -> bytes:
     from matplotlib.ticker import FuncFormatter, NullFormatter
 
     figure = new_figure(10.0, 5.6)
-    parts = [("position error [mm]", slice(0, 3), MM, calibration.noise.position_m)]
+    parts = [("position error [mm]", slice(0, 3), MM, calibration.noise.length_m)]
     if calibration.noise.turned:
         parts.append(("rotation error [mrad]", slice(3, 6), MRAD, calibration.noise.rotation_rad))
     kept = np.setdiff1d(np.arange(len(calibration.before)), calibration.left_out)

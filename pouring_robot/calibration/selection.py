@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pouring_robot.calibration.acceptance import harmless, mean_and_error, row_scores
+from pouring_robot.estimation.instruments import KINDS
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses
@@ -80,10 +81,10 @@ class _CrossValidation:
         self._frames = [first_frames(frames_only[train], measured[train]) for train, _ in split.validations]
 
     def __call__(self, groups: Sequence[ParameterGroup]) -> FloatArray:
-        """Return the mean squared whitened residual of each judged row, of position and rotation, shape (rows, 2)."""
+        """Return the mean squared whitened residual of each judged row, by kind, shape (rows, kinds)."""
         model = self.rows.model.with_parameters(all_parameters(groups))
-        prior = prior_std(model.parameters, self.tolerances)
-        scores = np.full((len(self.rows), 2), np.nan)
+        prior = prior_std(model.parameters, self.tolerances, framed=self.measured.framed)
+        scores = np.full((len(self.rows), len(KINDS)), np.nan)
         for frames, (train, validation) in zip(self._frames, self.split.validations, strict=True):
             start = Unknowns.zero(frames.frames, len(model.parameters))
             scores[validation] = self._fold(start, prior, model, train, validation)
@@ -96,9 +97,9 @@ class _CrossValidation:
         try:
             fit = identify(rows[train], measured[train], start, prior, self.options)
         except CalibrationError:
-            return np.full((validation.size, 2), _FAILED)  # a choice that cannot be fitted is no choice
+            return np.full((validation.size, len(KINDS)), _FAILED)  # a choice that cannot be fitted is no choice
         seen, prediction = measured[validation], rows[validation].predict(fit.unknowns)
-        score = row_scores(seen.difference(prediction), seen.sigma)
+        score = row_scores(seen.residual(prediction), seen.sigma)
         score[seen.known.any(axis=1) & ~prediction.closed] = _FAILED
         return score
 
@@ -153,7 +154,7 @@ def select_groups(
 
 
 def _judge(present: FloatArray, trial: FloatArray) -> tuple[float, float, bool]:
-    """Return gain, its standard error and whether the group helps; scores have the shape (rows, 2)."""
+    """Return gain, its standard error and whether the group helps; scores have the shape (rows, kinds)."""
     gain, error = mean_and_error(np.nanmean(np.log1p(present) - np.log1p(trial), axis=1))
     return gain, error, gain > _STANDARD_ERRORS * error > 0.0 and harmless(present, trial, 1.0)
 

@@ -34,8 +34,8 @@ def noise_floor(calibration: CalibrationFindings) -> dict[str, float]:
     noise, factor = calibration.noise, math.sqrt(float(scipy.special.chdtri(3, 0.05)))
     rotation = noise.rotation_rad if noise.turned else float("nan")
     return {
-        "rms_mm": noise.position_m / MM,
-        "p95_mm": factor * noise.position_m / MM,
+        "rms_mm": noise.length_m / MM,
+        "p95_mm": factor * noise.length_m / MM,
         "rms_mrad": rotation / MRAD,
         "p95_mrad": factor * rotation / MRAD,
     }
@@ -91,7 +91,7 @@ def notes_of(calibration: CalibrationFindings) -> list[str]:
     found, names = [], calibration.base.names
     never = len(names) - calibration.rank_anywhere
     if never:
-        seen = "full pose" if calibration.campaign.full_pose else "position"
+        seen = {"full poses": "full pose"}.get(calibration.campaign.seen, "position")
         found.append(
             f"rank deficient by nature: {never} of {len(names)} directions (outer frames included) move the {seen} of "
             "the target nowhere in the workspace; no further measurement tells them and predicting the target needs "
@@ -151,7 +151,7 @@ def calibration_metrics(calibration: CalibrationFindings) -> Figures:
         },
         "held_out_by": split.kind,
         "held_out_block": split.test_name,
-        "noise": _noise(calibration),
+        "noise": calibration.noise.figures(),
         "gap": {
             name: {
                 "before": dataclasses.asdict(calibration.misfit(rows, after=False)),
@@ -199,16 +199,6 @@ def calibration_metrics(calibration: CalibrationFindings) -> Figures:
     return cleaned
 
 
-def _noise(calibration: CalibrationFindings) -> Figures:
-    noise = calibration.noise
-    return {
-        "position_mm": noise.position_m / MM,
-        "position_source": noise.position_source,
-        "rotation_mrad": noise.rotation_rad / MRAD if noise.turned else None,
-        "rotation_source": noise.rotation_source,
-    }
-
-
 def _parameter(line: ParameterLine) -> Figures:
     low, high = line.interval
     return {
@@ -253,7 +243,7 @@ def _ladle(calibration: CalibrationFindings) -> Figures:
         "poses": len(half),
         "half_width95_mm": {"median": float(np.median(half)), "largest": float(half.max())},
         "with_noise95_mm": {
-            "median": float(np.median(np.hypot(half, Z95 * calibration.noise.position_m / MM))),
+            "median": float(np.median(np.hypot(half, Z95 * calibration.noise.length_m / MM))),
         },
         "worst_pose": pose,
     }
@@ -271,10 +261,13 @@ def next_measurements(calibration: CalibrationFindings) -> list[str]:
     deficient = calibration.rank_anywhere > calibration.base.rank
     purpose = "determine what is still open" if deficient else "narrow the intervals most"
     whose = f"--robot {os.path.relpath(robot.path)} " if calibration.present.robot else ""
-    found.append(
-        f"poses that {purpose}: pouring-robot campaign plan {whose}--out next.csv --priors "
-        f"--sigma-mm {noise.position_m / MM:.3g} {seen} --parameters " + " --parameters ".join(groups)
-    )
+    if not calibration.campaign.redundant_drives:
+        found.append(
+            f"poses that {purpose}: pouring-robot campaign plan {whose}--out next.csv --priors "
+            f"--sigma-mm {noise.length_m / MM:.3g} {seen} --parameters " + " --parameters ".join(groups)
+        )
+    elif deficient:
+        found.append(f"other poses, that {purpose} of {', '.join(groups)}")
     ladle = _ladle(calibration)
     if ladle["poses"]:
         pose = ladle["worst_pose"]
@@ -285,7 +278,7 @@ def next_measurements(calibration: CalibrationFindings) -> list[str]:
         )
     if calibration.performance is None:
         found.append("no pose was measured three times: repeat some, to know the repeatability and the noise")
-    if not calibration.campaign.full_pose:
+    if calibration.campaign.seen == "positions":
         found.append("only positions were measured: full poses tell axes from centres with fewer rows")
     if calibration.inflation > 1.0:
         found.append("residuals exceed the noise: run pouring-robot diagnose on this campaign to name what is missing")

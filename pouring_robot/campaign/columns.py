@@ -16,7 +16,8 @@ from pouring_robot.robot.description.definition import RobotDefinition
 
 POSITION = ("x", "y", "z")
 ROTATION = ("rx", "ry", "rz")
-MEASURED = (*POSITION, *ROTATION)
+DISTANCE, DISTANCE_FROM = "distance", "distance_from"
+MEASURED = (*POSITION, *ROTATION, DISTANCE)
 AMBIENT = "ambient"
 
 
@@ -36,6 +37,11 @@ def approach_names(robot: RobotDefinition) -> tuple[str, ...]:
     return tuple(f"approach_{name}" for name in drive_names(robot))
 
 
+def force_names(robot: RobotDefinition) -> tuple[str, ...]:
+    """Return the columns that say what a drive carries: tension or the moment along its motion is positive."""
+    return tuple(f"force_{name}" for name in drive_names(robot))
+
+
 def condition_columns(robot: RobotDefinition) -> tuple[Quantity, ...]:
     """Return what may be known of a pose besides drives and measurement; every one is optional."""
     taken = {*drive_names(robot), *MEASURED, "time", "payload", *robot.travels, AMBIENT}
@@ -44,6 +50,10 @@ def condition_columns(robot: RobotDefinition) -> tuple[Quantity, ...]:
         Quantity("session", "label"),
         Quantity("time", "time"),
         *(Quantity(name, "sign") for name in approach_names(robot)),
+        *(
+            Quantity(n, "force" if d.unit == "m" else "moment")
+            for n, d in zip(force_names(robot), robot.drives, strict=True)
+        ),
         Quantity("payload", "mass"),
         *(Quantity(name, "length") for name in robot.travels),
         *(Quantity(name, "temperature") for name in (AMBIENT, *parts)),
@@ -52,20 +62,23 @@ def condition_columns(robot: RobotDefinition) -> tuple[Quantity, ...]:
 
 def condition_names(robot: RobotDefinition) -> tuple[str, ...]:
     """Return the conditions that are one number a row: neither names nor sides of approach."""
-    return tuple(q.name for q in condition_columns(robot) if q.kind not in ("label", "sign"))
+    return tuple(q.name for q in condition_columns(robot) if q.kind not in ("label", "sign", "force", "moment"))
 
 
 def campaign_columns(robot: RobotDefinition) -> tuple[Quantity, ...]:
-    """Return the columns of a campaign file."""
+    """Return the columns of a campaign file: what was measured are places, poses, distances, or redundant drives."""
     session, time, *others = condition_columns(robot)
+    placed = not robot.loops.redundant_drives
     return (
         Quantity("sample", "label"),
         session,
         time,
         *robot.drive_columns,
         *others,
-        *(Quantity(name, "length", required=True) for name in POSITION),
+        *(Quantity(name, "length", required=placed, unless=DISTANCE) for name in POSITION),
         *(Quantity(name, "angle", part_of="a rotation vector") for name in ROTATION),
+        Quantity(DISTANCE, "length"),
+        Quantity(DISTANCE_FROM, "label"),
     )
 
 

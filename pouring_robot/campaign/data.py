@@ -20,6 +20,7 @@ from pouring_robot.exceptions import BadInputError, CampaignError, PouringRobotE
 from pouring_robot.io.files import check_outputs, write_together
 from pouring_robot.io.quantities import Quantity, read_quantities
 from pouring_robot.mechanism.arrays import FloatArray, read_only
+from pouring_robot.mechanism.redundancy import redundant_drives
 from pouring_robot.report.result import Result
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.pouring.definition import PouringDefinition
@@ -49,6 +50,11 @@ class Campaign(Result):
         position_m: (n, 3) measured origin of the target in the tracker frame, in m.
         rotation_vector_rad: (n, 3) measured rotation vector of the target in the tracker frame, in rad; None for a
             campaign of positions only.
+        distance_m: (n, 1) measured distance of the target from a fixed point, the origin of the tracker frame, or
+            from where it was in the row whose sample :attr:`distance_from` names, in m; None where none was measured.
+        distance_from: (n,) that sample; "" for the fixed point.
+        force: (n, drives) what was measured of the force or moment on each drive along its motion, in N and Nm,
+            tension positive.
         approach: (n, drives) +1 where the drive was rising when it stopped, -1 falling.
         conditions: (n,) values of each condition that is known, by quantity name, in s, kg, m and °C: ``time``,
             ``payload``, ``ambient``, the robot's travels and thermometers.
@@ -66,6 +72,9 @@ class Campaign(Result):
     position_m: FloatArray
     rotation_vector_rad: FloatArray | None = None
     approach: FloatArray | None = None
+    distance_m: FloatArray | None = None
+    distance_from: tuple[str, ...] = ()
+    force: FloatArray | None = None
     conditions: Mapping[str, FloatArray] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -80,12 +89,14 @@ class Campaign(Result):
         lines = np.array(self.lines, dtype=np.int64)
         lines.flags.writeable = False
         object.__setattr__(self, "lines", lines)
-        if len(self.samples) != rows or len(self.sessions) != rows:
+        if {len(self.samples), len(self.sessions), len(self.distance_from) or rows} != {rows}:
             raise BadInputError(f"a campaign of {rows} rows needs as many samples and sessions")
         for name, width in self._widths.items():
             values = getattr(self, name)
             if values is not None:
                 object.__setattr__(self, name, _checked(name, values, (rows, width)))
+        if not self.distance_from:
+            object.__setattr__(self, "distance_from", ("",) * rows)
         unknown = next((name for name in self.conditions if name not in self._condition_names), None)
         if unknown is not None:
             raise BadInputError(f"'{unknown}' is no condition of {self.robot.name}{closest(unknown, self._quantities)}")
@@ -108,13 +119,16 @@ class Campaign(Result):
             "approach": columns.approach_names(self.robot),
             "position_m": columns.POSITION,
             "rotation_vector_rad": columns.ROTATION,
+            "distance_m": (columns.DISTANCE,),
+            "force": columns.force_names(self.robot),
         }
         return {name: (array, index) for array, names in arrays.items() for index, name in enumerate(names)}
 
     @property
     def _widths(self) -> dict[str, int]:
         count = len(self.robot.drives)
-        return {"drives": count, "approach": count, "position_m": 3, "rotation_vector_rad": 3}
+        poses = {"position_m": 3, "rotation_vector_rad": 3}
+        return {"drives": count, "approach": count, "force": count, "distance_m": 1, **poses}
 
     @classmethod
     def of(cls, campaign: Campaign | Path | str, robot: RobotDefinition | None = None) -> Campaign:
@@ -160,7 +174,7 @@ class Campaign(Result):
         except CampaignError as problem:
             _refuse_campaign_of_another(path, robot, problem)
             raise
-        return cls(
+        found = cls(
             robot=robot,
             path=path,
             metadata=read_metadata(metadata_path(path)),
@@ -169,8 +183,11 @@ class Campaign(Result):
             sessions=columns.sessions_of(table),
             headings=table.headings,
             ignored_columns=table.unknown,
+            distance_from=table.labels.get(columns.DISTANCE_FROM, ()),
             **arrays_from(table.numbers, robot),
         )
+        found._check_starts()
+        return found
 
     def save(self, path: Path | str, *, overwrite: bool = False) -> tuple[Path, Path]:
         """Write the table (CSV, or Parquet by its suffix) and the YAML of the same stem, both or neither.
@@ -193,14 +210,14 @@ class Campaign(Result):
         Raises:
             OutputError: the suffix is that of the YAML file.
         """
-        return campaign_files(path, self._quantities.values(), self.command, self.samples, self.sessions, self.metadata)
+        labels = self.samples, self.sessions, self.distance_from
+        return campaign_files(path, self._quantities.values(), self.command, *labels, self.metadata)
 
     @property
     def headline(self) -> str:
         """What is in it, in one line."""
         sessions = len(set(self.sessions))
-        kind = "full poses" if self.full_pose else "positions"
-        return f"{len(self)} {kind} in {sessions} session{'s' if sessions > 1 else ''}, {self.path.name}"
+        return f"{len(self)} {self.seen} in {sessions} session{'s' if sessions > 1 else ''}, {self.path.name}"
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -210,6 +227,41 @@ class Campaign(Result):
     def full_pose(self) -> bool:
         """Whether rotations were measured too."""
         return self.rotation_vector_rad is not None
+
+    @property
+    def seen(self) -> str:
+        """What was measured, in words."""
+        if self.full_pose or self.position_measured.any():
+            return "full poses" if self.full_pose else "positions"
+        return "distances" if self.distance_m is not None else "closures"
+
+    @property
+    def values_measured(self) -> int:
+        """How many numbers were measured in the usable rows."""
+        seen = [self.position_measured, self.rotation_measured]
+        seen += [] if self.distance_m is None else [np.isfinite(self.distance_m)]
+        per_row = np.hstack(seen).sum(axis=1) + self.redundant_drives
+        return int(per_row[self.usable].sum())
+
+    @functools.cached_property
+    def redundant_drives(self) -> int:
+        """How many drives are more than the robot's freedoms: so many closures are measured in every row."""
+        return redundant_drives(self.robot.mechanism()) if self.robot.loops.redundant_drives else 0
+
+    @functools.cached_property
+    def distance_start(self) -> NDArray[np.intp]:
+        """Row from which each distance is measured, (n,); -1 for the fixed point, -2 for a row that is left out."""
+        rows = {sample: row for row, sample in enumerate(self.samples)}
+        return np.array([rows.get(name, -2) if name else -1 for name in self.distance_from], dtype=np.intp)
+
+    def _check_starts(self) -> None:
+        """Raise CampaignError if a distance starts at a sample that is not there, stands twice or is the row itself."""
+        for row, name in enumerate(self.distance_from):
+            if name and (self.samples.count(name) != 1 or self.samples[row] == name):
+                problem = (
+                    f"line {self.lines[row]}: distance_from names '{name}'; it must be the sample of one other row"
+                )
+                raise CampaignError(self.path, problem)
 
     @property
     def position_measured(self) -> BoolArray:
@@ -228,6 +280,9 @@ class Campaign(Result):
         """Which rows can be compared with a model, (n,): all drives known and anything measured."""
         commanded = np.isfinite(self.drives).all(axis=1)
         measured = self.position_measured.any(axis=1) | self.rotation_measured.any(axis=1)
+        if self.distance_m is not None:
+            measured |= np.isfinite(self.distance_m[:, 0])
+        measured |= self.robot.loops.redundant_drives
         return np.asarray(commanded & measured, dtype=np.bool_)
 
     def rows_by_session(self) -> dict[str, NDArray[np.intp]]:
@@ -274,14 +329,16 @@ class Campaign(Result):
         values: FloatArray | None = getattr(self, array)
         if values is None:
             return None
-        kept = np.isfinite(values[:, column]).any() or array != "approach"
+        kept = np.isfinite(values[:, column]).any() or array not in ("approach", "force")
         return values[:, column] if kept else None
 
     def command(self, name: str) -> FloatArray | None:
         """Return a quantity as its column holds it: that of a drive with a gear is the motor's, not the joint's."""
         values = self.quantity(name)
         array, column = self._places.get(name, ("", 0))
-        return values / self.robot.drives[column].factor if array == "drives" and values is not None else values
+        if array != "drives" or values is None:
+            return values
+        return self.robot.drives[column].commanded(values)
 
     def heading(self, name: str) -> str:
         """Return the heading of a quantity in the file, or the one it would have."""
@@ -312,6 +369,7 @@ class Campaign(Result):
         changed["conditions"] = {name: values[chosen] for name, values in self.conditions.items()}
         changed["lines"] = self.lines[chosen]
         changed["samples"] = tuple(self.samples[i] for i in chosen)
+        changed["distance_from"] = tuple(self.distance_from[i] for i in chosen)
         changed["sessions"] = tuple(self.sessions[i] for i in chosen)
         return dataclasses.replace(self, **changed)
 
@@ -325,6 +383,9 @@ class Campaign(Result):
                 content["sample"] = list(self.samples)
             elif quantity.name == "session":
                 content["session"] = list(self.sessions)
+            elif quantity.name == columns.DISTANCE_FROM:
+                if any(self.distance_from):
+                    content[quantity.name] = list(self.distance_from)
             else:
                 values = self.command(quantity.name)
                 if values is not None:
@@ -356,11 +417,15 @@ def arrays_from(quantities: Mapping[str, FloatArray], robot: RobotDefinition) ->
     """
     approach = columns.stacked(quantities, columns.approach_names(robot))
     rotation = columns.stacked(quantities, columns.ROTATION)
+    distance = columns.stacked(quantities, (columns.DISTANCE,))
+    force = columns.stacked(quantities, columns.force_names(robot))
     conditions = columns.condition_names(robot)
     return {
         "drives": robot.drive_values(quantities),
         "position_m": columns.stacked(quantities, columns.POSITION),
         "rotation_vector_rad": rotation if np.isfinite(rotation).any() else None,
         "approach": approach if np.isfinite(approach).any() else None,
+        "distance_m": distance if np.isfinite(distance).any() else None,
+        "force": force if np.isfinite(force).any() else None,
         "conditions": {n: quantities[n] for n in conditions if n in quantities and np.isfinite(quantities[n]).any()},
     }

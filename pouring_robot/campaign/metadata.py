@@ -32,6 +32,8 @@ class CampaignMetadata(StrictModel):
         frame: the frame the measurements are given in; where it stands is unknown and always fitted.
         sigma_position_m: standard deviation of a measured coordinate, in m.
         sigma_rotation_rad: standard deviation of a component of the measured rotation, in rad.
+        sigma_distance_m: standard deviation of a measured distance, in m.
+        sigma_closure_m: standard deviation of what redundant drives disagree by, in m.
         screw_pitch_m: travel of a leg a turn of its screw, in m.
         truss_span_m: length of the rails, in m.
         ladle_tare_kg: mass of the empty ladle, in kg.
@@ -45,6 +47,8 @@ class CampaignMetadata(StrictModel):
     frame: str = "tracker"
     sigma_position_m: _Size | None = None
     sigma_rotation_rad: _Size | None = None
+    sigma_distance_m: _Size | None = None
+    sigma_closure_m: _Size | None = None
     screw_pitch_m: _Size | None = None
     truss_span_m: _Size | None = None
     ladle_tare_kg: _Size | None = None
@@ -89,7 +93,13 @@ class _Metrology(_Section):
     sigma_rotation_rad: _Size | None = None
     sigma_rotation_mrad: _Size | None = None
     sigma_rotation_deg: _Size | None = None
+    sigma_distance_mm: _Size | None = None
+    sigma_distance_m: _Size | None = None
+    sigma_closure_mm: _Size | None = None
+    sigma_closure_m: _Size | None = None
     UNITS: ClassVar[_Units] = {
+        "sigma_distance_m": {"sigma_distance_m": 1.0, "sigma_distance_mm": 1e3},
+        "sigma_closure_m": {"sigma_closure_m": 1.0, "sigma_closure_mm": 1e3},
         "sigma_position_m": {"sigma_position_m": 1.0, "sigma_position_mm": 1e3},
         "sigma_rotation_rad": {
             "sigma_rotation_rad": 1.0,
@@ -189,6 +199,8 @@ def metadata_text(metadata: CampaignMetadata) -> str:
             "frame": metadata.frame,
             "sigma_position_mm": times(metadata.sigma_position_m, 1e3),
             "sigma_rotation_rad": times(metadata.sigma_rotation_rad, 1.0),
+            "sigma_distance_mm": times(metadata.sigma_distance_m, 1e3),
+            "sigma_closure_mm": times(metadata.sigma_closure_m, 1e3),
         },
         "drives": {"screw_pitch_mm": times(metadata.screw_pitch_m, 1e3)},
         "truss": {"span_m": times(metadata.truss_span_m, 1.0)},

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.campaign.columns import POSITION, ROTATION, drive_names
+from pouring_robot.campaign.columns import POSITION, ROTATION
 from pouring_robot.campaign.data import Campaign, arrays_from
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.plan import PosePlan
@@ -212,8 +212,8 @@ def _campaign(
     else:
         metadata = metadata.model_copy(update={"target": robot.model.loops().end_frame})
     definition = robot.model.definition
-    commanded = plan.drives / [drive.factor for drive in definition.drives]
-    drives = dict(zip(drive_names(definition), commanded.T, strict=True))
+    both = zip(definition.drives, plan.drives.T, strict=True)
+    drives = {drive.column: drive.commanded(values) for drive, values in both}
     lengths = (drive.column for drive in definition.drives if drive.command == "length")
     return Campaign(
         robot=definition,

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pouring_robot.campaign.columns import DISTANCE_FROM, MEASURED
 from pouring_robot.campaign.metadata import CampaignMetadata, metadata_text
 from pouring_robot.exceptions import OutputError
 from pouring_robot.io.quantities import Quantity
@@ -15,7 +16,7 @@ from pouring_robot.io.tables import PARQUET_SUFFIXES, csv_text
 from pouring_robot.mechanism.arrays import FloatArray
 
 # Digits written: a hundredth of the best tracker's noise.
-_DIGITS = {"length": 6, "angle": 10, "mass": 3, "temperature": 3, "time": 3, "sign": 0}
+_DIGITS = {"length": 6, "angle": 10, "force": 4, "moment": 4, "mass": 3, "temperature": 3, "time": 3, "sign": 0}
 Cells = Mapping[str, list[str]]
 
 
@@ -25,6 +26,7 @@ def campaign_files(
     command: Callable[[str], FloatArray | None],
     samples: Sequence[str],
     sessions: Sequence[str],
+    starts: Sequence[str],
     metadata: CampaignMetadata,
 ) -> dict[Path, bytes]:
     """Return what the two files of a campaign hold, by path: the table, and the YAML beside it.
@@ -35,6 +37,7 @@ def campaign_files(
         command: gives the values (n,) of a quantity by name, as its column holds them, or None.
         samples: n names.
         sessions: n sessions.
+        starts: n samples from which distances are measured, "" for the fixed point.
         metadata: what holds for all rows.
 
     Raises:
@@ -47,8 +50,10 @@ def campaign_files(
         values = None if column.kind == "label" else command(column.name)
         if column.name == "session":
             cells["session"] = list(sessions)
+        elif column.name == DISTANCE_FROM and any(starts):
+            cells[DISTANCE_FROM] = list(starts)
         elif values is not None:
-            millimetres = column.kind == "length" and column.required
+            millimetres = column.kind == "length" and (column.required or column.name in MEASURED)
             digits = _DIGITS[column.kind]
             scaled = np.round(values * 1e3 if millimetres else values, digits) + 0.0
             heading = f"{column.name}_mm" if millimetres else column.canonical
@@ -65,7 +70,7 @@ def _parquet(cells: Cells) -> bytes:
     import pyarrow
     import pyarrow.parquet
 
-    labels = ("sample", "session")
+    labels = ("sample", "session", DISTANCE_FROM)
     content = {
         heading: column if heading in labels else [float(cell) if cell else None for cell in column]
         for heading, column in cells.items()

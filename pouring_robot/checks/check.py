@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from pouring_robot.batch import engine_for
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.columns import check_columns
 from pouring_robot.checks.flags import DataFlag, Severity
@@ -11,6 +14,7 @@ from pouring_robot.checks.frames import FrameChecks
 from pouring_robot.checks.mistakes import Comparison
 from pouring_robot.checks.residuals import check_rows
 from pouring_robot.estimation.frame_fit import FrameFit
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.drawing import Drawing
 
 
@@ -22,11 +26,13 @@ class Examination:
         flags: the findings, errors first.
         comparison: commands and measurements with the mistakes found undone.
         fit: the two frames fitted to them; None where they cannot be.
+        disagreement_m: root mean square of what redundant drives of the nominal robot disagree by, in m; None without.
     """
 
     flags: list[DataFlag]
     comparison: Comparison
     fit: FrameFit | None
+    disagreement_m: float | None = None
 
 
 def examine(campaign: Campaign, drawing: Drawing) -> Examination:
@@ -37,7 +43,15 @@ def examine(campaign: Campaign, drawing: Drawing) -> Examination:
     if frames.fit is not None:
         found += check_rows(campaign, drawing, frames.data, frames.fit)
     order = list(Severity)
-    return Examination(sorted(found, key=lambda flag: order.index(flag.severity)), frames.data, frames.fit)
+    flags = sorted(found, key=lambda flag: order.index(flag.severity))
+    return Examination(flags, frames.data, frames.fit, _disagreement(campaign, drawing, frames.data.drives))
+
+
+def _disagreement(campaign: Campaign, drawing: Drawing, drives: FloatArray) -> float | None:
+    if not campaign.redundant_drives:
+        return None
+    apart = engine_for(drawing.mechanism).close(drives, drawing.starts(drives)).disagreement[campaign.usable]
+    return float(np.sqrt(np.nanmean(apart**2)))
 
 
 def check_campaign(campaign: Campaign, drawing: Drawing) -> list[DataFlag]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import BoolArray, Campaign
-from pouring_robot.checks.flags import FEW_ROWS, DataFlag, FlagCode, Rows, Severity, found, where
+from pouring_robot.checks.flags import FEW_ROWS, FEW_VALUES, DataFlag, FlagCode, Rows, Severity, found, where
 from pouring_robot.estimation.frame_fit import robust_sigma
 from pouring_robot.estimation.frame_starts import FEWEST_ROWS
 from pouring_robot.mechanism.arrays import FloatArray
@@ -40,6 +40,9 @@ def _row_count(campaign: Campaign) -> Iterator[DataFlag]:
         yield found(campaign, FlagCode.TOO_FEW_ROWS, message, metrics=metrics, severity=Severity.ERROR)
     elif usable < FEW_ROWS:
         yield found(campaign, FlagCode.TOO_FEW_ROWS, f"{usable} rows can be used", metrics=metrics)
+    elif campaign.values_measured < FEW_VALUES:
+        message = f"{usable} rows are few: they hold {campaign.values_measured} measured values"
+        yield found(campaign, FlagCode.TOO_FEW_ROWS, message, metrics=metrics)
     if usable >= FEWEST_ROWS > poses:
         message = f"{usable} rows show only {poses} different pose{'s' if poses > 1 else ''}"
         yield found(campaign, FlagCode.ONE_POSE, message, (), columns.drive_names(campaign.robot), metrics)
@@ -153,9 +156,14 @@ def _time(campaign: Campaign) -> Iterator[DataFlag]:
 
 
 def _noise_level(campaign: Campaign) -> Iterator[DataFlag]:
-    missing = [] if campaign.metadata.sigma_position_m else ["sigma_position_mm"]
-    if campaign.full_pose and not campaign.metadata.sigma_rotation_rad:
-        missing.append("sigma_rotation_rad")
+    seen, stated = campaign.position_measured.any(), campaign.metadata
+    wanted = (
+        ("sigma_position_mm", seen, stated.sigma_position_m),
+        ("sigma_rotation_rad", campaign.full_pose, stated.sigma_rotation_rad),
+        ("sigma_distance_mm", campaign.distance_m is not None, stated.sigma_distance_m),
+        ("sigma_closure_mm", campaign.redundant_drives, stated.sigma_closure_m),
+    )
+    missing = [key for key, measured, given in wanted if measured and not given]
     if missing:
         message = f"the YAML file states no noise level: metrology.{' and '.join(missing)}"
         yield found(campaign, FlagCode.NO_NOISE_LEVEL, message)

@@ -15,6 +15,8 @@ from pouring_robot.campaign.data import Campaign
 Rows = NDArray[np.intp]
 FEW_ROWS = 20
 """Below this many usable rows little beyond the two frames can be told."""
+FEW_VALUES = 60
+"""Coordinates of so many rows; where a row is one number, as a distance or a closure is, it takes more rows."""
 
 
 class Severity(enum.StrEnum):

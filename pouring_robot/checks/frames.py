@@ -86,11 +86,12 @@ class FrameChecks:
             if share[index] < (_SOME_BEYOND if kind in wrong else _MOST_BEYOND):
                 continue
             low, high, values = self._lower[index], self._upper[index], drives[:, index]
-            known = values[np.isfinite(values)]
+            zero = self.campaign.robot.drives[index].zero
+            known = values[np.isfinite(values)] - zero
             for factor, mistake in DRIVE_MISTAKES[kind]:
-                if np.mean((known * factor >= low) & (known * factor <= high)) > 0.9:
+                if np.mean((known * factor + zero >= low) & (known * factor + zero <= high)) > 0.9:
                     self._flag_drive_unit(index, mistake, float(np.median(np.abs(known))), factor)
-                    drives[:, index] = values * factor
+                    drives[:, index] = (values - zero) * factor + zero
                     wrong.add(kind)
                     break
         return drives

@@ -22,8 +22,8 @@ def quantity_range(campaign: Campaign, name: str, kind: Kind) -> dict[str, Any] 
 
     Lengths are in mm (the truss's travel in m), angles in rad, the rest in kg, s and °C.
     """
-    values = campaign.quantity(name)
-    if values is None:
+    values = campaign.command(name)
+    if values is None or not np.isfinite(values).any():
         return None
     unit, factor = _SHOWN_UNIT.get(kind, (next(iter(UNITS[kind]), ""), 1.0))
     if name in campaign.robot.travels:
@@ -49,12 +49,14 @@ def campaign_metrics(campaign: Campaign, found: Examination) -> dict[str, Any]:
         "distinct_poses": distinct_poses(campaign),
         "sessions": dict(Counter(campaign.sessions)),
         "full_pose": campaign.full_pose,
+        "seen": campaign.seen,
         "ranges": {name: values for name, values in ranges.items() if values is not None},
         "missing_conditions": list(campaign.missing_conditions()),
         "metadata": metadata.model_dump(mode="json"),
         "outlier_rows": outlier_rows(found.flags).tolist(),
         "flags": [flag.to_json(campaign) for flag in found.flags],
         "misfit": None,
+        "redundant_drives_disagree_mm": found.disagreement_m and found.disagreement_m * 1e3,
         "untold_of_the_frames": [] if fit is None else list(fit.untold),
     }
     if fit is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -15,6 +14,7 @@ from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
 from pouring_robot.mechanism.reach import joint_reach
 from pouring_robot.report.result import Result
 from pouring_robot.robot.base import Robot
+from pouring_robot.robot.description.command import CommandAxis
 from pouring_robot.robot.inverse import Target, bring
 from pouring_robot.robot.location import Location, drive_words
 from pouring_robot.robot.metrics import difference_figures, joint_figures
@@ -31,7 +31,7 @@ class DriveCompensation(Result):
         wanted: where the robot should be, and where it is without compensation.
         frame: the frame that is brought there.
         drives: drive values to command instead, in m and rad.
-        columns: of a table of commands, with the factor of one in it to the joint's value, by drive.
+        columns: of a table of commands by drive, each with what it needs for the joint's value.
         before: of the frame without compensation.
         left: of the frame with it: what the drives cannot cancel.
     """
@@ -39,7 +39,7 @@ class DriveCompensation(Result):
     wanted: Location
     frame: str
     drives: dict[str, float]
-    columns: dict[str, tuple[str, float]]
+    columns: dict[str, CommandAxis]
     before: PoseDifference
     left: PoseDifference
 
@@ -54,7 +54,7 @@ class DriveCompensation(Result):
 
     def row(self) -> dict[str, float]:
         """Return what to command by column of a table of commands, and how far off the frame was and is."""
-        commands = {column: self.drives[name] / factor for name, (column, factor) in self.columns.items()}
+        commands = {axis.heading: axis.shown(self.drives[name]) for name, axis in self.columns.items()}
         sizes = {"error_before": self.before, "error_left": self.left}
         figures = {f"{name}_mm": size.distance_m / MM for name, size in sizes.items()}
         return commands | figures | {f"{name}_mrad": size.angle_rad / MRAD for name, size in sizes.items()}
@@ -104,11 +104,9 @@ def compensate_drives(robot: Robot, wanted: Location, frame: str | None = None) 
     for worst in joint_reach(solver.mechanism, found.result.joint_values | drives)[:1]:
         if worst.margin < 0.0:
             raise UnreachablePoseError(worst.joint, worst.value, worst.lower, worst.upper, worst.unit)
-    columns = {
-        drive.joint: (f"{drive.column}_{unit}", drive.factor * scale)
-        for drive in robot.model.definition.drives
-        for unit, scale in (("mm", MM) if drive.command == "length" else ("deg", math.radians(1.0)),)
-    }
+    definition = robot.model.definition
+    axes = definition.drive_axes(robot.nominal_solver.mechanism)
+    columns = {drive.joint: axis for drive, axis in zip(definition.drives, axes, strict=True)}
     return DriveCompensation(wanted, frame, drives, columns, wanted.difference(frame), left)
 
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from pouring_robot.estimation.identifiability import CRITERIA, Criterion
-from pouring_robot.estimation.noise import NoiseLevel
+from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.robot.tolerances import Tolerances
 

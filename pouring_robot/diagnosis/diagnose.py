@@ -23,7 +23,9 @@ from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser, State
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.registry import chosen_effects
-from pouring_robot.estimation.noise import NoiseLevel, stated_noise
+from pouring_robot.estimation.instruments import are
+from pouring_robot.estimation.noise import stated_noise
+from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.splits import HoldOut, split
 from pouring_robot.exceptions import CalibrationError, CampaignError
 from pouring_robot.inference.decision import DEFAULT_THRESHOLDS, Thresholds, judge
@@ -223,14 +225,11 @@ def _noise_from(noise: NoiseLevel, after: State, hypothesis: Hypothesis) -> Nois
         return None
     left = hypothesis.everything.solve(hypothesis.problem.residual)
     free = 1.0 - (hypothesis.effective_dof() + hypothesis.problem.nuisance.dof) / len(left)
-    factors = []
-    for rotation in (False, True):
-        chosen = (after.linear.component >= 3) == rotation
-        stated = (noise.rotation_source if rotation else noise.position_source) != "residuals"
-        factors.append(1.0 if stated or not chosen.any() else float(np.sqrt((left[chosen] ** 2).mean() / free)))
-    if max(abs(factor - 1.0) for factor in factors) < _NOISE_SETTLED:
+    chosen = {kind: are(kind, after.linear.component) for kind in noise.open_kinds}
+    factors = {kind: float(np.sqrt((left[own] ** 2).mean() / free)) for kind, own in chosen.items() if own.any()}
+    if max((abs(factor - 1.0) for factor in factors.values()), default=0.0) < _NOISE_SETTLED:
         return None
-    return replace(noise, position_m=noise.position_m * factors[0], rotation_rad=noise.rotation_rad * factors[1])
+    return noise.times(factors)
 
 
 def _wrong_rows(found: Diagnosis) -> NDArray[np.intp]:

@@ -10,7 +10,8 @@ import numpy as np
 
 from pouring_robot.diagnosis.descriptions import BY_CHANCE
 from pouring_robot.diagnosis.findings import Findings
-from pouring_robot.diagnosis.gap import COMPONENTS, table_of
+from pouring_robot.diagnosis.gap import table_of
+from pouring_robot.estimation.instruments import component_name
 from pouring_robot.inference.discrepancy import Structure
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
@@ -86,13 +87,13 @@ def described(where: str, by: str) -> str:
 
 
 def parts_by_row(diagnosis: Findings, structure: Structure) -> FloatArray:
-    """Return what a structure adds to the fitted rows, (n, 6) in the tracker's axes, in m and rad; NaN elsewhere."""
+    """Return what a structure adds to the fitted rows, (n, K) in the tracker's axes, in m and rad; NaN elsewhere."""
     return table_of(diagnosis.after.linear, structure.part, len(diagnosis.rows))
 
 
 def _described(diagnosis: Findings, structure: Structure) -> Discrepancy:
     table = parts_by_row(diagnosis, structure)
-    sigma = np.asarray(diagnosis.rows.measured.sigma)
+    sigma = np.asarray(diagnosis.rows.measured.sigma)[: table.shape[1]]
     known = np.isfinite(table)
     measured = np.asarray(known.any(axis=0))
     rms = np.sqrt((np.where(known, table, 0.0) ** 2).sum(axis=0) / np.maximum(known.sum(axis=0), 1))
@@ -100,7 +101,7 @@ def _described(diagnosis: Findings, structure: Structure) -> Discrepancy:
     step_after, step = None, math.nan
     if structure.description.by in _IN_TIME:
         step_after, step = _step(diagnosis, table[:, worst])
-    return Discrepancy(structure, COMPONENTS[worst], float(rms[worst]), step_after, step)
+    return Discrepancy(structure, component_name(worst), float(rms[worst]), step_after, step)
 
 
 def _step(diagnosis: Findings, values: FloatArray) -> tuple[int | None, float]:

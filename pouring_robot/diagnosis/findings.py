@@ -16,7 +16,7 @@ from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser, State
 from pouring_robot.diagnosis.where.terms import FreeResiduals
 from pouring_robot.effects.drives import channel
-from pouring_robot.estimation.noise import NoiseLevel
+from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.inference.decision import Judgement, Verdict
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.nuisance import Nuisance

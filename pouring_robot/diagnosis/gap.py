@@ -8,27 +8,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.diagnosis.rows import LinearRows
+from pouring_robot.estimation.instruments import component_name
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 
-COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
+
+def component_unit(component: int) -> float:
+    """Return what makes m and rad of a component in the unit it is shown in: mm, mrad for rotations."""
+    return MRAD if 3 <= component < 6 else MM
 
 
 def table_of(linear: LinearRows, whitened: FloatArray, rows: int) -> FloatArray:
-    """Return what is whitened, (m,), as a table (rows, 6) in the tracker's axes, in m and rad; NaN where unmeasured."""
-    table = np.full((rows, 6), np.nan)
+    """Return what is whitened, (m,), as a table (rows, K) in the tracker's axes, in m and rad; NaN where unmeasured."""
+    table = np.full((rows, max(6, int(linear.component.max()) + 1)), np.nan)
     table[linear.row, linear.component] = whitened * linear.tracker
     return table
 
 
 def in_base(table: FloatArray, axes: FloatArray) -> FloatArray:
-    """Return a table (n, 6) turned into the axes of the base; NaN where a component is missing.
+    """Return a table (n, K) turned into the axes of the base; NaN where a component is missing.
 
     Args:
         table: in the tracker's axes.
         axes: axes of the base in the tracker's frame, (3, 3).
     """
-    return np.hstack([table[:, :3] @ axes, table[:, 3:] @ axes])
+    return np.hstack([table[:, :3] @ axes, table[:, 3:6] @ axes, table[:, 6:]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +41,9 @@ class Gap:
 
     Attributes:
         rows: number of rows.
-        before: with the given model and its frames fitted, shape (6,), in m and rad.
-        after: with the amended model, shape (6,), in m and rad.
-        floor: the noise, shape (6,), in m and rad.
+        before: with the given model and its frames fitted, shape (K,), in m and rad.
+        after: with the amended model, shape (K,), in m and rad.
+        floor: the noise, shape (K,), in m and rad.
     """
 
     rows: int
@@ -55,18 +59,20 @@ class Gap:
             before: residuals of the given model, all rows.
             after: residuals of the amended model, all rows.
             rows: which rows, a mask (n,).
-            sigma: noise of the six components, in m and rad.
+            sigma: noise of the K components, in m and rad.
         """
-        return cls(int(rows.sum()), _rms(before.of(rows)), _rms(after.of(rows)), np.asarray(sigma, dtype=float))
+        size = len(sigma)
+        return cls(int(rows.sum()), _rms(before.of(rows), size), _rms(after.of(rows), size), np.asarray(sigma, float))
 
     def position(self, which: str) -> float:
-        """Return ``before``, ``after`` or ``floor`` over x, y and z, in m."""
-        return _over(getattr(self, which)[:3])
+        """Return ``before``, ``after`` or ``floor`` over x, y and z, in m; without places, over the rest."""
+        part = slice(0, 3) if np.isfinite(self.before[:3]).any() else slice(6, None)
+        return _over(np.where(np.isfinite(self.before), getattr(self, which), np.nan)[part])
 
     def rotation(self, which: str) -> float:
         """Return ``before``, ``after`` or ``floor`` over the rotation components, in rad; NaN for positions only."""
-        values = getattr(self, which)[3:]
-        return _over(values if np.isfinite(self.before[3:]).any() else np.full(3, np.nan))
+        values = getattr(self, which)[3:6]
+        return _over(values if np.isfinite(self.before[3:6]).any() else np.full(3, np.nan))
 
     @property
     def closed(self) -> float:
@@ -82,19 +88,17 @@ class Gap:
         for which in ("before", "after", "floor"):
             found[f"{which}_rms_mrad"] = _number(self.rotation(which) / MRAD)
         found["components"] = {
-            name: {
-                which: float(getattr(self, which)[k] / (MM if k < 3 else MRAD))
-                for which in ("before", "after", "floor")
+            component_name(k): {
+                which: float(getattr(self, which)[k] / component_unit(k)) for which in ("before", "after", "floor")
             }
-            for k, name in enumerate(COMPONENTS)
-            if np.isfinite(self.before[k])
+            for k in np.flatnonzero(np.isfinite(self.before)).tolist()
         }
         return found
 
 
-def _rms(linear: LinearRows) -> FloatArray:
-    found = np.full(6, np.nan)
-    for k in range(6):
+def _rms(linear: LinearRows, size: int) -> FloatArray:
+    found = np.full(size, np.nan)
+    for k in range(size):
         values = (linear.residual * linear.tracker)[linear.component == k]
         if values.size:
             found[k] = np.sqrt((values**2).mean())

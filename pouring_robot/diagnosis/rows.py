@@ -22,7 +22,7 @@ from pouring_robot.effects.conditions import Conditions, conditions_of
 from pouring_robot.effects.registry import all_effects
 from pouring_robot.estimation.frames import FRAMES, OuterFrames
 from pouring_robot.estimation.measurement import MeasurementModel, Prediction
-from pouring_robot.estimation.noise import NoiseLevel
+from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.estimation.solver import first_frames
 from pouring_robot.exceptions import BadInputError, DiagnosisError, closest
@@ -134,7 +134,7 @@ class CampaignRows:
         }
         self._drive_places = {joint: k for k, joint in enumerate(structure.mechanism.loops.drives)}
         self._shape = (len(self._drive_places), 6 * structure.site_count)
-        self.measured = MeasuredPoses.from_campaign(campaign, noise.position_m, noise.rotation_rad)
+        self.measured = MeasuredPoses.from_campaign(campaign, noise)
         modelled = self.measurement.at(campaign.drives)
         self._drives = campaign.drives + self.measurement.drive_errors(None)
         self._start = modelled.start
@@ -229,9 +229,9 @@ class CampaignRows:
                 "check the campaign with `pouring-robot campaign check`",
             )
         # The device's scale stretches positions about the tracker's own origin.
-        place = (seen.position_m / (1.0 + total.scale[:, None]))[equations.rows, equations.components % 3]
+        stretched = self.measured.stretched(seen) / (1.0 + total.scale[:, None])
         sigma = self.measured.sigma[equations.components]
-        scale = np.where(equations.components < 3, place, 0.0) / sigma
+        scale = stretched[equations.rows, equations.components] / sigma
         return LinearRows(equations.residual, -equations.jacobian, equations.rows, equations.components, scale, sigma)
 
     def predicted(self, changes: RowChanges, frames: OuterFrames) -> Prediction:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.campaign.columns import approach_names
+from pouring_robot.campaign.columns import approach_names, force_names
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.effects.defaults import causes_of
 from pouring_robot.io.temperatures import REFERENCE_DEGC
@@ -45,7 +45,8 @@ class Conditions:
         swing_rad: angle of the joint about which each drive's chain swings, (n, D); NaN for a drive without one.
         approach: side each drive was approached from, (n, D), +1 or -1.
         weight_n: weight of tool and payload, (n,).
-        drive_force: what weight puts on every drive along its motion, (n, D), in N and Nm; tension is positive.
+        drive_force: what every drive carries along its motion, (n, D), in N and Nm; tension is positive. As measured,
+            else what weight puts there.
         force_by_weight: what one newton of ``weight_n`` puts there, (n, D), in N/N and Nm/N.
         rises: temperatures above the reference by thermometer, (n,), in K.
         travels: where the base stands along its axes, by name, (n,), in m.
@@ -195,6 +196,11 @@ def conditions_of(campaign: Campaign, nominal: NominalRows) -> Conditions:
         reference = REFERENCE_DEGC
         assumed.append(f"reference temperature {reference:g} °C")
     weight, force, by_weight = _loads(campaign, nominal, filler.one("payload"))
+    for k, name in enumerate(force_names(robot)):
+        measured = filler.one(name)
+        if measured is not None:
+            force = np.zeros(campaign.drives.shape) if force is None else np.array(force)
+            force[:, k] = measured
     known = filler.one("time")
     names = {name: k for k, name in enumerate(dict.fromkeys(campaign.sessions))}
     thermometers = (member for kind in causes_of(robot).thermometers for member in kind.members)

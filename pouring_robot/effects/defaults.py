@@ -18,6 +18,7 @@ HARMONICS = 30
 """Orders of an error that is bound to a joint's own angle. What makes it (encoder, gear, transmission) is not asked."""
 _ALONG = 0.999
 _STROKE = {"middle_m": 0.0, "half_stroke_m": 1.0}
+_LEAD = {**_STROKE, "build_up": True}
 _FORCE, _MOMENT = {"force_n": 1000.0, "length_m": 1.0}, {"load": 100.0}
 """Loads at which compliances are given."""
 Groups = Mapping[str, tuple[Drive, ...]]
@@ -56,7 +57,7 @@ def _of_drives(robot: RobotDefinition) -> Iterator[CauseEntry]:
     turns = {name: drives for name, drives in groups.items() if drives[0].unit == "rad"}
     yield from _each(groups, "drive_zero_offset", "zero", "the zeros of the drives are set wrong")
     story = "the drives go further or less far than the controller believes, in proportion or with a build-up"
-    yield from _each(slides, "drive_scale", "scale", story, _STROKE)
+    yield from _each(slides, "drive_scale", "scale", story, _LEAD)
     story = "screws or pinions run out of true: an error that returns with every turn of the motor"
     yield from _each(slides, "drive_periodic", "periodic", story, {"sizes": (1.0, 0.25, 0.1), "period": "pitch"})
     story = (

@@ -92,6 +92,8 @@ class Scale(Family):
         homes: lengths at which a drive may have been homed, in m, beside none.
         middle_m: of the stroke.
         half_stroke_m: to either side.
+        build_up: whether a lead that changes along the stroke makes the effect, too, as on a spool whose line lies in
+            layers; if not, it only shapes it.
     """
 
     driven_by = "lengths_m"
@@ -104,15 +106,19 @@ class Scale(Family):
         homes: Sequence[float] = (),
         middle_m: float = 0.0,
         half_stroke_m: float = 1.0,
+        build_up: bool = False,
     ) -> None:
         """Keep the stroke."""
         super().__init__(id_, story, drives)
-        self.homes, self.middle_m, self.half_stroke_m = homes, middle_m, half_stroke_m
+        self.homes, self.middle_m, self.half_stroke_m, self.build_up = homes, middle_m, half_stroke_m, build_up
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """In proportion to the length, or to the stroke from a home position; the lead may change along the stroke."""
-        lengths = conditions.drives[:, conditions.places(self.drives)]
-        found = []
+        """In proportion to the length, or to the stroke from a home position; the lead may change along the stroke.
+
+        Lengths count from where the controller's count is zero.
+        """
+        lengths = conditions.drives[:, conditions.places(self.drives)] - [drive.zero for drive in self.drives]
+        found, size = [], 1.0 if self.build_up else 0.5
         for home_m in (0.0, *self.homes):
             name = f"stroke_from_{1e3 * home_m:.0f}_mm" if home_m else "whole_length"
             stroke = lengths - home_m
@@ -121,7 +127,8 @@ class Scale(Family):
                 bent = stroke * np.abs(stroke)
             lead = [of_drive(d, "scale", 1.0, stroke[:, k], per="/m") for k, d in enumerate(self.drives)]
             progressive = [
-                of_drive(d, "progression", 0.5, bent[:, k], main=False, per="/m") for k, d in enumerate(self.drives)
+                of_drive(d, "progression", size, bent[:, k], main=self.build_up, per="/m²")
+                for k, d in enumerate(self.drives)
             ]
             found.append(Form(name, (*lead, *progressive)))
         return tuple(found)

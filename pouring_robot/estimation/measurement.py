@@ -83,11 +83,13 @@ class Prediction(PoseStack):
         closure: the closed loops.
         jacobian: shape (n, 6, 12 + P): displacement of the target's origin (m) and rotation vector (rad), both in
             tracker axes, per unit of each unknown; None where only the prediction was asked for.
+        disagreement: shape (n, r, 12 + P): likewise of what r redundant drives disagree by, in m; see ``closure``.
     """
 
     status: NDArray[np.uint8]
     closure: BatchClosure
     jacobian: FloatArray | None = None
+    disagreement: FloatArray | None = None
 
     @classmethod
     def of(
@@ -234,7 +236,10 @@ class MeasurementModel:
         columns = frames.jacobian(poses, base), frames.carried(transfer.matrix, poses, base)
         jacobian = np.concatenate(columns, axis=2)
         jacobian[transfer.status != 0] = np.nan
-        return replace(prediction, jacobian=jacobian, status=transfer.status)
+        gap = transfer.disagreement
+        if gap is not None:  # the frames have no part in it
+            gap = np.concatenate([np.zeros((*gap.shape[:2], FRAMES)), gap], axis=2)
+        return replace(prediction, jacobian=jacobian, disagreement=gap, status=transfer.status)
 
 
 @dataclass(frozen=True, eq=False)

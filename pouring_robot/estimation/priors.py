@@ -16,6 +16,15 @@ FRAME_STD = 0.1
 leaves open, so that it only picks one answer where several are the same (see the y of target and tracker)."""
 
 
-def prior_std(parameters: Sequence[GeometricParameter], tolerances: Tolerances) -> FloatArray:
-    """Return the standard deviations of all unknowns, frames first, shape (12 + P,), in m and rad."""
-    return np.concatenate([np.full(FRAMES, FRAME_STD), tolerances.std(parameters)])
+_HELD = 1e-9  # m and rad: of frames that nobody measured from
+
+
+def prior_std(parameters: Sequence[GeometricParameter], tolerances: Tolerances, *, framed: bool = True) -> FloatArray:
+    """Return the standard deviations of all unknowns, frames first, shape (12 + P,), in m and rad.
+
+    Args:
+        parameters: of the robot.
+        tolerances: of its parts.
+        framed: whether anything was measured from outside; if not, the frames are held.
+    """
+    return np.concatenate([np.full(FRAMES, FRAME_STD if framed else _HELD), tolerances.std(parameters)])

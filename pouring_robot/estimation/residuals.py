@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,25 +11,32 @@ from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
+from pouring_robot.estimation.instruments import Closures, Distances, Instrument, Places, Turns
 from pouring_robot.estimation.measurement import BoolArray, Prediction
+from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.rotations import inverse_right_jacobians, rotation_matrices
+from pouring_robot.mechanism.rotations import rotation_matrices
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredPoses(PoseStack):
-    """What was measured of n rows, with its noise.
+    """What was measured of n rows, with its noise: a stack of poses, and what other instruments read.
+
+    Components stand in the order of :mod:`pouring_robot.estimation.instruments`; there are K of them: six, more with
+    distances or redundant drives.
 
     Attributes:
         position_m: shape (n, 3), in m, tracker axes; NaN where missing.
         rotation: measured axes, shape (n, 3, 3); NaN where missing. A rotation counts only with all three components.
         sigma_position_m: standard deviation of a coordinate, in m.
         sigma_rotation_rad: standard deviation of a rotation component about the tracker's axes, in rad.
+        others: distances and closures, both or neither.
     """
 
     sigma_position_m: float
     sigma_rotation_rad: float
+    others: tuple[Instrument, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse noise that cannot be divided by, and shapes that do not fit."""
@@ -37,57 +46,85 @@ class MeasuredPoses(PoseStack):
                 f"measured poses need position (n, 3) and rotation (n, 3, 3), not {self.position_m.shape} and "
                 f"{self.rotation.shape}"
             )
-        for name, value in (("position", self.sigma_position_m), ("rotation", self.sigma_rotation_rad)):
-            if not (np.isfinite(value) and value > 0.0):
-                raise BadInputError(f"the noise of a {name} must be a positive number, not {value}")
+        _ = self.instruments
+
+    @functools.cached_property
+    def instruments(self) -> tuple[Places, Turns, *tuple[Instrument, ...]]:
+        """All of them, in the order of their components."""
+        places, turns = Places(self.sigma_position_m, self.position_m), Turns(self.sigma_rotation_rad, self.rotation)
+        return (places, turns, *self.others)
 
     @classmethod
-    def from_campaign(cls, campaign: Campaign, sigma_position_m: float, sigma_rotation_rad: float) -> MeasuredPoses:
-        """Take the measured columns of a campaign.
-
-        Args:
-            campaign: the data; rows without all drives count as not measured.
-            sigma_position_m: noise of a coordinate, in m.
-            sigma_rotation_rad: noise of a rotation component, in rad; any positive number for positions only.
-        """
+    def from_campaign(cls, campaign: Campaign, noise: NoiseLevel) -> MeasuredPoses:
+        """Take the measured columns of a campaign; rows without all drives count as not measured."""
         position = np.array(campaign.position_m)
         rotation = np.full((len(campaign), 3, 3), np.nan)
         if campaign.rotation_vector_rad is not None:
             rotation = rotation_matrices(campaign.rotation_vector_rad)
         position[~campaign.usable], rotation[~campaign.usable] = np.nan, np.nan
-        return cls(position, rotation, sigma_position_m, sigma_rotation_rad)
+        return cls(position, rotation, noise.position_m, noise.rotation_rad, _others(campaign, noise))
 
     def __getitem__(self, rows: NDArray[np.intp] | BoolArray) -> MeasuredPoses:
         """Return some rows, by index or mask."""
-        return replace(self, position_m=self.position_m[rows], rotation=self.rotation[rows])
+        others = tuple(instrument[rows] for instrument in self.others)
+        return replace(self, position_m=self.position_m[rows], rotation=self.rotation[rows], others=others)
 
-    def with_noise(self, sigma_position_m: float, sigma_rotation_rad: float) -> MeasuredPoses:
+    def with_noise(self, noise: NoiseLevel) -> MeasuredPoses:
         """Return the same with another noise level."""
-        return replace(self, sigma_position_m=sigma_position_m, sigma_rotation_rad=sigma_rotation_rad)
+        others = tuple(replace(instrument, sigma=noise.of(instrument.kind)) for instrument in self.others)
+        return replace(self, sigma_position_m=noise.position_m, sigma_rotation_rad=noise.rotation_rad, others=others)
+
+    def without(self, rows: NDArray[np.intp]) -> MeasuredPoses:
+        """Return the same with some rows not measured."""
+        kept = ~np.isin(np.arange(len(self)), rows)
+        places, turns, *others = self.instruments
+        position, rotation = places.where(kept).position_m, turns.where(kept).rotation
+        return replace(self, position_m=position, rotation=rotation, others=tuple(i.where(kept) for i in others))
+
+    @property
+    def framed(self) -> bool:
+        """Whether anything was measured from outside, so that there are frames at all."""
+        return bool(any(i.known.any() for i in self.instruments if i.kind != "closure"))
 
     @property
     def sigma(self) -> FloatArray:
-        """Standard deviation of the six components of a row, shape (6,), in m and rad."""
-        return np.repeat([self.sigma_position_m, self.sigma_rotation_rad], 3)
+        """Standard deviation of the components of a row, shape (K,), in m and rad."""
+        return np.repeat([i.sigma for i in self.instruments], [i.known.shape[1] for i in self.instruments])
 
     @property
     def known(self) -> BoolArray:
-        """Which components were measured, shape (n, 6)."""
-        turned = np.asarray(np.isfinite(self.rotation).all(axis=(1, 2)))
-        return np.concatenate([np.isfinite(self.position_m), np.repeat(turned[:, None], 3, axis=1)], axis=1)
+        """Which components were measured, shape (n, K)."""
+        return np.concatenate([instrument.known for instrument in self.instruments], axis=1)
 
-    def difference_jacobian(self, prediction: Prediction, difference: FloatArray) -> FloatArray:
-        """Return the derivative of :meth:`difference` by the unknowns, shape (n, 6, 12 + P).
+    def stretched(self, prediction: Prediction) -> FloatArray:
+        """Return how the readings grow with the device's scale, (n, K)."""
+        return np.concatenate([instrument.stretched(prediction) for instrument in self.instruments], axis=1)
+
+    def residual(self, prediction: Prediction) -> FloatArray:
+        """Return measured minus predicted, (n, K), in m and rad; NaN where either is missing."""
+        return np.concatenate([instrument.difference(prediction) for instrument in self.instruments], axis=1)
+
+    def residual_jacobian(self, prediction: Prediction, residual: FloatArray) -> FloatArray:
+        """Return the derivative of :meth:`residual` by the unknowns, shape (n, K, 12 + P).
 
         Raises:
             BadInputError: the prediction carries no Jacobian.
         """
-        if prediction.jacobian is None:
-            raise BadInputError("the prediction holds no Jacobian; ask for it with linearise")
-        jacobian = -prediction.jacobian
-        # log(R_measured (exp(d) R_predicted)ᵀ) = log(exp(r) exp(-d))
-        jacobian[:, 3:] = inverse_right_jacobians(difference[:, 3:]) @ jacobian[:, 3:]
-        return jacobian
+        ends = np.cumsum([0, *(instrument.known.shape[1] for instrument in self.instruments)])
+        parts = zip(self.instruments, itertools.pairwise(ends.tolist()), strict=True)
+        return np.concatenate([i.jacobian(prediction, residual[:, a:b]) for i, (a, b) in parts], axis=1)
+
+
+def _others(campaign: Campaign, noise: NoiseLevel) -> tuple[Instrument, ...]:
+    """Return what was measured beside poses; nothing where that is nothing."""
+    redundant, distance = campaign.redundant_drives, campaign.distance_m
+    if not redundant and distance is None:
+        return ()
+    rows = np.arange(len(campaign))
+    usable = campaign.usable
+    length = np.full(len(campaign), np.nan) if distance is None else np.where(usable, distance[:, 0], np.nan)
+    distances = Distances(noise.distance_m, length, rows, campaign.distance_start)
+    return distances, Closures(noise.closure_m, np.repeat(usable[:, None], redundant, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +135,7 @@ class WhitenedEquations:
         residual: shape (m,): measured minus predicted over sigma.
         jacobian: its derivative by the unknowns, shape (m, 12 + P); None where it was not asked for.
         rows: row each equation comes from, shape (m,).
-        components: component 0 to 5 (x y z rx ry rz) of each equation, shape (m,).
+        components: of each equation, numbered as in :mod:`pouring_robot.estimation.instruments`, shape (m,).
         failed: rows that were measured but have no prediction.
     """
 
@@ -114,15 +151,27 @@ def whiten(measured: MeasuredPoses, prediction: Prediction) -> WhitenedEquations
 
     The Jacobian is there if the prediction has one.
     """
-    difference = measured.difference(prediction)
+    residual = measured.residual(prediction)
     known = measured.known
-    kept = known & prediction.closed[:, None]
+    kept = known & prediction.closed[:, None] & np.isfinite(residual)
     rows, components = np.nonzero(kept)
     jacobian = None
     if prediction.jacobian is not None:
-        jacobian = measured.difference_jacobian(prediction, difference)[kept] / measured.sigma[components][:, None]
+        jacobian = measured.residual_jacobian(prediction, residual)[kept] / measured.sigma[components][:, None]
     failed = np.flatnonzero(known.any(axis=1) & ~prediction.closed)
-    return WhitenedEquations(difference[kept] / measured.sigma[components], jacobian, rows, components, failed)
+    return WhitenedEquations(residual[kept] / measured.sigma[components], jacobian, rows, components, failed)
+
+
+def observed(measured: MeasuredPoses, prediction: Prediction) -> FloatArray:
+    """Return the whitened Jacobian of what was measured, shape (m, 12 + P).
+
+    Raises:
+        BadInputError: the prediction carries no Jacobian.
+    """
+    equations = whiten(measured, prediction)
+    if equations.jacobian is None:
+        raise BadInputError("the prediction holds no Jacobian; ask for it with linearise")
+    return -equations.jacobian
 
 
 def regressor(prediction: Prediction, sigma: FloatArray, known: BoolArray | None = None) -> FloatArray:

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 
+from pouring_robot.estimation.instruments import KINDS, kind_of
 from pouring_robot.estimation.residuals import WhitenedEquations
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
@@ -26,7 +27,7 @@ def _quantiles(share: float) -> FloatArray:
 
 def _blocks(equations: WhitenedEquations) -> tuple[NDArray[np.intp], FloatArray, NDArray[np.intp]]:
     """Return the block of each equation, and of each block its squared size and number of components."""
-    blocks = 2 * equations.rows + (equations.components >= 3)
+    blocks = len(KINDS) * equations.rows + kind_of(equations.components)
     length = int(blocks.max()) + 1 if blocks.size else 0
     squared = np.bincount(blocks, equations.residual**2, minlength=length).astype(np.float64)
     return blocks, squared, np.bincount(blocks, minlength=length)

@@ -15,36 +15,48 @@ import functools
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frame_fit import fit_frames
+from pouring_robot.estimation.frame_search import searched_frames
+from pouring_robot.estimation.frame_starts import FEWEST_ROWS
+from pouring_robot.estimation.frames import OuterFrames
+from pouring_robot.estimation.instruments import Kind, are
 from pouring_robot.estimation.measurement import ModelledRows, Prediction, Unknowns
-from pouring_robot.estimation.noise import NoiseLevel
+from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations
 from pouring_robot.estimation.robust import Loss
 from pouring_robot.estimation.search import Search
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 
-_LEAST_NOISE = 1e-9  # m or rad: exact data have none
-
 
 def first_frames(rows: ModelledRows, measured: MeasuredPoses) -> Unknowns:
     """Return where to start: both outer frames fitted robustly to the present robot, all parameters zero.
+
+    Where too few rows have a complete position, single coordinates and distances serve; without any, there are no
+    frames, and they stay at one.
 
     Args:
         rows: what was commanded.
         measured: what was seen of the same rows.
 
     Raises:
-        FrameFitError: too few rows have a pose and a complete position.
+        FrameFitError: something was measured of places, but of too few rows.
     """
     closure = rows.model.engine.close(rows.drives + rows.model.drive_errors(None), rows.start)
-    scale = measured.sigma_position_m / measured.sigma_rotation_rad
     poses = PoseStack(closure.position, closure.rotation)
-    fit = fit_frames(poses, measured.position_m, measured.rotation, scale)
-    return Unknowns.zero(fit.frames, len(rows.model.parameters))
+    whole = int((poses.complete & np.isfinite(measured.position_m).all(axis=1)).sum())
+    if whole < FEWEST_ROWS and not measured.framed:
+        frames = OuterFrames(pin.SE3.Identity(), pin.SE3.Identity())
+    elif whole < FEWEST_ROWS:
+        frames = searched_frames(measured, closure)
+    else:
+        scale = measured.sigma_position_m / measured.sigma_rotation_rad
+        frames = fit_frames(poses, measured.position_m, measured.rotation, scale).frames
+    return Unknowns.zero(frames, len(rows.model.parameters))
 
 
 @dataclass(frozen=True)
@@ -114,25 +126,23 @@ class Fit:
         rows = self.equations.jacobian
         return np.asarray(((rows @ self.covariance) * rows).sum(axis=1) * self.weights)
 
-    def freedom(self, rotation: bool | None = None) -> float:
-        """Return the equations left over for the noise: all, or those of positions or rotations only."""
-        chosen = self._chosen(rotation)
+    def freedom(self, kind: Kind | None = None) -> float:
+        """Return the equations left over for the noise: all, or those of one kind of instrument."""
+        chosen = self._chosen(kind)
         return float((self.weights - self.leverage)[chosen].sum())
 
-    def chi_square(self, rotation: bool | None = None) -> float:
-        """Return the weighted sum of squared whitened residuals: of all, or of positions or rotations only."""
-        chosen = self._chosen(rotation)
+    def chi_square(self, kind: Kind | None = None) -> float:
+        """Return the weighted sum of squared whitened residuals: of all, or of one kind of instrument."""
+        chosen = self._chosen(kind)
         return float((self.weights * self.equations.residual**2)[chosen].sum())
 
-    def scatter(self, rotation: bool | None = None) -> float:
+    def scatter(self, kind: Kind | None = None) -> float:
         """Return the noise that the residuals show over the one assumed; 1 with hardly an equation left over."""
-        freedom = self.freedom(rotation)
-        return float(np.sqrt(self.chi_square(rotation) / freedom)) if freedom > 1.0 else 1.0
+        freedom = self.freedom(kind)
+        return float(np.sqrt(self.chi_square(kind) / freedom)) if freedom > 1.0 else 1.0
 
-    def _chosen(self, rotation: bool | None) -> NDArray[np.bool_]:
-        if rotation is None:
-            return np.ones(len(self.weights), dtype=bool)
-        return np.asarray((self.equations.components >= 3) == rotation)
+    def _chosen(self, kind: Kind | None) -> NDArray[np.bool_]:
+        return np.ones(len(self.weights), dtype=bool) if kind is None else are(kind, self.equations.components)
 
 
 def identify(
@@ -193,17 +203,13 @@ def fit_with_noise(
     Raises:
         CalibrationError: as :func:`identify`.
     """
-    fit = identify(rows, measured.with_noise(noise.position_m, noise.rotation_rad), start, prior_std, options)
+    fit = identify(rows, measured.with_noise(noise), start, prior_std, options)
     evaluations = fit.evaluations
     for _ in range(12 if noise.from_residuals else 0):
-        factors = [fit.scatter(rotation=False), fit.scatter(rotation=True)]
-        position = noise.position_m * (factors[0] if noise.position_source == "residuals" else 1.0)
-        rotation = noise.rotation_rad * (factors[1] if noise.rotation_source == "residuals" else 1.0)
-        settled = max(abs(position / noise.position_m - 1.0), abs(rotation / noise.rotation_rad - 1.0)) < 0.01
-        noise = replace(noise, position_m=max(position, _LEAST_NOISE), rotation_rad=max(rotation, _LEAST_NOISE))
-        if settled:
+        factors = {kind: fit.scatter(kind) for kind in noise.open_kinds}
+        noise = noise.times(factors)
+        if max(abs(factor - 1.0) for factor in factors.values()) < 0.01:
             break
-        seen = measured.with_noise(noise.position_m, noise.rotation_rad)
-        fit = identify(rows, seen, fit.unknowns, prior_std, options)
+        fit = identify(rows, measured.with_noise(noise), fit.unknowns, prior_std, options)
         evaluations += fit.evaluations
     return replace(fit, evaluations=evaluations), noise

@@ -16,11 +16,13 @@ from pouring_robot.exceptions import TableError
 from pouring_robot.io.tables import Table, read_table
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 
-Kind = Literal["length", "angle", "mass", "temperature", "time", "sign", "label"]
+Kind = Literal["length", "angle", "force", "moment", "mass", "temperature", "time", "sign", "label"]
 
 UNITS: dict[Kind, dict[str, tuple[float, float]]] = {
     "length": {"m": (1.0, 0.0), "mm": (1e3, 0.0), "um": (1e6, 0.0)},
     "angle": {"rad": (1.0, 0.0), "mrad": (1e3, 0.0), "deg": (180.0 / math.pi, 0.0)},
+    "force": {"N": (1.0, 0.0), "kN": (1e-3, 0.0)},
+    "moment": {"Nm": (1.0, 0.0)},
     "mass": {"kg": (1.0, 0.0)},
     "temperature": {"degC": (1.0, 0.0), "K": (1.0, ABSOLUTE_ZERO_DEGC)},
     "time": {"s": (1.0, 0.0), "min": (1.0 / 60.0, 0.0), "h": (1.0 / 3600.0, 0.0)},
@@ -49,12 +51,14 @@ class Quantity:
         name: its name without unit, such as ``q1`` or ``leg1``.
         kind: what is measured; decides which units are accepted.
         required: whether a table without it is refused.
+        unless: a quantity that may stand in its place.
         part_of: what it is nothing without, such as "a rotation vector": such quantities come all or none.
     """
 
     name: str
     kind: Kind
     required: bool = False
+    unless: str = ""
     part_of: str = ""
 
     @property
@@ -157,7 +161,7 @@ def _understand(table: Table, quantities: Sequence[Quantity]) -> dict[str, int]:
             found[quantity.name] = index
     wholes = {quantity.part_of for quantity in quantities if quantity.part_of and quantity.name in found}
     for quantity in quantities:
-        if quantity.required and quantity.name not in found:
+        if quantity.required and not {quantity.name, quantity.unless} & found.keys():
             remedy = f"the column is missing; add {' or '.join(quantity.headings)}"
             raise table.heading_fault(remedy + _separators(table), quantity.canonical)
         if quantity.part_of in wholes and quantity.name not in found:

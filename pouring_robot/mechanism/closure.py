@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import eigenpy
@@ -206,6 +206,8 @@ class ClosureSolver:
         options: ClosureOptions = DEFAULT_OPTIONS,
     ) -> None:
         """Keep the energy of the mechanism at hand."""
+        if mechanism.loops.redundant_drives:  # they need not agree
+            options = replace(options, max_gap_m=np.inf, max_gap_rad=np.inf)
         self.mechanism, self.options = mechanism, options
         self.energy = ClosureEnergy(mechanism, loads)
         self._factors: eigenpy.LLT | None = None  # Eigen's: nothing to load, no threads

@@ -195,7 +195,7 @@ class ClosureEnergy:
         translation, rotation = mechanism.loops.stiffness_si
         rows = [[translation] * 3 + [0.0 if d3 else rotation] * 3 for d3 in self._is_3d]
         self._stiffness = np.array(rows).reshape(-1, 6)
-        self._root_stiffness = np.sqrt(self._stiffness).reshape(-1, 1)
+        self.root_stiffness = np.sqrt(self._stiffness).reshape(-1, 1)
         self.springs = np.zeros(self.model.nv)
         for joint, stiffness in loads.drive_stiffness.items():
             if joint not in mechanism.loops.drives:
@@ -300,7 +300,7 @@ class ClosureEnergy:
 
     def gauss_newton_hessian(self, state: EnergyState) -> FloatArray:
         """Return the positive part J^T K J of the Hessian, plus drive springs; shape (nv, nv)."""
-        scaled = state.jacobian.reshape(-1, self.model.nv) * self._root_stiffness
+        scaled = state.jacobian.reshape(-1, self.model.nv) * self.root_stiffness
         hessian = scaled.T @ scaled
         hessian.flat[:: self.model.nv + 1] += self.springs
         return np.asarray(hessian)
@@ -342,6 +342,11 @@ class ClosureEnergy:
         own = _dual(joints.on_b, form, columns.on_b) - _dual(joints.on_a, form, columns.on_a)
         change += _dual(motion, form, columns.on_b) - columns.precedes(joints) * own
         return np.asarray(change.sum(axis=0))
+
+    def residual_change(self, state: EnergyState, columns: TwistColumns) -> FloatArray:
+        """Return how the loops' residual changes when twists displace the tree, (loops * 6, n); valid as the above."""
+        body = np.stack([a.oMc2.toActionMatrixInverse() for a in self._anchor_data])
+        return np.asarray((state.jlog @ body @ (columns.on_b - columns.on_a)).reshape(6 * len(body), -1))
 
     def joint_columns(self) -> TwistColumns:
         """Return the joints' own twists at the configuration where :meth:`evaluate` was last called."""

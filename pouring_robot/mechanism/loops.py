@@ -73,6 +73,8 @@ class LoopsFile(StrictModel):
         drives: driven joints.
         loops: what is closed; nothing for a serial arm.
         stiffness: of each closure.
+        redundant_drives: whether there are more drives than freedoms, so that all rarely agree: loops may stay open,
+            and what they leave is measured.
     """
 
     mechanism: str = "closed chain"
@@ -88,6 +90,7 @@ class LoopsFile(StrictModel):
         translation=Quantity(value=DEFAULT_TRANSLATION_STIFFNESS, unit="N/m", source="assumed"),
         rotation=Quantity(value=DEFAULT_ROTATION_STIFFNESS, unit="Nm/rad", source="assumed"),
     )
+    redundant_drives: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:

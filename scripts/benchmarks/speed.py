@@ -27,6 +27,7 @@ from rich.progress import track
 from rich.table import Table
 
 from pouring_robot.estimation.measurement import MeasurementModel
+from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.estimation.solver import Fit, first_frames, identify
@@ -292,7 +293,8 @@ def calibrations(setting: Setting, wanted: str, parameters: int, poses: int) -> 
     def fit(seed: int, watch: Stopwatch | None) -> Fit:
         truth = np.random.default_rng([seed, 3]).normal(size=parameters) * tolerances.std(model.parameters)
         campaign = virtual_campaign(drawing, model, truth, study, seed)
-        measured = MeasuredPoses.from_campaign(campaign, study.sigma_position_m, study.sigma_rotation_rad or 1.0)
+        noise = NoiseLevel.stated(study.sigma_position_m, study.sigma_rotation_rad)
+        measured = MeasuredPoses.from_campaign(campaign, noise)
 
         def run() -> Fit:
             rows = model.at(campaign.drives)

@@ -27,6 +27,7 @@ from pouring_robot.cli.shared.progress import stage_bars
 from pouring_robot.estimation.frames import FRAME_PARAMETERS, FRAMES
 from pouring_robot.estimation.identifiability import BaseParameters, base_parameters, robot_combinations
 from pouring_robot.estimation.measurement import BoolArray, MeasurementModel, ModelledRows, Unknowns
+from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
 from pouring_robot.estimation.solver import Fit, FitOptions, first_frames, identify
@@ -197,7 +198,8 @@ def _run(
     truth = random.normal(size=len(model.parameters)) * tolerances.std(model.parameters)
     campaign = virtual_campaign(drawing, model, truth, options, seed)
     parts = split(campaign, np.zeros(0, dtype=np.intp), "region")
-    measured = MeasuredPoses.from_campaign(campaign, options.sigma_position_m, options.sigma_rotation_rad or 1.0)
+    noise = NoiseLevel.stated(options.sigma_position_m, options.sigma_rotation_rad)
+    measured = MeasuredPoses.from_campaign(campaign, noise)
     rows = model.at(campaign.drives)
     train, seen = rows[parts.train], measured[parts.train]
     clock = time.perf_counter()

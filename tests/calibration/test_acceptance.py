@@ -15,7 +15,7 @@ def scores(position, rotation):
 def test_scores_are_mean_squares_over_the_noise():
     residual = np.array([[2.0, 4.0, 6.0, 0.5, 0.0, 1.0], [2.0, np.nan, np.nan, np.nan, np.nan, np.nan]])
     found = row_scores(residual, SIGMA)
-    np.testing.assert_allclose(found, [[14.0 / 3.0, 5.0 / 3.0], [1.0, np.nan]])
+    np.testing.assert_allclose(found, [[14.0 / 3.0, 5.0 / 3.0, np.nan, np.nan], [1.0, np.nan, np.nan, np.nan]])
     assert mean_and_error(np.array([1.0, 3.0, np.nan])) == pytest.approx((2.0, 1.0 / np.sqrt(2.0)))
     assert mean_and_error(np.full(3, np.nan)) == (0.0, 0.0)
 

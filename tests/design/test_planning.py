@@ -23,7 +23,7 @@ from pouring_robot.design.planning import Conditions, Planner, PlanRequest, Unde
 from pouring_robot.design.plots import plot
 from pouring_robot.design.updates import log_determinants
 from pouring_robot.estimation.identifiability import CRITERIA, observability, observability_index
-from pouring_robot.estimation.noise import NoiseLevel
+from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureSolver

@@ -16,7 +16,7 @@ from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects import conditions
 from pouring_robot.effects.registry import library
 from pouring_robot.estimation.frames import OuterFrames
-from pouring_robot.estimation.noise import NoiseLevel
+from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.definition import PouringDefinition
 from tests.rig.conditions import CENTRE_OF_MASS, GRAVITY, PITCH_M, REFERENCE_DEGC, SPAN_M, TARE_KG, plan

@@ -10,7 +10,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects import all_effects
 from pouring_robot.effects.base import checked_forms
-from pouring_robot.estimation.noise import NoiseLevel
+from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.robot.model import RobotModel
 from tests.effects.test_base import difference
 from tests.examples.campaigns import write

@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.rotations import inverse_right_jacobians
@@ -58,20 +59,20 @@ def test_measured_rows_without_a_prediction_are_reported(virtual):
 
 def test_a_rotation_counts_only_whole(clean):
     campaign = damaged(clean.campaign, rotation_vector_rad=lambda r: r.__setitem__((0, 1), np.nan))
-    measured = MeasuredPoses.from_campaign(campaign, SIGMA, SIGMA)
+    measured = MeasuredPoses.from_campaign(campaign, NoiseLevel.stated(SIGMA, SIGMA))
     assert measured.known[0].tolist() == [True, True, True, False, False, False]
     assert measured.known[1].all()
 
 
 def test_positions_only(positions):
-    measured = MeasuredPoses.from_campaign(positions.campaign, SIGMA, 1.0)
+    measured = MeasuredPoses.from_campaign(positions.campaign, NoiseLevel.stated(SIGMA, None))
     assert measured.known[:, :3].all()
     assert not measured.known[:, 3:].any()
 
 
 def test_rows_without_drives_are_not_measured(clean):
     campaign = damaged(clean.campaign, drives=lambda d: d.__setitem__((5, 2), np.nan))
-    assert not MeasuredPoses.from_campaign(campaign, SIGMA, SIGMA).known[5].any()
+    assert not MeasuredPoses.from_campaign(campaign, NoiseLevel.stated(SIGMA, SIGMA)).known[5].any()
 
 
 def test_regressor_is_the_jacobian_over_the_noise(virtual):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.residuals import whiten
 from pouring_robot.estimation.robust import robust_terms
 from pouring_robot.estimation.search import Search
@@ -52,7 +53,7 @@ def test_second_derivatives_make_the_hessian_true_along_loose_combinations(at_th
 @pytest.mark.parametrize("sigma", [1e-5, 1e-9, 1e-12])
 def test_covariance_is_sound_however_exact_the_data(drawing, sigma):
     virtual = Virtual(drawing, model_of(drawing, "centres"), 30, sigma=SIGMA)
-    measured = virtual.measured.with_noise(sigma, sigma)
+    measured = virtual.measured.with_noise(NoiseLevel.stated(sigma, sigma))
     search = Search(virtual.rows, measured, virtual.unknowns, virtual.prior, "linear")
     share = np.linalg.eigvalsh(search.covariance() / np.outer(virtual.prior, virtual.prior))
     assert share.min() > -1e-12

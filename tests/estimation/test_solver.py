@@ -41,7 +41,7 @@ def test_residuals_come_down_to_the_noise(drawing, wanted):
 def test_exact_data_give_exact_predictions(drawing):
     virtual = Virtual(drawing, model_of(drawing, "centres"), 60, sigma=1e-9)
     fit = fitted(virtual)
-    difference = virtual.measured.difference(fit.prediction)
+    difference = virtual.measured.residual(fit.prediction)
     assert np.abs(difference).max() < 2e-8
 
 

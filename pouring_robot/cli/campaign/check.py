@@ -54,10 +54,9 @@ def check(
 
 
 def _print_summary(console: Console, figures: dict[str, Any]) -> None:
-    kind = "full poses" if figures["full_pose"] else "positions"
     sessions = ", ".join(f"{name} ({rows})" for name, rows in list(figures["sessions"].items())[:12])
     console.print(
-        f"{figures['file']}: {figures['rows']} rows of {kind}, {figures['usable_rows']} usable, "
+        f"{figures['file']}: {figures['rows']} rows of {figures['seen']}, {figures['usable_rows']} usable, "
         f"{figures['distinct_poses']} distinct poses",
         markup=False,
     )
@@ -69,6 +68,9 @@ def _print_summary(console: Console, figures: dict[str, Any]) -> None:
     misfit = figures["misfit"]
     if misfit is not None:
         console.print(_misfit_line(misfit), markup=False)
+    disagree = figures["redundant_drives_disagree_mm"]
+    if disagree is not None:
+        console.print(f"redundant drives of the nominal robot disagree by {disagree:.3g} mm (RMS)", markup=False)
     for line in _untold_lines(figures["untold_of_the_frames"]):
         console.print(line, markup=False)
     if not figures["flags"]:

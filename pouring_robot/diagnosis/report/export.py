@@ -16,7 +16,7 @@ from pouring_robot.diagnosis.report.scene import ladle_scene
 from pouring_robot.diagnosis.report.sentences import absent_sources, gap_sentence, headline, next_lines, note_lines
 from pouring_robot.exceptions import DescriptionError, OutputError
 from pouring_robot.io.files import check_folder, write_together
-from pouring_robot.mechanism.poses import MM, MRAD, pose_figures
+from pouring_robot.mechanism.poses import MM, pose_figures
 from pouring_robot.robot.metrics import without_nan
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.viewer.page import page as html_of
@@ -79,7 +79,7 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
         diagnosis: what was found.
         model_file: path of the amended model file.
     """
-    judgement, noise = diagnosis.judgement, diagnosis.noise
+    judgement = diagnosis.judgement
     known = diagnosis.diagnoser.library.effects
     content: Metrics = {
         "format": "pouring_robot/diagnosis/1",
@@ -111,12 +111,7 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
             {"effect": cause.effect, "description": found.description, "margin_nats": found.margin}
             for cause, found in diagnosis.judgement.challenged
         ],
-        "noise": {
-            "position_mm": noise.position_m / MM,
-            "position_source": noise.position_source,
-            "rotation_mrad": noise.rotation_rad / MRAD if noise.rotation_source != "none" else None,
-            "rotation_source": noise.rotation_source,
-        },
+        "noise": diagnosis.noise.figures(),
         "rows": {
             "all": len(diagnosis.campaign),
             "fitted": int(diagnosis.fitted.sum()),

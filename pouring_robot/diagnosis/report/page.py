@@ -49,14 +49,14 @@ def html_report(diagnosis: Conclusions) -> str:
 
 def _rows_used(diagnosis: Conclusions) -> str:
     """Return which rows served for what, and how exact they are."""
-    noise, sigma = diagnosis.noise, diagnosis.noise.position_m / MM
+    noise, sigma = diagnosis.noise, diagnosis.noise.length_m / MM
     held = "none held out"
     if diagnosis.held_out_name:
         held = f"{int((~diagnosis.fitted).sum())} held out ({diagnosis.held_out_name})"
     return (
         f"{diagnosis.campaign.path.name}: {int(diagnosis.fitted.sum())} rows fitted, {held}, {diagnosis.outliers.size} "
-        f"left out as gross errors; noise {sigma:.3g} mm ({noise.position_source}). Held-out rows chose and fitted "
-        "nothing."
+        f"left out as gross errors; noise {sigma:.3g} mm ({noise.source(noise.length_kind)}). Held-out rows chose and "
+        "fitted nothing."
     )
 
 

@@ -8,17 +8,19 @@ from typing import Any
 
 import numpy as np
 import scipy.stats
+from numpy.typing import NDArray
 
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.discrepancy import described, parts_by_row
-from pouring_robot.diagnosis.gap import COMPONENTS, Gap, in_base, table_of
+from pouring_robot.diagnosis.gap import Gap, component_unit, in_base, table_of
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import RISE, Conditions
 from pouring_robot.effects.facts import axis_over
+from pouring_robot.estimation.instruments import KINDS, are, component_name
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.plots import AFTER, BEFORE, COLOURS, GREY, HELD_OUT, new_figure, png_of
 
 _MOST_EFFECTS, _FEW_VALUES = 4, 6
@@ -45,19 +47,21 @@ def plots(diagnosis: Conclusions) -> list[tuple[str, bytes]]:
 
 def _gap(diagnosis: Conclusions) -> bytes:
     gaps = diagnosis.gaps
-    turned = any(np.isfinite(gap.before[3:]).any() for gap in gaps.values())
+    known = np.flatnonzero(np.any([np.isfinite(gap.before) for gap in gaps.values()], axis=0))
+    parts = (known[(known >= low) & (known < high)] for low, high in ((0, 3), (3, 6), (6, known[-1] + 1)))
+    panels = [part for part in parts if part.size]
     figure = new_figure(9.0, 3.0)
-    for k, axes in enumerate(np.atleast_1d(figure.subplots(1, 2 if turned else 1))):
-        _gap_panel(axes, gaps, k, amended=not diagnosis.refused)
+    for part, axes in zip(panels, np.atleast_1d(figure.subplots(1, len(panels))), strict=True):
+        _gap_panel(axes, gaps, part, amended=not diagnosis.refused)
     figure.legend(*axes.get_legend_handles_labels(), ncols=4, loc="outside upper center", fontsize=8)
     return png_of(figure)
 
 
-def _gap_panel(axes: Any, gaps: dict[str, Gap], kind: int, *, amended: bool) -> None:
-    part, unit = slice(3 * kind, 3 * kind + 3), (MM, MRAD)[kind]
+def _gap_panel(axes: Any, gaps: dict[str, Gap], part: NDArray[np.intp], *, amended: bool) -> None:
+    unit, places = component_unit(int(part[0])), np.arange(part.size)
     for shift, (name, gap) in zip((0.14, -0.14), gaps.items(), strict=False):
         before, after, floor = gap.before[part] / unit, gap.after[part] / unit, gap.floor[part] / unit
-        place = np.arange(3) + (shift if len(gaps) > 1 else 0.0)
+        place = places + (shift if len(gaps) > 1 else 0.0)
         filled, words = name == "held_out", name.replace("_", " ").replace("train", "fitted")
         axes.hlines(place, after, before, color=GREY, linewidth=1.0)
         shown = ((before, BEFORE, "before"), (after, AFTER, "after")) if amended else ((before, BEFORE, "before"),)
@@ -65,16 +69,16 @@ def _gap_panel(axes: Any, gaps: dict[str, Gap], kind: int, *, amended: bool) -> 
             face = colour if filled or len(gaps) == 1 else "white"
             axes.plot(values, place, "o", color=colour, markerfacecolor=face, label=f"{label}, {words}")
         if name == next(iter(gaps)):
-            axes.vlines(floor, np.arange(3) - 0.35, np.arange(3) + 0.35, color="black", linestyle="--", label="noise")
+            axes.vlines(floor, places - 0.35, places + 0.35, color="black", linestyle="--", label="noise")
     axes.set_xscale("log")
-    axes.set_yticks(range(3), COMPONENTS[part])
-    axes.set_ylim(2.5, -0.5)
+    axes.set_yticks(places, [component_name(k) for k in part.tolist()])
+    axes.set_ylim(part.size - 0.5, -0.5)
     axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     low, high = axes.get_xlim()
     labelled = "25" if high > _NARROW * low else "23456789"
     axes.xaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in labelled else "")
     axes.tick_params(axis="x", which="both", labelsize=8)
-    axes.set_xlabel(("RMS [mm]", "RMS [mrad]")[kind])
+    axes.set_xlabel("RMS [mm]" if unit == MM else "RMS [mrad]")
     axes.grid(axis="x", which="both", alpha=0.2)
 
 
@@ -86,8 +90,10 @@ def _residuals(diagnosis: Conclusions) -> bytes:
     kinds = [("before", BEFORE)] if diagnosis.refused else [("before", BEFORE), ("after", AFTER)]
     tables = [_residual_table(diagnosis, of_after=label == "after") for label, _ in kinds]
     figure = new_figure(max(1.75 * len(shown), 5.0), 5.6)
-    grid = figure.subplots(3, len(shown), sharex="col", sharey="row", squeeze=False)
-    for k, row in enumerate(grid):
+    seen = np.flatnonzero(np.isfinite(tables[0]).any(axis=0))
+    lengths = seen[seen < 3] if (seen < 3).any() else seen[seen >= 6]
+    grid = figure.subplots(len(lengths), len(shown), sharex="col", sharey="row", squeeze=False)
+    for k, row in zip(lengths.tolist(), grid, strict=True):
         for axis, axes in zip(shown, row, strict=True):
             for table, (label, colour) in zip(tables, kinds, strict=True):
                 axes.plot(axis.values, table[:, k] / MM, ".", color=colour, markersize=3, label=label)
@@ -99,7 +105,7 @@ def _residuals(diagnosis: Conclusions) -> bytes:
             axes.axhline(0.0, color="black", linewidth=0.5)
             axes.grid(alpha=0.2)
             axes.tick_params(labelsize=7)
-        row[0].set_ylabel(f"{COMPONENTS[k]} [mm]")
+        row[0].set_ylabel(f"{component_name(k)} [mm]")
     for axis, axes in zip(shown, grid[-1], strict=True):
         axes.set_xlabel(axis.label, fontsize=7)
     figure.legend(*grid[0, 0].get_legend_handles_labels(), ncols=3, loc="outside upper right", fontsize=8)
@@ -132,7 +138,7 @@ def _signatures(diagnosis: Conclusions) -> bytes:
         moved = diagnosis.moved[name] / MM
         axis = known[name].axis(given)
         for k, colour in enumerate(COLOURS[:3]):
-            axes.plot(axis.values, moved[:, k], ".", color=colour, markersize=5, label=COMPONENTS[k])
+            axes.plot(axis.values, moved[:, k], ".", color=colour, markersize=5, label="xyz"[k])
         axes.axhline(0.0, color="black", linewidth=0.5)
         axes.set(
             xlabel=axis.label,
@@ -210,14 +216,15 @@ def _discrepancy(diagnosis: Conclusions) -> bytes:
     order = np.argsort(given.time_s, kind="stable")
     place = np.empty(n, dtype=int)
     place[order] = np.arange(n)
-    for parts, colour, label in ((slice(0, 3), AFTER, "position"), (slice(3, 6), HELD_OUT, "rotation")):
-        chosen = (linear.component >= parts.start) & (linear.component < parts.stop)
+    for kind, colour in zip(KINDS, (AFTER, HELD_OUT, *COLOURS), strict=False):
+        chosen = are(kind, linear.component)
         if chosen.any():
-            left.plot(place[linear.row[chosen]], linear.residual[chosen], ".", color=colour, markersize=3, label=label)
+            left.plot(place[linear.row[chosen]], linear.residual[chosen], ".", color=colour, markersize=3, label=kind)
     if diagnosis.discrepancies:
         first = diagnosis.discrepancies[0]
-        table = parts_by_row(diagnosis, first.structure) / np.asarray(diagnosis.rows.measured.sigma)
-        values = table[:, COMPONENTS.index(first.component)]
+        table = parts_by_row(diagnosis, first.structure)
+        worst = next(k for k in range(table.shape[1]) if component_name(k) == first.component)
+        values = table[:, worst] / diagnosis.rows.measured.sigma[worst]
         words = described(first.structure.description.where, first.structure.description.by)
         left.plot(place, values, "x", color=BEFORE, markersize=4, label=f"{first.component}: {words}")
     left.axhspan(-2.0, 2.0, color=GREY, alpha=0.2, linewidth=0)

@@ -14,11 +14,11 @@ from pouring_robot.checks.flags import FlagCode
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.descriptions import BY_CHANCE
 from pouring_robot.diagnosis.discrepancy import described
-from pouring_robot.diagnosis.gap import COMPONENTS
 from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
 from pouring_robot.effects.defaults import causes_of
 from pouring_robot.effects.facts import sources
+from pouring_robot.estimation.instruments import KINDS, component_name
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.causes import Thermometers
@@ -90,23 +90,23 @@ def gap_sentence(diagnosis: Conclusions) -> str:
     return text[0].upper() + text[1:] + closed + "."
 
 
-GAP_HEAD = ("rows", "", *COMPONENTS[:3], "all mm", *COMPONENTS[3:], "all mrad", "count")
-
-
 def gap_table(diagnosis: Conclusions) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return heading and rows of the gap by component, RMS in mm and mrad, tracker's axes; empty columns left out."""
     table = []
     for name, gap in diagnosis.gaps.items():
         kind = "held out" if name == "held_out" else "fitted"
         for which in ("before", "floor") if diagnosis.refused else ("before", "after", "floor"):
-            values = getattr(gap, which)
-            cells = [*(values[:3] / MM), gap.position(which) / MM, *(values[3:] / MRAD), gap.rotation(which) / MRAD]
-            known = [*np.isfinite(gap.before[:3]), True, *np.isfinite(gap.before[3:]), True]
+            values, seen = getattr(gap, which), np.isfinite(gap.before)
+            cells = [*(values[:3] / MM), gap.position(which) / MM, *(values[3:6] / MRAD), gap.rotation(which) / MRAD]
+            cells += (values[6:] / MM).tolist()
+            known = [*seen[:3], True, *seen[3:6], True, *seen[6:]]
             shown = (f"{v:.4f}" if k and math.isfinite(v) else "" for v, k in zip(cells, known, strict=True))
             rows = str(gap.rows) if which == "before" else ""
             table.append((kind, "noise" if which == "floor" else which, *shown, rows))
-    kept = [k for k in range(len(GAP_HEAD)) if any(row[k] for row in table)]
-    return tuple(GAP_HEAD[k] for k in kept), [tuple(row[k] for k in kept) for row in table]
+    names = [component_name(k) for k in range(len(gap.before))]
+    head = ("rows", "", *names[:3], "all mm", *names[3:6], "all mrad", *names[6:], "count")
+    kept = [k for k in range(len(head)) if any(row[k] for row in table)]
+    return tuple(head[k] for k in kept), [tuple(row[k] for k in kept) for row in table]
 
 
 def effect_lines(diagnosis: Conclusions, effect: NamedEffect) -> list[str]:
@@ -294,7 +294,7 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
         lines.append(f"missing cells were filled in from their neighbours in time: {', '.join(given.filled)}")
     if not given.time_known:
         lines.append("there is no time: the order of the rows stands for it")
-    if "repeats" in (diagnosis.noise.position_source, diagnosis.noise.rotation_source):
+    if "repeats" in map(diagnosis.noise.source, KINDS):
         lines.append(
             "the noise is not stated and comes from how far repeats of a command scatter: what changes from one repeat "
             "to the next counts as noise"

@@ -13,6 +13,7 @@ from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.suggest.candidates import Candidates, EndPose, Prospect, candidates
 from pouring_robot.diagnosis.suggest.contenders import Contender, contest, scaled_columns
 from pouring_robot.diagnosis.suggest.words import separating_words, untestable_words
+from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.discrimination import Prediction, choose, expected, total
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
@@ -54,7 +55,7 @@ class SuggestedMeasurement:
         drives = {}
         for drive, value in zip(self.robot.drives, self.drives.tolist(), strict=True):
             unit, si, digits = ("mm", MM, 5) if drive.command == "length" else ("rad", 1.0, 8)
-            drives[f"{drive.column}_{unit}"] = round(value / drive.factor / si, digits)
+            drives[f"{drive.column}_{unit}"] = round(float(drive.commanded(np.asarray(value))) / si, digits)
         return {
             "pose": {name: round(value, 3 if name.endswith("_mm") else 4) for name, value in place.items()},
             "drives": drives,
@@ -143,8 +144,10 @@ def suggest_measurements(diagnosis: Findings, count: int = MOST, seed: int = 0) 
 
     Raises:
         DiagnosisError: the drawing does not close at a candidate.
-        BadInputError: hardly any pose of the workspace is within reach.
+        BadInputError: hardly any pose of the workspace is within reach, or something else than poses was measured.
     """
+    if diagnosis.rows.measured.others:
+        raise BadInputError("poses are chosen for devices that see places or poses, not for distances and closures")
     advice = untestable_words(diagnosis.untestable, diagnosis.rows.conditions.robot)
     possible = candidates(diagnosis.rows.campaign, diagnosis.model, _CANDIDATES, seed)
     prospect = Prospect(diagnosis, possible)

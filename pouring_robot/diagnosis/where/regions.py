@@ -28,7 +28,7 @@ def regions(data: FreeResiduals, given: Conditions) -> list[Finding]:
     n = len(given)
     expected = np.bincount(data.row, 1.0 - (data.nuisance.axes**2).sum(axis=1), n)
     score = np.bincount(data.row, data.cleared**2, n) / np.maximum(expected, 1e-12)
-    positions = data.component < 3
+    positions = ~data.turning
     squares = np.bincount(data.row[positions], ((data.cleared * data.sigma) ** 2)[positions], n)
     counts = np.bincount(data.row[positions], minlength=n)
     seen = expected > 1e-9

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from pouring_robot.diagnosis.descriptions import poses
-from pouring_robot.diagnosis.gap import COMPONENTS
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.facts import in_words, known_facts, numbers
+from pouring_robot.estimation.instruments import are, component_name
 from pouring_robot.inference.courses import separate, standardised
 from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.mechanism.arrays import FloatArray
@@ -36,7 +36,7 @@ class FreeResiduals:
     Attributes:
         residual: measured minus predicted over the noise, shape (m,).
         row: row of each equation, (m,).
-        component: component 0 to 5 of each equation in the tracker's axes, (m,).
+        component: component of each equation in the tracker's axes, (m,).
         sigma: noise of each equation, (m,), in m or rad.
         nuisance: what the frames can explain.
         axes: axes of the base in the tracker's frame, (3, 3).
@@ -66,10 +66,21 @@ class FreeResiduals:
             return float(scipy.special.chdtrc(freedoms, squares))
         return float(scipy.special.fdtrc(freedoms, self.noise_freedoms, squares / freedoms))
 
+    @cached_property
+    def turning(self) -> NDArray[np.bool_]:
+        """Which equations are of rotations, (m,)."""
+        return are("rotation", self.component)
+
     @property
-    def full_pose(self) -> bool:
-        """Whether rotations were measured."""
-        return bool((self.component >= 3).any())
+    def shown(self) -> tuple[int, ...]:
+        """Components measured; of a place or a rotation all three, as they are turned into the axes of the base."""
+
+        def together(k: int) -> int:
+            return k // 3 if k < 6 else k
+
+        seen = set(np.unique(self.component).tolist())
+        groups = {together(k) for k in seen}
+        return tuple(k for k in range(max(seen) + 3) if together(k) in groups)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,10 +147,12 @@ def _channels(data: FreeResiduals, given: Conditions) -> tuple[list[Channel], li
         return Channel(name, words or name, bool(words), turning, column, by_row, shown)
 
     end = []
-    for k in range(6 if data.full_pose else 3):
+    for k in data.shown:
         same_kind = data.component // 3 == k // 3
-        column = np.where(same_kind, data.axes[data.component % 3, k % 3], 0.0) / data.sigma
-        end.append(channel(COMPONENTS[k], k >= 3, column))
+        column = (
+            np.where(same_kind, data.axes[data.component % 3, k % 3], 0.0) if k < 6 else 1.0 * (data.component == k)
+        )
+        end.append(channel(component_name(k), 3 <= k < 6, column / data.sigma))
     columns = () if data.drives is None else data.drives.T
     drives = zip(given.robot.drives, columns, strict=False)
     return end, [channel(d.symbol, d.unit == "rad", column, d.words) for d, column in drives]

@@ -115,7 +115,7 @@ def _scaled(data: FreeResiduals) -> FreeResiduals:
     """Return the same with the root mean square of positions and of rotations for noise."""
     factor = np.ones(data.residual.size)
     for turning in (False, True):
-        chosen = (data.component >= 3) == turning
+        chosen = data.turning == turning
         if chosen.any():
             factor[chosen] = max(float(np.sqrt((data.cleared[chosen] ** 2).mean())), 1e-12)
     return replace(

@@ -22,13 +22,14 @@ class CommandAxis:
     Attributes:
         quantity: its column in a table.
         lower: least value, in m or rad; ``upper``: largest one.
-        factor: value in m or rad for a command of one (SI) in the table.
+        factor: value in m or rad for a command of one (SI) in the table, beyond ``zero``: that of a command of none.
     """
 
     quantity: Quantity
     lower: float
     upper: float
     factor: float = 1.0
+    zero: float = 0.0
 
     @property
     def _shown(self) -> tuple[str, float, int]:
@@ -46,7 +47,7 @@ class CommandAxis:
 
     def shown(self, value: float) -> float:
         """Return a value (m or rad) as the table has it, in mm or degrees."""
-        return value / self.factor / self._shown[1]
+        return (value - self.zero) / self.factor / self._shown[1]
 
     def text(self, value: float) -> str:
         """Return the same as a round figure."""

@@ -70,7 +70,8 @@ class Drive:
         column: name of its campaign column, without unit.
         unit: of the joint, ``m`` or ``rad``.
         command: kind of the commanded quantity, which decides the units of its column.
-        factor: joint value (SI) for a command of one (SI).
+        factor: by how much the joint moves (SI) for a command of one (SI).
+        zero: value of the joint at a command of zero, in m or rad.
         symbol: short name in tables and parameters.
         words: name in sentences.
     """
@@ -80,8 +81,17 @@ class Drive:
     unit: Literal["m", "rad"]
     command: Literal["length", "angle"]
     factor: float = 1.0
+    zero: float = 0.0
     symbol: str = ""
     words: str = ""
+
+    def value(self, command: FloatArray) -> FloatArray:
+        """Return the joint's value for commands, in m or rad; same shape."""
+        return np.asarray(command * self.factor + self.zero)
+
+    def commanded(self, value: FloatArray) -> FloatArray:
+        """Return the command (SI) for values of the joint; same shape."""
+        return np.asarray((value - self.zero) / self.factor)
 
 
 class RobotDefinition:
@@ -139,6 +149,7 @@ class RobotDefinition:
             "locked_joints": file.locked_joints,
             "joint_types": file.joint_types,
             "stiffness": file.stiffness,
+            "redundant_drives": file.redundant_drives,
         }
         said = {key: value for key, value in own.items() if value}
         said["drives"] = tuple(entry.joint for entry in file.drives)
@@ -162,15 +173,15 @@ class RobotDefinition:
             what = "is not a joint of the robot" if kind is None else f"is {kind}; a drive slides or turns"
             near = closest(entry.joint, kinds) if kind is None else ""
             raise DescriptionError(self.path, f"drive '{entry.joint}' {what}{near}")
-        column = entry.column or entry.joint
+        column, zero = entry.column or entry.joint, entry.zero
         if entry.mm_per_turn is not None:
             if kind != "prismatic":
                 raise DescriptionError(self.path, f"drive '{entry.joint}' turns, so it has no mm_per_turn")
             factor = entry.mm_per_turn * MM / (2.0 * math.pi)
-            return Drive(entry.joint, column, "m", "angle", factor, column, column)
+            return Drive(entry.joint, column, "m", "angle", factor, zero, column, column)
         if kind == "prismatic":
-            return Drive(entry.joint, column, "m", "length", entry.ratio, column, column)
-        return Drive(entry.joint, column, "rad", "angle", entry.ratio, column, column)
+            return Drive(entry.joint, column, "m", "length", entry.ratio, zero, column, column)
+        return Drive(entry.joint, column, "rad", "angle", entry.ratio, zero, column, column)
 
     @property
     def source(self) -> Path:
@@ -214,7 +225,7 @@ class RobotDefinition:
     def drive_values(self, numbers: Mapping[str, FloatArray]) -> FloatArray:
         """Return the values of the driven joints, (n, drives), in m and rad, from columns (n,); absent ones are NaN."""
         empty = np.full(next(iter(numbers.values())).size, np.nan)
-        return np.stack([numbers.get(drive.column, empty) * drive.factor for drive in self.drives], axis=-1)
+        return np.stack([drive.value(numbers.get(drive.column, empty)) for drive in self.drives], axis=-1)
 
     def mechanism(self) -> ClosedChainMechanism:
         """Return the mechanism of the drawing."""
@@ -245,7 +256,11 @@ class RobotDefinition:
         return drives[kept], start[kept]
 
     def command_axes(self, mechanism: ClosedChainMechanism) -> tuple[CommandAxis, ...]:
-        """Return what commands the mechanism of the drawing: its drives, between their limits.
+        """Return what commands the mechanism of the drawing: its drives."""
+        return self.drive_axes(mechanism)
+
+    def drive_axes(self, mechanism: ClosedChainMechanism) -> tuple[CommandAxis, ...]:
+        """Return the drives, between their limits.
 
         Without limits a joint turns once around, and a slide stays at home: nobody knows how far it goes.
         """
@@ -253,7 +268,7 @@ class RobotDefinition:
         for drive, column, home in zip(self.drives, self.drive_columns, self.home_drives.tolist(), strict=True):
             turn = 0.0 if drive.unit == "m" else math.pi
             lower, upper = limits.get(drive.joint, (home - turn, home + turn))
-            axes.append(CommandAxis(column, lower, upper, drive.factor))
+            axes.append(CommandAxis(column, lower, upper, drive.factor, drive.zero))
         return tuple(axes)
 
     @property

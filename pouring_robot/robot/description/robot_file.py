@@ -13,7 +13,7 @@ from pouring_robot.mechanism.joint_types import JointKind
 from pouring_robot.mechanism.loops import LoopSpec, LoopStiffness
 
 FORMAT = "pouring_robot/robot/1"
-_TAKEN = {"sample", "session", "time", "payload", "ambient", "x", "y", "z", "rx", "ry", "rz"}
+_TAKEN = {"sample", "session", "time", "payload", "ambient", "x", "y", "z", "rx", "ry", "rz", "distance"}
 
 
 class DriveEntry(StrictModel):
@@ -24,12 +24,14 @@ class DriveEntry(StrictModel):
         column: name of its column in a campaign, without unit; by default the joint's name.
         ratio: by how much the joint moves for a command of one of the same kind (a gear; below 1 slows down).
         mm_per_turn: travel of a sliding joint for a whole turn of its motor; the command is then an angle.
+        zero: value of the joint at a command of zero, in m or rad.
     """
 
     joint: str
     column: str = ""
     ratio: float = 1.0
     mm_per_turn: float | None = None
+    zero: float = 0.0
 
     @pydantic.model_validator(mode="after")
     def _moves(self) -> DriveEntry:
@@ -57,6 +59,7 @@ class RobotFile(StrictModel):
         joint_types: joints of another kind than the URDF says, such as ``spherical`` or ``universal_xy``.
         stiffness: of each closure.
         drives: what the controller commands, in this order.
+        redundant_drives: whether there are more of them than freedoms: what they disagree by is then measured.
         groups: drives that share a cause, by the group's name; by default all angles and all lengths.
         payload_frame: where a payload hangs.
         travel: joints that carry the base.
@@ -77,6 +80,7 @@ class RobotFile(StrictModel):
     joint_types: dict[str, JointKind] = pydantic.Field(default_factory=dict)
     stiffness: LoopStiffness | None = None
     drives: tuple[DriveEntry, ...] = pydantic.Field(min_length=1)
+    redundant_drives: bool = False
     groups: dict[str, tuple[str, ...]] = pydantic.Field(default_factory=dict)
     payload_frame: str | None = None
     travel: tuple[str, ...] = ()

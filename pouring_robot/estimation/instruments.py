@@ -1,0 +1,232 @@
+"""What can be measured of a row: how far each instrument reads from the prediction, and how that moves.
+
+============  =======================================  =========================  ==================================
+kind          columns of a campaign                    components                 noise in the YAML
+============  =======================================  =========================  ==================================
+position      ``x y z``, each where it was measured    x, y, z in m               ``sigma_position_mm``
+rotation      ``rx ry rz``, all three                  rx, ry, rz in rad          ``sigma_rotation_mrad``
+distance      ``distance``, ``distance_from``          distance in m              ``sigma_distance_mm``
+closure       none: drives that are redundant          closure, … in m            ``sigma_closure_mm``
+============  =======================================  =========================  ==================================
+
+A distance is that of the target from the origin of the device's frame, which is unknown like all of that frame, or from
+its place in the row that ``distance_from`` names. A closure is what redundant drives disagree by
+(:mod:`pouring_robot.mechanism.redundancy`); it should be zero. Another instrument is another class here, its columns in
+:mod:`pouring_robot.campaign.columns`, and its noise in :mod:`pouring_robot.campaign.metadata`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pouring_robot.estimation.measurement import BoolArray, Prediction
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.rotations import inverse_right_jacobians, rotation_vectors
+
+Kind = Literal["position", "rotation", "distance", "closure"]
+KINDS: tuple[Kind, ...] = ("position", "rotation", "distance", "closure")
+LENGTHS: tuple[Kind, ...] = ("position", "distance", "closure")
+_FIRST = (0, 3, 6, 7)
+_COMPONENTS = ("x", "y", "z", "rx", "ry", "rz", "distance", "closure")
+Rows = NDArray[np.intp] | BoolArray
+
+
+def kind_of(components: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the place in :data:`KINDS` of components, same shape."""
+    return np.asarray(np.searchsorted(_FIRST, components, side="right") - 1, dtype=np.intp)
+
+
+def are(kind: Kind, components: NDArray[np.intp]) -> BoolArray:
+    """Return which components are of a kind, same shape."""
+    return np.asarray(kind_of(components) == KINDS.index(kind), dtype=np.bool_)
+
+
+def component_name(component: int) -> str:
+    """Return what a component is called: ``x``, ``rz``, ``distance``, ``closure``, ``closure_2``."""
+    last = len(_COMPONENTS) - 1
+    return _COMPONENTS[component] if component <= last else f"{_COMPONENTS[last]}_{component - last + 1}"
+
+
+@dataclass(frozen=True, eq=False)
+class Instrument(ABC):
+    """What one kind of instrument read in n rows: arrays of n rows each, what was measured first.
+
+    Attributes:
+        sigma: standard deviation of a component, in m or rad.
+    """
+
+    sigma: float
+
+    def __post_init__(self) -> None:
+        """Refuse noise that cannot be divided by."""
+        if not (np.isfinite(self.sigma) and self.sigma > 0.0):
+            raise BadInputError(f"the noise of a {self.kind} must be a positive number, not {self.sigma}")
+
+    @property
+    @abstractmethod
+    def kind(self) -> Kind:
+        """What it measures."""
+
+    @property
+    @abstractmethod
+    def known(self) -> BoolArray:
+        """Which components were measured, (n, k)."""
+
+    @abstractmethod
+    def difference(self, prediction: Prediction) -> FloatArray:
+        """Return measured minus predicted, (n, k), in m or rad; NaN where either is missing."""
+
+    @abstractmethod
+    def jacobian(self, prediction: Prediction, difference: FloatArray) -> FloatArray:
+        """Return the derivative of :meth:`difference` by the unknowns, (n, k, 12 + P)."""
+
+    def stretched(self, prediction: Prediction) -> FloatArray:
+        """Return how the reading grows with the device's scale, (n, k), in m or rad per one; by default not at all."""
+        return np.zeros(self.known.shape)
+
+    def where(self, kept: BoolArray) -> Self:
+        """Return the same with the other rows not measured; ``kept`` is a mask (n,)."""
+        name, values = next((f.name, getattr(self, f.name)) for f in fields(self) if f.name != "sigma")
+        mask = kept.reshape(-1, *[1] * (values.ndim - 1))
+        changed: dict[str, Any] = {name: values & mask if values.dtype == bool else np.where(mask, values, np.nan)}
+        return replace(self, **changed)
+
+    def __getitem__(self, rows: Rows) -> Self:
+        """Return some rows, by index or mask."""
+        arrays = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "sigma"}
+        return replace(self, **{name: values[rows] for name, values in arrays.items()})
+
+
+@dataclass(frozen=True, eq=False)
+class Places(Instrument):
+    """Coordinates of the target's origin, (n, 3), in m, tracker axes; NaN where missing."""
+
+    position_m: FloatArray
+    kind = "position"
+
+    @property
+    def known(self) -> BoolArray:
+        """Each coordinate by itself."""
+        return np.asarray(np.isfinite(self.position_m))
+
+    def difference(self, prediction: Prediction) -> FloatArray:
+        """Of each coordinate."""
+        return np.asarray(self.position_m - prediction.position_m)
+
+    def jacobian(self, prediction: Prediction, difference: FloatArray) -> FloatArray:
+        """As the position moves."""
+        return -_of(prediction)[:, :3]
+
+    def stretched(self, prediction: Prediction) -> FloatArray:
+        """About the tracker's own origin."""
+        return prediction.position_m
+
+
+@dataclass(frozen=True, eq=False)
+class Turns(Instrument):
+    """Axes of the target, (n, 3, 3), seen by the tracker; NaN where missing."""
+
+    rotation: FloatArray
+    kind = "rotation"
+
+    @property
+    def known(self) -> BoolArray:
+        """A rotation counts only with all three components."""
+        turned = np.asarray(np.isfinite(self.rotation).all(axis=(1, 2)))
+        return np.repeat(turned[:, None], 3, axis=1)
+
+    def difference(self, prediction: Prediction) -> FloatArray:
+        """As rotation vector that turns the predicted axes into the measured ones, in tracker axes."""
+        return rotation_vectors(self.rotation @ np.swapaxes(prediction.rotation, 1, 2))
+
+    def jacobian(self, prediction: Prediction, difference: FloatArray) -> FloatArray:
+        """As log(R_measured (exp(d) R_predicted)ᵀ) = log(exp(r) exp(-d))."""
+        return np.asarray(inverse_right_jacobians(difference) @ -_of(prediction)[:, 3:])
+
+
+@dataclass(frozen=True, eq=False)
+class Distances(Instrument):
+    """Distances of the target from a fixed point, the device's origin, or from where it was in another row.
+
+    Attributes:
+        distance_m: (n,), in m; NaN where missing.
+        row: number of the row in its campaign, (n,).
+        start: that of the row from which it is measured, (n,); -1 for the fixed point, -2 where that row is left out.
+    """
+
+    distance_m: FloatArray
+    row: NDArray[np.intp]
+    start: NDArray[np.intp]
+    kind = "distance"
+
+    @property
+    def known(self) -> BoolArray:
+        """Where there is a distance whose start is among these rows."""
+        there = (self.start == -1) | np.isin(self.start, self.row)
+        return np.asarray((np.isfinite(self.distance_m) & there)[:, None])
+
+    def _lines(self, prediction: Prediction) -> tuple[FloatArray, NDArray[np.intp]]:
+        """Return the vector to the target, (n, 3), and the place of the row it starts from, (n,); -1: a fixed point."""
+        order = np.argsort(self.row)
+        at = order[np.searchsorted(self.row[order], self.start).clip(max=len(order) - 1)]
+        at = np.where(self.start < 0, -1, at)
+        origin = np.where((at < 0)[:, None], 0.0, prediction.position_m[at])
+        return prediction.position_m - origin, at
+
+    def difference(self, prediction: Prediction) -> FloatArray:
+        """Of lengths."""
+        line, _ = self._lines(prediction)
+        return np.where(self.known, (self.distance_m - np.linalg.norm(line, axis=1))[:, None], np.nan)
+
+    def jacobian(self, prediction: Prediction, difference: FloatArray) -> FloatArray:
+        """As both ends move along the line between them."""
+        line, at = self._lines(prediction)
+        moved = _of(prediction)[:, :3]
+        moved = moved - np.where((at < 0)[:, None, None], 0.0, moved[at])
+        along = line / np.maximum(np.linalg.norm(line, axis=1), np.finfo(float).tiny)[:, None]
+        return np.asarray(-np.einsum("nc,ncp->np", along, moved)[:, None])
+
+    def stretched(self, prediction: Prediction) -> FloatArray:
+        """In proportion."""
+        line, _ = self._lines(prediction)
+        return np.asarray(np.linalg.norm(line, axis=1)[:, None])
+
+
+@dataclass(frozen=True, eq=False)
+class Closures(Instrument):
+    """What redundant drives disagree by, (n, r): measured as zero in rows where all of them are known.
+
+    Attributes:
+        whole: which rows those are, in each of the r directions, (n, r).
+    """
+
+    whole: BoolArray
+    kind = "closure"
+
+    @property
+    def known(self) -> BoolArray:
+        """Rows with all drives."""
+        return self.whole
+
+    def difference(self, prediction: Prediction) -> FloatArray:
+        """Nothing minus the disagreement."""
+        return np.where(self.whole, -prediction.closure.disagreement, np.nan)
+
+    def jacobian(self, prediction: Prediction, difference: FloatArray) -> FloatArray:
+        """As the disagreement changes; the frames have no part in it."""
+        _of(prediction)
+        if prediction.disagreement is None:
+            raise BadInputError("the prediction's engine knows nothing of redundant drives")
+        return -prediction.disagreement
+
+
+def _of(prediction: Prediction) -> FloatArray:
+    if prediction.jacobian is None:
+        raise BadInputError("the prediction holds no Jacobian; ask for it with linearise")
+    return prediction.jacobian
