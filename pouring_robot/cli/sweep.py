@@ -30,16 +30,18 @@ def sweep(
     scheduler: Annotated[
         str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Compute on this Dask cluster instead.")
     ] = None,
+    robot: options.RobotFile = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Find out which tolerances matter, how far the ladle is off, and the loosest tolerances that will do."""
+    """Find out which tolerances matter, how far the tool is off, and the loosest tolerances that will do."""
     # xarray, Zarr and SciPy take a second to import; only this command pays for it.
-    from pouring_robot.sweeps import SweepPlan
+    from pouring_robot.sweeps import SweepConfig, SweepPlan
     from pouring_robot.sweeps import sweep as run
 
     if workers and scheduler:
         raise BadInputError("give --workers or --scheduler, not both: the cluster has workers of its own")
-    plan = SweepPlan.load(config)
+    study = SweepConfig.load(config)
+    plan = SweepPlan(study if robot is None else study.with_robot(robot))
     if plan.config.model is not None:
         options.say_left_out(plan.model, plan.config.model)
     done, total = 0, 0

@@ -186,29 +186,33 @@ class SweepConfig(StrictModel):
         format: kind and version of the file.
         description: a line for people.
         layout: name of the layout in the shipped dimensions file; not together with ``model``.
+        robot: robot file of another robot, relative to the sweep file's folder; likewise.
         model: model file of a robot as built, relative to the sweep file's folder; errors come on top of its own.
         study: ``one_at_a_time`` sets each error alone to its tolerance; ``monte_carlo`` draws robots; ``sobol`` draws
             robots by Saltelli's scheme for Sobol indices.
         kind: ``closed_chain``, or ``open_branch``: the chain of the errors alone, its joints held, as in the paper.
-        frames: observed frames, rigid on the moving platform.
+        frames: observed frames, rigid on the end body; by default the working frame and the end frame.
         poses: where the robots are sent. Every robot goes to every pose.
-        errors: what may be wrong.
+        errors: what may be wrong; by default all of the geometry, by its tolerances.
+        tolerances: a tolerances file for that, relative to the sweep file's folder (default: the shipped one).
         samples: number of robots (monte_carlo) or of base samples, a power of two (sobol).
         seed: of the draws.
         chunk: closures computed and written at a time; bounds the memory, changes no number.
-        accuracy_mm: required accuracy; by default that of the layout.
+        accuracy_mm: required accuracy; by default that of the layout, which other robots do not have.
         allocation: if given, the loosest tolerances are sought.
     """
 
     format: Literal["pouring_robot/sweep/1"] = "pouring_robot/sweep/1"
     description: str = ""
     layout: str | None = None
+    robot: str | None = None
     model: str | None = None
     study: Study
     kind: Kind = "closed_chain"
-    frames: tuple[str, ...] = pydantic.Field(default=("ladle_lip", "moving_platform"), min_length=1)
+    frames: tuple[str, ...] = ()
     poses: Poses
-    errors: tuple[ErrorEntry, ...] = pydantic.Field(min_length=1)
+    errors: tuple[ErrorEntry, ...] = ()
+    tolerances: str | None = None
     samples: int | None = pydantic.Field(default=None, ge=1)
     seed: int = pydantic.Field(default=0, ge=0)
     chunk: int = pydantic.Field(default=20_000, ge=1, le=1_000_000)
@@ -221,8 +225,10 @@ class SweepConfig(StrictModel):
 
     @pydantic.model_validator(mode="after")
     def _fits_together(self) -> SweepConfig:
-        if self.layout is not None and self.model is not None:
-            raise ValueError("give layout or model, not both: the model file names its layout")
+        if sum(name is not None for name in (self.layout, self.robot, self.model)) > 1:
+            raise ValueError("give one of layout, robot and model, not both: a model file names its robot and layout")
+        if self.errors and self.tolerances is not None:
+            raise ValueError("tolerances take the place of errors; leave one of the two out")
         if (self.study == "one_at_a_time") != (self.samples is None):
             need = "takes no samples" if self.samples is not None else "needs samples, the number of robots"
             raise ValueError(f"study '{self.study}' {need}")
@@ -249,15 +255,25 @@ class SweepConfig(StrictModel):
         content = read_yaml(path, SweepFileError)
         config = validate(cls, content, path, SweepFileError)
         config._folder, config._source = path.parent, path
-        entries = content["errors"]
+        entries = content.get("errors", ())
         config._lines = tuple(int(entries.lc.item(k)[0]) + 1 for k in range(len(entries)))
         return config
+
+    def with_robot(self, robot: Path) -> SweepConfig:
+        """Return the same for another robot, by its robot file.
+
+        Raises:
+            BadInputError: the sweep file names a layout or a model.
+        """
+        if self.layout is not None or self.model is not None:
+            raise self.problem("names a layout or a model; leave that out beside --robot")
+        return self.model_copy(update={"robot": str(robot.absolute())})
 
     def problem(self, message: str, entry: int | None = None) -> BadInputError:
         """Return the error that says what is wrong with the file, or with one of its ``errors``; to be raised."""
         if self._source is None:
             return BadInputError(message)
-        line = f"line {self._lines[entry]}: errors.{entry}: " if entry is not None else ""
+        line = f"line {self._lines[entry]}: errors.{entry}: " if entry is not None and self._lines else ""
         return SweepFileError(self._source, line + message)
 
     def beside(self, name: str) -> Path:

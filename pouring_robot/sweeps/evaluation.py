@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.batch import STATUS_NAMES as BATCH_STATUS_NAMES
-from pouring_robot.batch import BatchCommand, BatchEngine, StarStructure
+from pouring_robot.batch import BatchCommand, StarStructure, engine_for
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.sweeps.branch import open_branch_poses
@@ -80,7 +80,7 @@ class OpenBranch:
 
 
 class ClosedChains:
-    """All four chains on the platform, closed by the batch engine.
+    """The robot with all its chains, closed by its engine.
 
     Args:
         mechanism: the robot.
@@ -90,7 +90,7 @@ class ClosedChains:
 
     def __init__(self, mechanism: ClosedChainMechanism, joints: Sequence[str], threads: int | None = None) -> None:
         """Read the mechanism; kernels are compiled at first use."""
-        self.engine = BatchEngine(mechanism, threads)
+        self.engine = engine_for(mechanism, threads)
         self._sites = [self.engine.structure.site(joint) for joint in joints]
 
     def platforms(self, commands: BatchCommand, placement_errors: FloatArray, drive_errors: FloatArray) -> Platforms:
@@ -105,7 +105,8 @@ class ClosedChains:
             commands.start[pose],
             flat[0] if shape[0] == 1 else flat[robot],
         )
-        gaps = np.linalg.norm(closed.residual.reshape(*shape, -1, 2, 3), axis=-1).max(axis=2)
+        loops = closed.residual.shape[1]  # none of a serial arm
+        gaps = np.linalg.norm(closed.residual.reshape(*shape, loops, 2, 3), axis=-1).max(axis=2, initial=0.0)
         return Platforms(
             closed.position.reshape(*shape, 3),
             closed.rotation.reshape(*shape, 3, 3),

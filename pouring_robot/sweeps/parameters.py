@@ -8,16 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.parameters import DriveParameter
 from pouring_robot.robot.dh.chain import SITES, SYMBOLS, TRANSFORMS
 from pouring_robot.robot.parameters import Parameter, ParameterCatalogue
-from pouring_robot.sweeps.config import SweepConfig
+from pouring_robot.robot.tolerances import Tolerances
+from pouring_robot.sweeps.config import ErrorEntry, SweepConfig
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,34 @@ class SweepParameter(Parameter):
     """
 
     entry: int = 0
+
+
+def completed(config: SweepConfig, catalogue: ParameterCatalogue, loops: LoopsFile) -> SweepConfig:
+    """Return a sweep file with what it leaves to the robot: observed frames, and errors by tolerances.
+
+    Every kind of error is an entry of its own, normal with the standard deviation of the tolerances file.
+
+    Raises:
+        DescriptionError: the tolerances file is wrong.
+    """
+    said: dict[str, Any] = {}
+    if not config.frames:
+        said["frames"] = tuple(dict.fromkeys((loops.working_frame, str(loops.end_frame))))
+    if not config.errors:
+        tolerances = Tolerances.load(config.beside(config.tolerances) if config.tolerances else None)
+        kinds: dict[str, list[Parameter]] = {}
+        for p in catalogue.match("geometry"):
+            kinds.setdefault(p.kind, []).append(p)
+        said["errors"] = tuple(
+            ErrorEntry(
+                parameters=tuple(p.name for p in found),
+                distribution="normal",
+                **{f"std_{tolerance.unit}": tolerance.std},
+            )
+            for kind, found in kinds.items()
+            for tolerance in (getattr(tolerances.kinds, kind),)
+        )
+    return config.model_copy(update=said)
 
 
 def select(catalogue: ParameterCatalogue, config: SweepConfig) -> tuple[SweepParameter, ...]:

@@ -16,18 +16,17 @@ from scipy.spatial.transform import Rotation
 
 import pouring_robot
 from pouring_robot.batch import BatchCommand
-from pouring_robot.exceptions import BadInputError, UnknownFrameError
+from pouring_robot.exceptions import UnknownFrameError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterCatalogue
-from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
-from pouring_robot.robot.pouring.layout import Layout, load_layout
+from pouring_robot.robot.robot import robot_of
 from pouring_robot.sweeps.config import Grouping, SweepConfig
 from pouring_robot.sweeps.draws import Draws
 from pouring_robot.sweeps.evaluation import ByteArray, ClosedChains, OpenBranch, Platforms
-from pouring_robot.sweeps.parameters import ErrorMap, select
+from pouring_robot.sweeps.parameters import ErrorMap, completed, select
 from pouring_robot.sweeps.poses import sweep_commands
 
 
@@ -73,6 +72,7 @@ class SweepPlan:
 
     Attributes:
         threads: that share the work of a chunk; None for all there are.
+        accuracy_m: required accuracy in m.
 
     Args:
         config: the sweep file.
@@ -84,26 +84,20 @@ class SweepPlan:
 
     def __init__(self, config: SweepConfig) -> None:
         """Resolve every name; nothing is computed yet."""
-        self.config = config
         self.threads: int | None = None
-        self.model = (
-            RobotModel.load(config.beside(config.model))
-            if config.model
-            else RobotModel(layout=config.layout or "paper")
-        )
-        if self.model.robot:
-            raise BadInputError(f"a sweep knows the pouring robot only, not {self.model.definition.name}")
-        nominal = self.model.nominal_mechanism()
+        self.model = _model(config)
+        definition, nominal = self.model.definition, self.model.nominal_mechanism()
         self.mechanism: ClosedChainMechanism = self.model.mechanism()
-        self.layout: Layout = load_layout(self.model.layout, self.model.layouts_path)
-        self.catalogue = ParameterCatalogue(self.model.definition, nominal)
+        self.catalogue = ParameterCatalogue(definition, nominal)
+        self.config = config = completed(config, self.catalogue, self.mechanism.loops)
         self.parameters = select(self.catalogue, config)
         self.draws = Draws.of(config, self.parameters)
         self._refuse_many_chains()
         if config.allocation:
             self.groups(config.allocation.by)
         self.tool_offsets_m = self._tool_offsets()
-        self.poses: BatchCommand = sweep_commands(config, self.layout, FourUPUKinematics(nominal))
+        self.accuracy_m = self._accuracy()
+        self.poses: BatchCommand = sweep_commands(config, definition, definition.drawing(nominal))
         self.pose_block = min(len(self.poses), config.chunk)
         self.sample_block = max(1, min(self.draws.count, config.chunk // self.pose_block))
 
@@ -123,15 +117,28 @@ class SweepPlan:
         return {name: value for name, value in self.__dict__.items() if name not in {"evaluator", "error_map"}}
 
     @property
+    def name(self) -> dict[str, str]:
+        """Which robot it is, for figures."""
+        return {"robot": self.model.definition.name} if self.model.robot else {"layout": self.model.layout}
+
+    @property
+    def tilts(self) -> bool:
+        """Whether it commands a tilt."""
+        return self.model.definition.command_columns[-1].name == "tilt"
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters, in the order of the columns."""
         return tuple(p.name for p in self.parameters)
 
-    @property
-    def accuracy_m(self) -> float:
-        """Required accuracy in m."""
-        given = self.config.accuracy_mm
-        return self.layout.accuracy_m if given is None else given * MM
+    def _accuracy(self) -> float:
+        """Return the required accuracy in m."""
+        if self.config.accuracy_mm is not None:
+            return self.config.accuracy_mm * MM
+        found = robot_of(self.model).accuracy_m
+        if found is None:
+            raise self.config.problem("accuracy_mm is missing: nobody says what this robot must keep")
+        return found
 
     @property
     def chunk_grid(self) -> tuple[int, int]:
@@ -229,7 +236,8 @@ class SweepPlan:
     @functools.cached_property
     def content(self) -> dict[str, Any]:
         """Everything the numbers depend on, and how they are laid out; texts of files as SHA-256."""
-        config = self.config.model_dump(mode="json", exclude={"description", "allocation", "accuracy_mm", "model"})
+        told_otherwise = {"description", "allocation", "accuracy_mm", "model", "robot"}
+        config = self.config.model_dump(mode="json", exclude=told_otherwise)
         return {
             "config": config,
             "parameters": list(self.names),
@@ -252,6 +260,8 @@ class SweepPlan:
         return without.position_m[0], without.rotation[0]
 
     def _refuse_many_chains(self) -> None:
+        if self.config.kind == "open_branch" and self.catalogue.table is None:
+            raise self.config.problem("an open branch is of a robot with a DH table of its chains; take 'closed_chain'")
         chains = sorted({p.chain for p in self.parameters})
         if self.config.kind == "open_branch" and self.config.study != "one_at_a_time" and len(chains) > 1:
             raise self.config.problem(
@@ -268,6 +278,15 @@ class SweepPlan:
             if name not in bodies:
                 raise self.config.problem(f"frames: {UnknownFrameError(name, bodies)}")
         return np.array([mechanism.placement_on_end(name).translation for name in self.config.frames])
+
+
+def _model(config: SweepConfig) -> RobotModel:
+    """Return the robot of a sweep."""
+    if config.model:
+        return RobotModel.load(config.beside(config.model))
+    if config.robot:
+        return RobotModel.for_robot(config.beside(config.robot))
+    return RobotModel(layout=config.layout or "paper")
 
 
 def _digest(content: bytes) -> str:

@@ -1,4 +1,4 @@
-"""The poses of a sweep: a grid, draws from a box, or a list, all within the robot's reach."""
+"""What a sweep commands: a grid, draws, or a list, all within the robot's reach."""
 
 from __future__ import annotations
 
@@ -6,26 +6,61 @@ import numpy as np
 
 from pouring_robot.batch import BatchCommand
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.pose_table import read_poses
+from pouring_robot.robot.description.command import command_box
+from pouring_robot.robot.description.definition import RobotDefinition
+from pouring_robot.robot.description.drawing import Drawing
+from pouring_robot.robot.pose_table import read_command_lines, read_poses
+from pouring_robot.robot.pouring.definition import PouringDefinition
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
-from pouring_robot.robot.pouring.layout import Layout
+from pouring_robot.robot.pouring.layout import Layout, load_layout
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.sweeps.config import Box, Grid, Poses, RandomBox, SweepConfig
 
+_MOST_ROUNDS = 20
 
-def sweep_commands(config: SweepConfig, layout: Layout, kinematics: FourUPUKinematics) -> BatchCommand:
-    """Return the poses of a sweep, with the drive values that the controller commands there.
+
+def sweep_commands(config: SweepConfig, robot: RobotDefinition, drawing: Drawing) -> BatchCommand:
+    """Return the commands of a sweep, with their drive values and the drawing's closed poses.
 
     Raises:
         TableError: the file of poses is wrong.
         UnreachablePoseError: a joint would pass its limits at one of the poses.
     """
-    commands = kinematics.commands(_wanted(config, config.poses, layout))
-    beyond = ~kinematics.within_limits(commands.start.joints)
-    if beyond.any():
-        x, y, z, tilt = (float(value) for value in commands.poses[int(np.argmax(beyond))])
-        kinematics.inverse(PlatformPose((x, y, z), tilt))  # raises, and names the joint
-    return commands
+    if isinstance(robot, PouringDefinition) and isinstance(drawing, FourUPUKinematics):
+        commands = drawing.commands(_wanted(config, config.poses, load_layout(robot.layout, robot.layouts_file)))
+        beyond = ~drawing.within_limits(commands.start.joints)
+        if beyond.any():
+            x, y, z, tilt = (float(value) for value in commands.poses[int(np.argmax(beyond))])
+            drawing.inverse(PlatformPose((x, y, z), tilt))  # raises, and names the joint
+        return commands
+    return _driven(config, config.poses, robot, drawing)
+
+
+def _driven(config: SweepConfig, choice: Poses, robot: RobotDefinition, drawing: Drawing) -> BatchCommand:
+    """Return drive values of a file, or drawn evenly between the drives' limits where the robot closes."""
+    if choice.grid is not None or (choice.random is not None and choice.random.box != Box()):
+        raise config.problem("grid and box are of the pouring robot; give random: {count, seed}, or a file of drives")
+    if choice.random is None:
+        listed = read_command_lines(config.beside(str(choice.file)), robot)
+        if not all(isinstance(command, np.ndarray) for command in listed.values()):
+            raise config.problem("poses.file: give a column for each drive")
+        drives = np.array(list(listed.values()))
+        start = drawing.starts(drives)
+        lost = ~(np.isfinite(start.position).all(axis=1) & drawing.in_reach(start))
+        if lost.any():
+            line = list(listed)[int(np.argmax(lost))]
+            raise config.problem(f"poses.file: line {line}: the robot does not close there, or beyond a joint's limits")
+        return BatchCommand(drives, drives, start)
+    generator = np.random.default_rng(np.random.SeedSequence(choice.random.seed, spawn_key=(1, 0)))
+    box, count = command_box(robot.command_axes(drawing.mechanism)), choice.random.count
+    found = np.empty((0, box[0].size))
+    for _ in range(_MOST_ROUNDS):
+        drawn = generator.uniform(*box, size=(count, box[0].size))
+        start = drawing.starts(drawn)
+        found = np.concatenate([found, drawn[np.isfinite(start.position).all(axis=1) & drawing.in_reach(start)]])
+        if len(found) >= count:
+            return BatchCommand(found[:count], found[:count], drawing.starts(found[:count]))
+    raise config.problem("hardly any drive values close within the joint limits; give poses.file")
 
 
 def _wanted(config: SweepConfig, choice: Poses, layout: Layout) -> FloatArray:

@@ -292,6 +292,7 @@ def _static(plan: SweepPlan) -> dict[str, tuple[NDArray[Any], tuple[str, ...], d
     tolerances = np.array([margin.tolerance for margin in plan.draws.margins])
     deviations = np.array([margin.std for margin in plan.draws.margins])
     either = {"units": "m or rad, see coordinate 'unit'"}
+    end = plan.mechanism.loops.end_frame
     return {
         "parameter": (_texts(plan.names), ("parameter",), {}),
         "unit": (_texts([p.unit for p in plan.parameters]), ("parameter",), {}),
@@ -300,8 +301,12 @@ def _static(plan: SweepPlan) -> dict[str, tuple[NDArray[Any], tuple[str, ...], d
         "std": (deviations, ("parameter",), either),
         "frame": (_texts(plan.config.frames), ("frame",), {}),
         "axis": (_texts(AXES), ("axis",), {}),
-        "position": (plan.poses.start.position, ("pose", "axis"), {"units": "m", "of": "moving_platform, commanded"}),
-        "tilt": (plan.poses.poses[:, 3], ("pose",), {"units": "rad"}),
+        "position": (
+            plan.poses.start.position,
+            ("pose", "axis"),
+            {"units": "m", "of": f"{end}, commanded"},
+        ),
+        **({"tilt": (plan.poses.poses[:, 3], ("pose",), {"units": "rad"})} if plan.tilts else {}),
         "drive": (_texts([drive.joint for drive in plan.catalogue.drives]), ("drive",), {}),
         "command": (plan.poses.drives, ("pose", "drive"), {"units": "m or rad, by drive"}),
     }
@@ -322,7 +327,7 @@ def _write_empty(path: Path, plan: SweepPlan) -> None:
             "study": config.study,
             "kind": config.kind,
             "seed": config.seed,
-            "layout": plan.model.layout,
+            **plan.name,
             "version": plan.content["version"],
             "config": config.model_dump_json(),
             "content": json.dumps(plan.content, sort_keys=True),

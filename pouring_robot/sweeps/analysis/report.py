@@ -71,7 +71,7 @@ class SweepReport(Result):
         return {
             "study": config.study,
             "kind": config.kind,
-            "layout": self.store.plan.model.layout,
+            **self.store.plan.name,
             "content_hash": self.store.plan.content_hash,
             "version": self.store.plan.content["version"],
             "seed": config.seed,
