@@ -28,11 +28,13 @@ _COMMANDS = (
     "robot",
     "view",
     "export",
+    "sensitivity",
     "sweep",
     "calibrate",
     "diagnose",
     "effects",
     "thermal",
+    "regress",
     "compensate",
     "campaign",
 )

@@ -22,12 +22,14 @@ from pouring_robot.mechanism.energy import NO_LOADS, Loads
 from pouring_robot.mechanism.jacobians import AxisWeakness, DriveJacobians, axis_weakness, drive_jacobians
 from pouring_robot.mechanism.parameters import LocalParameter
 from pouring_robot.robot.base import Command, Robot, as_it_stands
+from pouring_robot.robot.description.urdf import read_text
 from pouring_robot.robot.location import LadleLocation, Location, located
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pose_table import read_pose_lines
 from pouring_robot.robot.pouring.kinematics import TASK_ROWS, FourUPUKinematics
 from pouring_robot.robot.pouring.ladle_mesh import stale_mesh_note
-from pouring_robot.robot.pouring.layout import Layout, load_layout
+from pouring_robot.robot.pouring.layout import Layout, check_layout, load_layout, shipped_layouts_file
+from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.robot.pouring.poses import PlatformPose
 
 if TYPE_CHECKING:
@@ -66,6 +68,12 @@ class PouringRobot(Robot):
     def layout(self) -> Layout:
         """Workspace and ladle of the layout, in SI units."""
         return load_layout(self.model.layout, self.model.layouts_path)
+
+    @functools.cached_property
+    def dimensions(self) -> LayoutEntry:
+        """Sizes of every part, as the dimensions file has them."""
+        path = self.model.layouts_path or shipped_layouts_file()
+        return check_layout(self.model.layout, path, read_text(path))
 
     def forward(self, drives: dict[str, float], near: PlatformPose | None = None) -> ClosureResult:
         """Close the robot as built for commanded drive values (m, rad).

@@ -21,7 +21,9 @@ class Claim:
         says: the statement, shortened.
         computed: our figures as a sentence.
         verdict: whether they agree.
-        why: the rule, and the reason for the outcome.
+        rule: what decides, stated without the outcome.
+        why: the reason for the outcome, in one line.
+        reading: how the statement is understood, where its words leave it open.
         used: whether the layout or the DH convention was inferred from this statement, so that agreement tests little.
         figures: the figures for JSON.
     """
@@ -31,14 +33,26 @@ class Claim:
     says: str
     computed: str
     verdict: Verdict
+    rule: str
     why: str
+    reading: str = "as printed"
     used: bool = False
     figures: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def reasons(self) -> str:
+        """Reading, rule and reason, one line each; a statement read as printed says nothing of its reading."""
+        said = {"read": self.reading.removeprefix("as printed"), "agrees if": self.rule, "why": self.why}
+        return "\n".join(f"{word}: {text}" for word, text in said.items() if text)
 
 
 def judge(agrees: bool | np.bool_) -> Verdict:
     """Return the verdict for a comparison that could be made."""
     return "reproduced" if agrees else "differs"
+
+
+COLUMNS = ("key", "source", "says", "reading", "computed", "verdict", "rule", "why")
+"""Of a claim's row in files."""
 
 
 def listed(names: Iterable[str]) -> str:

@@ -125,16 +125,17 @@ def claims_table(title: str, claims: Sequence[Claim], *, short: bool = False) ->
     table = Table(title=title, title_justify="left", title_style="bold", show_lines=True, pad_edge=False)
     if not short:
         table.add_column("section", width=9)
-    table.add_column("the paper says", ratio=4)
+    table.add_column("the paper says", ratio=6 if short else 4)
     table.add_column("we compute", ratio=6 if short else 5)
     table.add_column("verdict", width=11)
     if not short:
-        table.add_column("why", ratio=5)
+        table.add_column("reading, rule, reason", ratio=6)
     for claim in claims:
         mark = "*" if claim.used and claim.verdict == "reproduced" and not short else ""
         verdict = Text(claim.verdict + mark, style=_STYLES[claim.verdict])
         cells = (Text(claim.says), Text(claim.computed), verdict)
-        table.add_row(*cells) if short else table.add_row(Text(claim.source), *cells, Text(claim.why))
+        reasons = Text(claim.reasons)
+        table.add_row(*cells) if short else table.add_row(Text(claim.source), *cells, reasons)
     return table
 
 

@@ -12,7 +12,7 @@ from pouring_robot.robot.pouring.poses import PlatformPose
 from scripts.paper.thermal import study as paper_study
 from scripts.paper.thermal.claims import judge_all
 from scripts.paper.thermal.report import ThermalReport
-from scripts.paper.thermal.study import MELTS_DEGC, POSES, TILT_RAD, contest, draw_poses, run_thermal_study
+from scripts.paper.thermal.study import MELTS_DEGC, POSES, TILT_RAD, draw_poses, run_thermal_study
 from tests.support import BOX_LOWER, BOX_UPPER, ROOT
 
 
@@ -65,17 +65,27 @@ def test_error_sets_are_where_the_warm_drawing_is(study, drawing):
 
 def test_magnitudes_of_the_paper(study):
     said = verdicts(study)
-    for key in ("cold_chains", "mostly_300", "near_500", "mean_3_mm", "one_direction", "linear"):
+    for key in ("cold_chains", "cool_edge", "mostly_300", "near_500", "mean_3_mm", "one_direction", "linear"):
         assert said[key] == "reproduced", key
     # What falls short is said so: these are known, and nothing is tuned to hide them.
-    for key in ("largest_9_mm", "cool_edge", "guard", "first_component"):
+    for key in ("guard", "first_component", "figures_11_and_12", "unseen_poses", "by_components", "other_axes"):
         assert said[key] == "differs", key
+
+
+def in_the_box(study, **figures):
+    return {"box": [dataclasses.replace(pose, **figures) for pose in study.box]}
 
 
 @pytest.mark.parametrize(
     ("changes", "key", "verdict"),
     [
-        (lambda s: {"box_lip_m": s.box_lip_m * 3.0}, "largest_9_mm", "reproduced"),
+        (
+            lambda s: {"box": [dataclasses.replace(p, hot_largest_m=8.5e-3) for p in s.box]},
+            "largest_9_mm",
+            "reproduced",
+        ),
+        (lambda s: {"box": [dataclasses.replace(p, hot_largest_m=7e-3) for p in s.box]}, "largest_9_mm", "differs"),
+        (lambda s: {"box": [dataclasses.replace(p, hot_mean_m=2e-3) for p in s.box]}, "mean_of_parts", "differs"),
         (lambda s: {"conduction": s.radiation}, "cold_chains", "differs"),
         (lambda s: {"radiation": s.conduction}, "mostly_300", "differs"),
         (lambda s: {"radiation": s.conduction}, "near_500", "differs"),
@@ -88,30 +98,30 @@ def test_other_figures_get_other_verdicts(study, changes, key, verdict):
     assert verdicts(dataclasses.replace(study, **changes(study)))[key] == verdict
 
 
-def test_scatter_brings_the_papers_component_and_guard(study):
-    """What the rows say would be needed: noise of a quarter of a set's spread gives about 97 % and a VIF below 10."""
-    claims = {claim.key: claim for claim in judge_all(study)}
-    scatter = claims["first_component"].figures["scatter_mm"] * 1e-3
-    random = np.random.default_rng(5)
-    shares = []
-    for _ in range(20):
-        noisy = study.moved + scatter * random.normal(size=study.moved.shape)
-        found = {c.key: c for c in judge_all(dataclasses.replace(study, moved=noisy))}
-        shares.append(found["first_component"].figures["share"])
-    assert 0.93 < np.median(shares) < 0.99
-
-
-def test_the_contest_against_plain_lines(study):
+def test_unseen_poses_against_plain_lines(study):
     table, judged = study.tables["X"], study.judged["X"]
-    found = contest(table, judged)
-    temperature = table.temperatures_K
-    for name, (mean, spread) in zip(found.sensitive, found.single, strict=True):
+    found, temperature = study.unseen("X"), table.temperatures_K
+    for number, name in enumerate(study.sensitive("X"), start=1):
         line = np.polynomial.Polynomial.fit(temperature, table.errors[:, table.names.index(name)], 1)
         left = judged.errors - line(temperature)[:, None]
-        assert (mean, spread) == pytest.approx((left.mean(), left.std(ddof=1)), rel=1e-9)
+        single = found[f"single {number}"]
+        assert (single.mean, single.spread) == pytest.approx((left.mean(), left.std(ddof=1)), rel=1e-9)
     whole = np.polynomial.Polynomial.fit(temperature, table.errors.mean(axis=1), 1)
     left = judged.errors - whole(temperature)[:, None]
-    assert found.joint["table"] == pytest.approx((left.mean(), left.std(ddof=1)), rel=1e-9)
+    assert (found["mean"].mean, found["mean"].rms) == pytest.approx((left.mean(), np.sqrt(np.mean(left**2))), rel=1e-9)
+
+
+def test_only_the_pose_helps_in_y(study):
+    """Left and right err in opposite directions: no line of temperature helps, one that knows the pose does."""
+    found = study.unseen("Y")
+    assert min(found[name].rms for name in ("paper", "components", "mean")) > 0.9 * found["none"].rms
+    assert found["pose"].rms < 0.2 * found["none"].rms
+
+
+def test_the_ladles_growth_adds_to_what_o_moves(study):
+    for pose in study.box:
+        assert pose.o_m < pose.largest_m < pose.hung_largest_m
+        assert pose.mean_m < pose.largest_m and pose.hot_mean_m < pose.hot_largest_m
 
 
 def test_everything_is_written_and_says_the_same(report, tmp_path):
@@ -135,7 +145,7 @@ def test_the_page_in_docs_is_complete():
     pictures = re.findall(r"\]\((paper_fig\d+\.png)\)", page)
     assert len(pictures) == 7
     assert all((ROOT / "docs" / name).stat().st_size > 1000 for name in pictures)
-    assert "16 claims" in page
+    assert "17 claims" in page
 
 
 @pytest.mark.parametrize(

@@ -13,18 +13,19 @@ from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
 from sklearn.utils.estimator_checks import check_estimator
 
+from pouring_robot.exceptions import TableError
 from pouring_robot.thermal.regression.components import PrincipalComponentRegression, variance_inflation_factors
 from pouring_robot.thermal.regression.grey import grey_relational_degree
 from pouring_robot.thermal.regression.joint_model import WEIGHTINGS, JointRegression
+from pouring_robot.thermal.regression.methods import ErrorLine, Positions, Remains, fit_lines, judge, left_out
 from pouring_robot.thermal.regression.sensitive_sets import SensitiveSetSelector
-from pouring_robot.thermal.regression.table import ErrorSetError
+from pouring_robot.thermal.regression.table import ErrorSetError, ErrorTable
 from scripts.paper.thermal.regression import (
     TableDesign,
     compare,
     count_beaten,
     draw_table,
     report_beaten,
-    residual_figures,
 )
 from tests.support import round_off
 
@@ -97,7 +98,7 @@ def test_bad_limit(table):
 # --- formulas of the joint model ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("weighting", ["coefficients", "standardised"])
+@pytest.mark.parametrize("weighting", ["coefficients", "components"])
 def test_the_papers_recipe_step_by_step(table, weighting):
     model = fitted(table, weighting)
     i, j = model.selector_.sensitive_
@@ -162,7 +163,7 @@ def test_more_groups_and_one_set(table, weighting):
 
 def test_scikit_learn_habits(table):
     model, column = (
-        JointRegression("standardised", selector=SensitiveSetSelector(vif_limit=8.0)),
+        JointRegression("components", selector=SensitiveSetSelector(vif_limit=8.0)),
         table.temperature_column,
     )
     assert clone(model).get_params()["selector__vif_limit"] == 8.0
@@ -223,48 +224,89 @@ def test_spread_is_the_distance_of_slopes():
     drawn = draw_table(np.random.default_rng(2))
     T, errors = drawn.left_out.temperatures_K, drawn.left_out.errors
     centre = np.polyfit(T, errors.mean(axis=1), 1)
-    best = residual_figures(errors, np.polyval(centre, T))[1]
+    best = Remains.of(errors - np.polyval(centre, T)[:, None]).spread
     for change in (1e-6, -3e-6):
-        spread = residual_figures(errors, np.polyval(centre + np.array([change, 1.0]), T))[1]
+        spread = Remains.of(errors - np.polyval(centre + np.array([change, 1.0]), T)[:, None]).spread
         expected = best**2 + change**2 * T.var() * errors.size / (errors.size - 1)
         assert spread**2 == pytest.approx(expected, rel=1e-10)
 
 
 def test_figures_of_one_table(table):
     figures = compare(table)
-    assert len(figures) == 5 and [name for name in figures if name.startswith("single")] == [
-        "single P1",
-        figures_p8(figures),
-    ]
-    assert all(spread > 0.0 for _, spread in figures.values())
+    assert list(figures) == ["none", "single 1", "single 2", "paper", "components", "mean"]
+    assert all(left.spread > 0.0 for left in figures.values())
+    for left in figures.values():
+        assert left.rms**2 == pytest.approx(left.mean**2 + left.spread**2 * (1 - 1 / 96), rel=1e-12)  # 12 rows, 8 sets
 
 
-def figures_p8(figures):
-    return [name for name in figures if name.startswith("single")][1]
+# --- lines that depend on the pose ----------------------------------------------------------------
+
+
+@pytest.fixture
+def mirrored():
+    """Errors of opposite sign left and right of the middle, which no line of temperature serves."""
+    random = np.random.default_rng(4)
+    places = Positions(("x", "y"), ("m", "m"), random.uniform(-0.1, 0.1, size=(12, 2)))
+    heat = np.linspace(0.3, 1.0, 9)
+    errors = 0.04 * heat[:, None] * places.values[:, 1] + 1e-5 * random.normal(size=(9, 12))
+    return ErrorTable(600.0 + 1000.0 * heat, errors, tuple(f"P{i}" for i in range(12))), places
+
+
+def test_a_line_of_the_pose_is_plain_least_squares(mirrored):
+    table, places = mirrored
+    line = ErrorLine.of_pose(table, places)
+    T, (x, y) = table.temperatures_K[:, None], places.values.T
+    columns = [np.broadcast_to(c, table.errors.shape).ravel() for c in (1 + 0 * T, T, x, y, T * x, T * y)]
+    rows = np.column_stack(columns)
+    fitted_by = rows @ np.linalg.lstsq(rows, table.errors.ravel(), rcond=None)[0]
+    np.testing.assert_allclose(line.predict(table.temperatures_K, places.values).ravel(), fitted_by, atol=1e-12)
+
+
+def test_opposite_errors_need_the_pose(mirrored):
+    table, places = mirrored
+    found = left_out(table, places)
+    assert found["mean"].rms > 0.9 * found["none"].rms  # one line for all helps nobody
+    assert found["pose"].rms < 0.02 * found["none"].rms
+    # The same by hand for one set.
+    others = [i for i in range(12) if i != 5]
+    lines = fit_lines(table.without(["P5"]), places.rows(others))
+    alone = judge(lines, table.select(["P5"]), places.rows([5]))
+    assert alone["pose"].rms < 5e-5
+
+
+def test_too_few_sets_are_refused(mirrored):
+    table, places = mirrored
+    with pytest.raises(TableError, match="3 sets are too few for 2 inputs"):
+        ErrorLine.of_pose(table.select(["P0", "P1", "P2"]), places.rows([0, 1, 2]))
+    with pytest.raises(TableError, match="2 sets are too few to leave one out"):
+        left_out(table.select(["P0", "P1"]))
+
+
+# --- contest ----------------------------------------------------------------------------------------
 
 
 def test_the_joint_model_beats_each_single_regression(capsys):
     counts = report_beaten(60)
-    joint = counts["joint table"]
+    joint = counts["mean"]
     assert joint.fraction >= 0.9 and joint.interval[0] > 0.8
     assert "of 60 tables" in capsys.readouterr().out
 
 
 def test_and_does_so_in_200_tables_while_the_literal_recipe_does_not():
     counts = count_beaten(200)
-    assert counts["joint table"].fraction >= 0.9
-    assert counts["joint coefficients"].interval[1] < 0.9
-    assert counts["joint standardised"].interval[1] < 0.9
+    assert counts["mean"].fraction >= 0.9
+    assert counts["paper"].interval[1] < 0.9
+    assert counts["components"].interval[1] < 0.9
     # No model can do much better: the generator's own mean does not.
-    assert counts["oracle"].fraction - counts["joint table"].fraction < 0.06
+    assert counts["oracle"].fraction - counts["mean"].fraction < 0.06
 
 
 @pytest.mark.slow
 def test_whatever_the_seed():
-    wins = sum(count_beaten(200, seed=seed, weightings=("table",))["joint table"].both for seed in range(1, 11))
+    wins = sum(count_beaten(200, seed=seed)["mean"].both for seed in range(1, 11))
     assert wins / 2000 > 0.9
 
 
 def test_the_papers_own_way_of_leaving_out():
     counts = count_beaten(60, within=True)
-    assert "oracle" not in counts and counts["joint coefficients"].fraction < 0.9
+    assert "oracle" not in counts and counts["paper"].fraction < 0.9

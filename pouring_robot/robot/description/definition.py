@@ -241,15 +241,15 @@ class RobotDefinition:
 
         return HomeDrawing(mechanism or self.mechanism(), self.file.home)
 
-    def workspace(self, drawing: Drawing) -> tuple[FloatArray, BatchStart]:
-        """Return drive values spread over the workspace, (n, drives), in m and rad, and the drawing's closed poses.
+    def workspace(self, drawing: Drawing, count: int = _WORKSPACE_SAMPLES) -> tuple[FloatArray, BatchStart]:
+        """Return up to ``count`` drive values spread over the workspace, (n, drives), in m and rad, and closed poses.
 
         Evenly between the drives' limits; what does not close there, or with joints beyond limits, is left out.
         """
         from scipy.stats import qmc  # heavy, and for this only
 
         lower, upper = command_box(self.command_axes(drawing.mechanism))
-        shares = qmc.Halton(len(self.drives), scramble=False).random(_WORKSPACE_SAMPLES + 1)[1:]
+        shares = qmc.Halton(len(self.drives), scramble=False).random(count + 1)[1:]
         drives = lower + (upper - lower) * shares
         start = drawing.starts(drives)
         kept = np.flatnonzero(np.isfinite(start.position).all(axis=1) & drawing.in_reach(start))

@@ -65,8 +65,11 @@ class PouringDefinition(RobotDefinition):
         """Return the closed-form kinematics."""
         return FourUPUKinematics(mechanism or self.mechanism())
 
-    def workspace(self, drawing: Drawing) -> tuple[FloatArray, BatchStart]:
-        """Return drive values of the poses of a grid over the workspace box, (n, 4), and the closed poses."""
+    def workspace(self, drawing: Drawing, count: int = 0) -> tuple[FloatArray, BatchStart]:
+        """Return drive values of the poses of a grid over the workspace box, (n, 4), and the closed poses.
+
+        How many does not depend on ``count``: the grid holds the box's corners.
+        """
         if not isinstance(drawing, FourUPUKinematics):
             raise TypeError(f"the pouring robot's drawing is FourUPUKinematics, not {type(drawing).__name__}")
         commands = drawing.commands(load_layout(self.layout, self.layouts_file).grid(*[_SHARES] * 4))

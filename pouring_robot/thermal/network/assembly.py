@@ -17,8 +17,6 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.temperatures import kelvin
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure import ClosureResult
-from pouring_robot.robot.description.urdf import read_text
-from pouring_robot.robot.pouring.layout import check_layout, shipped_layouts_file
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, load_thermal_properties
 from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.thermal.network import parts
@@ -76,8 +74,7 @@ class ThermalNetwork:
         self.properties = properties or load_thermal_properties()
         self.radiation = radiation
         model = self.robot.model
-        path = model.layouts_path or shipped_layouts_file()
-        entry = check_layout(model.layout, path, read_text(path))
+        entry = self.robot.dimensions
         urdf = model.nominal_urdf()
         self._ladle = LadleSections.of(entry)
         self.grid = LegGrid(LegSections.of(entry), elements_per_leg, max(2, round(elements_per_leg / 4)))

@@ -17,8 +17,14 @@ and P_g the sensitive set of group g, principal-component regression gives equat
 Two things can be seen before any trial. For two sets and one component c_g ∝ 1/s_g, so the flatter set weighs more;
 and where r_g is a set's correlation with T, its slope becomes (1/β − r_h) s_g/s_T with β = (r_1 + r_2)/(2 + 2r), not
 r_g s_g/s_T: equation 21 is a regression of temperature, and read backwards it is steeper than the data by its
-unexplained share. Weighting by the standardised coefficients β (``"standardised"``) makes the weights of two sets
-equal.
+unexplained share.
+
+The conclusion (7) weighs "by principal component contribution" instead (``"components"``), read as the share of the
+kept components' variance that a set carries, with λ_j the eigenvalues and u_j the eigenvectors:
+
+.. math:: w_g = \frac{\sum_{j \le m} \lambda_j u_{gj}^2}{\sum_{j \le m} \lambda_j}
+
+Two sets and one component weigh the same by it, whatever the data.
 
 **What beating a single set takes.** A line is judged on poses it has not seen. Its residuals' spread is
 
@@ -55,17 +61,22 @@ from pouring_robot.thermal.regression.components import EXPLAINED_SHARE, Princip
 from pouring_robot.thermal.regression.sensitive_sets import SensitiveSetSelector
 from pouring_robot.thermal.regression.table import ErrorSetError
 
-WEIGHTINGS = ("table", "coefficients", "standardised")
+WEIGHTINGS = ("table", "coefficients", "components")
 
 
 class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
-    """Error of any pose, predicted from temperature by all groups of a table together.
+    """Error of any pose, predicted from temperature by all groups of a table together: one line for all poses.
+
+    It must not be used where poses err in opposite directions, as this robot's do in Y left and right of its middle:
+    their mean line is near zero and helps none of them. :mod:`~pouring_robot.thermal.regression.methods` compares it
+    with no compensation and with a line that depends on the pose.
 
     X is temperature, shape (n, 1); y is the table, sets as columns, shape (n, k). It predicts one error, shape (n,):
     the one to compensate with at any pose. Units are free; with an :class:`ErrorTable` they are K and m (or rad).
 
     Args:
-        weighting: "table", or the paper's recipe with "coefficients" (raw c_g, literally) or "standardised" (β_g).
+        weighting: "table" (ours: the mean line of all sets), or the paper's recipe with "coefficients" (raw c_g, its
+            section 5.2) or "components" (contribution to the principal components, its section 7).
         selector: chooses the sensitive sets; left out: :class:`SensitiveSetSelector` with its usual settings.
         explained: as in :class:`PrincipalComponentRegression`.
 
@@ -113,7 +124,7 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         if self.weighting == "table":
             self._weigh_by_table(column, table)
         else:
-            self._weigh_by_coefficients()
+            self._weigh_as_the_paper()
         return self
 
     def _predict_sets(self, column: FloatArray, sensitive: FloatArray) -> None:
@@ -132,10 +143,12 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.set_coef_ = (1.0 - slopes.sum() + slopes) / regression.coef_
         self.set_intercept_ = (-regression.intercept_ - offsets.sum() + offsets) / regression.coef_
 
-    def _weigh_by_coefficients(self) -> None:
-        """Weigh as the paper does, by the coefficients of equation 21."""
+    def _weigh_as_the_paper(self) -> None:
+        """Weigh by the coefficients of equation 21, or by the contribution to the kept components."""
         regression = self.component_regression_
-        rates = np.abs(regression.coef_ if self.weighting == "coefficients" else regression.standardised_coef_)
+        kept = regression.eigenvalues_[: regression.n_components_]
+        by_components = kept @ regression.components_**2
+        rates = np.abs(regression.coef_) if self.weighting == "coefficients" else by_components
         self.weights_ = rates / rates.sum()
         self._add_up(self.set_coef_, self.set_intercept_)
 

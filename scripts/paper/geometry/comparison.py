@@ -10,14 +10,8 @@ import numpy as np
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
-from scripts.paper.geometry.study import (
-    AXES,
-    LENGTH_ERROR_M,
-    POSITION_BOUNDARY_M,
-    ErrorSamples,
-    GeometryStudy,
-    error_size,
-)
+from pouring_robot.sensitivity.samples import AXES
+from scripts.paper.geometry.study import LENGTH_ERROR_M, POSITION_BOUNDARY_M, ErrorSamples, GeometryStudy, error_size
 
 _ALL_COLUMNS = ("ΔX mm", "ΔY mm", "ΔZ mm", "turn X mrad", "turn Y mrad", "turn Z mrad")
 

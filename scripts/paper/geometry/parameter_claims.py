@@ -13,6 +13,17 @@ from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.pouring.names import CHAINS
 from scripts.paper.claims import Claim, judge, listed
 from scripts.paper.geometry.study import POSITION_BOUNDARY_M, GeometryStudy
+from scripts.paper.tables import load_tables
+
+_MEANT = {
+    "fixed-platform installation": ("s1",),
+    "upper U joint": ("s1",),
+    "fixed rod": ("s2",),
+    "moving rod": ("s3",),
+    "lower U joint": ("s4", "s5"),
+    "moving-platform installation": ("seat_mount",),
+}
+"""Joints of a chain whose placements a part fixes, by the words of Table 1."""
 
 
 def eight_transforms(study: GeometryStudy) -> Claim:
@@ -25,29 +36,28 @@ def eight_transforms(study: GeometryStudy) -> Claim:
         "O→0→1→2→3→4→5→6→o: eight transforms a chain, each of a, α, d, θ",
         f"{listed(map(str, counts))} transforms, {total} parameters; their product misses o by {missed / MM:.0e} mm",
         judge(set(counts) == {8} and total == len(CHAINS) * 32 and missed < 1e-12),
-        "the table is read off the URDF; its product must give every nominal pose to 1e-9 mm",
+        "there are eight of four numbers, and their product gives every nominal pose to 1e-9 mm",
+        "the table is read off the URDF, nothing is typed in",
         figures={"transforms": counts, "parameters": total, "missed_mm": missed / MM},
     )
 
 
 def meanings(study: GeometryStudy) -> Claim:
-    """Say which joint each transform displaces; the paper's own table of meanings is lost."""
-    joints: dict[str, list[str]] = {}
-    for p in study.table.parameters:
-        if p.chain == 1:
-            of_joint = joints.setdefault(p.joint.removeprefix("leg1_"), [])
-            if p.transform not in of_joint:
-                of_joint.append(p.transform)
-    text = "; ".join(f"{'+'.join(transforms)}: {joint}" for joint, transforms in joints.items())
+    """Compare which joint each transform displaces with the meanings of Table 1, row by row."""
+    table = load_tables().table_1
+    displaced = {p.transform: p.joint.removeprefix("leg1_") for p in study.table.parameters if p.chain == 1}
+    off = [transform for transform, joint in displaced.items() if table and joint not in _MEANT[table[transform]]]
+    text = "; ".join(f"{transform} {joint}" for transform, joint in displaced.items())
     return Claim(
         "meanings",
         "4.1, Table 1",
-        "each error has a physical meaning",
-        f"each displaces one joint's placement ({text})",
-        "cannot be checked",
-        "the cells of Table 1 are not in the text; our reading: O0 platform, 01 12 upper U joint, 23 34 rods, "
-        "45 56 lower U joint, 6o moving platform",
-        figures={"joints": joints},
+        "; ".join(f"{transform}: {meaning}" for transform, meaning in (table or {}).items())
+        or "each error has a physical meaning",
+        f"joint whose placement each transform displaces: {text}; rows that disagree: {listed(off)}",
+        judge(not off) if table else "cannot be checked",
+        "every row names a part that holds the joint which our transform displaces",
+        "errors of the 4-UPU chain are placements of its joints, so each lies on one part",
+        figures={"joints": displaced, "disagree": off},
     )
 
 
@@ -60,7 +70,8 @@ def four_groups(study: GeometryStudy) -> Claim:
         "all geometric errors can be mapped to Δa, Δα, Δd, Δθ",
         f"rank of the closed chain's G: {alone} for the 128 errors, {both} with all 144 joint displacements added",
         judge(alone == both),
-        "agrees if adding displacements in all six directions of all 24 placements raises no rank",
+        "displacements in all six directions of all 24 placements raise no rank",
+        "four numbers a transform describe any chain whose axes do not stay parallel",
         figures={"rank_table": alone, "rank_with_placements": both},
     )
 
@@ -79,7 +90,8 @@ def drop_outs(study: GeometryStudy) -> Claim:
         f"{len(found)} drop out, {len(found ^ expected)} of them others than the paper's; an error of a passive joint "
         f"moves o by {moved / MM:.0e} mm; rank of G {ranks.table} with, {ranks.kept} without them",
         judge(found == expected and ranks.kept == ranks.table and moved < POSITION_BOUNDARY_M),
-        "found by which joints are driven; nothing the ladle can show is lost if the rank stays",
+        "the same parameters drop out, an error of a passive joint moves nothing and the rank of G stays",
+        "found by which joints are driven; what a passive joint takes up is no error",
         figures={
             "dropped": sorted(found),
             "rank_with": ranks.table,
@@ -108,7 +120,8 @@ def eight_or_nine(study: GeometryStudy) -> Claim:
         "8–9 parameters a chain can be ignored",
         f"{listed(map(str, counts))} by the rules of section 4.2",
         judge(set(counts) <= {8, 9}),
-        f"rules (a) and (b) name 3 + 4 a chain; 8–9 would leave {left}, not the paper's 100. Table 2's cells are lost",
+        "every chain drops 8 or 9",
+        f"rules (a) and (b) name 3 + 4 a chain; 8–9 would leave {left}, not the 100 the paper gives in 4.3",
         figures={"dropped_per_chain": counts},
     )
 
@@ -122,7 +135,8 @@ def hundred_left(study: GeometryStudy) -> Claim:
         "the whole mechanism has 100 geometric error parameters",
         f"{left} remain of {len(study.table.parameters)}",
         judge(left == 100),
-        "128 less the drop-outs of section 4.2",
+        "100 remain",
+        "4 chains of 32, less the 7 that section 4.2 takes out of each",
         figures={"remaining": left},
     )
 
@@ -138,7 +152,9 @@ def superposition(study: GeometryStudy) -> Claim:
         "errors are small, so they superpose linearly",
         f"all 25 errors of chain 1 at once differ from their sum by {worst:.2%} at most",
         judge(worst < 0.02),
-        "agrees below 2 %; one open branch, all errors positive",
+        "they differ by less than 2 % at any pose",
+        "what is left is of second order: products of angles of 4 mrad",
+        reading="one open branch, all 25 errors positive",
         figures={"largest_share": worst},
     )
 

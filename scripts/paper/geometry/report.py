@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar
 
 from rich.console import RenderableType
@@ -12,14 +12,17 @@ from rich.table import Table
 from rich.text import Text
 
 from pouring_robot.mechanism.poses import MM, MRAD
-from scripts.paper.claims import Claim
+from pouring_robot.sensitivity.plots import box_plots, distributions
+from scripts.paper.claims import COLUMNS, Claim
 from scripts.paper.geometry.comparison import AxisRow, Lesson, axis_rows, lesson, parameter_rows
 from scripts.paper.geometry.parameter_claims import PARAMETER_CLAIMS
-from scripts.paper.geometry.plots import box_plots, distributions, open_against_closed
+from scripts.paper.geometry.plots import open_against_closed
 from scripts.paper.geometry.shape_claims import SHAPE_CLAIMS
 from scripts.paper.geometry.size_claims import SIZE_CLAIMS
-from scripts.paper.geometry.study import ANGLE_ERROR_RAD, LENGTH_ERROR_M, GeometryStudy
+from scripts.paper.geometry.study import ANGLE_ERROR_RAD, LENGTH_ERROR_M, PILE_M, GeometryStudy
 from scripts.paper.page import PaperReport, claims_table, rows_csv, tally
+
+_CLOSED = "four chains hold the platform: an error acts through all of them, and only the lean of the legs holds Y"
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +55,8 @@ class GeometryReport(PaperReport):
             [claim(study, errors.of_chain(1)) for claim in (*SIZE_CLAIMS, *SHAPE_CLAIMS)]
             for errors in (study.open_branch, study.closed_chain)
         )
+        # The reasons are those of open branches; here every error acts through all four chains.
+        closed = [replace(claim, why=_CLOSED, used=False) for claim in closed]
         table = [claim(study) for claim in PARAMETER_CLAIMS]
         return cls(study, table, opened, closed, axis_rows(study), lesson(study))
 
@@ -96,11 +101,17 @@ class GeometryReport(PaperReport):
         labels = opened.reaching(MM).labels
         which = f"chain 1, {opened.translation_m.shape[1]} poses"
         return {
-            "paper_fig4_open.png": box_plots(opened, f"Fig. 4, open branch: errors that pass 1 mm ({which})"),
-            "paper_fig5_open.png": distributions(opened, labels, f"Fig. 5, open branch: how they spread ({which})"),
-            "paper_fig4_closed.png": box_plots(closed, f"Fig. 4 for the closed chain: errors that pass 1 mm ({which})"),
+            "paper_fig4_open.png": box_plots(
+                opened.reaching(MM), f"Fig. 4, open branch: errors that pass 1 mm ({which})"
+            ),
+            "paper_fig5_open.png": distributions(
+                opened, labels, f"Fig. 5, open branch: how they spread ({which})", PILE_M
+            ),
+            "paper_fig4_closed.png": box_plots(
+                closed.reaching(MM), f"Fig. 4 for the closed chain: errors that pass 1 mm ({which})"
+            ),
             "paper_fig5_closed.png": distributions(
-                closed, labels, f"Fig. 5 for the closed chain: how the same errors spread ({which})"
+                closed, labels, f"Fig. 5 for the closed chain: how the same errors spread ({which})", PILE_M
             ),
             "paper_open_closed.png": open_against_closed(
                 self.study, f"What an error does in its open branch and in the closed chain ({which})"
@@ -127,8 +138,8 @@ class GeometryReport(PaperReport):
 
     def claim_rows(self) -> list[dict[str, Any]]:
         """Return one row a claim and model."""
-        columns = ("key", "source", "says", "computed", "verdict", "used", "why")
-        return [{"model": model, **{name: getattr(claim, name) for name in columns}} for model, claim in self._all()]
+        rows = [(model, claim, {name: getattr(claim, name) for name in COLUMNS}) for model, claim in self._all()]
+        return [{"model": model, **row, "used": claim.used} for model, claim, row in rows]
 
     def tables(self) -> dict[str, str]:
         """Return one row an error as CSV."""

@@ -7,19 +7,16 @@ the values keep within 0.1 of a uniform distribution function (0 is perfect; a s
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.robot.pouring.names import CHAINS
+from pouring_robot.sensitivity.samples import AXES, median_place, peak, uniform_gap
 from scripts.paper.claims import Claim, judge, listed
-from scripts.paper.geometry.study import ANGLE_ERROR_RAD, AXES, NAMED_SENSITIVE, PILE_M, ErrorSamples, GeometryStudy
+from scripts.paper.geometry.study import ANGLE_ERROR_RAD, NAMED_SENSITIVE, PILE_M, ErrorSamples, GeometryStudy
 
 _UNIFORM_GAP = 0.1
-_BIN_M = 0.005 * MM  # width of the bins in which the fullest is looked for; 1.3175 mm is a centre
-_BAND = 0.02  # values within this share of 1.3175 mm count as piled up there
 
 
 def main_x(study: GeometryStudy, errors: ErrorSamples) -> Claim:
@@ -42,7 +39,8 @@ def _main_direction(key: str, errors: ErrorSamples, labels: Sequence[str], axis:
         f"the main direction of {listed(labels)} is {axis}",
         f"{text} mm in X/Y/Z",
         judge(set(found.values()) == {axis}),
-        "main direction: the coordinate with the largest mean absolute error",
+        f"{axis} has the largest mean absolute error of each",
+        "the axis an error turns about and the arm from there to o decide",
         used=True,
         figures={"main": found, "mean_mm": {label: mean.tolist() for label, mean in means.items()}},
     )
@@ -60,8 +58,8 @@ def concentrated(study: GeometryStudy, errors: ErrorSamples) -> Claim:
         "the errors over 1 mm are concentrated in X and Z",
         f"X/Y/Z carry {'/'.join(f'{s:.0%}' for s in share)} of them; {'/'.join(map(str, over))} errors pass 1 mm there",
         judge(first == "XZ" and bool(large.parameters)),
-        "agrees if X and Z carry the two largest shares of the mean absolute errors; they are "
-        f"{first[0]} and {first[1]}. Fig. 4 is lost; section 4.4 itself gives α01 the main direction Y",
+        "X and Z carry the two largest shares of the mean absolute errors",
+        f"{first[0]} and {first[1]} do; section 4.4 itself gives α01 the main direction Y. Fig. 4 is lost",
         figures={"share": share.tolist(), "over_1mm": over.tolist()},
     )
 
@@ -77,7 +75,8 @@ def alike(study: GeometryStudy, errors: ErrorSamples) -> Claim:
         "the distributions of α01 and θ1 are basically the same",
         f"{_span(one)} and {_span(other)}; distribution functions differ by {gap:.3f} at most",
         judge(gap < 0.05),
-        "of the absolute main components; agrees below 0.05. Both are 4 mrad times the height of o under O",
+        "the distribution functions of the absolute main components differ by less than 0.05",
+        "both are 4 mrad times the height of o under O",
         used=True,
         figures={"range_mm": [_range_mm(one), _range_mm(other)], "gap": float(gap)},
     )
@@ -86,7 +85,7 @@ def alike(study: GeometryStudy, errors: ErrorSamples) -> Claim:
 def uniform(study: GeometryStudy, errors: ErrorSamples) -> Claim:
     """Judge whether five errors are spread evenly, each with one sign."""
     labels = ("α23", "α34", "θ1", "α01", "α12")
-    gaps = {label: _uniform_gap(errors.along(label)) for label in labels}
+    gaps = {label: uniform_gap(errors.along(label)) for label in labels}
     signs = {label: abs(float(np.sign(errors.along(label)).mean())) for label in labels}
     peaked = [label for label in labels if gaps[label] > _UNIFORM_GAP]
     mixed = [label for label in labels if signs[label] < 1.0]
@@ -97,67 +96,97 @@ def uniform(study: GeometryStudy, errors: ErrorSamples) -> Claim:
         f"not uniform: {listed(peaked)}; both signs: {listed(mixed)}; gaps "
         + " ".join(f"{label} {gap:.2f}" for label, gap in gaps.items()),
         judge(not peaked and not mixed),
-        "uniform if the middle 90 % of the main component keep within 0.1 of an even distribution",
+        "the middle 90 % of each main component keep within 0.1 of an even distribution, with one sign",
+        "positions are drawn evenly and the error is an arm times 4 mrad",
+        reading="of the main component; α01 changes sign in Z, where it is small",
         figures={"gaps": gaps, "one_sign": signs},
     )
 
 
 def narrow(study: GeometryStudy, errors: ErrorSamples) -> Claim:
     """Judge whether α12 covers a much smaller range than the other four."""
-    spans = {label: _middle(errors.along(label)) for label in ("α12", "α23", "α34", "θ1", "α01")}
+    spans = {label: errors.spread_m(label) for label in ("α12", "α23", "α34", "θ1", "α01")}
     own = spans.pop("α12")
-    wider = [label for label, span in spans.items() if own <= 0.5 * span]
+    others = float(np.mean(list(spans.values())))
     return Claim(
         "narrow",
         "4.4, Fig. 5",
-        "the range of α12 is much smaller than that of α23 α34 θ1 α01",
+        "the influence of α12 is concentrated, its range much smaller than that of α23 α34 θ1 α01",
         f"{own / MM:.2f} mm against " + ", ".join(f"{label} {span / MM:.2f}" for label, span in spans.items()),
-        judge(len(wider) == len(spans)),
-        f"middle 90 % of the main component; at most half of: {listed(wider)}",
+        judge(own < min(spans.values()) and own <= 0.5 * others),
+        "α12 spreads least of the five, and at most half as much as the other four on average",
+        f"{own / others:.2f} of the four's average, {own / min(spans.values()):.2f} of the narrowest; α12 turns about "
+        "a vertical axis, so the long way down to o does not count",
+        reading="spread of the position error in three dimensions, root of the summed variances of X, Y and Z",
         used=True,
         figures={"alpha12_mm": own / MM, "others_mm": {label: span / MM for label, span in spans.items()}},
     )
 
 
-def pile_alpha56(study: GeometryStudy, errors: ErrorSamples) -> Claim:
-    """Judge whether α56 piles up at 1.3175 mm."""
-    claim = _pile("pile_alpha56", study, errors, "α56", "α56 piles up at ±1.3175 mm, very concentrated")
-    return replace(claim, used=True)
+def both_signs(study: GeometryStudy, errors: ErrorSamples) -> Claim:
+    """Judge whether α56 and the misprinted error pile up at −1.3175 and +1.3175 mm, one at each sign."""
+    # Our x5 points against S5 × S6: +4 mrad of the paper's α56 are −4 mrad of ours, and the move is the opposite.
+    piles = {"α56": peak(-errors.along("α56")), "θ4": peak(errors.along("θ4"))}
+    signs = {label: float(np.sign(place)) for label, (place, _, _) in piles.items()}
+    near = [abs(abs(place) - PILE_M) < 0.01 * PILE_M and times > 2.0 for place, _, times in piles.values()]
+    half_width = float(np.abs(study.layout.moving_centres_m[0][1]))
+    return Claim(
+        "both_signs",
+        "4.4, Fig. 5",
+        "the errors by α56 and θ1 are mainly concentrated in −1.3175 mm and 1.3175 mm",
+        "; ".join(
+            f"{label} {errors.main_axis(label)}: fullest 5 µm bin at {place / MM:+.4f} mm, {share:.0%} of poses within "
+            f"2 % of it, {times:.1f} times an even share"
+            for label, (place, share, times) in piles.items()
+        ),
+        judge(all(near) and len(set(signs.values())) == 2),
+        "both fullest bins are within 1 % of 1.3175, with opposite signs, and hold twice an even share",
+        f"4 mrad × half-width {half_width / MM:.1f} mm = {half_width * ANGLE_ERROR_RAD / MM:.3f} mm. With our own "
+        "normals, turned over in the lower half, both would be negative: the sign is convention, the size is not",
+        reading="θ1 as θ4 (cf. “αe1,4” in 4.3); all common normals along S_j × S_j+1",
+        used=True,
+        figures={label: {"place_mm": p / MM, "share": s, "times_even": t} for label, (p, s, t) in piles.items()},
+    )
 
 
 def pile_theta1(study: GeometryStudy, errors: ErrorSamples) -> Claim:
-    """Judge whether θ1 does, as printed."""
-    return _pile("pile_theta1", study, errors, "θ1", "θ1 piles up at ±1.3175 mm (as printed)")
-
-
-def pile_theta4(study: GeometryStudy, errors: ErrorSamples) -> Claim:
-    """Judge whether θ4 does: the reading in which the paper's names agree with each other."""
-    claim = _pile("pile_theta4", study, errors, "θ4", "the same, read as θ4 (cf. “αe1,4” in 4.3)")
-    return replace(claim, used=True)
-
-
-def _pile(key: str, study: GeometryStudy, errors: ErrorSamples, label: str, says: str) -> Claim:
-    values = np.abs(errors.along(label))
-    fullest, share, factor = _peak(values)
-    half_width = float(np.abs(study.layout.moving_centres_m[0][1]))
-    outside = "" if values.min() <= PILE_M <= values.max() else "1.3175 mm is outside its range. "
+    """Judge whether θ1 piles up there, as printed."""
+    values = errors.along("θ1")
+    place, share, times = peak(values)
     return Claim(
-        key,
+        "pile_theta1",
         "4.4, Fig. 5",
-        says,
-        f"main component {errors.main_axis(label)}, {_span(values)}; fullest 5 µm bin at {fullest / MM:.4f} mm; "
-        f"{share:.0%} of poses within 2 % of 1.3175, {factor:.1f} times an even share",
-        judge(abs(fullest - PILE_M) < 0.01 * PILE_M and factor > 2.0),
-        f"{outside}Agrees if the fullest bin is within 1 % of 1.3175 and the band holds twice an even share. "
-        f"4 mrad × half-width {half_width / MM:.1f} mm = {half_width * ANGLE_ERROR_RAD / MM:.3f} mm; "
-        "the sign follows the axis's direction",
-        figures={"range_mm": _range_mm(values), "fullest_mm": fullest / MM, "share": share, "times_even": factor},
+        "the same of θ1, as printed",
+        f"main component {errors.main_axis('θ1')}, {_span(values)}; fullest 5 µm bin at {place / MM:.4f} mm, "
+        f"{share:.0%} of poses within 2 % of it, {times:.1f} times an even share",
+        judge(abs(abs(place) - PILE_M) < 0.01 * PILE_M and times > 2.0),
+        "the fullest bin is within 1 % of 1.3175 and holds twice an even share",
+        "section 4.4 itself calls θ1 uniform, like α01, two paragraphs before: the name is a misprint",
+        figures={"range_mm": _range_mm(values), "fullest_mm": place / MM, "share": share, "times_even": times},
+    )
+
+
+def pile_tight(study: GeometryStudy, errors: ErrorSamples) -> Claim:
+    """Judge whether α56 is the more concentrated of the two."""
+    found = {label: peak(errors.along(label)) for label in ("α56", "θ4")}
+    shares = {label: share for label, (_, share, _) in found.items()}
+    return Claim(
+        "pile_tight",
+        "4.4, Fig. 5",
+        "in particular α56 is very concentrated",
+        ", ".join(f"{label}: {share:.0%} of poses within 2 % of its fullest bin" for label, share in shares.items()),
+        judge(shares["α56"] > 0.5 and shares["α56"] > shares["θ4"]),
+        "more than half the poses lie there, and more than of θ4",
+        "the arm in Y is constant; only the cosine of the leg's lean about Y varies",
+        reading="of the main component",
+        used=True,
+        figures=shares,
     )
 
 
 def near_upper(study: GeometryStudy, errors: ErrorSamples) -> Claim:
     """Judge where the box plots of α56 and θ4 sit in their range, against the others."""
-    places = {label: _median_place(errors.along(label)) for label in (*NAMED_SENSITIVE, "θ4")}
+    places = {label: median_place(errors.along(label)) for label in (*NAMED_SENSITIVE, "θ4")}
     high = [label for label, place in places.items() if place > 0.75]
     return Claim(
         "near_upper",
@@ -165,61 +194,11 @@ def near_upper(study: GeometryStudy, errors: ErrorSamples) -> Claim:
         "most are spread evenly; α56 and “αe1,4” lie near the upper end",
         "median at " + ", ".join(f"{label} {place:.0%}" for label, place in places.items()) + " of the range",
         judge(set(high) == {"α56", "θ4"}),
-        "of the absolute main component; near the upper end: above 75 %. αe1,4 read as θ4: an α has two indices",
+        "the medians of these two and no others lie above 75 % of their range",
+        "their main component is the foot's half-width times the cosine of the leg's lean, flat near its top",
+        reading="of the absolute main component; “αe1,4” as θ4, since an α has two indices",
         figures={"median_place": places},
     )
-
-
-def other_chains(study: GeometryStudy, errors: ErrorSamples) -> Claim:
-    """Judge whether the analysis of chain 1 holds for the others."""
-    every = study.open_branch if errors.kind == "open branch" else study.closed_chain
-    first = {label: errors.main_axis(label) for label in errors.reaching(MM).labels}
-    differences = []
-    for chain in CHAINS[1:]:
-        of_chain = every.of_chain(chain)
-        found = {label: of_chain.main_axis(label) for label in of_chain.reaching(MM).labels}
-        differences += [
-            f"{label} in chain {chain}" for label in sorted({*first, *found}) if first.get(label) != found.get(label)
-        ]
-    return Claim(
-        "other_chains",
-        "4.3",
-        "chains 2–4 are completely the same as chain 1",
-        f"other class or main direction: {', '.join(differences) or 'none'}",
-        judge(not differences),
-        "agrees if the same errors pass 1 mm with the same main directions",
-        figures={"differences": differences},
-    )
-
-
-def _peak(values: FloatArray) -> tuple[float, float, float]:
-    """Return the centre of the fullest bin, the share of values near 1.3175 mm, and that over an even share."""
-    edges = np.arange(0.0, values.max() + 2.0 * _BIN_M, _BIN_M)
-    place = int(np.histogram(values, edges)[0].argmax())
-    share = float(np.mean(np.abs(values - PILE_M) < _BAND * PILE_M))
-    even = 2.0 * _BAND * PILE_M / max(float(np.ptp(values)), 2.0 * _BAND * PILE_M)
-    return float(edges[place] + 0.5 * _BIN_M), share, share / even
-
-
-def _uniform_gap(values: FloatArray) -> float:
-    """Return how far the middle 90 % of values are from evenly spread: largest gap of distribution functions."""
-    low, high = np.quantile(values, [0.05, 0.95])
-    middle = np.sort(values[(values >= low) & (values <= high)])
-    if high - low < 1e-12:
-        return 1.0
-    return float(np.abs((middle - low) / (high - low) - np.linspace(0.0, 1.0, len(middle))).max())
-
-
-def _middle(values: FloatArray) -> float:
-    low, high = np.quantile(values, [0.05, 0.95])
-    return float(high - low)
-
-
-def _median_place(values: FloatArray) -> float:
-    """Return where the median of the absolute values lies between their least (0) and largest (1)."""
-    absolute = np.abs(values)
-    span = float(np.ptp(absolute))
-    return float((np.median(absolute) - absolute.min()) / span) if span > 0.0 else 0.5
 
 
 def _range_mm(values: FloatArray) -> list[float]:
@@ -239,8 +218,7 @@ SHAPE_CLAIMS = (
     alike,
     uniform,
     narrow,
-    pile_alpha56,
+    both_signs,
+    pile_tight,
     pile_theta1,
-    pile_theta4,
-    other_chains,
 )

@@ -11,10 +11,8 @@ first order. What the paper says of it is judged in the modules
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import pinocchio as pin
@@ -30,15 +28,13 @@ from pouring_robot.robot.dh.table import DHTable
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.layout import Layout, load_layout
+from pouring_robot.sensitivity import samples
 from scripts.paper.geometry.closure import ClosedChainStudy, rotation_vectors
 
 LENGTH_ERROR_M = 0.2 * MM
 """Size of every length error in the paper's section 4.3."""
 ANGLE_ERROR_RAD = 4.0 * MRAD
 """Size of every angle error there."""
-AXES = "XYZ"
-NOTHING_M = 1e-9
-"""Less than this is round-off: the error moves nothing."""
 POSITION_BOUNDARY_M = 1e-3 * MM
 """Below this order of magnitude the paper calls a position error negligible (section 4.3)."""
 ATTITUDE_BOUNDARY_RAD = 1e-5
@@ -47,6 +43,9 @@ PILE_M = 1.3175 * MM
 """Where section 4.4 sees position errors pile up."""
 NAMED_SENSITIVE = ("α01", "α12", "α23", "α34", "α56", "θ1")
 """The six parameters that section 4.4 names beside Fig. 5; the seventh has a misprinted name."""
+
+
+ErrorSamples = samples.ErrorSamples[DHParameter]
 
 
 def error_size(parameter: DHParameter) -> float:
@@ -63,93 +62,6 @@ def draw_poses(layout: Layout, kinematics: FourUPUKinematics, count: int, seed: 
     if count < 2 or seed < 0:
         raise BadInputError(f"give at least two poses and a seed from 0 on, not {count} poses and seed {seed}")
     return kinematics.commands(np.random.default_rng(seed).uniform(*layout.box, (count, 4)))
-
-
-@dataclass(frozen=True, eq=False)
-class ErrorSamples:
-    """How each error alone moves o, in the axes of the fixed platform.
-
-    Attributes:
-        kind: of which model.
-        parameters: the errors, P of them; each of its :func:`error_size`.
-        translation_m: shape (P, n, 3), in m.
-        rotation_rad: rotation vectors, shape (P, n, 3), in rad.
-    """
-
-    kind: Literal["open branch", "closed chain"]
-    parameters: tuple[DHParameter, ...]
-    translation_m: FloatArray
-    rotation_rad: FloatArray
-
-    def subset(self, wanted: Collection[DHParameter]) -> ErrorSamples:
-        """Return the samples of some of the parameters, in the order they have here."""
-        places = [k for k, parameter in enumerate(self.parameters) if parameter in wanted]
-        chosen = tuple(self.parameters[k] for k in places)
-        return ErrorSamples(self.kind, chosen, self.translation_m[places], self.rotation_rad[places])
-
-    def of_chain(self, chain: int) -> ErrorSamples:
-        """Return the samples of one chain's errors."""
-        return self.subset([parameter for parameter in self.parameters if parameter.chain == chain])
-
-    def of_unit(self, unit: str) -> ErrorSamples:
-        """Return the samples of the lengths (``m``) or the angles (``rad``)."""
-        return self.subset([parameter for parameter in self.parameters if parameter.unit == unit])
-
-    def reaching(self, limit_m: float) -> ErrorSamples:
-        """Return the samples of the errors that pass a limit in one coordinate at one pose at least."""
-        return self.subset(
-            [p for p, top in zip(self.parameters, self.peak_m.max(axis=1), strict=True) if top > limit_m]
-        )
-
-    def moves(self, label: str) -> FloatArray:
-        """Return the translations of the one error with this :func:`label`, shape (n, 3), in m."""
-        (place,) = (k for k, parameter in enumerate(self.parameters) if short_label(parameter) == label)
-        return np.asarray(self.translation_m[place])
-
-    def along(self, label: str) -> FloatArray:
-        """Return the translations of one error along its main direction, shape (n,), in m."""
-        return np.asarray(self.moves(label)[:, max(AXES.find(self.main_axis(label)), 0)])
-
-    def main_axis(self, label: str) -> str:
-        """Return the coordinate that one error changes most on average: X, Y or Z; ``none`` if it moves nothing."""
-        means = np.abs(self.moves(label)).mean(axis=0)
-        return AXES[int(means.argmax())] if means.max() > NOTHING_M else "none"
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Short names of the parameters, without the chain."""
-        return tuple(short_label(parameter) for parameter in self.parameters)
-
-    @functools.cached_property
-    def peak_m(self) -> FloatArray:
-        """Largest absolute coordinate over the poses, shape (P, 3), in m."""
-        return np.asarray(np.abs(self.translation_m).max(axis=1, initial=0.0))
-
-    @functools.cached_property
-    def mean_m(self) -> FloatArray:
-        """Mean absolute coordinate over the poses, shape (P, 3), in m."""
-        return np.asarray(np.abs(self.translation_m).mean(axis=1))
-
-    @functools.cached_property
-    def rms_m(self) -> FloatArray:
-        """Root mean square coordinate over the poses, shape (P, 3), in m."""
-        return np.asarray(np.sqrt(np.square(self.translation_m).mean(axis=1)))
-
-    @functools.cached_property
-    def distance_m(self) -> FloatArray:
-        """Length of the translation, shape (P, n), in m."""
-        return np.asarray(np.linalg.norm(self.translation_m, axis=-1))
-
-    @functools.cached_property
-    def angle_rad(self) -> FloatArray:
-        """Angle of the rotation, shape (P, n), in rad."""
-        return np.asarray(np.linalg.norm(self.rotation_rad, axis=-1))
-
-
-def short_label(parameter: DHParameter) -> str:
-    """Return a parameter's name without its chain: ``α56``, ``a6o``, ``θ1``."""
-    symbol = {"alpha": "α", "theta": "θ"}.get(parameter.symbol, parameter.symbol)
-    return symbol + parameter.name.rsplit("_", 1)[1]
 
 
 @dataclass(frozen=True, eq=False)

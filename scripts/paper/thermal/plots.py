@@ -8,7 +8,8 @@ from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.plots import ASH, BRICK, STEEL, new_figure, png_of, tidy
 from pouring_robot.thermal.plots import draw_legs
-from scripts.paper.thermal.study import ThermalStudy, contest, joint_of
+from scripts.paper.thermal.regression import compare, joint_of
+from scripts.paper.thermal.study import LADLE_STEEL_DEGC, ThermalStudy
 
 
 def lining_and_chains(study: ThermalStudy) -> bytes:
@@ -68,13 +69,16 @@ def deformation(study: ThermalStudy) -> bytes:
     arrows.set_title("ten poses; moves of o drawn 20 times larger", fontsize=10)
     arrows.margins(0.2)
     bins = np.arange(0.0, 10.0, 0.25)
-    for values, colour, name in ((study.box_o_m, STEEL, "o"), (study.box_lip_m, BRICK, "lip")):
-        sizes.hist(values / MM, bins=bins, color=colour, alpha=0.55, label=name)
+    hot = f"any part, ladle steel at {LADLE_STEEL_DEGC:g} °C"
+    for key, colour, name in (("o_m", STEEL, "o"), ("hot_largest_m", BRICK, hot)):
+        sizes.hist(
+            np.array([getattr(pose, key) for pose in study.box]) / MM, bins=bins, color=colour, alpha=0.55, label=name
+        )
     for value, name in ((3.0, "mean"), (9.0, "largest")):
         sizes.axvline(value, color=ASH, linewidth=1.0, linestyle="--")
         sizes.text(value, sizes.get_ylim()[1], f" paper's {name}", fontsize=8, color=ASH, va="top")
     sizes.set_xlabel("moved by heat, mm")
-    sizes.set_ylabel(f"poses of {len(study.box_o_m)} in the workspace")
+    sizes.set_ylabel(f"poses of {len(study.box)} in the workspace")
     sizes.legend(fontsize=9, frameon=False)
     for panel in (arrows, sizes):
         tidy(panel)
@@ -130,12 +134,19 @@ def contest_picture(study: ThermalStudy, figure_number: int) -> bytes:
     """Draw Fig. 11 (mean) or Fig. 12 (spread) of what each prediction leaves, X direction; PNG."""
     which = 0 if figure_number == 11 else 1
     figure = new_figure(10.0, 3.6)
-    table, judged = study.tables["X"], study.judged["X"]
-    rows = (("the table's other poses, as in the paper", contest(table)), ("poses left out", contest(table, judged)))
+    rows = (
+        ("the table's other poses, as in the paper", compare(study.tables["X"])),
+        ("unseen poses", study.unseen("X")),
+    )
     for panel, (title, found) in zip(figure.subplots(1, 2, sharey=True), rows, strict=True):
-        labels = [f"{name} alone" for name in found.sensitive] + ["P_end,\npaper's weights", "P_end,\nall sets"]
-        values = [one[which] / MM for one in (*found.single, *found.joint.values())]
-        bars = panel.bar(labels, values, 0.6, color=[STEEL] * len(found.single) + [BRICK, BRICK])
+        singles = dict(zip(("single 1", "single 2"), (f"{name} alone" for name in study.sensitive("X")), strict=True))
+        labels = singles | {
+            "paper": "P_end,\neq. 21",
+            "components": "P_end,\ncomponents",
+            "mean": "mean of all\n(ours)",
+        }
+        values = [(found[name].spread if which else found[name].mean) / MM for name in labels]
+        bars = panel.bar(list(labels.values()), values, 0.6, color=[STEEL, STEEL, BRICK, BRICK, ASH])
         panel.bar_label(bars, fmt="%.4f", fontsize=8, padding=2)
         panel.axhline(0.0, color=ASH, linewidth=0.8)
         panel.set_title(title, fontsize=10)

@@ -7,14 +7,31 @@ from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
 from rich.console import RenderableType
+from rich.table import Table
 from rich.text import Text
 
 from pouring_robot.mechanism.poses import MM
-from scripts.paper.claims import Claim
+from pouring_robot.thermal.regression.methods import METHODS
+from scripts.paper.claims import COLUMNS, Claim
 from scripts.paper.page import PaperReport, claims_table, tally
 from scripts.paper.thermal import plots
 from scripts.paper.thermal.claims import judge_all
 from scripts.paper.thermal.study import AXES, ThermalStudy
+
+
+def _methods_table(study: ThermalStudy) -> Table:
+    """Return what the paper's method and ours leave on poses that none has seen; no verdict hangs on it."""
+    title = f"Beside the paper: what each method leaves on {len(study.others)} unseen poses, rms (mean ± spread) in mm"
+    table = Table(title=title, title_justify="left", title_style="bold")
+    table.add_column("method")
+    for axis in AXES:
+        table.add_column(axis, justify="right")
+    found = {axis: study.unseen(axis) for axis in AXES}
+    for name in found["X"]:
+        left = (found[axis][name] for axis in AXES)
+        cells = (f"{one.rms / MM:.3f} ({one.mean / MM:+.3f} ± {one.spread / MM:.3f})" for one in left)
+        table.add_row(METHODS.get(name, f"{name.replace('single', 'sensitive set')} alone"), *cells)
+    return table
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +70,8 @@ class ThermalReport(PaperReport):
             "",
             claims_table("The paper's section 5, claim by claim", self.claims),
             Text(tally(self.claims)),
+            "",
+            _methods_table(self.study),
         ]
 
     @functools.cached_property
@@ -78,14 +97,14 @@ class ThermalReport(PaperReport):
             "poses": [dict(zip(("x_mm", "y_mm", "z_mm", "tilt_deg"), p.to_mm_deg(), strict=True)) for p in study.poses],
             "melts_degC": list(study.melts_degC),
             "moved_mm": {axis: (study.moved[:, :, a] / MM).tolist() for a, axis in enumerate(AXES)},
-            "drawings": [{"seed": draw.seed, "groups": draw.groups, **asdict(draw.contest)} for draw in study.draws],
+            "drawings": [asdict(draw) for draw in study.draws],
+            "drawings_of_the_other_layout": [asdict(draw) for draw in study.other_draws],
             "claims": [asdict(claim) for claim in self.claims],
         }
 
     def claim_rows(self) -> list[dict[str, Any]]:
         """Return one row a claim."""
-        columns = ("key", "source", "says", "computed", "verdict", "why")
-        return [{name: getattr(claim, name) for name in columns} for claim in self.claims]
+        return [{name: getattr(claim, name) for name in COLUMNS} for claim in self.claims]
 
     def tables(self) -> dict[str, str]:
         """Return the error sets as CSV by file name, axis by axis."""

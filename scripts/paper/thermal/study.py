@@ -6,7 +6,7 @@ Nothing else is chosen. Properties are those of ``thermal.yaml`` and sizes those
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,17 +14,22 @@ import numpy as np
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.layout import Layout
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.thermal.expansion.displacement import DisplacementField
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
+from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmState
 from pouring_robot.thermal.expansion.warm_robot import WarmRobot
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.regression.joint_model import JointRegression
+from pouring_robot.thermal.regression.methods import COMPONENTS, MEAN, PAPER, Positions, Remains, fit_lines, judge
 from pouring_robot.thermal.regression.table import ErrorTable
-from scripts.paper.thermal.regression import residual_figures
+from scripts.paper.tables import load_tables
+from scripts.paper.thermal.regression import joint_of
 
 AXES = ("X", "Y", "Z")
 TILT_RAD = float(np.radians(10.0))
@@ -32,6 +37,8 @@ POSES = 10
 MELTS_DEGC = tuple(np.linspace(600.0, 1700.0, 12).tolist())
 LEFT_OUT = 40
 BOX_POSES = 200
+LADLE_STEEL_DEGC = 500.0
+"""The paper's Fig. 7: "the local temperature near the pouring is nearly 500 °C"."""
 
 
 def draw_poses(layout: Layout, count: int, random: np.random.Generator) -> list[PlatformPose]:
@@ -67,38 +74,28 @@ def tables_of(moved: FloatArray, melts_degC: Sequence[float], letter: str) -> di
     return {axis: ErrorTable(kelvin, moved[:, :, a], names) for a, axis in enumerate(AXES)}
 
 
+def positions_of(poses: Sequence[PlatformPose]) -> Positions:
+    """Return where poses are, as inputs of a line that depends on the pose; their tilt is one and the same."""
+    return Positions(("x", "y", "z"), ("m", "m", "m"), np.array([pose.position_m for pose in poses]))
+
+
 @dataclass(frozen=True)
-class Contest:
-    """How well three lines predict poses, as mean and spread of what they leave, in m.
+class BoxPose:
+    """What heat does at a pose of the workspace, in m.
 
     Attributes:
-        sensitive: names of the sensitive sets, that of the smallest group first.
-        single: mean and spread of the simple line of each.
-        joint: of the joint model, by weighting; "coefficients" is the paper's own.
+        o_m: how far the platform's origin moves.
+        mean_m, largest_m: over all parts, the ladle's steel as warm as the network has it behind its lining.
+        hung_largest_m: with the ladle's steel at the paper's hottest local temperature.
+        hot_mean_m, hot_largest_m: the same, growing from o, which the paper takes for the ladle's centre.
     """
 
-    sensitive: tuple[str, ...]
-    single: tuple[tuple[float, float], ...]
-    joint: dict[str, tuple[float, float]]
-
-    def beats(self, weighting: str, figure: int) -> bool:
-        """Return whether a joint model beats every single line in mean (figure 0, by size) or in spread (1)."""
-        return all(abs(self.joint[weighting][figure]) < abs(one[figure]) for one in self.single)
-
-
-def contest(table: ErrorTable, judged: ErrorTable | None = None) -> Contest:
-    """Fit the models to a table and judge them on other poses; None: the table's own sets that are not sensitive."""
-    single: tuple[tuple[float, float], ...] = ()
-    names: tuple[str, ...] = ()
-    joint = {}
-    for weighting in ("coefficients", "table"):
-        model = JointRegression(weighting).fit(table.temperature_column, table.errors)
-        names = tuple(table.names[i] for i in model.selector_.sensitive_)
-        poses = judged or table.without(names)
-        lines = model.predict_single(poses.temperature_column)
-        single = tuple(residual_figures(poses.errors, line) for line in lines.T)
-        joint[weighting] = residual_figures(poses.errors, model.predict(poses.temperature_column))
-    return Contest(names, single, joint)
+    o_m: float
+    mean_m: float
+    largest_m: float
+    hung_largest_m: float
+    hot_mean_m: float
+    hot_largest_m: float
 
 
 @dataclass(frozen=True)
@@ -109,13 +106,28 @@ class Draw:
         seed: of the drawing.
         groups: sizes of the two groups, the smaller first.
         first_share: share of the first component of the two sensitive sets.
-        contest: on poses left out.
+        vif: of the pair.
+        beaten: by method, whether it leaves less spread than each single set, on poses left out; and in the mean.
     """
 
     seed: int
     groups: tuple[int, ...]
     first_share: float
-    contest: Contest
+    vif: float
+    beaten: dict[str, tuple[bool, bool]]
+
+
+def beaten(found: Mapping[str, Remains]) -> dict[str, tuple[bool, bool]]:
+    """Return by method whether it leaves less spread, and a mean nearer zero, than every single set."""
+    singles = [left for name, left in found.items() if name.startswith("single")]
+    return {
+        name: (
+            all(left.spread < one.spread for one in singles),
+            all(abs(left.mean) < abs(one.mean) for one in singles),
+        )
+        for name, left in found.items()
+        if name in (PAPER, COMPONENTS, MEAN)
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,11 +142,12 @@ class ThermalStudy:
         conduction: temperatures at the ten poses at 1700 °C, without radiation.
         radiation: with it.
         moved: of o, shape (melts, 10, 3), in m.
-        left_out: of o at poses in no table, shape (melts, LEFT_OUT, 3), in m.
-        box_o_m: distance o is moved by at poses all over the workspace, tilt included, shape (BOX_POSES,).
-        box_lip_m: the same of the lip.
+        others: poses in no table.
+        left_out: of o at these, shape (melts, LEFT_OUT, 3), in m.
+        box: poses all over the workspace, tilt included.
         lining_m: thickness of the ladle's lining.
         draws: other drawings of ten poses.
+        other_draws: drawings in the other layout (``wide``, or ``paper`` for another than that).
     """
 
     layout: Layout
@@ -144,11 +157,12 @@ class ThermalStudy:
     conduction: list[TemperatureField]
     radiation: list[TemperatureField]
     moved: FloatArray
+    others: list[PlatformPose]
     left_out: FloatArray
-    box_o_m: FloatArray
-    box_lip_m: FloatArray
+    box: list[BoxPose]
     lining_m: float
     draws: list[Draw]
+    other_draws: list[Draw]
 
     @property
     def tables(self) -> dict[str, ErrorTable]:
@@ -165,10 +179,14 @@ class ThermalStudy:
         """How o is moved at the hottest melt, shape (10, 3), in m."""
         return np.asarray(self.moved[-1])
 
+    def unseen(self, axis: str) -> dict[str, Remains]:
+        """Return what every method leaves of the poses left out."""
+        lines = fit_lines(self.tables[axis], positions_of(self.poses))
+        return judge(lines, self.judged[axis], positions_of(self.others))
 
-def joint_of(table: ErrorTable) -> JointRegression:
-    """Return the paper's model of a table."""
-    return JointRegression("coefficients").fit(table.temperature_column, table.errors)
+    def sensitive(self, axis: str) -> tuple[str, ...]:
+        """Return the names of the sensitive sets, that of the smallest group first."""
+        return tuple(self.tables[axis].names[i] for i in joint_of(self.tables[axis]).selector_.sensitive_)
 
 
 def first_share(model: JointRegression) -> float:
@@ -176,32 +194,40 @@ def first_share(model: JointRegression) -> float:
     return float(model.component_regression_.cumulative_[0])
 
 
-def _box(network: ThermalNetwork, random: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Return how far o and the lip are moved all over the workspace, at the melt's own temperature, in m."""
-    robot, layout = network.robot, network.robot.layout
-    loops = robot.nominal_solver.mechanism.loops
-    frames = (loops.end_frame or "", loops.working_frame)
-    found: list[list[float]] = []
-    for x, y, z, tilt in random.uniform(*layout.box, size=(BOX_POSES, 4)).tolist():
+def pair_vif(model: JointRegression) -> float:
+    """Return the VIF of the sensitive pair."""
+    return float(model.selector_.vif_[model.selector_.sensitive_[-1]])
+
+
+def _box(network: ThermalNetwork, random: np.random.Generator) -> list[BoxPose]:
+    """Return what moves all over the workspace, at the melt's own temperature."""
+    robot = network.robot
+    heated = HeatedRobot(robot, HeatSection(), network)
+    found = []
+    for x, y, z, tilt in random.uniform(*robot.layout.box, size=(BOX_POSES, 4)).tolist():
         pose = PlatformPose((x, y, z), tilt)
-        warm = WarmRobot(robot, ThermalExpansion.from_field(network.steady(pose)), pose).solve()
-        cold = robot.nominal_solver.solve(robot.kinematics.inverse(pose), robot.kinematics.configuration(pose))
-        places = [[r.pose(loops.base_frame, frame).translation for frame in frames] for r in (cold, warm)]
-        found.append(np.linalg.norm(np.subtract(places[1], places[0]), axis=1).tolist())
-    distances = np.array(found)
-    return distances[:, 0], distances[:, 1]
+        warm = WarmRobot(robot, heated.expansion(field := network.steady(pose)), pose)
+        state = WarmState(field, warm, warm.solve(), 1, 0.0)
+        o = float(np.linalg.norm(state.result.pose_base_to_end.translation - np.array(pose.position_m)))
+        own, hung = (DisplacementField.of(state, degC) for degC in (None, LADLE_STEEL_DEGC))
+        hot = DisplacementField.of(state, LADLE_STEEL_DEGC, ladle_from_o=True)
+        found.append(BoxPose(o, own.mean_m, own.largest_m, hung.largest_m, hot.mean_m, hot.largest_m))
+    return found
 
 
-def _draw(network: ThermalNetwork, seed: int) -> Draw:
+def _draw(network: ThermalNetwork, seed: int, *, left_out: bool) -> Draw:
     random = np.random.default_rng(seed)
     layout = network.robot.layout
-    table, judged = (
-        tables_of(error_sets(network, draw_poses(layout, count, random), MELTS_DEGC), MELTS_DEGC, letter)["X"]
-        for count, letter in ((POSES, "P"), (2 * POSES, "L"))
-    )
+
+    def sets(count: int, letter: str) -> ErrorTable:
+        moved = error_sets(network, draw_poses(layout, count, random), MELTS_DEGC)
+        return tables_of(moved, MELTS_DEGC, letter)["X"]
+
+    table = sets(POSES, "P")
     model = joint_of(table)
     sizes = tuple(sorted(len(group) for group in model.selector_.groups_))
-    return Draw(seed, sizes, first_share(model), contest(table, judged))
+    against = beaten(judge(fit_lines(table), sets(2 * POSES, "L"))) if left_out else {}
+    return Draw(seed, sizes, first_share(model), pair_vif(model), against)
 
 
 def run_thermal_study(layout: str, seed: int, draws: int, progress: Progress = say_nothing) -> ThermalStudy:
@@ -221,7 +247,10 @@ def run_thermal_study(layout: str, seed: int, draws: int, progress: Progress = s
     network, bare = ThermalNetwork(robot), ThermalNetwork(robot, radiation=False)
     random = np.random.default_rng(seed)
     poses, others = (draw_poses(robot.layout, count, random) for count in (POSES, LEFT_OUT))
-    steps = 2 + LEFT_OUT // POSES + draws
+    if given := load_tables().poses_mm:
+        poses = [PlatformPose.from_mm_deg(*place, float(np.degrees(TILT_RAD))) for place in given]
+    beside = ThermalNetwork(PouringRobot(RobotModel(layout="paper" if layout == "wide" else "wide")))
+    steps = 2 + LEFT_OUT // POSES + 2 * draws
     done = 0
 
     def step() -> None:
@@ -236,12 +265,13 @@ def run_thermal_study(layout: str, seed: int, draws: int, progress: Progress = s
     for start in range(0, LEFT_OUT, POSES):
         parts.append(error_sets(network, others[start : start + POSES], MELTS_DEGC))
         step()
-    box_o, box_lip = _box(network, random)
+    box = _box(network, random)
     step()
-    drawn = []
+    drawn: dict[bool, list[Draw]] = {True: [], False: []}
     for number in range(seed + 1, seed + 1 + draws):
-        drawn.append(_draw(network, number))
-        step()
+        for own in (True, False):
+            drawn[own].append(_draw(network if own else beside, number, left_out=own))
+            step()
     return ThermalStudy(
         robot.layout,
         seed,
@@ -250,9 +280,10 @@ def run_thermal_study(layout: str, seed: int, draws: int, progress: Progress = s
         [bare.steady(pose) for pose in poses],
         [network.steady(pose) for pose in poses],
         moved,
+        others,
         np.concatenate(parts, axis=1),
-        box_o,
-        box_lip,
+        box,
         network.lining_m,
-        drawn,
+        drawn[True],
+        drawn[False],
     )

@@ -1,0 +1,102 @@
+"""``pouring-robot sensitivity``: what each geometric error does alone, and which axes to control."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pouring_robot.cli.shared import options, progress
+from pouring_robot.cli.shared.tables import plain_table
+from pouring_robot.mechanism.poses import MM, MRAD
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from pouring_robot.sensitivity.report import ErrorRow, SensitivityReport
+
+Limits = tuple[float, float] | None
+_SHOWN = 25
+
+
+def sensitivity(
+    robot: options.RobotFile = None,
+    model: options.ModelFile = None,
+    layout: options.LayoutName = None,
+    poses: Annotated[int, typer.Option(min=2, max=200_000, help="Poses all over the workspace.")] = 10_000,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of their drawing.")] = 2022,
+    length_mm: Annotated[float, typer.Option("--length-mm", help="Size of every length error.")] = 0.2,
+    angle_mrad: Annotated[float, typer.Option("--angle-mrad", help="Size of every angle error.")] = 4.0,
+    limit_mm: Annotated[float, typer.Option("--limit-mm", help="Errors beyond it are those to control.")] = 1.0,
+    x_mm: Annotated[Limits, typer.Option("--x-mm", metavar="LOW HIGH", help="Range of x.")] = None,
+    y_mm: Annotated[Limits, typer.Option("--y-mm", metavar="LOW HIGH", help="Range of y.")] = None,
+    z_mm: Annotated[Limits, typer.Option("--z-mm", metavar="LOW HIGH", help="Range of z.")] = None,
+    tilt_deg: Annotated[Limits, typer.Option("--tilt-deg", metavar="LOW HIGH", help="Range of the tilt.")] = None,
+    parameters: Annotated[
+        list[str] | None, typer.Option("--parameters", metavar="NAME", help="Set, group, name or pattern; repeatable.")
+    ] = None,
+    frame: Annotated[str | None, typer.Option("--frame", metavar="NAME", help="Whose displacement counts.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Write CSV, JSON and pictures.")] = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """Say what each geometric error of the drawing does alone: in the closed robot and in the paper's open branch.
+
+    A model file is taken for its layout or robot only. Errors act to first order; how far that misses is printed.
+    """
+    import math
+
+    from pouring_robot.sensitivity.analysis import sensitivity as studied
+    from pouring_robot.sensitivity.request import Request
+
+    def scaled(limits: Limits, unit: float) -> tuple[float, float] | None:
+        return None if limits is None else (limits[0] * unit, limits[1] * unit)
+
+    request = Request(
+        poses=poses,
+        seed=seed,
+        length_m=length_mm * MM,
+        angle_rad=angle_mrad * MRAD,
+        box=(*(scaled(limits, MM) for limits in (x_mm, y_mm, z_mm)), scaled(tilt_deg, math.radians(1.0))),  # type: ignore[arg-type]  # four
+        parameters=tuple(parameters or ()),
+        frame=frame,
+        limit_m=limit_mm * MM,
+    )
+    with progress.stage_bars() as show:
+        found = studied(options.model_of(model, robot, layout), request, show)
+        written = found.save(out) if out is not None else []
+    if as_json:
+        options.print_figures(found.figures(), written)
+        return
+    console = options.console()
+    console.print(found.headline)
+    console.print(_errors_table(found))
+    if len(found.parameters) > _SHOWN:
+        console.print(f"… and {len(found.parameters) - _SHOWN} weaker ones (--out FOLDER, --json)")
+    for control in found.controls:
+        options.print_indented(
+            console,
+            f"control {control.part}: {' '.join(control.errors)} (main direction {control.directions}, up to "
+            f"{control.largest_m / MM:.3f} mm)",
+        )
+    missed, moved = (value / MM for value in found.missed_m)
+    console.print(f"first order misses exact closures by {missed:.2g} mm at most, where the robot moves {moved:.3g} mm")
+    options.print_written(console, written)
+
+
+def _errors_table(found: SensitivityReport) -> Table:
+    """Return the strongest errors of the closed robot, with the open branch beside them if there is one."""
+    opened = {row.parameter.name: row for row in found.of_model("open branch")}
+    rows = []
+    for row in found.of_model("closed chain")[:_SHOWN]:
+        beside = _cells(opened[row.parameter.name]) if opened else []
+        rows.append([row.parameter.name, row.parameter.part, *_cells(row), row.shape, *beside])
+    head = ["error", "part", "largest mm", "class", "mrad", "main", "spread"]
+    head += ["open mm", "class", "mrad", "main"] if opened else []
+    title = "each error alone" + (": closed robot, and the open branch of eq. 5" if opened else "")
+    return plain_table(head, rows, (0, 1, 6), title=title)
+
+
+def _cells(row: ErrorRow) -> list[str]:
+    order = "none" if row.class_mm is None else f"1e{row.class_mm}"
+    return [f"{row.distance_m / MM:.3f}", order, f"{row.angle_rad / MRAD:.2f}", row.main]

@@ -1,0 +1,157 @@
+r"""Each error alone, to first order: displacement = G · size, at poses all over the workspace.
+
+``closed chain`` is the robot; ``open branch`` is the paper's eq. 5: one chain, its joints held, as if no other chain
+held the end. A robot without loops has one and the same. First order is compared with exact closures of the strongest
+errors at some of the poses, and the largest difference reported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pouring_robot.batch import BatchEngine, BatchStart, BatchTransfer, SiteErrors, engine_for
+from pouring_robot.batch.interface import Engine
+from pouring_robot.exceptions import BadInputError, NoSolutionError
+from pouring_robot.io.progress import Progress, say_nothing
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.parameters import DriveParameter, PlacementParameter
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.parameters import Parameter, ParameterCatalogue
+from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
+from pouring_robot.robot.pouring.layout import load_layout
+from pouring_robot.sensitivity.report import SensitivityReport
+from pouring_robot.sensitivity.request import Request
+from pouring_robot.sensitivity.samples import ErrorSamples, Kind
+
+_AT_ONCE = 1000
+_CHECKED_ERRORS, _CHECKED_POSES = 10, 20
+
+
+def sensitivity(
+    robot: RobotModel | Path | str | None = None, request: Request | None = None, progress: Progress = say_nothing
+) -> SensitivityReport:
+    """Study what each geometric error of a robot of the drawing does alone.
+
+    Args:
+        robot: a model, a model file or a robot file; by default the pouring robot.
+        request: what to study.
+        progress: told of the poses done.
+
+    Raises:
+        BadInputError: a name or a range is wrong.
+        NoSolutionError: the robot closes at fewer than two poses.
+    """
+    request, model = request or Request(), RobotModel.of(robot)
+    definition = model.definition
+    drawing = definition.drawing()
+    mechanism = drawing.mechanism
+    catalogue = ParameterCatalogue(definition, mechanism)
+    parameters = _chosen(catalogue, request)
+    sizes = np.array([request.length_m if p.unit == "m" else request.angle_rad for p in parameters])
+    frame = request.frame or mechanism.loops.end_frame or mechanism.loops.working_frame
+    offset = np.array(mechanism.placement_on_end(frame).translation)
+    if isinstance(drawing, FourUPUKinematics):
+        drives, start = _from_box(model, drawing, request)
+    elif any(request.box):
+        raise BadInputError("a range of poses is for the pouring robot; others are studied within their drives' limits")
+    else:
+        drives, start = definition.workspace(drawing, request.poses)
+    if len(start) < 2:
+        raise NoSolutionError(f"{definition.name} closes at {len(start)} poses only; check its home and its limits")
+    engine = engine_for(mechanism)
+    found = _transfers(engine, drives, start, [p.local for p in parameters], progress)
+    samples = tuple(
+        ErrorSamples(kind, parameters, *_moved(matrix, rotation @ offset, sizes)) for kind, matrix, rotation in found
+    )
+    check = _against_exact(engine, drives, start, samples[0], sizes, offset)
+    return SensitivityReport(definition.name, frame, request, tuple(parameters), samples, check)
+
+
+def _chosen(catalogue: ParameterCatalogue, request: Request) -> tuple[Parameter, ...]:
+    """Return the parameters that are asked for, each once."""
+    if request.parameters:
+        chosen = {p.name: p for name in request.parameters for p in catalogue.match(name)}
+    elif catalogue.table:
+        chosen = {p.name: catalogue.parameters[p.name] for p in catalogue.table.selection()}
+    else:
+        chosen = dict(catalogue.parameters)
+    return tuple(chosen.values())
+
+
+def _from_box(model: RobotModel, kinematics: FourUPUKinematics, request: Request) -> tuple[FloatArray, BatchStart]:
+    """Draw poses evenly from the workspace box, or from the ranges asked for."""
+    lower, upper = np.array(load_layout(model.layout, model.layouts_path).box)
+    for k, limits in enumerate(request.box):
+        if limits is not None:
+            lower[k], upper[k] = limits
+    commands = kinematics.commands(np.random.default_rng(request.seed).uniform(lower, upper, (request.poses, 4)))
+    reached = np.flatnonzero(kinematics.within_limits(commands.start.joints))
+    return commands.drives[reached], commands.start[reached]
+
+
+def _transfers(
+    engine: Engine,
+    drives: FloatArray,
+    start: BatchStart,
+    wanted: Sequence[PlacementParameter | DriveParameter],
+    progress: Progress,
+) -> list[tuple[Kind, FloatArray, FloatArray]]:
+    """Return G (n, 6, P) of the closed chain and, where there are chains, of open branches; with the end's axes."""
+    branches = isinstance(engine, BatchEngine) and not engine.structure.is_serial
+    closed: list[tuple[BatchTransfer, FloatArray]] = []
+    opened: list[tuple[BatchTransfer, FloatArray]] = []
+    for first in range(0, len(start), _AT_ONCE):
+        part = slice(first, first + _AT_ONCE)
+        found = engine.close(drives[part], start[part]).require_all()
+        closed.append((engine.transfer(found, wanted), found.rotation))
+        if branches and isinstance(engine, BatchEngine):
+            opened.append((engine.transfer_open_branch(found.joints, wanted), found.rotation))
+        progress("transfer matrices", min(first + _AT_ONCE, len(start)), len(start))
+    kinds: dict[Kind, list[tuple[BatchTransfer, FloatArray]]] = {"closed chain": closed, "open branch": opened}
+    return [(kind, *_joined(parts)) for kind, parts in kinds.items() if parts]
+
+
+def _joined(parts: Sequence[tuple[BatchTransfer, FloatArray]]) -> tuple[FloatArray, FloatArray]:
+    for transfer, _ in parts:
+        if transfer.status.any():
+            raise NoSolutionError("the drives do not determine the robot at a pose of the workspace; narrow the range")
+    return np.concatenate([t.matrix for t, _ in parts]), np.concatenate([r for _, r in parts])
+
+
+def _moved(matrix: FloatArray, lever: FloatArray, sizes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return translations and rotation vectors (P, n, 3) of a point at levers (n, 3) from the end's origin."""
+    scaled = np.moveaxis(matrix * sizes, 2, 0)
+    turn = np.ascontiguousarray(scaled[..., 3:])
+    return scaled[..., :3] + np.cross(turn, lever), turn
+
+
+def _against_exact(
+    engine: Engine,
+    drives: FloatArray,
+    start: BatchStart,
+    samples: ErrorSamples[Parameter],
+    sizes: FloatArray,
+    offset: FloatArray,
+) -> tuple[float, float]:
+    """Return how far first order misses exact closures at most, and how far the robot moves there, in m."""
+    largest = samples.distance_m.max(axis=1)
+    poses = np.unique(np.linspace(0, len(start) - 1, _CHECKED_POSES).astype(int))
+    base = engine.close(drives[poses], start[poses]).require_all()
+    worst = (0.0, 0.0)
+    for k in np.argsort(-largest)[:_CHECKED_ERRORS].tolist():
+        local = samples.parameters[k].local
+        shifted, errors = drives[poses], None
+        if isinstance(local, DriveParameter):
+            shifted = shifted + sizes[k] * (np.array(engine.structure.mechanism.loops.drives) == local.joint)
+        else:
+            site = np.full(len(poses), engine.structure.site(local.joint))
+            errors = SiteErrors.one_each(site, np.tile(np.array(local.twist) * sizes[k], (len(poses), 1)))
+        exact = engine.close(shifted, base.as_start(), errors).require_all()
+        moved = exact.position + exact.rotation @ offset - base.position - base.rotation @ offset
+        missed = np.linalg.norm(moved - samples.translation_m[k, poses], axis=1)
+        at = int(missed.argmax())
+        worst = max(worst, (float(missed[at]), float(np.linalg.norm(moved[at]))))
+    return worst

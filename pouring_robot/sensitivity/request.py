@@ -1,0 +1,51 @@
+"""What a sensitivity study is asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.poses import MM, MRAD
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to study.
+
+    Attributes:
+        poses: how many; of a robot without a workspace box at most so many, those that close.
+        seed: of their drawing from the workspace box; drive values of other robots are spread evenly.
+        length_m, angle_rad: size of an error; the defaults are the paper's.
+        box: limits of x, y, z (m) and tilt (rad) in place of the workspace's; the pouring robot only.
+        parameters: sets, groups, names or patterns; by default the DH table, or all places, axes and drives.
+        frame: whose displacement counts; by default the end frame.
+        limit_m: errors that pass it in a coordinate are those to control.
+        nothing_m, nothing_rad: below them an error counts as without influence; the defaults are the paper's.
+    """
+
+    poses: int = 10_000
+    seed: int = 2022
+    length_m: float = 0.2 * MM
+    angle_rad: float = 4.0 * MRAD
+    box: tuple[Range | None, Range | None, Range | None, Range | None] = (None, None, None, None)
+    parameters: tuple[str, ...] = ()
+    frame: str | None = None
+    limit_m: float = MM
+    nothing_m: float = 1e-3 * MM
+    nothing_rad: float = 1e-5
+
+    def __post_init__(self) -> None:
+        """Refuse what makes no study.
+
+        Raises:
+            BadInputError: a number is out of its range.
+        """
+        if self.poses < 2 or self.seed < 0:
+            raise BadInputError(f"give two poses or more and a seed from 0 on, not {self.poses} and {self.seed}")
+        if not (0.0 < self.length_m < 0.1 and 0.0 < self.angle_rad < 0.5 and self.limit_m > 0.0):
+            raise BadInputError("errors and limit must be positive, errors below 100 mm and 500 mrad")
+        for limits in self.box:
+            if limits is not None and not limits[0] <= limits[1]:
+                raise BadInputError(f"a range must run upwards, not from {limits[0]:g} to {limits[1]:g}")

@@ -1,0 +1,154 @@
+"""How single errors move a robot over many poses: sizes, directions, and the shapes of their distributions."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Generic, Literal, Protocol, TypeVar
+
+import numpy as np
+
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.poses import MM
+
+AXES = "XYZ"
+Kind = Literal["open branch", "closed chain"]
+NOTHING_M = 1e-9
+"""Less than this is round-off: the error moves nothing."""
+_BIN_M = 0.005 * MM  # width of the bins in which the fullest is looked for; the paper's 1.3175 mm is a centre
+_BAND = 0.02  # values within this share of the fullest bin's place count as piled up there
+
+
+class ErrorParameter(Protocol):
+    """What is asked of an error: its name, the number of its chain (0: none), ``m`` or ``rad``."""
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+    @property
+    def chain(self) -> int: ...  # noqa: D102
+    @property
+    def unit(self) -> str: ...  # noqa: D102
+
+
+P = TypeVar("P", bound=ErrorParameter)
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorSamples(Generic[P]):
+    """How each error alone moves one frame of the robot, in the axes of its base.
+
+    Attributes:
+        kind: of which model.
+        parameters: the errors, P of them.
+        translation_m: shape (P, n, 3), in m.
+        rotation_rad: rotation vectors, shape (P, n, 3), in rad.
+    """
+
+    kind: Kind
+    parameters: tuple[P, ...]
+    translation_m: FloatArray
+    rotation_rad: FloatArray
+
+    def subset(self, wanted: Collection[P]) -> ErrorSamples[P]:
+        """Return the samples of some of the parameters, in the order they have here."""
+        places = [k for k, parameter in enumerate(self.parameters) if parameter in wanted]
+        chosen = tuple(self.parameters[k] for k in places)
+        return ErrorSamples(self.kind, chosen, self.translation_m[places], self.rotation_rad[places])
+
+    def of_chain(self, chain: int) -> ErrorSamples[P]:
+        """Return the samples of one chain's errors."""
+        return self.subset([parameter for parameter in self.parameters if parameter.chain == chain])
+
+    def of_unit(self, unit: str) -> ErrorSamples[P]:
+        """Return the samples of the lengths (``m``) or the angles (``rad``)."""
+        return self.subset([parameter for parameter in self.parameters if parameter.unit == unit])
+
+    def reaching(self, limit_m: float) -> ErrorSamples[P]:
+        """Return the samples of the errors that pass a limit in one coordinate at one pose at least."""
+        return self.subset(
+            [p for p, top in zip(self.parameters, self.peak_m.max(axis=1), strict=True) if top > limit_m]
+        )
+
+    def moves(self, label: str) -> FloatArray:
+        """Return the translations of the one error with this :func:`short_label`, shape (n, 3), in m."""
+        return np.asarray(self.translation_m[self.labels.index(label)])
+
+    def along(self, label: str) -> FloatArray:
+        """Return the translations of one error along its main direction, shape (n,), in m."""
+        return np.asarray(self.moves(label)[:, max(AXES.find(self.main_axis(label)), 0)])
+
+    def spread_m(self, label: str) -> float:
+        """Return how far one error's translations scatter about their mean, root of the summed variances, in m."""
+        return float(np.sqrt(self.moves(label).var(axis=0).sum()))
+
+    def main_axis(self, label: str) -> str:
+        """Return the coordinate that one error changes most on average: X, Y or Z; ``none`` if it moves nothing."""
+        return self.main_of(self.labels.index(label))
+
+    def main_of(self, place: int) -> str:
+        """Return the same of the error at a place."""
+        means = self.mean_m[place]
+        return AXES[int(means.argmax())] if means.max() > NOTHING_M else "none"
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Short names of the parameters, without the chain."""
+        return tuple(short_label(parameter) for parameter in self.parameters)
+
+    @functools.cached_property
+    def peak_m(self) -> FloatArray:
+        """Largest absolute coordinate over the poses, shape (P, 3), in m."""
+        return np.asarray(np.abs(self.translation_m).max(axis=1, initial=0.0))
+
+    @functools.cached_property
+    def mean_m(self) -> FloatArray:
+        """Mean absolute coordinate over the poses, shape (P, 3), in m."""
+        return np.asarray(np.abs(self.translation_m).mean(axis=1))
+
+    @functools.cached_property
+    def rms_m(self) -> FloatArray:
+        """Root mean square coordinate over the poses, shape (P, 3), in m."""
+        return np.asarray(np.sqrt(np.square(self.translation_m).mean(axis=1)))
+
+    @functools.cached_property
+    def distance_m(self) -> FloatArray:
+        """Length of the translation, shape (P, n), in m."""
+        return np.asarray(np.linalg.norm(self.translation_m, axis=-1))
+
+    @functools.cached_property
+    def angle_rad(self) -> FloatArray:
+        """Angle of the rotation, shape (P, n), in rad."""
+        return np.asarray(np.linalg.norm(self.rotation_rad, axis=-1))
+
+
+def short_label(parameter: ErrorParameter) -> str:
+    """Return the name of a number of the DH table without its chain (``α56``, ``a6o``, ``θ1``), others as they are."""
+    symbol, _, place = parameter.name.partition(f"_e{parameter.chain}_")
+    return {"alpha": "α", "theta": "θ"}.get(symbol, symbol) + place
+
+
+def peak(values: FloatArray) -> tuple[float, float, float]:
+    """Return the centre of the fullest bin, the share of values within 2 % of it, and that over an even share."""
+    edges = np.arange(np.floor(values.min() / _BIN_M) - 1.0, np.ceil(values.max() / _BIN_M) + 2.0) * _BIN_M
+    place = int(np.histogram(values, edges)[0].argmax())
+    centre = float(edges[place] + 0.5 * _BIN_M)
+    band = max(_BAND * abs(centre), 0.5 * _BIN_M)
+    share = float(np.mean(np.abs(values - centre) < band))
+    return centre, share, share / (2.0 * band / max(float(np.ptp(values)), 2.0 * band))
+
+
+def uniform_gap(values: FloatArray) -> float:
+    """Return how far the middle 90 % of values are from evenly spread: largest gap of distribution functions."""
+    low, high = np.quantile(values, [0.05, 0.95])
+    middle = np.sort(values[(values >= low) & (values <= high)])
+    if high - low < 1e-12:
+        return 1.0
+    return float(np.abs((middle - low) / (high - low) - np.linspace(0.0, 1.0, len(middle))).max())
+
+
+def median_place(values: FloatArray) -> float:
+    """Return where the median of the absolute values lies between their least (0) and largest (1)."""
+    absolute = np.abs(values)
+    span = float(np.ptp(absolute))
+    return float((np.median(absolute) - absolute.min()) / span) if span > 0.0 else 0.5

@@ -1,0 +1,289 @@
+"""What a table of error sets says: groups, degrees, components, formulas, and what each method leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pouring_robot.exceptions import BadInputError, TableError
+from pouring_robot.io.quantities import UNITS, to_inner
+from pouring_robot.io.tables import read_table
+from pouring_robot.io.temperatures import ZERO_CELSIUS_K
+from pouring_robot.report.result import Result
+from pouring_robot.thermal.regression.joint_model import JointRegression
+from pouring_robot.thermal.regression.methods import (
+    HELPS_BELOW,
+    METHODS,
+    NONE,
+    ErrorLine,
+    Positions,
+    Remains,
+    fit_lines,
+    judge,
+    left_out,
+)
+from pouring_robot.thermal.regression.model_file import AXES, AxisModel, ThermalModel
+from pouring_robot.thermal.regression.sensitive_sets import SensitiveSetSelector
+from pouring_robot.thermal.regression.table import ErrorTable
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True, eq=False)
+class AxisRegression:
+    """One direction of a table.
+
+    Attributes:
+        table: its error sets.
+        model: the paper's, weighed by equation 21.
+        lines: every method.
+        fitted: what each leaves of the table it was fitted to.
+        unseen: what it leaves of sets left out one at a time.
+        method: the one to use.
+    """
+
+    table: ErrorTable
+    model: JointRegression
+    lines: dict[str, ErrorLine]
+    fitted: dict[str, Remains]
+    unseen: dict[str, Remains]
+    method: str
+
+    @classmethod
+    def of(
+        cls, table: ErrorTable, positions: Positions | None, method: str | None, selector: dict[str, Any]
+    ) -> AxisRegression:
+        """Fit and judge everything; ``method`` None takes the one that leaves least of sets left out."""
+        chosen = SensitiveSetSelector(**selector)
+        model = JointRegression("coefficients", selector=chosen).fit(table.temperature_column, table.errors)
+        lines = fit_lines(table, positions, **selector)
+        unseen = left_out(table, positions, **selector)
+        if method is not None and method not in lines:
+            raise BadInputError(f"method '{method}' needs the poses of the sets: --poses FILE")
+        best = method or min((name for name in METHODS if name in lines), key=lambda name: unseen[name].rms)
+        return cls(table, model, lines, judge(lines, table, positions), unseen, best)
+
+    @property
+    def helps(self) -> bool:
+        """Whether the method leaves clearly less than no compensation, on sets left out."""
+        return self.unseen[self.method].rms < HELPS_BELOW * self.unseen[NONE].rms
+
+    @property
+    def sensitive(self) -> list[str]:
+        """Names of the sensitive sets, that of the smallest group first."""
+        return [self.table.names[i] for i in self.model.selector_.sensitive_]
+
+    @property
+    def unit(self) -> str:
+        """Of its errors as printed."""
+        return "mm" if self.table.kind == "length" else "mrad"
+
+    def words(self, method: str) -> str:
+        """Return a method in words."""
+        number = method.removeprefix("single ")
+        return METHODS[method] if number == method else f"{self.sensitive[int(number) - 1]} alone"
+
+    def formulas(self) -> Iterator[str]:
+        """Return equations 19 to 22 with their numbers; errors in mm or mrad, TEMP in °C, * for standardised."""
+        regression, names = self.model.component_regression_, self.sensitive
+        components = zip(regression.components_, regression.regression_.coef_, strict=True)
+        spread = float(np.std(self.table.temperatures_K))
+        z = [
+            f"Z{j} = " + _sum((u, f"{name}*") for u, name in zip(row, names, strict=True))
+            for j, (row, _) in enumerate(components, 1)
+        ]
+        gamma = regression.regression_.coef_ / spread
+        yield f"(18) {'; '.join(z)}"
+        yield f"(19) TEMP* = {_sum((g, f'Z{j}') for j, g in enumerate(gamma, 1))}"
+        beta = zip(regression.standardised_coef_, names, strict=True)
+        yield f"(20) TEMP* = {_sum((b, f'{name}*') for b, name in beta)}"
+        raw = zip(regression.coef_ / 1e3, names, strict=True)
+        yield f"(21) TEMP = {regression.intercept_ - ZERO_CELSIUS_K:.5g} + {_sum(raw)}"
+        weights = _sum(zip(self.model.weights_, (f"{name}_PCR" for name in names), strict=True))
+        slope, offset = self.model.coef_ * 1e3, (self.model.intercept_ + self.model.coef_ * ZERO_CELSIUS_K) * 1e3
+        yield f"(22) P_end = {weights} = {offset:.5g} {slope:+.5g} TEMP"
+
+    def figures(self) -> dict[str, Any]:
+        """Return everything, ready for JSON; errors in mm or mrad."""
+        selector, regression = self.model.selector_, self.model.component_regression_
+        names = np.array(self.table.names)
+
+        def remains(found: dict[str, Remains]) -> dict[str, dict[str, float]]:
+            return {name: {k: v * 1e3 for k, v in vars(left).items()} for name, left in found.items()}
+
+        return {
+            "unit": self.unit,
+            "sets": list(self.table.names),
+            "groups": [names[group].tolist() for group in selector.groups_],
+            "lambda": list(selector.clustering_.lambda_range_),
+            "grey_degree": dict(zip(self.table.names, selector.grey_degrees_.tolist(), strict=True)),
+            "vif": {n: v if np.isfinite(v) else None for n, v in zip(self.table.names, selector.vif_, strict=True)},
+            "sensitive": self.sensitive,
+            "guard_held": selector.guard_held_.tolist(),
+            "eigenvalues": regression.eigenvalues_.tolist(),
+            "eigenvectors": regression.components_.tolist(),
+            "cumulative": regression.cumulative_.tolist(),
+            "formulas": list(self.formulas()),
+            "fitted": remains(self.fitted),
+            "left_out": remains(self.unseen),
+            "method": self.method,
+            "helps": self.helps,
+        }
+
+
+def _sum(terms: Any) -> str:
+    text = " ".join(f"{value:+.5g} {name}" for value, name in terms)
+    return text.removeprefix("+")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RegressionReport(Result):
+    """Every direction of a table.
+
+    Attributes:
+        source: the table.
+        positions: where its sets were measured, if that is known.
+        axes: by direction, ``x`` to ``z``; "" for a table that does not say.
+    """
+
+    source: str
+    positions: Positions | None
+    axes: dict[str, AxisRegression]
+
+    @property
+    def headline(self) -> str:
+        """What the methods leave of sets left out, axis by axis."""
+        words = []
+        for axis, one in self.axes.items():
+            before, left = (one.unseen[name].rms * 1e3 for name in (NONE, one.method))
+            words.append(f"{axis or 'error'} {before:.3f} → {left:.3f} ({one.method})")
+        return f"rms on sets left out, {next(iter(self.axes.values())).unit}: " + ", ".join(words)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return one row an axis and method."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            {
+                "axis": axis,
+                "method": name,
+                f"fitted_rms_{one.unit}": one.fitted[name].rms * 1e3,
+                f"left_out_rms_{one.unit}": left.rms * 1e3,
+            }
+            for axis, one in self.axes.items()
+            for name, left in one.unseen.items()
+        )
+
+    def figures(self) -> dict[str, Any]:
+        """Return everything, ready for JSON."""
+        return {"source": self.source, "axes": {axis: one.figures() for axis, one in self.axes.items()}}
+
+    def model(self) -> ThermalModel:
+        """Return what a thermal-model file holds.
+
+        Raises:
+            BadInputError: the table holds angles, or does not say its direction.
+        """
+        first = next(iter(self.axes.values())).table
+        if first.kind != "length" or "" in self.axes:
+            raise BadInputError("a thermal model holds lengths along x, y, z: name sets P1_x_mm …, or give --axis")
+        celsius = first.temperatures_K - ZERO_CELSIUS_K
+        inputs = self.positions.names if self.positions else ()
+        centre = tuple(self.positions.values.mean(axis=0).tolist()) if self.positions else ()
+        rows: dict[Any, AxisModel] = {}
+        for axis, one in self.axes.items():
+            offset, slope = (tuple(row) for row in one.lines[one.method].coefficients.tolist())
+            rows[axis] = AxisModel(method=one.method, coefficients=(offset, slope))
+        return ThermalModel(
+            source=Path(self.source).name,
+            temperature_degC=float(celsius.mean()),
+            melt_degC=(float(celsius.min()), float(celsius.max())),
+            inputs=inputs,
+            centre=centre,
+            axes=rows,
+        )
+
+
+def regress(
+    table: ErrorTable,
+    positions: Positions | None = None,
+    *,
+    axis: str = "",
+    method: str | None = None,
+    **selector: Any,
+) -> RegressionReport:
+    """Regress a table on temperature, direction by direction.
+
+    Args:
+        table: its sets are named ``P1_x`` … where it holds several directions.
+        positions: where the sets were measured, one row a set in the table's order (of each direction).
+        axis: direction of a table whose names do not say it.
+        method: of :data:`METHODS`; by default the one that leaves least of sets left out.
+        selector: settings of :class:`SensitiveSetSelector`.
+
+    Raises:
+        TableError: there are too few sets, or directions have other sets.
+        BadInputError: the method is not known or needs positions.
+    """
+    if method is not None and method not in METHODS:
+        raise BadInputError(f"method '{method}' is not known; give one of {', '.join(METHODS)}")
+    parts = by_axis(table, axis)
+    return RegressionReport(
+        table.source, positions, {a: AxisRegression.of(part, positions, method, selector) for a, part in parts.items()}
+    )
+
+
+def by_axis(table: ErrorTable, axis: str = "") -> dict[str, ErrorTable]:
+    """Return a table direction by direction: sets named ``P1_x``, ``P1_y`` … are P1 in x, in y.
+
+    Raises:
+        TableError: some names say a direction and others do not, or directions have other sets.
+    """
+    said = {name: name.rpartition("_")[2] for name in table.names if name.rpartition("_")[2] in AXES}
+    if not said:
+        return {axis: table}
+    if len(said) < len(table.names):
+        raise TableError(table.source, "some sets name a direction (P1_x) and others do not; name all or none")
+    parts = {}
+    for a in dict.fromkeys(said.values()):
+        own = table.select([name for name in table.names if said[name] == a])
+        names = tuple(name.removesuffix(f"_{a}") for name in own.names)
+        parts[a] = ErrorTable(own.temperatures_K, own.errors, names, own.kind, own.source)
+    if len({part.names for part in parts.values()}) > 1:
+        raise TableError(table.source, "the directions have other sets; give each set in each direction, in one order")
+    return parts
+
+
+def read_positions(path: Path | str, names: tuple[str, ...]) -> Positions:
+    """Read where the sets were measured: a column ``set`` and columns with units, such as x_mm, tilt_deg, or drives.
+
+    Raises:
+        TableError: the file is wrong, a set is missing, or a heading has no unit of length or angle.
+    """
+    table = read_table(path, "set,x_mm,y_mm,z_mm")
+    if "set" not in table.headings:
+        raise table.heading_fault("one column must be 'set', with the names of the error sets")
+    table.refuse_doubled()
+    rows = {name: k for k, name in enumerate(table.labels(table.headings.index("set")))}
+    missing = [name for name in names if name not in rows]
+    if missing:
+        raise TableError(path, f"has no row for the sets {', '.join(missing)}")
+    inputs, units, columns = [], [], []
+    for k, heading in enumerate(table.headings):
+        if heading == "set":
+            continue
+        name, _, unit = heading.rpartition("_")
+        kind = next((kind for kind in ("length", "angle") if unit in UNITS[kind]), None)
+        if not name or kind is None:
+            raise table.heading_fault(f"column '{heading}' has no unit of length or angle")
+        inputs.append(name)
+        units.append("m" if kind == "length" else "rad")
+        columns.append(to_inner(table.numbers(k, empty="a position is missing; fill it"), unit))
+    values = np.column_stack(columns)[[rows[name] for name in names]]
+    varied = np.flatnonzero(np.ptp(values, axis=0) > 0.0)
+    return Positions(tuple(inputs[k] for k in varied), tuple(units[k] for k in varied), values[:, varied])

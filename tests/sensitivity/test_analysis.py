@@ -1,0 +1,116 @@
+"""Sensitivity against exact closures, the paper's open branch and plain geometry; on several robots."""
+
+import json
+
+import numpy as np
+import pytest
+
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.robot.base import Robot
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.sensitivity.analysis import sensitivity
+from pouring_robot.sensitivity.request import Request
+from scripts.paper.geometry.study import run_study
+from tests.support import ROOT
+
+DELTA = ROOT / "examples" / "robots" / "delta" / "robot.yaml"
+
+
+@pytest.fixture(scope="module")
+def pouring():
+    return sensitivity(None, Request(poses=300, seed=5))
+
+
+def test_first_order_is_what_the_papers_exact_study_gives(pouring):
+    """The study of section 4 puts errors in exactly; at a hundredth of their size first order is the same."""
+    small = sensitivity(None, Request(poses=40, seed=5))
+    exact = run_study("paper", 40, 5)
+    for samples, other in zip(small.samples, (exact.closed_chain, exact.open_branch), strict=True):
+        assert samples.kind == other.kind
+        assert [p.name for p in samples.parameters] == [p.name for p in other.parameters]
+        missed = np.linalg.norm(samples.translation_m - other.translation_m, axis=-1)
+        # Errors are of second order in 4 mrad, times levers below 10 m that the closed chain has.
+        assert missed.max() < 8.0 * 0.004 * np.linalg.norm(other.translation_m, axis=-1).max()
+
+
+def test_open_branch_is_eq_5(pouring):
+    opened = pouring.samples[1].subset([p for p in pouring.parameters if p.chain == 1])
+    assert opened.labels[:3] == ("θ0", "a01", "α01")
+    lengths = opened.of_unit("m")
+    np.testing.assert_allclose(lengths.distance_m, 2e-4, rtol=1e-9)
+    np.testing.assert_allclose(opened.of_unit("rad").angle_rad, 4e-3, rtol=1e-9)
+    assert set(opened.reaching(1e-3).labels) == {"α01", "θ1", "α12", "α23", "α34", "θ4", "α56"}
+    classes = {row.parameter.name: row.class_mm for row in pouring.of_model("open branch")}
+    assert classes["alpha_e1_6o"] is None and classes["a_e1_01"] == -1 and classes["theta_e1_1"] == 0
+
+
+def test_what_to_control_is_what_passes_the_limit(pouring):
+    over = {row.parameter.name for row in pouring.of_model("closed chain") if max(row.largest_m) > 1e-3}
+    assert {name for control in pouring.controls for name in control.errors} == over
+    assert pouring.controls[0].largest_m == max(control.largest_m for control in pouring.controls)
+    assert pouring.controls[0].directions == "Y"  # only the lean of the legs holds it
+
+
+def test_first_order_and_exact_closures_are_compared(pouring):
+    missed, moved = pouring.missed_m
+    assert 0.0 < missed < 0.05 * moved
+    tenth = sensitivity(None, Request(poses=300, seed=5, length_m=2e-5, angle_rad=4e-4))
+    assert tenth.missed_m[0] < 0.03 * missed  # of second order
+
+
+@pytest.mark.parametrize("name", ["delta", "arm", "five_bar"])
+def test_another_robot(name):
+    model = RobotModel.for_robot(ROOT / "examples" / "robots" / name / "robot.yaml")
+    found = sensitivity(model, Request(poses=50))
+    robot = Robot(model)
+    drives, _ = model.definition.workspace(robot.drawing, 50)
+    parameter = found.parameters[7]
+    G = robot.transfer_at(drives[3], [parameter.name], found.frame).to_numpy()[:, 0]
+    size = 2e-4 if parameter.unit == "m" else 4e-3
+    np.testing.assert_allclose(found.samples[0].translation_m[7, 3], G[:3] * size, atol=1e-12)
+    assert len(found.samples) == (1 if name == "arm" else 2)
+    assert found.missed_m[0] < 0.05 * found.missed_m[1]
+
+
+def test_wide_and_a_tool_frame():
+    found = sensitivity(RobotModel(layout="wide"), Request(poses=20, frame="ladle_lip", parameters=("leg2_s5.ry",)))
+    robot = PouringRobot(RobotModel(layout="wide"))
+    (row,) = found.of_model("closed chain")
+    assert row.parameter.name == "leg2_s5.ry" and found.frame == "ladle_lip"
+    assert row.distance_m <= 0.004 * 2.0 * np.linalg.norm(robot.layout.box[0][:3])
+
+
+def test_a_range_of_poses_counts():
+    whole, part = (
+        sensitivity(None, Request(poses=200, box=(None, None, z, None), parameters=("alpha_e1_01",)))
+        for z in (None, (-0.5, -0.45))
+    )
+    assert part.samples[1].distance_m.max() == pytest.approx(0.004 * np.hypot(0.5, 0.374 - 0.33), rel=0.15)
+    assert whole.samples[1].distance_m.max() > part.samples[1].distance_m.max()
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"poses": 1}, "two poses"),
+        ({"angle_rad": 1.0}, "below 100 mm and 500 mrad"),
+        ({"box": ((0.1, -0.1), None, None, None)}, "run upwards"),
+    ],
+)
+def test_what_makes_no_study_is_refused(changes, says):
+    with pytest.raises(BadInputError, match=says):
+        Request(**changes)
+
+
+def test_ranges_are_for_the_pouring_robot():
+    with pytest.raises(BadInputError, match="drives' limits"):
+        sensitivity(DELTA, Request(poses=10, box=((0.0, 0.1), None, None, None)))
+
+
+def test_everything_is_written(pouring, tmp_path):
+    written = {path.name for path in pouring.save(tmp_path / "out")}
+    assert {"sensitivity.csv", "sensitivity.json", "sizes_open_branch.png", "spread_closed_chain.png"} <= written
+    record = json.loads((tmp_path / "out" / "sensitivity.json").read_text(encoding="utf-8"))
+    assert len(record["parameters"]) == 200 and record["poses"] == 300
+    assert len(pouring.to_frame()) == 200

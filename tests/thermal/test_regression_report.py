@@ -1,0 +1,118 @@
+"""What a table says, axis by axis; the thermal-model file; the same for the drives of another robot."""
+
+import numpy as np
+import pytest
+import yaml
+
+from pouring_robot.cli.app import main
+from pouring_robot.exceptions import BadInputError, TableError, ThermalFileError
+from pouring_robot.robot.base import Robot
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.thermal.regression.methods import Positions
+from pouring_robot.thermal.regression.model_file import ThermalModel
+from pouring_robot.thermal.regression.report import by_axis, read_positions, regress
+from pouring_robot.thermal.regression.table import ErrorTable
+from tests.support import ROOT
+
+T = np.linspace(873.15, 1973.15, 8)
+HEAT = (T - 293.15) / 1680.0
+
+
+@pytest.fixture
+def measured():
+    """Ten poses in three directions; Y depends on where they are, with both signs."""
+    random = np.random.default_rng(3)
+    places = random.uniform(-0.1, 0.1, size=(10, 3))
+    places[5:, 1] = -places[:5, 1]  # as many left as right of the middle
+    x, y, z = -3e-4 * (1.0 + 2.0 * places[:, 0]), 0.02 * places[:, 1], -1e-3 * (1.0 + places[:, 2])
+    # A little curvature of its own in each set keeps them apart.
+    bend = 1e-6 * np.outer(np.sin(3.0 * HEAT), random.normal(size=30))
+    errors = HEAT[:, None] * np.stack([x, y, z], axis=1).ravel() + bend
+    names = tuple(f"P{k}_{axis}" for k in range(10) for axis in "xyz")
+    return ErrorTable(T, errors, names), Positions(("x", "y", "z"), ("m", "m", "m"), places)
+
+
+def test_directions_and_what_helps(measured):
+    table, places = measured
+    alone, known = regress(table), regress(table, places)
+    assert list(alone.axes) == ["x", "y", "z"] and alone.axes["y"].table.names == tuple(f"P{k}" for k in range(10))
+    assert alone.axes["x"].helps and alone.axes["z"].helps and not alone.axes["y"].helps
+    assert {one.method for one in known.axes.values()} == {"pose"} and all(one.helps for one in known.axes.values())
+    assert regress(table, method="paper").axes["z"].method == "paper"
+    with pytest.raises(BadInputError, match="needs the poses"):
+        regress(table, method="pose")
+
+
+def test_formulas_are_those_of_the_models(measured):
+    one = regress(measured[0]).axes["z"]
+    lines = dict(line.split(") ", 1) for line in one.formulas())
+    slope = float(lines["(22"].split(" TEMP")[0].rsplit(" ", 1)[1])
+    assert slope == pytest.approx(1e3 * one.model.coef_, rel=1e-4)
+    c0 = float(lines["(21"].split(" = ")[1].split(" ")[0])
+    assert c0 == pytest.approx(one.model.component_regression_.intercept_ - 273.15, rel=1e-4)
+    # Equation 21 through the printed numbers gives the temperature back.
+    c = [float(word) for word in lines["(21"].replace("+ ", "").split()[3::2]]
+    sets = one.table.errors[:, one.model.selector_.sensitive_] * 1e3
+    np.testing.assert_allclose(c0 + sets @ np.array(c), T - 273.15, atol=0.02 * np.ptp(T))
+
+
+def test_the_file_says_what_the_line_says(measured, tmp_path):
+    table, places = measured
+    found = regress(table, places)
+    path = found.model().save(tmp_path / "heat.yaml")
+    model = ThermalModel.load(path)
+    at = dict(zip("xyz", places.values[4], strict=True))
+    for k, axis in enumerate("xyz"):
+        line = found.axes[axis].lines["pose"].predict(T[[5]], places.values[[4]])[0, 0]
+        assert model.displacement_m(T[5] - 273.15, at)[k] == pytest.approx(line, abs=1e-15)
+    assert model.beyond(1800.0) and not model.beyond(1700.0)
+    with pytest.raises(BadInputError, match="needs z"):
+        model.displacement_m(1500.0, {"x": 0.0, "y": 0.0})
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    content["axes"]["x"]["coefficients"][0].pop()
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    with pytest.raises(ThermalFileError, match=r"axes.x: rows of coefficients need 1 or 4"):
+        ThermalModel.load(path)
+
+
+def test_a_table_that_says_no_direction(measured, tmp_path):
+    plain = by_axis(measured[0])["z"]
+    with pytest.raises(BadInputError, match="give --axis"):
+        regress(plain).model()
+    assert list(regress(plain, axis="z").model().axes) == ["z"]
+    mixed = ErrorTable(T, measured[0].errors[:, :3], ("P0_x", "P1", "P2_x"))
+    with pytest.raises(TableError, match="name all or none"):
+        by_axis(mixed)
+
+
+def test_positions_are_read_in_the_tables_order(tmp_path):
+    file = tmp_path / "poses.csv"
+    file.write_text("set,x_mm,tilt_deg,q1_rad\nB,2,10,0.5\nA,1,10,0.25\n", encoding="utf-8")
+    found = read_positions(file, ("A", "B"))
+    assert found.names == ("x", "q1") and found.units == ("m", "rad")  # what never changes says nothing
+    np.testing.assert_allclose(found.values, [[1e-3, 0.25], [2e-3, 0.5]])
+    with pytest.raises(TableError, match="no row for the sets C"):
+        read_positions(file, ("A", "C"))
+
+
+def test_drives_of_another_robot(tmp_path, capsys):
+    """A delta whose arms grow: its error depends on the drives, and so does the line."""
+    robot = Robot(RobotModel.for_robot(ROOT / "examples" / "robots" / "delta" / "robot.yaml"))
+    drives, _ = robot.model.definition.workspace(robot.drawing, 24)
+    elbow = [p.name for p in robot.parameters.placements if p.name.startswith("arm1_elbow1.t")]
+    moved = np.array([robot.transfer_at(d, elbow, "platform").to_numpy()[:3].sum(axis=1) for d in drives])
+    errors = 1e-3 * HEAT[:, None, None] * moved + 1e-7 * np.sin(4.0 * HEAT)[:, None, None] * moved[::-1]
+    head = [f"P{k}_{axis}_mm" for k in range(len(drives)) for axis in "xyz"]
+    rows = np.column_stack([T - 273.15, 1e3 * errors.reshape(len(T), -1)])
+    (tmp_path / "t.csv").write_text(
+        ",".join(["melt_degC", *head]) + "\n" + "\n".join(",".join(f"{v:.12g}" for v in row) for row in rows) + "\n"
+    )
+    lines = [f"P{k}," + ",".join(f"{v:.12g}" for v in d) for k, d in enumerate(drives)]
+    (tmp_path / "p.csv").write_text("set,q1_rad,q2_rad,q3_rad\n" + "\n".join(lines) + "\n")
+    files = [str(tmp_path / name) for name in ("t.csv", "p.csv", "m.yaml")]
+    assert main(["regress", files[0], "--poses", files[1], "--out", files[2]]) == 0
+    assert "(22) P_end" in capsys.readouterr().out
+    model = ThermalModel.load(files[2])
+    assert model.inputs == ("q1", "q2", "q3")
+    assert main(["regress", files[0], "--method", "pose"]) == 2
+    assert "--poses FILE" in capsys.readouterr().err
