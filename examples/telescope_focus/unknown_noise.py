@@ -14,6 +14,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from pouring_robot.inference.discrepancy import Description, structures
+from pouring_robot.inference.evidence import Scale
 from pouring_robot.inference.explanations import Explanation, Problem
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.search import SearchOptions, search
@@ -131,7 +132,7 @@ class UnknownNoise:
         table = np.full((len(described), len(self.noises)), -np.inf)
         for g, (noise, h) in enumerate(zip(self.noises.tolist(), weighed.at, strict=True)):
             scaled = [Description(d.where, d.by, d.columns / noise) for d in described]
-            found = structures(h, scaled, h.problem.residual, least_evidence=-np.inf)
+            found = structures(h, scaled, least_evidence=-np.inf)
             evidence = {item.description.name: item.evidence for item in found}
             table[:, g] = [evidence.get(d.name, -np.inf) for d in described]
         values = logsumexp(weighed.log_density + table, axis=1) - logsumexp(weighed.log_density)
@@ -142,15 +143,15 @@ class UnknownNoise:
 def _hypothesis(problem: Problem, keys: Keys) -> Hypothesis:
     known = {item.key: item for item in problem.explanations}
     bare = Hypothesis.nothing(problem)
-    return Hypothesis(problem, tuple(known[key] for key in keys), (1.0,) * len(keys), bare.levels).settled()
+    return Hypothesis(problem, tuple(known[key] for key in keys), (Scale(1.0),) * len(keys), bare.levels).settled()
 
 
 def _own(hypothesis: Hypothesis, key: Key) -> tuple[FloatArray, FloatArray]:
     mean, covariance = hypothesis.coefficients()
     place = 0
-    for item, scale in zip(hypothesis.items, hypothesis.scales, strict=True):
-        own = slice(place, place + item.columns.shape[1])
+    for item, weights in zip(hypothesis.items, hypothesis.weights(), strict=True):
+        own = slice(place, place + len(weights))
         if item.key == key:
-            return scale * mean[own], scale**2 * covariance[own, own]
+            return weights * mean[own], np.outer(weights, weights) * covariance[own, own]
         place = own.stop
     raise KeyError(key)

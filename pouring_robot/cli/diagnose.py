@@ -28,6 +28,14 @@ Exclude = Annotated[
         help="An effect that is not to be named (see `pouring-robot effects`); repeatable.",
     ),
 ]
+FalseNames = Annotated[
+    float,
+    typer.Option(
+        "--false-names",
+        metavar="RATE",
+        help="Rate of false names that is accepted where nothing is missing; thresholds follow from it.",
+    ),
+]
 
 
 def diagnose(
@@ -37,6 +45,7 @@ def diagnose(
     robot: options.RobotFile = None,
     exclude: Exclude = None,
     hold_out: options.HoldOutBy = "auto",
+    false_names: FalseNames = 0.01,
     as_json: options.AsJson = False,
 ) -> None:
     """Find where model and measurement disagree, name the missing effect, amend the model, show the gap shrink."""
@@ -48,7 +57,7 @@ def diagnose(
 
     check_folder(out)
     present = options.model_of(model, robot)
-    chosen = DiagnosisOptions(exclude=tuple(dict.fromkeys(exclude or ())), hold_out=hold_out)
+    chosen = DiagnosisOptions(exclude=tuple(dict.fromkeys(exclude or ())), hold_out=hold_out, false_names=false_names)
     with progress.status() as say:
         say("reading")
         data = Campaign.read(campaign, present.definition)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import itertools
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import examine
-from pouring_robot.checks.flags import outlier_rows
+from pouring_robot.checks.flags import DataFlag, outlier_rows
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.descriptions import descriptions
 from pouring_robot.diagnosis.gap import Gap
@@ -27,10 +28,10 @@ from pouring_robot.estimation.instruments import are
 from pouring_robot.estimation.noise import stated_noise
 from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.splits import HoldOut, split
-from pouring_robot.exceptions import CalibrationError, CampaignError
+from pouring_robot.exceptions import BadInputError, CalibrationError, CampaignError
 from pouring_robot.inference.decision import DEFAULT_THRESHOLDS, Thresholds, judge
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.search import DEFAULT_SEARCH, SearchOptions
+from pouring_robot.inference.search import SearchOptions
 from pouring_robot.io.progress import Status, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.report.result import Result
@@ -52,14 +53,22 @@ class DiagnosisOptions:
     Attributes:
         exclude: ids of effects that are not to be named.
         hold_out: kind of block that takes no part.
-        search: thresholds of the search.
-        thresholds: of the verdict.
+        false_names: rate of false names that is accepted where nothing is missing; every threshold of the evidence
+            follows from it.
     """
 
     exclude: tuple[str, ...] = ()
     hold_out: HoldOut = "auto"
-    search: SearchOptions = DEFAULT_SEARCH
-    thresholds: Thresholds = DEFAULT_THRESHOLDS
+    false_names: float = DEFAULT_THRESHOLDS.false_names
+
+    def __post_init__(self) -> None:
+        """Check the rate.
+
+        Raises:
+            BadInputError: it is no rate.
+        """
+        if not 0.0 < self.false_names < 1.0:
+            raise BadInputError(f"the rate of false names is a share between 0 and 1, not {self.false_names:g}")
 
 
 class Diagnosis(Conclusions, Result):
@@ -123,14 +132,39 @@ def diagnose(
         raise CampaignError(campaign.path, f"{errors[0].message}; {errors[0].remedy}")
     wrong = outlier_rows(flags)
     work = _Work(campaign, model, effects, options, progress)
-    found = work.found(wrong)
+    found = work.searched(wrong)
     for _ in range(_OUTLIER_ROUNDS):
-        more = _wrong_rows(found)
+        more = found.wrong_rows()
         if not more.size:
             break
         progress("leaving out rows that fit nothing")
-        found = work.found(np.union1d(found.outliers, found.inliers[more]))
-    return replace(found, flags=tuple(flags))
+        found = work.searched(np.union1d(found.outliers, found.inliers[more]), found.hypothesis)
+    return work.judged(found, tuple(flags))
+
+
+@dataclass(frozen=True, eq=False)
+class _Searched:
+    """What explains a campaign best, with some rows left out, and what that was found with."""
+
+    outliers: NDArray[np.intp]
+    inliers: NDArray[np.intp]
+    fitted: NDArray[np.bool_]
+    held_out_name: str
+    notes: tuple[str, ...]
+    noise: NoiseLevel
+    diagnoser: Diagnoser
+    after: State
+    hypothesis: Hypothesis
+
+    def wrong_rows(self) -> NDArray[np.intp]:
+        """Return fitted rows that nothing explains while nearly all others are explained: gross errors."""
+        left = self.hypothesis.remainder
+        worst = np.zeros(len(self.inliers))
+        np.maximum.at(worst, self.after.linear.row, np.abs(left))
+        wrong = np.flatnonzero(worst > _WRONG_SIGMAS)
+        few = wrong.size + self.outliers.size <= max(_FEW_WRONG, int(_WRONG_SHARE * len(self.inliers)))
+        calm = float(np.sqrt(np.median(left**2)) / 0.6745) < 1.5
+        return wrong if few and calm else np.zeros(0, dtype=np.intp)
 
 
 @dataclass(frozen=True)
@@ -143,8 +177,8 @@ class _Work:
     options: DiagnosisOptions
     say: Status
 
-    def found(self, wrong: NDArray[np.intp]) -> Diagnosis:
-        """Diagnose with some rows left out."""
+    def searched(self, wrong: NDArray[np.intp], start: Hypothesis | None = None) -> _Searched:
+        """Search with some rows left out, from what was found with more rows."""
         kept = self.campaign.usable & ~np.isin(np.arange(len(self.campaign)), wrong)
         inliers = np.flatnonzero(kept)
         if inliers.size < FEWEST_ROWS:
@@ -155,28 +189,36 @@ class _Work:
         campaign = self.campaign.subset(inliers)
         fitted, name, notes = _held_out(campaign, self.options.hold_out)
         noise = stated_noise(campaign, np.flatnonzero(fitted))
-        for _ in range(_NOISE_ROUNDS if noise.from_residuals else 1):
+        for turn in itertools.count(1):
             self.say("searching for effects")
             rows = CampaignRows(campaign, self.model, noise)
-            diagnoser = Diagnoser(rows, Library.of(rows, self.effects), fitted, self.options.search)
-            after, hypothesis = diagnoser.found()
+            diagnoser = Diagnoser(
+                rows, Library.of(rows, self.effects), fitted, SearchOptions(false_names=self.options.false_names)
+            )
+            after, hypothesis = diagnoser.found(start)
             better = _noise_from(noise, after, hypothesis)
-            if better is None:
+            if better is None or turn == _NOISE_ROUNDS:
                 break
-            noise = better
+            noise, start = better, hypothesis
         if noise.from_residuals:
             notes.append(
                 "the noise is not stated and comes from what is left over: whether a gap is left cannot be said"
             )
+        outliers = np.asarray(wrong, dtype=np.intp)
+        return _Searched(outliers, inliers, fitted, name, tuple(notes), noise, diagnoser, after, hypothesis)
+
+    def judged(self, found: _Searched, flags: tuple[DataFlag, ...]) -> Diagnosis:
+        """Say what may be said of what was found."""
         self.say("asking whether what is left has structure")
+        diagnoser, after, hypothesis, fitted = found.diagnoser, found.after, found.hypothesis, found.fitted
         # Where the noise is not stated, scatter from row to row is noise.
-        known = not noise.from_residuals
+        rows, known = diagnoser.rows, not found.noise.from_residuals
         described = list(descriptions(rows, after.linear, by_chance=known))
-        judgement = judge(hypothesis, described, self.options.thresholds, noise_known=known)
+        judgement = judge(hypothesis, described, Thresholds(self.options.false_names), noise_known=known)
         before = diagnoser.at_rest
         if not judgement.causes:  # nothing is named, so nothing is added: the model stays as it was given
             after = before
-        given = rows.conditions
+        given, notes = rows.conditions, list(found.notes)
         notes += [
             f"single missing cells of {name} were filled in from their neighbours in time" for name in given.filled
         ]
@@ -187,12 +229,12 @@ class _Work:
             campaign=self.campaign,
             model=self.model,
             rows=rows,
-            inliers=inliers,
-            outliers=np.asarray(wrong, dtype=np.intp),
-            flags=(),
-            noise=noise,
+            inliers=found.inliers,
+            outliers=found.outliers,
+            flags=flags,
+            noise=found.noise,
             fitted=fitted,
-            held_out_name=name,
+            held_out_name=found.held_out_name,
             diagnoser=diagnoser,
             before=before,
             after=after,
@@ -223,21 +265,10 @@ def _noise_from(noise: NoiseLevel, after: State, hypothesis: Hypothesis) -> Nois
     """Return the noise that the residuals show; None where it was stated or stays."""
     if not noise.from_residuals:
         return None
-    left = hypothesis.everything.solve(hypothesis.problem.residual)
+    left = hypothesis.remainder
     free = 1.0 - (hypothesis.effective_dof() + hypothesis.problem.nuisance.dof) / len(left)
     chosen = {kind: are(kind, after.linear.component) for kind in noise.open_kinds}
     factors = {kind: float(np.sqrt((left[own] ** 2).mean() / free)) for kind, own in chosen.items() if own.any()}
     if max((abs(factor - 1.0) for factor in factors.values()), default=0.0) < _NOISE_SETTLED:
         return None
     return noise.times(factors)
-
-
-def _wrong_rows(found: Diagnosis) -> NDArray[np.intp]:
-    """Return fitted rows that nothing explains while nearly all others are explained: gross errors."""
-    left = found.hypothesis.everything.solve(found.hypothesis.problem.residual)
-    worst = np.zeros(len(found.rows))
-    np.maximum.at(worst, found.after.linear.row, np.abs(left))
-    wrong = np.flatnonzero(worst > _WRONG_SIGMAS)
-    few = wrong.size + found.outliers.size <= max(_FEW_WRONG, int(_WRONG_SHARE * len(found.campaign)))
-    calm = float(np.sqrt(np.median(left**2)) / 0.6745) < 1.5
-    return wrong if few and calm else np.zeros(0, dtype=np.intp)

@@ -11,7 +11,8 @@ import numpy as np
 
 from pouring_robot.effects.base import Effect, EffectParameter, Form
 from pouring_robot.inference.decision import Cause, Judgement
-from pouring_robot.inference.hypotheses import BACKGROUND_LEVELS, Hypothesis
+from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.mechanism.arrays import FloatArray
 
 FormsByKey = Mapping[tuple[str, str], Form]
 
@@ -80,19 +81,20 @@ def found_parameters(
     mean, covariance = hypothesis.coefficients()
     fitted = zip(mean.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True)
 
-    def of(form: Form, scale: float) -> tuple[FoundParameter, ...]:
+    def of(form: Form, weights: FloatArray) -> tuple[FoundParameter, ...]:
         values = itertools.islice(fitted, len(form.parameters))
-        units = [scale * p.prior_std for p in form.parameters]
+        units = [weight * p.prior_std for weight, p in zip(weights.tolist(), form.parameters, strict=True)]
         each = zip(form.parameters, units, values, strict=True)
         return tuple(FoundParameter(p, unit * value, unit * std) for p, unit, (value, std) in each)
 
-    levels = zip(backgrounds.items(), (BACKGROUND_LEVELS[k] for k in hypothesis.levels), strict=True)
-    found = [(effect, of(form, level)) for (effect, form), level in levels if level]
-    for item, scale in zip(hypothesis.items, hypothesis.scales, strict=True):
+    weights = iter(hypothesis.weights())
+    levels = zip(backgrounds.items(), hypothesis.levels, strict=True)
+    found = [(effect, of(form, next(weights))) for (effect, form), level in levels if level]
+    for item, own in zip(hypothesis.items, weights, strict=True):
         if item.key in forms:
-            found.append(("/".join(item.key), of(forms[item.key], scale)))
+            found.append(("/".join(item.key), of(forms[item.key], own)))
         else:  # it has coefficients, but no parameters of the robot
-            list(itertools.islice(fitted, item.columns.shape[1]))
+            list(itertools.islice(fitted, len(own)))
     return found
 
 

@@ -23,6 +23,8 @@ from pouring_robot.mechanism.arrays import FloatArray
 _ROUNDS = 4
 _SETTLED, _EXACT = 0.02, 1e-3
 _HALVINGS = 6
+_TRUST = 0.25
+"""Share of a step's square that it may be off from its linear prediction."""
 _FRAME_STEPS = 3
 
 
@@ -36,7 +38,7 @@ class State:
         frames: the two frames.
         linear: residuals and derivatives there, of the rows that are fitted.
         every_row: the same of all rows.
-        problem: the search's problem there, whole.
+        problem: the search's problem there.
     """
 
     parameters: tuple[EffectParameter, ...]
@@ -45,11 +47,6 @@ class State:
     linear: LinearRows
     every_row: LinearRows
     problem: Problem
-
-    @functools.cached_property
-    def small(self) -> Problem:
-        """The same problem compressed, for the search."""
-        return self.problem.compressed()
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,18 +81,23 @@ class Diagnoser:
         problem = problem_at(self.rows, linear, self.library, added)
         return State(parameters, values, frames, linear, every_row, problem)
 
-    def found(self) -> tuple[State, Hypothesis]:
+    def found(self, start: Hypothesis | None = None) -> tuple[State, Hypothesis]:
         """Search, put in what was found, and search again from there until the answer stays.
 
-        The hypothesis is of the whole problem of the state returned with it.
+        Args:
+            start: what was found in other rows of the same campaign, or with other noise; by default nothing.
+
+        The hypothesis is of the problem of the state returned with it.
         """
         state = self.at_rest
-        hypothesis = search(state.small, self.options)
+        hypothesis = search(state.problem, self.options, self._carried(start, state) if start else None)
         for turn in range(_ROUNDS):
             if not hypothesis.items and not any(hypothesis.levels):
                 break
             state, moved = self._advanced(state, hypothesis)
-            again = search(state.small, self.options, None if turn < 1 else self._carried(hypothesis, state))
+            again = search(
+                state.problem, self.options, None if turn < 1 and not start else self._carried(hypothesis, state)
+            )
             same = [i.key for i in again.items] == [i.key for i in hypothesis.items]
             hypothesis = again
             if same and moved < _SETTLED:
@@ -109,14 +111,13 @@ class Diagnoser:
             hypothesis = self._carried(hypothesis, state).settled()
             if moved < _EXACT:
                 break
-        return state, self._carried(hypothesis, state, whole=True)
+        return state, hypothesis
 
-    def _carried(self, hypothesis: Hypothesis, state: State, *, whole: bool = False) -> Hypothesis:
+    def _carried(self, hypothesis: Hypothesis, state: State) -> Hypothesis:
         """Return a hypothesis on another problem."""
-        problem = state.problem if whole else state.small
-        known = {item.key: item for item in problem.explanations}
+        known = {item.key: item for item in state.problem.explanations}
         items = tuple(known[item.key] for item in hypothesis.items)
-        return replace(hypothesis, problem=problem, items=items)
+        return replace(hypothesis, problem=state.problem, items=items)
 
     def parameters_of(self, hypothesis: Hypothesis) -> list[tuple[str, tuple[FoundParameter, ...]]]:
         """Return every group of a hypothesis that has parameters, with their values."""
@@ -130,7 +131,7 @@ class Diagnoser:
         known = {id(p): value for p, value in zip(state.parameters, state.values.tolist(), strict=True)}
         from_here = np.array([known.get(id(p), 0.0) for p in parameters])
         before = self._signature(state.parameters, state.values, state.linear)
-        whole = self._carried(hypothesis, state, whole=True)
+        whole = self._carried(hypothesis, state)
         left = state.linear.residual + before - self._signature(parameters, wanted, state.linear)
         for k, item in enumerate(whole.items):
             if item.key not in self.library.forms:  # it has no parameters of the robot
@@ -145,8 +146,12 @@ class Diagnoser:
                 share *= 0.5
                 continue
             gone = before - self._signature(parameters, values, state.linear) - state.linear.free @ (share * step)
-            expected = state.linear.residual + gone
-            return new, float(np.sqrt(((new.linear.residual - expected) ** 2).mean()))
+            off = new.linear.residual - (state.linear.residual + gone)
+            # A step that is off by more than it moves is outside of what the derivatives say: they are asked nearer.
+            if off @ off > _TRUST * (gone @ gone) + len(off):
+                share *= 0.5
+                continue
+            return new, float(np.sqrt((off**2).mean()))
         return state, 0.0
 
     def _signature(self, parameters: tuple[EffectParameter, ...], values: FloatArray, linear: LinearRows) -> FloatArray:

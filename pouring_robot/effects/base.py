@@ -84,9 +84,6 @@ class Effect(ABC):
     :func:`~pouring_robot.effects.facts.known_facts`; by default the first of :attr:`needs`."""
     told_apart_by: str = ""
     """Measurement that tells it from other effects, in words; by default what varies :attr:`driven_by`."""
-    small: float = 0.0
-    """Up to how many times its parameters' prior standard deviations it is what every machine has, and not named beside
-    another cause."""
     loosened_by_load: bool = False
     """Whether load brings its background to light: the mechanism gives way further where it is soft."""
 
@@ -104,7 +101,10 @@ class Effect(ABC):
         return axis_over((self.driver, *self.needs, *ALWAYS), conditions)
 
     def background(self, conditions: Conditions) -> tuple[EffectParameter, ...]:
-        """Return the small errors of its kind that workmanship leaves in every machine; by default none."""
+        """Return what of its kind workmanship leaves in every machine, if far less of it; by default nothing.
+
+        Its ``prior_std`` are those of the effect. How much less it is follows from the campaign.
+        """
         return ()
 
     def in_words(self, values: Mapping[str, float]) -> tuple[str, ...]:

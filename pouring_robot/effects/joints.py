@@ -12,19 +12,17 @@ from pouring_robot.effects.drives import Family
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.causes import Placements
-from pouring_robot.robot.tolerances import LEFT_BY_WORKMANSHIP_MM, LEFT_BY_WORKMANSHIP_MRAD, Tolerances
+from pouring_robot.robot.tolerances import Tolerances
 
 Parameters = tuple[EffectParameter, ...]
 
 
-def place_parameters(
-    placements: Placements, one: FloatArray, prior_std_mm: float | None = None
-) -> dict[str, Parameters]:
+def place_parameters(placements: Placements, one: FloatArray) -> dict[str, Parameters]:
     """Return three parameters for each joint whose place counts; ``one`` is 1 for every row.
 
-    They are as large as the tolerance of a part that nobody has measured, unless a size is given.
+    They are as large as the tolerance of a part that nobody has measured.
     """
-    std_mm = prior_std_mm or Tolerances.load().kinds.joint_centre.std
+    std_mm = Tolerances.load().kinds.joint_centre.std
     return {
         joint: tuple(
             EffectParameter(f"{joint}.t{axis}", "mm", std_mm, {f"{joint}.t{axis}": MM * one}) for axis in "xyz"
@@ -33,14 +31,12 @@ def place_parameters(
     }
 
 
-def axis_parameters(
-    placements: Placements, one: FloatArray, prior_std_mrad: float | None = None
-) -> dict[str, Parameters]:
+def axis_parameters(placements: Placements, one: FloatArray) -> dict[str, Parameters]:
     """Return the tilts of each joint's axis, by joint: only this axis turns, if the next joint is to stay.
 
-    They are as large as the tolerance of a part that nobody has measured, unless a size is given.
+    They are as large as the tolerance of a part that nobody has measured.
     """
-    std_mrad = prior_std_mrad or Tolerances.load().kinds.joint_axis.std
+    std_mrad = Tolerances.load().kinds.joint_axis.std
     return {
         tilt.joint: tuple(
             EffectParameter(
@@ -68,18 +64,17 @@ class Centres(Family):
         id_: as of :class:`Family`.
         story: likewise.
         driven_by: condition that must vary so that it shows.
-        small: as :attr:`Effect.small`.
     """
 
-    def __init__(self, id_: str, story: str, driven_by: str, small: float) -> None:
+    def __init__(self, id_: str, story: str, driven_by: str) -> None:
         """Keep it."""
         super().__init__(id_, story)
-        self.driven_by, self.small = driven_by, small
+        self.driven_by = driven_by
 
     def background(self, conditions: Conditions) -> Parameters:
-        """All places, after adjustment."""
+        """All places."""
         one = np.ones(len(conditions))
-        return together(place_parameters(conditions.causes.placements, one, LEFT_BY_WORKMANSHIP_MM))
+        return together(place_parameters(conditions.causes.placements, one))
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """All places, those of one part of the machine, or a single one."""
@@ -100,23 +95,20 @@ class Tilts(Family):
         id_: as of :class:`Family`.
         story: likewise.
         driven_by: condition that must vary so that it shows.
-        small: as :attr:`Effect.small`.
         forms: joints whose axes are tilted, by form; that without joints has the twists.
     """
 
     loosened_by_load = True
 
-    def __init__(
-        self, id_: str, story: str, driven_by: str, small: float, forms: Mapping[str, tuple[str, ...]]
-    ) -> None:
+    def __init__(self, id_: str, story: str, driven_by: str, forms: Mapping[str, tuple[str, ...]]) -> None:
         """Keep the forms."""
         super().__init__(id_, story)
-        self.driven_by, self.small, self.joints = driven_by, small, forms
+        self.driven_by, self.joints = driven_by, forms
 
     def background(self, conditions: Conditions) -> Parameters:
-        """All axes, after adjustment."""
+        """All axes."""
         one = np.ones(len(conditions))
-        return together(axis_parameters(conditions.causes.placements, one, LEFT_BY_WORKMANSHIP_MRAD))
+        return together(axis_parameters(conditions.causes.placements, one))
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Axes of some joints, or twists."""
@@ -148,10 +140,10 @@ class Placement(Family):
         self.loosened_by_load = loosened_by_load
 
     def background(self, conditions: Conditions) -> Parameters:
-        """All places and axes, after adjustment."""
+        """All places and axes."""
         one, placements = np.ones(len(conditions)), conditions.causes.placements
-        places = place_parameters(placements, one, LEFT_BY_WORKMANSHIP_MM)
-        return together(places) + together(axis_parameters(placements, one, LEFT_BY_WORKMANSHIP_MRAD))
+        places = place_parameters(placements, one)
+        return together(places) + together(axis_parameters(placements, one))
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """All places and axes, all of one kind, or those of a single joint."""

@@ -23,16 +23,13 @@ class Stretch(Family):
         group: they are.
         force_n: at which a stretch is given.
         length_m: of a rod that stretches as much by itself.
-        small: as :attr:`Effect.small`.
     """
 
-    def __init__(
-        self, id_: str, story: str, drives: Drives, group: str, force_n: float, length_m: float, small: float = 0.0
-    ) -> None:
+    def __init__(self, id_: str, story: str, drives: Drives, group: str, force_n: float, length_m: float) -> None:
         """Keep the sizes."""
         super().__init__(id_, story, drives)
         self.needs = (f"{group}{FORCE}",)
-        self.force_n, self.length_m, self.small = force_n, length_m, small
+        self.force_n, self.length_m = force_n, length_m
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Rods (with pull and length), nuts and bearings (with pull), ball contacts (with its power 2/3)."""

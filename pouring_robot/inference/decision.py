@@ -22,28 +22,30 @@ class Thresholds:
     """When something counts.
 
     Attributes:
-        structure_evidence: log evidence for structure in the discrepancy, in nats.
+        false_names: rate of false answers that is accepted. What is one of n things that were tried must be worth n
+            over this rate (see :class:`~.search.SearchOptions`): structure in what is left, a description against a
+            cause, small errors where nothing else is found.
         structure_size: its least size, in noise standard deviations.
         structure_share: its least share of the largest named effect: below, it is that effect's form that is not quite
             the library's.
-        challenge_margin: by how much a description must beat a cause in its place, in nats.
         hidden: sum of squares, in noise variances, that nobody would see: an effect that leaves no more of another
             one's part explains it as well.
         alternative: least probability of an alternative.
         minor_share: an effect smaller than this share of the largest one, and
         minor_evidence: worth less than this, in nats, corrects the other's form rather than being a cause of its own.
-        background_evidence: log evidence for small errors where nothing else is found, in nats.
     """
 
-    structure_evidence: float = 8.0
+    false_names: float = 0.01
     structure_size: float = 0.3
     structure_share: float = 0.05
-    challenge_margin: float = 8.0
     hidden: float = 16.0
     alternative: float = 0.05
     minor_share: float = 0.12
     minor_evidence: float = 25.0
-    background_evidence: float = 6.0
+
+    def least_evidence(self, tried: int) -> float:
+        """Return the log evidence that one of so many things must be worth, in nats."""
+        return float(np.log(max(tried, 1) / self.false_names))
 
 
 DEFAULT_THRESHOLDS = Thresholds()
@@ -84,6 +86,7 @@ class Judgement:
         structures: what structure is left, most evident first.
         challenges: of each cause that was found as one, the description that would explain best in its place.
         reasons: why the verdict is what it is, one line each.
+        tried: so many descriptions.
         thresholds: by which it was judged.
         minor: effects that are at work at most beside others, adding less than what nobody explains: no causes.
     """
@@ -93,6 +96,7 @@ class Judgement:
     structures: tuple[Structure, ...]
     challenges: tuple[Challenge, ...]
     reasons: tuple[str, ...] = ()
+    tried: int = 1
     thresholds: Thresholds = DEFAULT_THRESHOLDS
     minor: tuple[str, ...] = ()
 
@@ -102,7 +106,12 @@ class Judgement:
         limits = self.thresholds
         largest = max((cause.size for cause in self.causes), default=0.0)
         least = max(limits.structure_size, limits.structure_share * largest)
-        return tuple(s for s in self.structures if s.evidence > limits.structure_evidence and s.size > least)
+        return tuple(s for s in self.structures if s.evidence > self.least_evidence and s.size > least)
+
+    @property
+    def least_evidence(self) -> float:
+        """What structure, or a description against a cause, must be worth, in nats."""
+        return self.thresholds.least_evidence(self.tried)
 
     @property
     def challenged(self) -> tuple[tuple[Cause, Challenge], ...]:
@@ -112,7 +121,7 @@ class Judgement:
     @property
     def beaten(self) -> dict[str, Challenge]:
         """Effects that are only the nearest to something unknown, with the description that explains better."""
-        return {c.effect: found for c, found in self.challenged if found.margin > self.thresholds.challenge_margin}
+        return {c.effect: found for c, found in self.challenged if found.margin > self.least_evidence}
 
 
 def judge(
@@ -130,7 +139,7 @@ def judge(
         thresholds: when something counts.
         noise_known: whether the noise is that of the device, and not what is left over itself.
     """
-    left = structures(hypothesis, descriptions, hypothesis.problem.residual)
+    left = structures(hypothesis, descriptions)
     named = [_cause(hypothesis, effect, thresholds) for effect in _named(hypothesis)]
     least = thresholds.minor_share * max((cause.size for cause in named), default=0.0)
     causes = [cause for cause in named if cause.size > least or cause.evidence > thresholds.minor_evidence]
@@ -139,7 +148,9 @@ def judge(
     minor = tuple(cause.effect for cause in causes if cause not in kept)
     causes = kept
     challenges = tuple(challenge(hypothesis, cause.indices, descriptions) for cause in causes)
-    reasons = _reasons(hypothesis, Judgement("unknown", tuple(causes), tuple(left), challenges, (), thresholds))
+    reasons = _reasons(
+        hypothesis, Judgement("unknown", tuple(causes), tuple(left), challenges, (), len(descriptions), thresholds)
+    )
     if not causes and not reasons:
         small = background_cause(hypothesis, thresholds)
         causes = [cause for cause in small if cause.effect in hypothesis.problem.known]
@@ -151,7 +162,9 @@ def judge(
         verdict = "no_gap"
     elif any(cause.alternatives for cause in causes):
         verdict = "group"
-    return Judgement(verdict, tuple(causes), tuple(left), challenges, tuple(reasons), thresholds, minor)
+    return Judgement(
+        verdict, tuple(causes), tuple(left), challenges, tuple(reasons), len(descriptions), thresholds, minor
+    )
 
 
 def _above(causes: Sequence[Cause], remainder: float, equations: int, thresholds: Thresholds) -> list[Cause]:
@@ -187,7 +200,7 @@ def _named(hypothesis: Hypothesis) -> list[str]:
     large = {
         item.effect
         for item, scale in zip(hypothesis.items, hypothesis.scales, strict=True)
-        if item.cause and scale > item.small
+        if item.cause and scale.main > item.small
     }
     causes = [e for e in hypothesis.effects if any(hypothesis.items[k].cause for k in hypothesis.of_effect(e))]
     return [effect for effect in causes if effect in large or not large]
@@ -232,16 +245,17 @@ def background_cause(hypothesis: Hypothesis, thresholds: Thresholds) -> list[Cau
     """
     kinds = [k for k, level in enumerate(hypothesis.levels) if level]
     without = hypothesis.with_levels_of(()).log_evidence
-    if not kinds or hypothesis.log_evidence - without < thresholds.background_evidence:
+    least = thresholds.least_evidence(len(kinds))
+    if not kinds or hypothesis.log_evidence - without < least:
         return []
     alone = {k: hypothesis.with_levels_of((k,)) for k in kinds}
     best = max(kinds, key=lambda k: alone[k].log_evidence)
-    if alone[best].log_evidence < hypothesis.log_evidence - thresholds.background_evidence:
+    if alone[best].log_evidence < hypothesis.log_evidence - least:
         # It takes several kinds: the one that is missed most is named, the others are there as they usually are.
         missed = {k: hypothesis.with_levels_of([j for j in kinds if j != k]).log_evidence for k in kinds}
         return [_small(hypothesis, min(kinds, key=lambda k: missed[k]), without, (), thresholds)]
-    least = alone[best].log_evidence + np.log(thresholds.alternative)
-    close = [k for k in kinds if k != best and alone[k].log_evidence > least]
+    likely = alone[best].log_evidence + np.log(thresholds.alternative)
+    close = [k for k in kinds if k != best and alone[k].log_evidence > likely]
     names = tuple(hypothesis.problem.backgrounds[k].effect for k in close)
     return [_small(alone[best], best, without, names, thresholds)]
 
@@ -252,6 +266,6 @@ def _small(
     evidence = hypothesis.log_evidence - without
     part = hypothesis.background_part(kind)
     size = float(np.sqrt(part @ part / max(len(part), 1)))
-    chance = float(expit(evidence - thresholds.background_evidence)) / (1 + len(alternatives))
+    chance = float(expit(evidence - np.log(len(hypothesis.problem.known)))) / (1 + len(alternatives))
     effect = hypothesis.problem.backgrounds[kind].effect
     return Cause(effect, "background", (), alternatives, chance, evidence, size)

@@ -56,29 +56,27 @@ class Structure:
 
 
 def structures(
-    hypothesis: Hypothesis, descriptions: Iterable[Description], residual: FloatArray, least_evidence: float = 3.0
+    hypothesis: Hypothesis, descriptions: Iterable[Description], least_evidence: float = 3.0
 ) -> list[Structure]:
     """Return what structure descriptions find in the remainder of a hypothesis, most evident first.
 
     Args:
-        hypothesis: of the whole problem, not of a compressed one.
+        hypothesis: its remainder is searched.
         descriptions: to be tried.
-        residual: shape (m,).
         least_evidence: what counts, in nats.
     """
-    others, count = hypothesis.everything, len(residual)
-    seen = hypothesis.problem.nuisance.cleared(residual)
     found = []
     for description in descriptions:
         columns = hypothesis.problem.nuisance.cleared(description.columns)
-        worth = bayes_factor(columns, seen, others)
+        inner, projected = hypothesis.seen(columns)
+        worth = bayes_factor(inner, projected)
         if worth.evidence < least_evidence:
             continue
-        scaled = worth.scale * columns
-        precision = others.inner(scaled, scaled) + np.eye(scaled.shape[1])
-        part = scaled @ scipy.linalg.solve(precision, others.inner(scaled, seen), assume_a="pos")
-        size = float(np.sqrt(others.inner(part, part) / count))
-        found.append(Structure(description, worth.evidence, size, part))
+        scale = worth.scale.main
+        inner, projected = scale**2 * inner, scale * projected
+        mean = scipy.linalg.solve(inner + np.eye(len(inner)), projected, assume_a="pos")
+        size = float(np.sqrt(max(mean @ inner @ mean, 0.0) / len(columns)))
+        found.append(Structure(description, worth.evidence, size, scale * columns @ mean))
     return sorted(found, key=lambda item: -item.evidence)
 
 
@@ -102,18 +100,17 @@ def challenge(hypothesis: Hypothesis, indices: Sequence[int], descriptions: Iter
     the cause is only the nearest neighbour of what is at work.
 
     Args:
-        hypothesis: of the whole problem.
+        hypothesis: which the cause is part of.
         indices: of the items that make the cause.
         descriptions: to be tried.
     """
-    residual, others = hypothesis.problem.residual, hypothesis.without(indices).everything
-    own = hypothesis.worth(indices)
+    rest, own = hypothesis.without(indices), hypothesis.worth(indices)
     effects = {hypothesis.items[k].effect for k in indices}
     best = Challenge("", -np.inf)
     for description in descriptions:
         if effects & description.same_as:
             continue
-        margin = bayes_factor(hypothesis.problem.nuisance.cleared(description.columns), residual, others).evidence - own
+        margin = bayes_factor(*rest.seen(hypothesis.problem.nuisance.cleared(description.columns))).evidence - own
         if margin > best.margin:
             best = Challenge(description.name, margin)
     return best

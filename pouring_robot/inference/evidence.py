@@ -1,30 +1,59 @@
 r"""Evidence for a group of columns: how much better data are explained if their coefficients may differ from zero.
 
-Whitened residuals r are Gaussian with covariance :math:`I + \sum_k s_k^2 \Phi_k \Phi_k^T`: each group k of columns
-counts with independent coefficients, of the standard deviations that scale its columns, times one unknown scale s_k.
-The log evidence of a group against its absence, given the others, is in closed form for any s (d, p: squared singular
-values of the group's columns seen through the others, and squared projections of the residual):
+Whitened residuals r are Gaussian with covariance :math:`C = I + \sum_k \Phi_k W_k^2 \Phi_k^T`: each group k of columns
+counts with independent coefficients of standard deviations :math:`W_k`. All that is asked of C are inner products of
+columns and residual through its inverse. They follow from those of the columns themselves, the Gram matrix, by a
+Schur complement, so that the number of rows does not count once that is formed (:class:`Gram`, :class:`Beside`).
+
+A group of columns has two unknown scales: one of all its coefficients, and one more of those that only shape the
+others. Its log evidence against its absence is in closed form for each pair of scales (d, p: squared singular values of
+the group's columns seen through C, and squared projections of the residual):
 
 .. math:: \tfrac12 \sum_i \frac{p_i s^2 d_i}{1 + s^2 d_i} - \ln(1 + s^2 d_i)
 
-and is averaged over scales spread evenly in their logarithm, so that a group pays for columns it does not need
+and is averaged over both, spread evenly in their logarithm, so that a group pays for columns it does not need
 (Rasmussen & Williams, Gaussian Processes for Machine Learning, 2006, ch. 5; MacKay, Neural Computation 4, 1992).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
-from scipy.special import logsumexp
+from numpy.typing import NDArray
 
 from pouring_robot.mechanism.arrays import FloatArray
 
 LOG_SCALES: FloatArray = np.linspace(np.log(1e-2), np.log(1e1), 28)
 """Scales that evidence is averaged over: from a hundredth to ten times what an effect's own units call usual."""
+SHAPINGS: FloatArray = np.geomspace(0.03, 1.0, 4)
+"""How much of the prediction what shapes an effect may make, against what it shapes (root mean squares): never more."""
 _NEGLIGIBLE = 1e-10
+Places = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
+
+
+class Scale(NamedTuple):
+    """Standard deviations of a group's coefficients over their usual ones.
+
+    Attributes:
+        main: of all of them.
+        shaping: once more, of those that only shape the others.
+    """
+
+    main: float
+    shaping: float = 1.0
+
+    def weights(self, main: BoolArray) -> FloatArray:
+        """Return the factor of each coefficient, (k,).
+
+        Args:
+            main: which are no more than that, (k,).
+        """
+        return self.main * np.where(main, 1.0, self.shaping)
 
 
 @dataclass(frozen=True)
@@ -33,77 +62,145 @@ class BayesFactor:
 
     Attributes:
         evidence: log evidence against leaving it out, averaged over scales, in nats.
-        scale: the most probable scale.
-        peak: log evidence at that scale.
+        scale: the most probable scales.
+        peak: log evidence at those.
     """
 
     evidence: float
-    scale: float
+    scale: Scale
     peak: float
 
 
-class Others:
-    """Everything else in the model: the covariance :math:`C = I + A A^T`, and inner products through its inverse.
+@dataclass(frozen=True, eq=False)
+class Gram:
+    """Inner products of columns and residual through the inverse of a covariance.
 
-    With the QR decomposition of A stacked on the unit matrix, :math:`C^{-1} = I - Q_1 Q_1^T`, without loss of digits
-    where columns are large.
-
-    Args:
-        columns: groups that make up A, each of shape (m, k), scaled by the standard deviations of their coefficients.
-        rows: m, for the case of no group.
+    Attributes:
+        columns: of the columns, (K, K).
+        projected: of the columns with the residual, (K,).
+        squared: of the residual with itself.
+        log_determinant: of the covariance.
     """
 
-    def __init__(self, columns: Sequence[FloatArray], rows: int) -> None:
+    columns: FloatArray
+    projected: FloatArray
+    squared: float
+    log_determinant: float = 0.0
+
+    @classmethod
+    def of(cls, columns: FloatArray, residual: FloatArray) -> Gram:
+        """Return those of columns (m, K) and residual (m,) beside unit noise alone."""
+        return cls(columns.T @ columns, columns.T @ residual, float(residual @ residual))
+
+
+class Beside:
+    """The same beside more groups of columns, each with its weights: a Schur complement.
+
+    Args:
+        gram: of all columns.
+        places: which columns are in the groups, (k,).
+        weights: standard deviation of the coefficient of each, (k,).
+    """
+
+    def __init__(self, gram: Gram, places: Places, weights: FloatArray) -> None:
         """Decompose."""
-        stacked = np.hstack([np.zeros((rows, 0)), *columns])
-        count = stacked.shape[1]
-        axes, triangle = scipy.linalg.qr(np.vstack([stacked, np.eye(count)]), mode="economic", check_finite=False)
-        self._axes, self._below = axes[:rows], axes[rows:]
-        self.log_determinant = 2.0 * float(np.log(np.abs(np.diag(triangle))).sum())
+        self._gram, self._places, self._weights = gram, places, weights
+        inner = weights[:, None] * gram.columns[places[:, None], places] * weights
+        inner.flat[:: len(places) + 1] += 1.0
+        self._factor = np.linalg.cholesky(inner)
+        self._pulled = self._solved(weights * gram.projected[places])
+        self.squared = gram.squared - float(self._pulled @ self._pulled)
+        self.log_determinant = gram.log_determinant + 2.0 * float(np.log(np.diag(self._factor)).sum())
 
-    def inner(self, left: FloatArray, right: FloatArray) -> FloatArray:
-        """Return leftᵀ C⁻¹ right for columns (m, k) or vectors (m,)."""
-        z, w = self._axes.T @ left, self._axes.T @ right
-        return np.asarray(
-            (left - self._axes @ z).T @ (right - self._axes @ w) + (self._below @ z).T @ (self._below @ w)
-        )
+    def _solved(self, values: FloatArray) -> FloatArray:
+        if not len(self._weights):
+            return values
+        # Millions of small solutions: the routine itself, without what checks its arguments.
+        solution: FloatArray = scipy.linalg.lapack.dtrtrs(self._factor, values, lower=1)[0]
+        return solution
 
-    def solve(self, values: FloatArray) -> FloatArray:
-        """Return C⁻¹ values."""
-        return np.asarray(values - self._axes @ (self._axes.T @ values))
+    def _seen(self, places: Places) -> FloatArray:
+        """Return the factor's inverse times what the groups have in common with other columns, (k, a)."""
+        return self._solved(self._weights[:, None] * self._gram.columns[self._places[:, None], places])
+
+    @property
+    def log_likelihood(self) -> float:
+        """Log density of the residual, in nats, up to a constant of the number of rows."""
+        return -0.5 * (self.squared + self.log_determinant)
+
+    def of(self, places: Places) -> tuple[FloatArray, FloatArray]:
+        """Return the inner products of some columns (a,) with each other, (a, a), and with the residual, (a,)."""
+        seen = self._seen(places)
+        columns = self._gram.columns[places[:, None], places] - seen.T @ seen
+        return columns, self._gram.projected[places] - seen.T @ self._pulled
+
+    def outside(self, shared: FloatArray, inner: FloatArray, projected: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the same of columns that are not in the Gram matrix.
+
+        Args:
+            shared: inner products of the groups' columns with them, (k, a).
+            inner: of them with each other, (a, a).
+            projected: of them with the residual, (a,).
+        """
+        seen = self._solved(self._weights[:, None] * shared)
+        return inner - seen.T @ seen, projected - seen.T @ self._pulled
+
+    @functools.cached_property
+    def gram(self) -> Gram:
+        """All inner products."""
+        columns, projected = self.of(np.arange(len(self._gram.projected), dtype=np.intp))
+        return Gram(columns, projected, self.squared, self.log_determinant)
+
+    def coefficients(self) -> tuple[FloatArray, FloatArray]:
+        """Return mean (k,) and covariance (k, k) of the groups' coefficients over their standard deviations."""
+        back = self._solved(np.eye(len(self._weights)))
+        return back.T @ self._pulled, back.T @ back
 
 
-def bayes_factor(columns: FloatArray, residual: FloatArray, others: Others, largest: float = np.inf) -> BayesFactor:
+def shaping_unit(columns: FloatArray, main: BoolArray) -> float:
+    """Return by how much shaping coefficients must be multiplied to make as much of the prediction as the others.
+
+    Args:
+        columns: inner products of a group's columns, (k, k).
+        main: which of them are no shaping, (k,).
+    """
+    sizes = np.diag(columns)
+    shaping = float(sizes[~main].sum())
+    return float(np.sqrt(sizes[main].sum() / shaping)) if shaping > 0.0 else 1.0
+
+
+def bayes_factor(
+    columns: FloatArray,
+    projected: FloatArray,
+    main: BoolArray | None = None,
+    largest: float = np.inf,
+    unit: float = 1.0,
+) -> BayesFactor:
     """Return what a group of columns is worth beside everything else.
 
     Args:
-        columns: shape (m, k).
-        residual: shape (m,).
-        others: everything else in the model.
+        columns: inner products of its columns through the inverse of the covariance of everything else, (k, k).
+        projected: of its columns with the residual, (k,).
+        main: which of them are no shaping, (k,); by default all.
         largest: scales beyond this are not possible.
+        unit: of shaping; see :func:`shaping_unit`.
     """
-    squared, axes = np.linalg.eigh(others.inner(columns, columns))
-    kept = squared > _NEGLIGIBLE * max(float(squared[-1]), 1.0)
-    if not kept.any():
-        return BayesFactor(0.0, float(np.exp(LOG_SCALES[0])), 0.0)  # columns that nothing is left of explain nothing
-    squared, axes = squared[kept], axes[:, kept]
-    projected = (axes.T @ others.inner(columns, residual)) ** 2 / squared
     log_scales = LOG_SCALES[np.exp(LOG_SCALES) <= largest * (1.0 + 1e-9)]
-    variance = np.exp(2.0 * log_scales)[:, None] * squared
-    values = 0.5 * (projected * variance / (1.0 + variance) - np.log1p(variance)).sum(axis=1)
-    best = int(np.argmax(values))
-    evidence = float(logsumexp(values) - np.log(log_scales.size))
-    return BayesFactor(evidence, float(np.exp(log_scales[best])), float(values[best]))
-
-
-def posterior(columns: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return mean (k,) and covariance (k, k) of coefficients with the prior N(0, I), with unit noise.
-
-    Args:
-        columns: shape (m, k), scaled by the standard deviations of the coefficients.
-        residual: shape (m,).
-    """
-    precision = columns.T @ columns + np.eye(columns.shape[1])
-    factor = scipy.linalg.cho_factor(precision)
-    mean = scipy.linalg.cho_solve(factor, columns.T @ residual)
-    return np.asarray(mean), np.asarray(scipy.linalg.cho_solve(factor, np.eye(len(precision))))
+    scales = [Scale(1.0)] if main is None or main.all() else [Scale(1.0, float(s)) for s in unit * SHAPINGS]
+    squared_scales = np.exp(2.0 * log_scales)[:, None]
+    values = np.zeros((len(scales), len(log_scales)))
+    for k, scale in enumerate(scales):
+        if len(scales) == 1:
+            squared, axes = np.linalg.eigh(columns)
+            seen = axes.T @ projected
+        else:
+            weights = scale.weights(np.asarray(main))
+            squared, axes = np.linalg.eigh(weights[:, None] * columns * weights)
+            seen = axes.T @ (weights * projected)
+        kept = squared > _NEGLIGIBLE * max(float(squared[-1]), 1.0)  # columns that nothing is left of explain nothing
+        variance = squared_scales * squared[kept]
+        values[k] = 0.5 * ((seen[kept] ** 2 / squared[kept]) * variance / (1.0 + variance) - np.log1p(variance)).sum(1)
+    shape, best = divmod(int(np.argmax(values)), len(log_scales))
+    peak = float(values[shape, best])
+    evidence = peak + float(np.log(np.exp(values - peak).mean()))
+    return BayesFactor(evidence, Scale(float(np.exp(log_scales[best])), scales[shape].shaping), peak)

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pouring_robot.inference.nuisance import Nuisance, basis, unit
+from pouring_robot.inference.evidence import Beside, BoolArray, Gram, Places, shaping_unit
+from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.mechanism.arrays import FloatArray
-
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +51,7 @@ class Background:
 
     Attributes:
         effect: id of the effect that the same errors are called when they are all there is.
-        columns: shape (m, k), times the usual size.
+        columns: shape (m, k), times the size of a part that nobody has measured.
     """
 
     effect: str
@@ -65,52 +64,15 @@ class Problem:
 
     Attributes:
         residual: shape (m,): measured minus predicted over the noise.
-        nuisance: what free unknowns explain; nothing in a compressed problem.
+        nuisance: what free unknowns explain.
         backgrounds: usual small errors.
         explanations: forms of effects.
-        constant: sum of squares of what no column reaches (left out by :meth:`compressed`).
     """
 
     residual: FloatArray
     nuisance: Nuisance
     backgrounds: tuple[Background, ...]
     explanations: tuple[Explanation, ...]
-    constant: float = 0.0
-
-    @functools.cached_property
-    def found(self) -> dict[Hashable, Any]:
-        """What hypotheses worked out once for all that are alike."""
-        return {}
-
-    @functools.cached_property
-    def _beside(self) -> dict[tuple[tuple[str, str], float], Problem]:
-        """Problems beside an explanation, as far as they were asked for."""
-        return {}
-
-    def beside(self, item: Explanation, scale: float) -> Problem:
-        """Return the problem that is left beside an explanation at a scale, in far fewer equations.
-
-        Noise and explanation together are whitened away, so that what is found beside it is found by the same algebra.
-        The determinant of their covariance, which all hypotheses with it share, is in the constant.
-        """
-        key = item.key, scale
-        if key not in self._beside:
-            axes, sizes, _ = np.linalg.svd(scale * item.columns, full_matrices=False)
-            shrunk = 1.0 - 1.0 / np.sqrt(1.0 + sizes**2)
-
-            def whitened(columns: FloatArray) -> FloatArray:
-                return np.asarray(columns - (axes * shrunk) @ (axes.T @ columns))
-
-            constant = self.constant + float(np.log1p(sizes**2).sum())
-            others = (e for e in self.explanations if e.key != item.key)
-            self._beside[key] = Problem(
-                whitened(self.residual),
-                Nuisance(np.zeros((len(self.residual), 0))),
-                tuple(replace(b, columns=whitened(b.columns)) for b in self.backgrounds),
-                tuple(replace(e, columns=whitened(e.columns)) for e in others),
-                constant,
-            ).compressed()
-        return self._beside[key]
 
     @classmethod
     def build(
@@ -137,31 +99,64 @@ class Problem:
         )
 
     @functools.cached_property
-    def keys(self) -> frozenset[tuple[str, str]]:
-        """Effects and forms of all explanations."""
-        return frozenset(item.key for item in self.explanations)
-
-    @property
     def known(self) -> frozenset[str]:
         """Ids of the effects that may be named."""
         return frozenset(item.effect for item in self.explanations if item.cause)
 
-    def compressed(self) -> Problem:
-        """Return an equal problem of fewer equations: in an orthonormal basis of all columns.
+    @functools.cached_property
+    def keys(self) -> frozenset[tuple[str, str]]:
+        """Effects and forms of all explanations."""
+        return frozenset(item.key for item in self.explanations)
 
-        What is left of the residual is the same for every hypothesis.
-        """
+    @functools.cached_property
+    def log_priors(self) -> dict[str, float]:
+        """Log probability of a form of each effect, given the effect: all its forms are as likely, in nats."""
+        effects = [item.effect for item in self.explanations]
+        return {effect: -float(np.log(effects.count(effect))) for effect in effects}
+
+    @functools.cached_property
+    def columns(self) -> FloatArray:
+        """Columns of backgrounds, then of explanations, (m, K)."""
         groups = [*(b.columns for b in self.backgrounds), *(e.columns for e in self.explanations)]
-        stacked = np.hstack([np.zeros((len(self.residual), 0)), *groups])
-        axes = basis(unit(stacked))
-        if not axes.shape[1]:
-            return self
-        residual = axes.T @ self.residual
-        rest = float(self.residual @ self.residual - residual @ residual)
-        return Problem(
-            residual,
-            Nuisance(np.zeros((len(residual), 0))),
-            tuple(replace(b, columns=axes.T @ b.columns) for b in self.backgrounds),
-            tuple(replace(e, columns=axes.T @ e.columns) for e in self.explanations),
-            self.constant + max(rest, 0.0),
-        )
+        return np.hstack([np.zeros((len(self.residual), 0)), *groups])
+
+    @functools.cached_property
+    def gram(self) -> Gram:
+        """Inner products of all columns and the residual."""
+        return Gram.of(self.columns, self.residual)
+
+    @functools.cached_property
+    def _places(self) -> tuple[tuple[Places, ...], dict[tuple[str, str], Places]]:
+        widths = [b.columns.shape[1] for b in self.backgrounds] + [e.columns.shape[1] for e in self.explanations]
+        ends = np.cumsum([0, *widths])
+        found = [np.arange(first, last, dtype=np.intp) for first, last in itertools.pairwise(ends.tolist())]
+        usual = len(self.backgrounds)
+        keys = (item.key for item in self.explanations)
+        return tuple(found[:usual]), dict(zip(keys, found[usual:], strict=True))
+
+    def background_places(self, index: int) -> Places:
+        """Return which of :attr:`columns` are those of a background."""
+        return self._places[0][index]
+
+    def places(self, item: Explanation) -> Places:
+        """Return which of :attr:`columns` are those of an explanation."""
+        return self._places[1][item.key]
+
+    def shaping_unit(self, item: Explanation) -> float:
+        """Return the unit of an explanation's shaping scale; see :func:`~.evidence.shaping_unit`."""
+        places = self.places(item)
+        return shaping_unit(self.gram.columns[places[:, None], places], item.main)
+
+    @functools.cached_property
+    def worked_out(self) -> dict[Hashable, Any]:
+        """What hypotheses worked out once for all that share it."""
+        return {}
+
+    def beside(self, groups: Sequence[tuple[Places, FloatArray]]) -> Beside:
+        """Return everything beside some groups of columns, each with its places and weights."""
+        places = np.concatenate([np.zeros(0, dtype=np.intp), *(where for where, _ in groups)])
+        return Beside(self.gram, places, np.concatenate([np.zeros(0), *(weights for _, weights in groups)]))
+
+    def and_also(self, items: Sequence[Explanation]) -> Problem:
+        """Return the problem with more explanations."""
+        return replace(self, explanations=(*self.explanations, *items))

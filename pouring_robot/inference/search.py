@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.hypotheses import Hypothesis
 
@@ -14,20 +16,30 @@ class SearchOptions:
     """When an explanation counts.
 
     Attributes:
-        least_evidence: log evidence in nats that one more effect must be worth. 5: odds of 150, which among fourteen
-            effects leaves ten to one.
+        false_names: rate of false names that is accepted where nothing is missing. What is not at work is seen with a
+            Bayes factor of K at most once in K times (Kerridge, Annals of Mathematical Statistics 34, 1963); with the
+            forms of an effect sharing its probability, one over this rate is what an effect must be worth. That many
+            effects are tried hardly matters: ``scripts/studies/null_evidence.py``.
         most_effects: how many may be found.
         branches: how many effects are tried in full at every step.
         least_main_share: share of an effect's part that its main parameters must be able to make.
         most_shape: how many times larger than its largest main parameter one that only shapes an effect may be, each in
             its usual size.
+        most_cancelled: how many times larger than the whole gap an effect's part may be (root mean squares): what is
+            larger is undone by others, and they are no causes but ways to fit together what is none of them.
     """
 
-    least_evidence: float = 5.0
+    false_names: float = 0.01
     most_effects: int = 5
     branches: int = 3
     least_main_share: float = 0.4
     most_shape: float = 5.0
+    most_cancelled: float = 3.0
+
+    @property
+    def least_evidence(self) -> float:
+        """Log evidence that one more effect must be worth, in nats."""
+        return -float(np.log(self.false_names))
 
 
 DEFAULT_SEARCH = SearchOptions()
@@ -48,7 +60,7 @@ def search(problem: Problem, options: SearchOptions = DEFAULT_SEARCH, start: Hyp
     (see :func:`credible`), the search goes on without it.
 
     Args:
-        problem: compressed or not.
+        problem: residuals and all that may explain them.
         options: thresholds.
         start: where to begin; by default with nothing.
     """
@@ -59,24 +71,31 @@ def search(problem: Problem, options: SearchOptions = DEFAULT_SEARCH, start: Hyp
             break
         worst = current.items[max(wrong, key=current.shape_excess)].effect
         # Its other forms that may be shaped would be bent in the same way.
-        allowed = tuple(e for e in current.problem.explanations if e.effect != worst or e.main.all())
+        bent = frozenset(e.key for e in current.problem.explanations if e.effect == worst and not e.main.all())
         rest = current.without_items(wrong)
-        current = _ascended(replace(rest, problem=replace(rest.problem, explanations=allowed)), options)
+        current = _ascended(replace(rest, barred=rest.barred | bent), options)
     return current
 
 
 def _ascended(current: Hypothesis, options: SearchOptions) -> Hypothesis:
     """Add explanations as long as each is worth its place."""
     while len(current.items) < options.most_effects:
-        tried = sorted(_forward(current, options), key=lambda h: -h.log_evidence)
+        tried = sorted(_forward(current, options), key=lambda h: -h.log_evidence)[: options.branches]
         # A branch that is behind by this much at first does not catch up when its neighbours are reconsidered.
         close = [h for h in tried if h.log_evidence > tried[0].log_evidence - _BRANCH_BEHIND]
         close = [backward(reconsidered(h, options), options) for h in close]
+        close = [h for h in close if not cancelling(h, options)]
         best = max(close, key=lambda h: h.log_evidence, default=current)
         if best.log_evidence < current.log_evidence + options.least_evidence:
             break
         current = best
     return backward(current, options)
+
+
+def cancelling(hypothesis: Hypothesis, options: SearchOptions = DEFAULT_SEARCH) -> bool:
+    """Return whether a cause's part is so large that others undo it."""
+    gap = options.most_cancelled**2 * float(hypothesis.problem.gram.squared)
+    return any(item.cause and hypothesis.size(k) > gap for k, item in enumerate(hypothesis.items))
 
 
 def credible(hypothesis: Hypothesis, index: int, options: SearchOptions = DEFAULT_SEARCH) -> bool:
@@ -86,23 +105,23 @@ def credible(hypothesis: Hypothesis, index: int, options: SearchOptions = DEFAUL
 
 
 def _forward(current: Hypothesis, options: SearchOptions) -> Iterator[Hypothesis]:
-    """Yield the hypotheses of one more effect that look best at first sight."""
-    found = [
-        (current.candidate_bayes_factor(item), item)
-        for item in current.problem.explanations
-        if item.key not in current.keys
-    ]
-    found.sort(key=lambda pair: -pair[0].evidence)
-    seen: set[str] = set()
-    for worth, item in found:
-        if len(seen) >= options.branches or worth.evidence <= 0.0:
-            return
-        if seen and worth.evidence < _WORTH_TRYING * found[0][0].evidence:
-            return
-        if item.effect in seen:
-            continue
-        seen.add(item.effect)
-        yield current.with_item(item, worth.scale)
+    """Yield the hypotheses of one more effect that look best at first sight.
+
+    What usual errors took up may be an effect's: it is looked at beside them, and with none of them.
+    """
+    bases = [current, *([current.with_levels_of(())] if any(current.levels) else [])]
+    for base in bases:
+        found = [(base.candidate_bayes_factor(item), item) for item in base.choices]
+        found.sort(key=lambda pair: -pair[0].evidence)
+        seen: set[str] = set()
+        for worth, item in found:
+            if len(seen) >= options.branches or worth.evidence <= 0.0:
+                break
+            if seen and worth.evidence < _WORTH_TRYING * found[0][0].evidence:
+                break
+            if item.effect not in seen:
+                seen.add(item.effect)
+                yield base.with_item(item, worth.scale)
 
 
 def reconsidered(hypothesis: Hypothesis, options: SearchOptions) -> Hypothesis:
@@ -124,11 +143,7 @@ def _exchanged(hypothesis: Hypothesis, index: int, options: SearchOptions) -> Hy
     Scales and backgrounds settle anew: what looks worse at first may turn out better, so the best few are tried.
     """
     own, key = hypothesis.item_bayes_factor(index), hypothesis.items[index].key
-    choices = [
-        (hypothesis.item_bayes_factor(index, item), item)
-        for item in hypothesis.problem.explanations
-        if item.key not in hypothesis.keys
-    ]
+    choices = [(hypothesis.item_bayes_factor(index, item), item) for item in hypothesis.choices]
     tried: set[str] = set()
     for found, item in sorted(choices, key=lambda pair: -pair[0].evidence):
         if found.evidence < own.evidence - _CATCHES_UP:
@@ -136,6 +151,8 @@ def _exchanged(hypothesis: Hypothesis, index: int, options: SearchOptions) -> Hy
         if item.effect in tried or (item.effect == key[0] and found.evidence < own.evidence):
             continue
         other = hypothesis.with_replaced(index, item, found.scale)
+        if other.log_evidence > hypothesis.log_evidence - _BRANCH_BEHIND:
+            other = other.settled()
         if other.log_evidence > hypothesis.log_evidence + 1e-6:
             return other
         tried.add(item.effect)

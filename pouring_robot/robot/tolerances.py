@@ -1,4 +1,4 @@
-"""How far a part may be off: before anybody has measured it, and after it has been adjusted."""
+"""How far a part may be off before anybody has measured it."""
 
 from __future__ import annotations
 
@@ -17,10 +17,6 @@ from pouring_robot.mechanism.parameters import DriveParameter, GeometricParamete
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.pouring.names import INNER_JOINTS
-
-LEFT_BY_WORKMANSHIP_MM, LEFT_BY_WORKMANSHIP_MRAD = 0.015, 0.012
-"""Standard deviation of a U-joint centre and of an axis that is left in a robot once it has been adjusted: what a
-diagnosis takes for usual. The tolerances file says what to expect *before* anything has been measured, far more."""
 
 Kind = Literal["leg_drive_offset", "tilt_drive_offset", "joint_centre", "joint_axis", "inner_offset"]
 

@@ -49,6 +49,7 @@ class Job:
         number: of the rig's case.
         seed: of the rig's set.
         far: whether the rig's tracker stands far away.
+        wide: whether rows, noise and workmanship vary as from shop to shop.
         exclude: whether a strong single is diagnosed without its effect, too.
         effects: only campaigns with one of these effects; all if empty.
     """
@@ -58,6 +59,7 @@ class Job:
     number: int = 0
     seed: int = 0
     far: bool = False
+    wide: bool = False
     exclude: bool = True
     effects: frozenset[str] = frozenset()
 
@@ -67,7 +69,7 @@ def run(job: Job) -> list[Trial]:
     if job.folder is not None:
         truth = json.loads((job.folder / "truth.json").read_text(encoding="utf-8"))
         return trials_of(job.folder, job.name, exclude=job.exclude) if _wanted(job, truth["effects"]) else []
-    campaign = case(job.number, job.seed, job.far)
+    campaign = case(job.number, job.seed, job.far, job.wide)
     return rig_trials(campaign, job.name, exclude=job.exclude) if _wanted(job, campaign.truth["effects"]) else []
 
 
@@ -86,7 +88,15 @@ def jobs(options: argparse.Namespace) -> list[Job]:
     effects = frozenset(filter(None, options.effects.split(",")))
     if options.folder is None:
         return [
-            Job(f"s{options.seed}/{k}", None, k, options.seed, options.far_tracker, not options.no_exclude, effects)
+            Job(
+                f"s{options.seed}/{k}",
+                number=k,
+                seed=options.seed,
+                far=options.far_tracker,
+                wide=options.wide,
+                exclude=not options.no_exclude,
+                effects=effects,
+            )
             for k in range(options.first, options.first + options.cases)
             if not kinds or KIND[CYCLE[k % len(CYCLE)]] in kinds
         ]
@@ -140,6 +150,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--first", type=int, default=0, help="number of the first case (0)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the rig's set (0)")
     parser.add_argument("--far-tracker", action="store_true", help="the tracker stands metres away and turned")
+    parser.add_argument("--wide", action="store_true", help="rows, noise and workmanship vary as from shop to shop")
     parser.add_argument("--folder", type=Path, help="folder of campaigns with truth.json, instead of the rig")
     parser.add_argument("--kinds", default="", help="only these, by commas: null,single,pair,outside,confounded")
     parser.add_argument("--effects", default="", help="only campaigns with one of these effects, by commas")

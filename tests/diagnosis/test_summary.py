@@ -240,12 +240,13 @@ def test_the_result_is_one_line_at_a_prompt_and_a_table_in_a_notebook(hot, tmp_p
 
 def test_the_thresholds_given_decide_what_is_told(excluded):
     """What counts as structure and what as beaten follows from the thresholds of the diagnosis, here from none."""
-    deaf = replace(excluded.judgement, thresholds=Thresholds(structure_evidence=np.inf, challenge_margin=np.inf))
-    assert excluded.discrepancies and not replace(excluded, judgement=deaf).discrepancies
-    keen = Thresholds(structure_evidence=np.inf, challenge_margin=-np.inf)
+    deaf = replace(excluded.judgement, thresholds=Thresholds(false_names=5e-324), tried=10**308)
+    assert excluded.discrepancies
+    assert deaf.clear_structures == tuple(s for s in deaf.structures if s.evidence > deaf.least_evidence)
+    keen = Thresholds(false_names=1e308)
     beaten = replace(excluded, judgement=replace(excluded.judgement, thresholds=keen))
     assert {e.cause.effect for e in beaten.nearest} == {c.effect for c, _ in excluded.judgement.challenged}
-    assert not replace(excluded, judgement=deaf).nearest
+    assert not replace(excluded, judgement=replace(deaf, challenges=())).nearest
 
 
 def test_noise_from_repeats_is_no_better_known_than_they_make_it(hot):

@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.stats import multivariate_normal
 
+from pouring_robot.inference.evidence import Beside, Gram
 from pouring_robot.inference.explanations import Explanation, Problem
 
 ROWS = 60
@@ -39,3 +40,11 @@ def log_density(residual, *groups):
     """Return the log density of a residual whose covariance is the unit matrix and the groups' outer products."""
     covariance = np.eye(len(residual)) + sum((g @ g.T for g in groups), np.zeros((len(residual), len(residual))))
     return float(multivariate_normal(np.zeros(len(residual)), covariance).logpdf(residual))
+
+
+def beside(groups, columns, residual):
+    """Return what is to be seen of columns (m, a) and residual beside groups of unit coefficients, with its places."""
+    stacked = np.hstack([*groups, columns])
+    count = stacked.shape[1] - columns.shape[1]
+    seen = Beside(Gram.of(stacked, residual), np.arange(count), np.ones(count))
+    return seen, np.arange(count, stacked.shape[1])

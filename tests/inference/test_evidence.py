@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import quad
 from sklearn.linear_model import Ridge
 
-from pouring_robot.inference.evidence import LOG_SCALES, Others, bayes_factor, posterior
-from tests.inference.problems import log_density
+from pouring_robot.inference.evidence import LOG_SCALES, SHAPINGS, Beside, Gram, Scale, bayes_factor, shaping_unit
+from tests.inference.problems import beside, log_density
 from tests.support import round_off
 
 SCALES = np.exp(LOG_SCALES)
@@ -18,30 +18,52 @@ def ratio(residual, columns, others, scale):
     return log_density(residual, *others, scale * columns) - log_density(residual, *others)
 
 
+def factor(columns, residual, groups=(), largest=np.inf):
+    """Return what a group of columns is worth beside others of unit coefficients."""
+    seen, places = beside(groups, columns, residual)
+    return bayes_factor(*seen.of(places), largest=largest)
+
+
 def test_inner_products_are_those_of_the_inverse(rng):
     groups = [rng.normal(size=(9, 2)), 3.0 * rng.normal(size=(9, 4))]
+    columns, residual = rng.normal(size=(9, 3)), rng.normal(size=9)
+    covariance = np.eye(9) + sum(g @ g.T for g in groups)
+    inverse = np.linalg.inv(covariance)
+    seen, places = beside(groups, columns, residual)
+    inner, projected = seen.of(places)
+    np.testing.assert_allclose(inner, columns.T @ inverse @ columns, atol=1e-12)
+    np.testing.assert_allclose(projected, columns.T @ inverse @ residual, atol=1e-12)
+    assert seen.squared == pytest.approx(residual @ inverse @ residual, rel=1e-12)
+    assert seen.log_determinant == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-12)
+    np.testing.assert_allclose(seen.gram.columns[np.ix_(places, places)], inner, atol=1e-12)
     stacked = np.hstack(groups)
-    inverse = np.linalg.inv(np.eye(9) + stacked @ stacked.T)
-    left, right, vector = rng.normal(size=(9, 3)), rng.normal(size=(9, 2)), rng.normal(size=9)
-    others = Others(groups, 9)
-    np.testing.assert_allclose(others.inner(left, right), left.T @ inverse @ right, atol=1e-13)
-    np.testing.assert_allclose(others.inner(vector, vector), vector @ inverse @ vector, rtol=1e-13)
-    np.testing.assert_allclose(others.solve(left), inverse @ left, atol=1e-13)
-    expected = np.linalg.slogdet(np.eye(9) + stacked @ stacked.T)[1]
-    assert others.log_determinant == pytest.approx(expected, rel=1e-13)
+    outside = seen.outside(stacked.T @ columns, columns.T @ columns, columns.T @ residual)
+    np.testing.assert_allclose(outside[0], inner, atol=1e-12)
+    np.testing.assert_allclose(outside[1], projected, atol=1e-12)
+
+
+def test_one_after_the_other_is_both_at_once(rng):
+    """A Schur complement of a Schur complement; weights scale the columns."""
+    stacked, residual = rng.normal(size=(30, 9)), rng.normal(size=30)
+    gram, weights = Gram.of(stacked, residual), rng.uniform(0.1, 3.0, 6)
+    first = Beside(gram, np.arange(4), weights[:4])
+    both, after = Beside(gram, np.arange(6), weights), Beside(first.gram, np.arange(4, 6), weights[4:])
+    rest = np.arange(6, 9)
+    for one, other in zip(both.of(rest), after.of(rest), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-12)
+    assert both.log_likelihood == pytest.approx(after.log_likelihood, rel=1e-12)
 
 
 def test_without_groups_nothing_is_weighed(rng):
-    values = rng.normal(size=(7, 2))
-    others = Others([], 7)
-    np.testing.assert_array_equal(others.inner(values, values), values.T @ values)
-    np.testing.assert_array_equal(others.solve(values), values)
-    assert others.log_determinant == 0.0
+    values, residual = rng.normal(size=(7, 2)), rng.normal(size=7)
+    seen, places = beside([], values, residual)
+    np.testing.assert_array_equal(seen.of(places)[0], values.T @ values)
+    assert seen.log_determinant == 0.0
 
 
-def test_large_and_nearly_parallel_columns_lose_no_digits():
-    """Against exact rational arithmetic, where the covariance has a condition number of 1e16: half the digits stay."""
-    columns = np.array([[2.0**26, 2.0**26], [2.0**25, 2.0**25 + 1.0], [0.0, 2.0**-3]])
+def test_large_and_nearly_parallel_columns():
+    """Against exact rational arithmetic: what is lost is round-off of the inner products themselves, no more."""
+    columns = np.array([[2.0**16, 2.0**16], [2.0**15, 2.0**15 + 1.0], [0.0, 2.0**-3]])
     values = np.array([1.0, -2.0, 0.5])
     exact = [[Fraction(v) for v in row] for row in columns.tolist()]
     covariance = [
@@ -49,15 +71,12 @@ def test_large_and_nearly_parallel_columns_lose_no_digits():
         for i, p in enumerate(exact)
     ]
     solution = _solved(covariance, [Fraction(v) for v in values.tolist()])
-    others = Others([columns], 3)
-    # What is decomposed is the columns on a unit matrix; its condition number is the root of the covariance's.
-    stacked = np.vstack([columns, np.eye(2)])
-    lost = round_off(np.linalg.cond(stacked), terms=stacked.size)
-    assert lost < 1e-6
-    size = np.linalg.norm(values)
-    np.testing.assert_allclose(others.solve(values), [float(v) for v in solution], rtol=0, atol=lost * size)
     expected = float(sum(Fraction(v) * s for v, s in zip(values.tolist(), solution, strict=True)))
-    assert float(others.inner(values, values)) == pytest.approx(expected, abs=lost * size**2)
+    seen, _ = beside([columns], np.zeros((3, 0)), values)
+    # The residual projected on the columns is as long as these; its square is what is taken away.
+    lost = round_off(np.linalg.norm(columns) ** 2, terms=columns.size)
+    assert lost < 1e-3
+    assert seen.squared == pytest.approx(expected, abs=lost)
 
 
 def _solved(matrix, right):
@@ -74,9 +93,9 @@ def test_gain_is_the_ratio_of_densities_averaged_over_scales(rng):
     columns, residual = rng.normal(size=(8, 3)), 2.0 * rng.normal(size=8)
     groups = [rng.normal(size=(8, 2))]
     values = np.array([ratio(residual, columns, groups, scale) for scale in SCALES])
-    found = bayes_factor(columns, residual, Others(groups, 8))
+    found = factor(columns, residual, groups)
     assert found.peak == pytest.approx(values.max(), abs=1e-10)
-    assert found.scale == pytest.approx(SCALES[values.argmax()])
+    assert found.scale.main == pytest.approx(SCALES[values.argmax()])
     assert found.evidence == pytest.approx(np.log(np.exp(values).mean()), abs=1e-10)
 
 
@@ -87,7 +106,7 @@ def test_scales_are_as_fine_as_they_need_be(rng, size):
     residual = rng.normal(size=12) + size * columns @ np.array([1.0, -0.5])
     low, high = LOG_SCALES[0], LOG_SCALES[-1]
     integral, _ = quad(lambda s: np.exp(ratio(residual, columns, [], np.exp(s))), low, high, limit=200)
-    found = bayes_factor(columns, residual, Others([], 12))
+    found = factor(columns, residual)
     assert found.evidence == pytest.approx(np.log(integral / (high - low)), abs=0.1)
 
 
@@ -95,28 +114,28 @@ def test_evidence_does_not_see_how_columns_are_turned(rng):
     """Orthogonal mixing of a group leaves its prior alone, hence its evidence."""
     columns, residual = rng.normal(size=(20, 4)), rng.normal(size=20)
     turn, _ = np.linalg.qr(rng.normal(size=(4, 4)))
-    others = Others([rng.normal(size=(20, 3))], 20)
-    one, other = bayes_factor(columns, residual, others), bayes_factor(columns @ turn, residual, others)
+    others = [rng.normal(size=(20, 3))]
+    one, other = factor(columns, residual, others), factor(columns @ turn, residual, others)
     assert one.evidence == pytest.approx(other.evidence, abs=1e-10)
 
 
 def test_repeated_and_empty_columns_are_one_column(rng):
     """Twice the same column is one column √2 as large; a column of nothing adds nothing."""
-    column, residual, others = rng.normal(size=(15, 1)), rng.normal(size=15), Others([], 15)
+    column, residual, others = rng.normal(size=(15, 1)), rng.normal(size=15), ()
     twice = np.hstack([column, column, np.zeros((15, 1))])
-    expected = bayes_factor(np.sqrt(2.0) * column, residual, others)
-    assert bayes_factor(twice, residual, others).evidence == pytest.approx(expected.evidence, abs=1e-10)
+    expected = factor(np.sqrt(2.0) * column, residual, others)
+    assert factor(twice, residual, others).evidence == pytest.approx(expected.evidence, abs=1e-10)
 
 
 def test_nearly_repeated_columns_are_steady(rng):
-    column, residual, others = rng.normal(size=(15, 1)), rng.normal(size=15), Others([], 15)
+    column, residual, others = rng.normal(size=(15, 1)), rng.normal(size=15), ()
     nearly = np.hstack([column, column * (1.0 + 1e-9)])
-    expected = bayes_factor(np.sqrt(2.0) * column, residual, others)
-    assert bayes_factor(nearly, residual, others).evidence == pytest.approx(expected.evidence, abs=1e-6)
+    expected = factor(np.sqrt(2.0) * column, residual, others)
+    assert factor(nearly, residual, others).evidence == pytest.approx(expected.evidence, abs=1e-6)
 
 
 def test_nothing_is_worth_nothing(rng):
-    found = bayes_factor(np.zeros((15, 2)), rng.normal(size=15), Others([], 15))
+    found = factor(np.zeros((15, 2)), rng.normal(size=15))
     assert found.evidence == 0.0
     assert found.peak == 0.0
 
@@ -124,17 +143,21 @@ def test_nothing_is_worth_nothing(rng):
 def test_what_others_explain_is_worth_nothing_more(rng):
     column = rng.normal(size=(30, 1))
     residual = 50.0 * column[:, 0] + rng.normal(size=30)
-    assert bayes_factor(column, residual, Others([], 30)).evidence > 100.0
-    assert bayes_factor(column, residual, Others([100.0 * column], 30)).evidence < 1.0
+    assert factor(column, residual).evidence > 100.0
+    assert factor(column, residual, [100.0 * column]).evidence < 1.0
 
 
 def test_columns_that_noise_does_not_need_cost(rng):
     """On noise alone a group of many columns is worth less than nothing, on the average of many draws."""
-    columns, others = rng.normal(size=(60, 10)), Others([], 60)
-    worth = [bayes_factor(columns, rng.normal(size=60), others).evidence for _ in range(100)]
+    columns, others = rng.normal(size=(60, 10)), ()
+    worth = [factor(columns, rng.normal(size=60), others).evidence for _ in range(100)]
     assert np.mean(worth) < 0.0
     # The evidence is a ratio of normalised densities: under noise its exponential averages to 1 (Markov's inequality).
     assert np.mean(np.array(worth) > np.log(20.0)) <= 1.0 / 20.0 + 0.05
+
+
+def posterior(columns, residual):
+    return beside([columns], columns[:, :0], residual)[0].coefficients()
 
 
 def test_posterior_is_ridge_regression(rng):
@@ -158,8 +181,28 @@ def test_posterior_is_calibrated(rng):
 
 def test_largest_scale_is_kept(rng):
     column = rng.normal(size=(30, 1))
-    found = bayes_factor(column, 50.0 * column[:, 0], Others([], 30), 2.0)
-    assert found.scale <= 2.0
+    found = factor(column, 50.0 * column[:, 0], largest=2.0)
+    assert found.scale.main <= 2.0
     allowed = SCALES[SCALES <= 2.0]
     values = [ratio(50.0 * column[:, 0], column, [], scale) for scale in allowed]
     assert found.peak == pytest.approx(max(values), rel=1e-9)
+
+
+def test_shaping_has_a_scale_of_its_own(rng):
+    """The evidence is the average of densities over both scales; its peak is where the shape is as large as planted."""
+    columns = rng.normal(size=(40, 3))
+    main = np.array([True, False, False])
+    residual = 4.0 * columns[:, 0] + 1.5 * columns[:, 1] + rng.normal(size=40)
+    unit = shaping_unit(columns.T @ columns, main)
+    assert unit**2 * (columns[:, 1:] ** 2).sum() == pytest.approx((columns[:, :1] ** 2).sum())
+    values = np.array(
+        [
+            [ratio(residual, columns * Scale(s, unit * shaping).weights(main), [], 1.0) for s in SCALES]
+            for shaping in SHAPINGS
+        ]
+    )
+    found = bayes_factor(columns.T @ columns, columns.T @ residual, main, unit=unit)
+    assert found.evidence == pytest.approx(np.log(np.exp(values).mean()), abs=1e-9)
+    assert found.peak == pytest.approx(values.max(), abs=1e-9)
+    shape, scale = np.unravel_index(values.argmax(), values.shape)
+    assert found.scale == pytest.approx((SCALES[scale], unit * SHAPINGS[shape]))

@@ -77,6 +77,7 @@ def make_campaign(
     far_tracker: bool = False,
     spoilt: bool = True,
     turn: int | None = None,
+    wide: bool = False,
 ) -> Campaign:
     """Return a campaign of one kind; what is not given is drawn.
 
@@ -92,6 +93,7 @@ def make_campaign(
         far_tracker: the tracker stands metres away and turned, the target a hand's breadth off.
         spoilt: whether outliers and lost cells may occur.
         turn: which effect of the kind's list to hide; by chance if none.
+        wide: whether rows, noise and workmanship vary as they do from shop to shop, not as on this machine alone.
     """
     if kind not in KINDS:
         raise ValueError(f"no kind {kind!r}; there are {', '.join(KINDS)}")
@@ -101,7 +103,7 @@ def make_campaign(
         trap = trap or way
     wanted = tuple(_with_form(item, rng) for item in wanted)
     if rows is None:
-        rows = int(rng.integers(110, 212))
+        rows = int(rng.integers(45, 301)) if wide else int(rng.integers(110, 212))
     drawn = int(rng.choice([1, 1, 1, 2, 3]))
     needed = max([SESSIONS.get((item.effect, str(item.form)), 1) for item in wanted], default=1)
     if background is None:
@@ -112,6 +114,11 @@ def make_campaign(
     explain = kind in {"outside", "confounded"}
     scene = plan(rng, rows, max(sessions or drawn, needed), trap, local=explain)
     sigma = (float(rng.choice([3e-5, 5e-5, 1e-4])), float(rng.choice([3e-5, 6e-5])) if full_pose else None)
+    workmanship = 1.0
+    if wide:  # from a good laser tracker to a camera; from a lapped machine to a welded one
+        factor = float(np.exp(rng.uniform(np.log(0.015), np.log(0.25)))) * 1e-3 / sigma[0]
+        sigma = (sigma[0] * factor, None if sigma[1] is None else sigma[1] * factor)
+        workmanship = float(np.exp(rng.uniform(np.log(0.3), np.log(8.0))))
     tracker = Tracker(*frames_of(rng, far_tracker), *sigma)
     faultless = tracker.see(scene, Errors.none(rows))
     frames = basis(tracker.frames(faultless))
@@ -123,7 +130,7 @@ def make_campaign(
         total = total + errors
         effects.append(told)
     if background:
-        total = total + _background(rng, rows)
+        total = total + _background(rng, rows) * workmanship
     accept: list[str] = []
     if kind == "confounded":
         accept = [name for name, value in known.items() if np.sum(without(left, basis(value)) ** 2) < HIDDEN]
@@ -146,7 +153,7 @@ def make_campaign(
         truth={
             "effects": effects,
             "kind": kind,
-            "background": background,
+            "background": workmanship if wide and background else background,
             "outliers": outliers,
             "accept": accept,
             "frames": "unknown base and target frames in every case",

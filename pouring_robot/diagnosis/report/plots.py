@@ -191,12 +191,10 @@ def _rival_panel(axes: Any, hypothesis: Hypothesis, cause: Cause) -> None:
 
 def evidence_steps(hypothesis: Hypothesis) -> list[tuple[str, float]]:
     """Return the log evidence as the explanations are added in the order they were found, over none of them."""
-    problem = hypothesis.problem.compressed()
-    known = {item.key: item for item in problem.explanations}
-    current = replace(hypothesis, problem=problem, items=(), scales=()).settled()
+    current = replace(hypothesis, items=(), scales=()).settled()
     start, steps = current.log_evidence, []
     for item, scale in zip(hypothesis.items, hypothesis.scales, strict=True):
-        current = current.with_item(known[item.key], scale)
+        current = current.with_item(item, scale)
         steps.append((f"+ {item.effect} ({item.form.replace('_', ' ')})", current.log_evidence - start))
     return steps
 

@@ -10,8 +10,9 @@ import numpy as np
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.suggest.candidates import Prospect
 from pouring_robot.inference.decision import Cause
+from pouring_robot.inference.evidence import Scale
 from pouring_robot.inference.explanations import Explanation
-from pouring_robot.inference.hypotheses import BACKGROUND_LEVELS, Hypothesis
+from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.mechanism.arrays import FloatArray
 
 MOST_RIVALS = 3
@@ -94,7 +95,7 @@ def _rivals(best: Hypothesis, cause: Cause, wanted: Collection[str] | None) -> l
     rest, effects = _less(best, cause), best.rivals - {cause.effect}
     forms = rest.best_forms(effects if wanted is None else effects & {*wanted}).values()
     ordered = sorted(forms, key=lambda entry: -entry[0].evidence)[:MOST_RIVALS]
-    found = [Contender.of(item.effect, rest.with_item(item, worth.scale)) for worth, item in ordered if worth.scale > 0]
+    found = [Contender.of(item.effect, rest.with_item(item, worth.scale)) for worth, item in ordered]
     return sorted(found, key=lambda c: -c.log_evidence)
 
 
@@ -110,9 +111,9 @@ def _descriptions(diagnosis: Findings, prospect: Prospect, best: Hypothesis) -> 
         item = prospect.explanation(name)
         if item is None or name in found or " by row, by chance" in name:
             continue
-        worth = rest.candidate_bayes_factor(item)
-        if worth.scale > 0.0:
-            found[name] = Contender(name, rest.beside(item, worth.scale), rest.log_evidence + worth.evidence)
+        wider = replace(rest, problem=rest.problem.and_also((item,)))
+        worth = wider.candidate_bayes_factor(item)
+        found[name] = Contender(name, wider.beside(item, worth.scale), wider.log_evidence + worth.evidence)
     ordered = sorted(found.values(), key=lambda c: -c.log_evidence)[: MOST_RIVALS + 1]
     return ordered if len(ordered) > 1 else [*ordered, Contender.of(" and ".join(best.effects) or NOTHING, best)]
 
@@ -123,20 +124,20 @@ def _hidden(best: Hypothesis, prospect: Prospect) -> list[Contender]:
     for item in prospect.problem.explanations:
         if not item.cause or item.effect in seen:
             continue  # the usual form of an effect comes first
-        inner = best.everything.inner(item.columns, item.columns)
+        inner, _ = best.everything.of(best.problem.places(item))
         worth = 0.5 * float(np.linalg.slogdet(np.eye(len(inner)) + inner)[1])
         seen[item.effect] = (worth, item)
     least = sorted(seen.values(), key=lambda entry: entry[0])[:MOST_RIVALS]
-    return [Contender.of(item.effect, best.beside(item, 1.0)) for _, item in least]
+    return [Contender.of(item.effect, best.beside(item, Scale(1.0))) for _, item in least]
 
 
 def scaled_columns(hypothesis: Hypothesis, prospect: Prospect) -> FloatArray:
     """Return the columns of the new rows that go with :meth:`Hypothesis.groups`, (n * components, q)."""
-    backgrounds = prospect.problem.backgrounds
     usual = [
-        BACKGROUND_LEVELS[level] * prospect.new_columns(b, k)
-        for k, (level, b) in enumerate(zip(hypothesis.levels, backgrounds, strict=True))
-        if BACKGROUND_LEVELS[level]
+        prospect.new_columns(b, k)
+        for k, (level, b) in enumerate(zip(hypothesis.levels, prospect.problem.backgrounds, strict=True))
+        if level
     ]
-    items = [s * prospect.new_columns(item) for s, item in zip(hypothesis.scales, hypothesis.items, strict=True)]
-    return np.hstack([np.zeros((len(prospect.frames), 0)), *usual, *items])
+    columns = [*usual, *(prospect.new_columns(item) for item in hypothesis.items)]
+    scaled = [own * weights for own, weights in zip(columns, hypothesis.weights(), strict=True)]
+    return np.hstack([np.zeros((len(prospect.frames), 0)), *scaled])

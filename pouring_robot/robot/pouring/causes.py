@@ -60,13 +60,13 @@ _ENTRIES = (
         "joint_centre_offset",
         "centres",
         "U joints sit elsewhere on their platforms than drawn",
-        {"driven_by": "tilt_rad", "small": 0.035},
+        {"driven_by": "tilt_rad"},
     ),
     CauseEntry(
         "joint_axis_tilt",
         "tilts",
         "axes of the U joints are not parallel as drawn, or the yokes of a leg are twisted",
-        {"driven_by": "tilt_rad", "small": 0.08, "forms": {"all": _AXES, "twisted_legs": (), "bores": _BORES}},
+        {"driven_by": "tilt_rad", "forms": {"all": _AXES, "twisted_legs": (), "bores": _BORES}},
     ),
     CauseEntry(
         "leg_thermal_expansion",
@@ -84,7 +84,7 @@ _ENTRIES = (
         "leg_compliance",
         "stretch",
         "the legs stretch under the weight they carry",
-        {"drives": _LEGS, "group": "legs", "force_n": 5000.0, "length_m": 0.6, "small": 0.02},
+        {"drives": _LEGS, "group": "legs", "force_n": 5000.0, "length_m": 0.6},
     ),
     CauseEntry(
         "tilt_drive_compliance",
