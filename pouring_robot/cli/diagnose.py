@@ -36,6 +36,10 @@ FalseNames = Annotated[
         help="Rate of false names that is accepted where nothing is missing; thresholds follow from it.",
     ),
 ]
+NextCount = Annotated[
+    int,
+    typer.Option("--next", min=1, max=75, metavar="N", help="How many measurements to suggest, as the plan next.csv."),
+]
 
 
 def diagnose(
@@ -46,6 +50,7 @@ def diagnose(
     exclude: Exclude = None,
     hold_out: options.HoldOutBy = "auto",
     false_names: FalseNames = 0.01,
+    next_count: NextCount = 10,
     as_json: options.AsJson = False,
 ) -> None:
     """Find where model and measurement disagree, name the missing effect, amend the model, show the gap shrink."""
@@ -57,7 +62,9 @@ def diagnose(
 
     check_folder(out)
     present = options.model_of(model, robot)
-    chosen = DiagnosisOptions(exclude=tuple(dict.fromkeys(exclude or ())), hold_out=hold_out, false_names=false_names)
+    chosen = DiagnosisOptions(
+        exclude=tuple(dict.fromkeys(exclude or ())), hold_out=hold_out, false_names=false_names, next_count=next_count
+    )
     with progress.status() as say:
         say("reading")
         data = Campaign.read(campaign, present.definition)

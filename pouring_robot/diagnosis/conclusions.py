@@ -38,7 +38,7 @@ class Conclusions(Findings):
     @cached_property
     def _suggested(self) -> tuple[Suggestion, str]:
         try:
-            return suggest_measurements(self), ""
+            return suggest_measurements(self, self.next_count), ""
         except PouringRobotError as problem:
             return Suggestion((), (), 0.0), f"no measurements could be suggested: {problem}"
 

@@ -55,11 +55,13 @@ class DiagnosisOptions:
         hold_out: kind of block that takes no part.
         false_names: rate of false names that is accepted where nothing is missing; every threshold of the evidence
             follows from it.
+        next_count: how many measurements to suggest.
     """
 
     exclude: tuple[str, ...] = ()
     hold_out: HoldOut = "auto"
     false_names: float = DEFAULT_THRESHOLDS.false_names
+    next_count: int = 10
 
     def __post_init__(self) -> None:
         """Check the rate.
@@ -245,6 +247,7 @@ class _Work:
             train=gaps[0],
             held_out=gaps[1] if len(gaps) > 1 else None,
             notes=tuple(notes),
+            next_count=self.options.next_count,
         )
 
 

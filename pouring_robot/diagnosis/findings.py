@@ -47,6 +47,7 @@ class Findings:
         train: gap of the fitted rows.
         held_out: gap of the held-out rows; None where there are none.
         notes: what limits the answer, one line each.
+        next_count: how many measurements to suggest.
     """
 
     campaign: Campaign
@@ -68,6 +69,7 @@ class Findings:
     train: Gap
     held_out: Gap | None
     notes: tuple[str, ...]
+    next_count: int = 10
 
     @property
     def verdict(self) -> Verdict:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
@@ -180,6 +181,38 @@ def coverage(trials: Sequence[Trial]) -> list[tuple[str, ...]]:
         (effect, name, f"{sum(abs(z) < 1.96 for z in zs)} of {len(zs)}", f"{np.sqrt(np.mean(np.square(zs))):.2f}")
         for (effect, name), zs in sorted(found.items())
     ]
+
+
+_STATED = (0.0, 0.5, 0.9, 0.95, 0.99, 1.0)
+_SIZES = (0.0, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, math.inf)
+
+
+def reliability(trials: Sequence[Trial]) -> list[tuple[str, ...]]:
+    """Return how often a name stands that is stated with a probability, by ranges of it."""
+    said = [
+        (s.probability, s.effect in t.hidden or s.effect in t.accept)
+        for t in trials
+        if t.verdict in {"named", "group"}
+        for s in t.said
+    ]
+    rows = []
+    for low, high in itertools.pairwise(_STATED):
+        right = [true for chance, true in said if low < chance <= high]
+        figure = _rate(f"{low:g} to {high:g}", sum(right), len(right), math.nan, math.nan)
+        mean = float(np.mean([c for c, _ in said if low < c <= high])) if right else math.nan
+        rows.append((figure.name, figure.counts, _text(mean), *figure.cells()[2:4]))
+    return rows
+
+
+def power(trials: Sequence[Trial]) -> list[tuple[str, ...]]:
+    """Return how often the effect of a single one is named, alone or in its group, by its size over the noise."""
+    single = [t for t in trials if t.kind == "single" and not t.excluded]
+    rows = []
+    for low, high in itertools.pairwise(_SIZES):
+        there = [t for t in single if low <= t.ratios[0] < high]
+        figure = rate(f"{low:g} to {high:g}", there, lambda t: t.in_group)
+        rows.append((figure.name, *figure.cells()[1:4]))
+    return rows
 
 
 def confusion(trials: Sequence[Trial]) -> tuple[list[str], dict[str, Counter[str]]]:

@@ -31,7 +31,15 @@ if str(ROOT) not in sys.path:  # the rig is no part of the package: it is found 
 
 from rich.progress import Progress  # noqa: E402
 
-from scripts.benchmarks.blind_metrics import HEADINGS, confusion, coverage, failures, figures  # noqa: E402
+from scripts.benchmarks.blind_metrics import (  # noqa: E402
+    HEADINGS,
+    confusion,
+    coverage,
+    failures,
+    figures,
+    power,
+    reliability,
+)
 from tests.diagnosis.trial import Trial, rig_trials, trials_of  # noqa: E402
 from tests.rig import make_campaign  # noqa: E402
 from tests.rig.__main__ import CYCLE, KIND, case  # noqa: E402
@@ -129,6 +137,10 @@ def report(found: Sequence[Trial]) -> Iterator[str]:
     yield from _table(("", *short), rows)
     yield from ("", "Parameters with a known truth, where the effects were named right:", "")
     yield from _table(("effect", "parameter", "covered", "RMS error in std"), coverage(found))
+    yield from ("", "Names stated with a probability, and how often they stand:", "")
+    yield from _table(("stated", "stand", "mean stated", "share", "95 % interval"), reliability(found))
+    yield from ("", "Single effects named, alone or in their group, by size over the noise:", "")
+    yield from _table(("size", "cases", "share", "95 % interval"), power(found))
     wrong = failures(found)
     yield from ("", f"{len(wrong)} of {len(found)} trials do not say what they should:", "")
     yield from (f"- {t.line()}" for t in wrong)

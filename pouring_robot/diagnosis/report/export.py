@@ -21,13 +21,14 @@ from pouring_robot.robot.metrics import without_nan
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.viewer.page import page as html_of
 
-METRICS, MODEL, REPORT, LADLES = "diagnosis.json", "model.yaml", "report.html", "ladles.html"
+METRICS, MODEL, REPORT, LADLES, NEXT = "diagnosis.json", "model.yaml", "report.html", "ladles.html", "next.csv"
 
 
 def write_diagnosis(diagnosis: Conclusions, folder: Path | str) -> list[Path]:
-    """Write ``diagnosis.json``, ``model.yaml``, ``report.html`` and ``ladles.html``; the metrics last.
+    """Write ``diagnosis.json``, ``model.yaml``, ``report.html``, ``ladles.html`` and ``next.csv``; the metrics last.
 
-    ``ladles.html`` is left out where no row has a whole position: there is nothing to draw.
+    ``ladles.html`` is left out where no row has a whole position: there is nothing to draw; ``next.csv`` where nothing
+    is to be measured next.
 
     Args:
         diagnosis: what was found.
@@ -48,6 +49,8 @@ def write_diagnosis(diagnosis: Conclusions, folder: Path | str) -> list[Path]:
     except DescriptionError as error:
         raise OutputError(folder, error.problem) from error
     files[folder / MODEL] = described(diagnosis).file_text(folder)
+    if diagnosis.suggestion.measurements:
+        files[folder / NEXT] = diagnosis.suggestion.plan_text()
     files[folder / REPORT] = html_report(diagnosis)
     metrics = diagnosis_metrics(diagnosis, str(folder / MODEL))
     files[folder / METRICS] = json.dumps(metrics, indent=1, allow_nan=False) + "\n"

@@ -263,6 +263,8 @@ def _together(campaign: Campaign, possible: Candidates, diagnosis: Findings) -> 
         "approach": possible.approach,
         "position_m": np.array([pose.translation for pose in seen]),
         "rotation_vector_rad": Rotation.from_matrix([pose.rotation for pose in seen]).as_rotvec(),
+        "force": None,
+        "distance_m": None,
     }
     empty = np.full(n, np.nan)
     joined: dict[str, Any] = {
@@ -278,5 +280,6 @@ def _together(campaign: Campaign, possible: Candidates, diagnosis: Findings) -> 
         lines=np.append(campaign.lines, int(campaign.lines.max()) + 1 + np.arange(n)),
         samples=(*campaign.samples, *(f"next_{k + 1}" for k in range(n))),
         sessions=(*campaign.sessions, *((SESSION,) * n)),
+        distance_from=(*campaign.distance_from, *(("",) * n)),
         **joined,
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -51,11 +53,7 @@ class SuggestedMeasurement:
 
     def as_dict(self) -> dict[str, Any]:
         """Return it in mm, degrees and the units of its names."""
-        place = self.pose.to_mm_deg()
-        drives = {}
-        for drive, value in zip(self.robot.drives, self.drives.tolist(), strict=True):
-            unit, si, digits = ("mm", MM, 5) if drive.command == "length" else ("rad", 1.0, 8)
-            drives[f"{drive.column}_{unit}"] = round(float(drive.commanded(np.asarray(value))) / si, digits)
+        place, drives = self.pose.to_mm_deg(), self._commanded()
         return {
             "pose": {name: round(value, 3 if name.endswith("_mm") else 4) for name, value in place.items()},
             "drives": drives,
@@ -66,6 +64,20 @@ class SuggestedMeasurement:
             "expected_nats": self.nats,
             "why": f"tells {self.separates[0]} from {self.separates[1]}",
         }
+
+    def plan_row(self, number: int) -> dict[str, Any]:
+        """Return it as a row of a plan: what to command, and the conditions."""
+        posed = {column.name for column in self.robot.command_columns} - {d.column for d in self.robot.drives}
+        command = {name: float(f"{value:.6g}") for name, value in self.pose.to_mm_deg().items()}
+        command = command if posed else self._commanded()
+        return {"sample": f"next_{number}", "session": "next", **command, **self.conditions}
+
+    def _commanded(self) -> dict[str, float]:
+        drives = {}
+        for drive, value in zip(self.robot.drives, self.drives.tolist(), strict=True):
+            unit, si, digits = ("mm", MM, 5) if drive.command == "length" else ("rad", 1.0, 8)
+            drives[f"{drive.column}_{unit}"] = round(float(drive.commanded(np.asarray(value))) / si, digits)
+        return drives
 
 
 @dataclass(frozen=True)
@@ -108,6 +120,16 @@ class Suggestion:
     random_nats: FloatArray = field(default_factory=lambda: np.zeros(0))
     advice: tuple[str, ...] = ()
     seed: int = 0
+
+    def plan_text(self) -> str:
+        """Return the measurements as a plan: a CSV table that ``campaign simulate --plan`` and a crew can run."""
+        rows = [m.plan_row(k + 1) for k, m in enumerate(self.measurements)]
+        names = list(dict.fromkeys(name for row in rows for name in row))
+        out = io.StringIO()
+        table = csv.DictWriter(out, names, lineterminator="\n")
+        table.writeheader()
+        table.writerows(rows)
+        return out.getvalue()
 
     def as_dict(self) -> dict[str, Any]:
         """Return ``suggestion`` of ``diagnosis.json``; the measurements stand beside it."""
