@@ -55,6 +55,7 @@ def compensate(
     steady: heat_options.Steady = False,
     after_min: heat_options.AfterMin = None,
     cold: heat_options.Cold = False,
+    thermal_model: heat_options.ThermalModelFile = None,
 ) -> None:
     """Find drive values that bring the actual ladle, or tool, to wanted poses, and say what they cannot cancel.
 
@@ -71,7 +72,10 @@ def compensate(
     _check_frame(present.nominal_solver.mechanism.loops.reported_frames, frame)
     heat = heat_options.heat_of(present, melt_degC, ambient_degC, steady, after_min, cold)
     if isinstance(present, PouringRobot):
-        _ladle(present, heat, wanted, frame, poses, out, as_json)
+        law = heat_options.thermal_law(thermal_model, present, heat)
+        _ladle(present, law.heat if law else heat, wanted, frame, poses, out, as_json, law)
+    elif thermal_model is not None:
+        raise BadInputError("--thermal-model is for the pouring robot")
     else:
         _tool(present, wanted, frame, poses, out, as_json)
 
@@ -84,6 +88,7 @@ def _ladle(
     poses: Path | None,
     out: Path | None,
     as_json: bool,
+    law: heat_options.ThermalLaw | None,
 ) -> None:
     from pouring_robot.compensation.result import commands_csv
     from pouring_robot.compensation.search import compensate as compensated
@@ -95,7 +100,7 @@ def _ladle(
     def bring(command: Command) -> Compensation:
         if not isinstance(command, PlatformPose):
             raise BadInputError("a ladle is brought to a pose: give --at-mm and --tilt-deg")
-        return compensated(heated, command, frame)
+        return compensated(heated, command, frame, law.moves_m(command) if law else None)
 
     found = _each(wanted, bring, poses)
     written = [write_whole(out, commands_csv(found))] if out else []
@@ -108,8 +113,10 @@ def _ladle(
     console.print(heat_options.heat_line(heated, found[0].state) + (" (first pose)" if len(found) > 1 else ""))
     if heat is not None and len(found) > 1:
         console.print(heat_options.alone_line(heat))
-    for sentence in _lines(found):
+    for sentence in _lines(found, closed=law is None):
         console.print(sentence)
+    if law is not None:
+        console.print(f"{law.words}; the drives follow from the paper's sum, what is left is that of the full closure")
     if robot.model.is_drawing and heat is None:
         console.print("note: the drawing, cold, needs no compensation; give --model, --melt-degC or both")
     outside = [str(i) for i, one in enumerate(found, start=1) if _is_outside(robot, one.wanted)]
@@ -180,7 +187,7 @@ def _commands_table(found: Sequence[Compensation]) -> Table:
     return plain_table(head, rows, (), title=title)
 
 
-def _lines(found: Sequence[Compensation]) -> Iterator[str]:
+def _lines(found: Sequence[Compensation], *, closed: bool) -> Iterator[str]:
     """Say how far off the ladle was, what is left, and what cannot be cancelled; the largest over all poses."""
     word = "" if len(found) == 1 else "largest: "
     before = max(one.before.distance_m for one in found) / MM
@@ -197,7 +204,7 @@ def _lines(found: Sequence[Compensation]) -> Iterator[str]:
     )
     moved = max(one.state.unsettled_m for one in found) / MM
     turns = max(one.state.turns for one in found)
-    if turns > 1:
+    if turns > 1 and closed:
         yield (
             f"{word}temperatures were held inside each Newton solve and taken anew where the ladle then was, {turns} "
             f"times; the last time moved it by {moved:.1e} mm{heat_options.unsettled_words(moved * MM)}"

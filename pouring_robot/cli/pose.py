@@ -23,6 +23,7 @@ def pose(
     steady: heat_options.Steady = False,
     after_min: heat_options.AfterMin = None,
     cold: heat_options.Cold = False,
+    thermal_model: heat_options.ThermalModelFile = None,
 ) -> None:
     """Say where the ladle, or another robot, should be, where it is, cold or warm, and what the joints are forced to.
 
@@ -35,7 +36,8 @@ def pose(
     present = options.robot_of(model, robot, layout, warm=True)
     command = options.command_of(present, at_mm, tilt_deg, rotation_deg, drives)
     heat = heat_options.heat_of(present, melt_degC, ambient_degC, steady, after_min, cold)
-    heated = heat_options.heated_of(present, heat)
+    law = heat_options.thermal_law(thermal_model, present, heat)
+    heated = heat_options.heated_of(present, law.heat if law else heat)
     warmth = heat_options.Warmth.of(present, heated, command, shares=True)
     found, location = warmth.robot, warmth.location
     # Both may find a singular pose: before anything is written.
@@ -46,11 +48,12 @@ def pose(
     if as_json:
         figures = location_figures(location, dexterity, weakness)
         figures |= {**found.name, "notes": notes, "written": [str(path) for path in written]}
-        options.print_json(figures | warmth.figures())
+        options.print_json(figures | warmth.figures() | heat_options.sum_figures(law, present, command, location))
         return
     console = options.console()
     console.print(locations.drives_line(location))
     console.print(locations.location_table(location))
     warmth.print(console)
+    heat_options.print_sum(console, law, present, command, location)
     locations.print_closure_note(console, location, dexterity, weakness, notes)
     options.print_written(console, written)

@@ -22,7 +22,7 @@ from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+from pouring_robot.thermal.expansion.heated_robot import Close, HeatedRobot
 from pouring_robot.thermal.expansion.warm_robot import WarmRobot
 
 TOLERANCE = 1e-11
@@ -88,7 +88,9 @@ class _Search:
         return np.array([*(place - self.target.translation), tilt])
 
 
-def compensate(heated: HeatedRobot, wanted: PlatformPose, frame: str | None = None) -> Compensation:
+def compensate(
+    heated: HeatedRobot, wanted: PlatformPose, frame: str | None = None, heat_moves_m: FloatArray | None = None
+) -> Compensation:
     """Return the drive values that bring the actual ladle to a pose.
 
     Args:
@@ -96,6 +98,8 @@ def compensate(heated: HeatedRobot, wanted: PlatformPose, frame: str | None = No
         wanted: x, y, z and tilt of the moving platform, as for a robot of the drawing.
         frame: the frame whose position shall be where that pose has it in the drawing; by default the moving platform.
             With the lip, the platform gives way so that the lip is right.
+        heat_moves_m: what a thermal model says heat adds to the position, shape (3,). The drives are then found by the
+            paper's sum: for the cold robot, sent as far the other way. What is left is still that of the full closure.
 
     Raises:
         UnreachablePoseError: a joint of the actual robot, or a commanded drive, would pass its limits.
@@ -111,9 +115,24 @@ def compensate(heated: HeatedRobot, wanted: PlatformPose, frame: str | None = No
     values = kinematics.joint_values(wanted)
     commanded = {name: values[name] for name in loops.drives}
     start = kinematics.configuration(wanted)
+
+    def held(drives: dict[str, float]) -> Close:
+        def close(warm: WarmRobot) -> tuple[ClosureResult, ClosureResult]:
+            closed = warm.actual_solver.solve(warm.actual_drives(drives), start)
+            return closed, closed
+
+        return close
+
     try:
         search = _Search(wanted, _target(heated, wanted, frame), start, frame, dict(commanded))
-        state = heated.settle(wanted, search.close)
+        if heat_moves_m is None:
+            state = heated.settle(wanted, search.close)
+        else:
+            there = search.target
+            search.target = pin.SE3(there.rotation, there.translation - heat_moves_m)
+            HeatedRobot(heated.robot).settle(wanted, search.close)
+            search.target = there
+            state = heated.settle(wanted, held(search.drives))
         result = state.result
         kinematics.refuse_beyond_limits(search.drives)
         kinematics.refuse_beyond_limits({name: result.joint_values[name] for name in kinematics.joint_names})
@@ -124,10 +143,6 @@ def compensate(heated: HeatedRobot, wanted: PlatformPose, frame: str | None = No
             raise UnreachablePoseError(reach.joint, reach.value, reach.lower, reach.upper, reach.unit) from problem
         raise
 
-    def uncorrected(warm: WarmRobot) -> tuple[ClosureResult, ClosureResult]:
-        closed = warm.actual_solver.solve(warm.actual_drives(commanded), start)
-        return closed, closed
-
     def difference(closed: ClosureResult, name: str) -> PoseDifference:
         return PoseDifference.between(_target(heated, wanted, name), closed.pose(loops.base_frame, name))
 
@@ -136,7 +151,7 @@ def compensate(heated: HeatedRobot, wanted: PlatformPose, frame: str | None = No
         frame=frame,
         drives=search.drives,
         command=kinematics.forward(search.drives, near=wanted),
-        before=difference(heated.settle(wanted, uncorrected).result, frame),
+        before=difference(heated.settle(wanted, held(commanded)).result, frame),
         left=difference(result, frame),
         left_at_lip=difference(result, loops.working_frame),
         left_tilt_rad=float(search.left(result)[3]),

@@ -2,6 +2,7 @@
 
     python -m scripts.paper geometry [--poses 10000] [--seed 2022] [--layout paper] [--out FOLDER]
     python -m scripts.paper thermal [--draws 8] [--seed 2022] [--layout paper] [--out FOLDER]
+    python -m scripts.paper readings [--seed 2022] [--out FOLDER]
 
 Each part prints a table with one row a claim (what the paper says, what we compute, the verdict and why) and writes it
 with its figures to a folder. Exit codes: 0 done, 2 bad input, 3 no solution.
@@ -74,6 +75,20 @@ def thermal(
         return ThermalReport.of(run_thermal_study(layout, seed, draws, progress))
 
     _publish(report, given, out, docs)
+
+
+@app.command()
+def readings(
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the drawing.")] = 2022,
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Where CSV, JSON and Markdown go.")] = Path(
+        "output/paper_readings"
+    ),
+    docs: Annotated[bool, typer.Option("--docs", help="Renew docs/paper_readings.md as well.")] = False,
+) -> None:
+    """Every reading of what the paper leaves open, scored on the claims of sections 4 and 5."""
+    from scripts.paper.readings import ReadingsReport, score_all
+
+    _publish(lambda progress: ReadingsReport(seed, score_all(seed, progress)), {"seed": (seed, 2022)}, out, docs)
 
 
 def _publish(

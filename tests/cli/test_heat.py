@@ -331,3 +331,53 @@ def test_room_temperature_in_kelvin_is_refused(run, tmp_path):
     (tmp_path / "h.csv").write_text("time_min,melt_degC,ambient_degC\n0,1700,20\n60,1700,293\n", encoding="utf-8")
     code, _, err = run("thermal", "--history", "h.csv", *AT)
     assert code == 2 and "line 3, column ambient_degC: 293 degC" in err
+
+
+# --- a thermal model of a regression -----------------------------------------------------------------
+
+
+@pytest.fixture
+def thermal_model(tmp_path):
+    """A law near what heat does at POSE and 1700 degC."""
+    from pouring_robot.thermal.regression.model_file import ThermalModel
+
+    axes = {
+        "x": {"method": "mean", "coefficients": [[-3e-4], [-4e-7]]},
+        "z": {"method": "mean", "coefficients": [[-1e-3], [-2e-6]]},
+    }
+    content = {"source": "t.csv", "temperature_degC": 1150.0, "melt_degC": [600.0, 1700.0], "axes": axes}
+    return ThermalModel.model_validate(content).save(tmp_path / "law.yaml")
+
+
+def test_the_papers_sum_beside_the_full_closure(run, as_built, thermal_model):
+    code, out, err = run("pose", *AT, "--model", ACTUAL, "--thermal-model", str(thermal_model), "--json")
+    assert (code, err) == (0, "")
+    parts = {name: np.array(shift) for name, shift in json.loads(out)["paper_sum_mm"].items()}
+    np.testing.assert_allclose(parts["theory"], [-100.0, 20.0, -600.0])
+    np.testing.assert_allclose(parts["heat"], [-0.3 - 4e-4 * 550.0, 0.0, -1.0 - 2e-3 * 550.0], atol=1e-9)
+    geometry = as_built.locate(POSE).difference("moving_platform").translation_m
+    np.testing.assert_allclose(parts["geometry"], geometry * 1e3, atol=1e-9)
+    np.testing.assert_allclose(parts["sum"], parts["theory"] + parts["geometry"] + parts["heat"])
+    warm = HeatedRobot(as_built, HeatSection()).locate(POSE).location.difference("moving_platform").translation_m
+    np.testing.assert_allclose(parts["full_closure"], parts["theory"] + warm * 1e3, atol=1e-6)
+    code, out, err = run("pose", *AT, "--thermal-model", str(thermal_model), "--melt-degC", "1750")
+    assert code == 0 and "sum misses by" in out and "BEYOND the 600 to 1700 degC" in out
+
+
+def test_compensation_by_a_thermal_model(run, thermal_model):
+    """The drives are those of the cold robot sent the other way; what is left is the full closure's."""
+    code, out, err = run("compensate", *AT, "--model", ACTUAL, "--thermal-model", str(thermal_model), "--json")
+    assert (code, err) == (0, "")
+    by_law = json.loads(out)["poses"][0]
+    shifted = ["--at-mm", str(-100.0 + 0.52), "20", str(-600.0 + 2.1), "--tilt-deg", "17"]
+    cold = json.loads(run("compensate", *shifted, "--model", ACTUAL, "--json")[1])["poses"][0]
+    assert by_law["drives"] == pytest.approx(cold["drives"], abs=1e-6)
+    assert by_law["left"]["distance_mm"] < 0.5 * by_law["before"]["distance_mm"]
+    assert by_law["left"]["distance_mm"] > 1e-3
+
+
+def test_a_thermal_model_that_does_not_fit_is_refused(run, thermal_model):
+    thermal_model.write_text(thermal_model.read_text().replace("inputs: []", "inputs: [q1]"), encoding="utf-8")
+    code, _, err = run("pose", *AT, "--thermal-model", str(thermal_model))
+    assert code == 2 and "centre needs one number" in err
+    assert run("pose", *AT, "--thermal-model", "/nowhere.yaml")[0] == 2

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from pouring_robot.robot.pouring.poses import PlatformPose
-from scripts.paper.thermal import study as paper_study
 from scripts.paper.thermal.claims import judge_all
 from scripts.paper.thermal.report import ThermalReport
 from scripts.paper.thermal.study import MELTS_DEGC, POSES, TILT_RAD, draw_poses, run_thermal_study
@@ -19,14 +18,8 @@ from tests.support import BOX_LOWER, BOX_UPPER, ROOT
 @pytest.fixture(scope="module")
 def study():
     """A small one: fewer poses left out and fewer all over the workspace."""
-    patch = pytest.MonkeyPatch()
-    patch.setattr(paper_study, "LEFT_OUT", 10)
-    patch.setattr(paper_study, "BOX_POSES", 20)
     steps = []
-    try:
-        found = run_thermal_study("paper", 2022, 0, lambda *step: steps.append(step))
-    finally:
-        patch.undo()
+    found = run_thermal_study("paper", 2022, 0, lambda *step: steps.append(step), left_out=10, box_poses=20)
     assert steps == [("heating the robot", k, 3) for k in range(4)]
     return found
 

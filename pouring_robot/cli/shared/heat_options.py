@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
 from pouring_robot.cli.shared.options import with_melt
@@ -19,9 +21,11 @@ from pouring_robot.robot.pouring.poses import PlatformPose
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from pouring_robot.mechanism.arrays import FloatArray
     from pouring_robot.robot.base import Command, Robot
     from pouring_robot.robot.location import Location
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, PoseShares, WarmState
+    from pouring_robot.thermal.regression.model_file import ThermalModel
 
 MeltDegC = Annotated[
     float | None,
@@ -35,6 +39,10 @@ Steady = Annotated[bool, typer.Option("--steady", help="Warm, after so long that
 AfterMin = Annotated[
     float | None,
     typer.Option("--after-min", metavar="MIN", help="Warm, so long after the melt came to the cold robot."),
+]
+ThermalModelFile = Annotated[
+    Path | None,
+    typer.Option("--thermal-model", metavar="FILE", help="What heat adds by a regression, from 'regress --out'."),
 ]
 Cold = Annotated[bool, typer.Option("--cold", help="Leave out the heat that the model file tells of.")]
 
@@ -66,6 +74,75 @@ def heat_of(
     if steady:
         given["after_min"] = None
     return (robot.model.heat or HeatSection()).with_values(**given)
+
+
+@dataclass(frozen=True, eq=False)
+class ThermalLaw:
+    """A thermal-model file at one temperature of the melt.
+
+    Attributes:
+        model: the file.
+        melt_degC: the temperature.
+        heat: the same heat for the full closure, to be compared.
+    """
+
+    model: ThermalModel
+    melt_degC: float  # noqa: N815 - the unit keeps its capital
+    heat: HeatSection
+
+    def moves_m(self, pose: PlatformPose) -> FloatArray:
+        """Return what heat adds to the platform's position at a commanded pose, shape (3,), in m."""
+        inputs = dict(zip("xyz", pose.position_m, strict=True)) | {"tilt": pose.tilt_rad}
+        return self.model.displacement_m(self.melt_degC, inputs)
+
+    @property
+    def words(self) -> str:
+        """Where it comes from, and whether it is asked beyond its temperatures."""
+        low, high = self.model.melt_degC
+        beyond = f", BEYOND the {low:g} to {high:g} degC it was fitted to" if self.model.beyond(self.melt_degC) else ""
+        return f"thermal model of {self.model.source}, melt {self.melt_degC:g} degC{beyond}"
+
+
+def thermal_law(path: Path | None, robot: Robot, heat: HeatSection | None) -> ThermalLaw | None:
+    """Return the thermal model of a file at the temperature of the melt; None without a file.
+
+    Raises:
+        ThermalFileError: the file is wrong.
+    """
+    if path is None:
+        return None
+    from pouring_robot.thermal.regression.model_file import ThermalModel
+
+    with_melt(robot)
+    same = heat or HeatSection()
+    melt = same.melt_degC if same.melt_degC is not None else same.thermal_properties().melt.temperature.value
+    return ThermalLaw(ThermalModel.load(path), melt, same)
+
+
+def print_sum(console: Console, law: ThermalLaw | None, robot: Robot, command: Command, full: Location) -> None:
+    """Print the paper's sum, theory + geometry + heat (its Fig. 13), beside the full closure, if there is a law."""
+    if law is None:
+        return
+    parts = sum_figures(law, robot, command, full)["paper_sum_mm"]
+    rows = [(name.replace("_", " "), *(f"{value:+.3f}" for value in shift)) for name, shift in parts.items()]
+    title = f"the paper's sum for the platform, mm; {law.words}"
+    console.print(plain_table(("", "x", "y", "z"), rows, (0,), title=title))
+
+
+def sum_figures(law: ThermalLaw | None, robot: Robot, command: Command, full: Location) -> dict[str, Any]:
+    """Return theory, geometry, heat, their sum and the full closure in mm, ready for JSON; nothing without a law."""
+    if law is None:
+        return {}
+    if not isinstance(command, PlatformPose):
+        raise BadInputError("a thermal model is for a pose: give --at-mm and --tilt-deg")
+    end = full.loops.end_frame or ""
+    parts: dict[str, FloatArray] = {"theory": np.array(command.position_m)}
+    parts["geometry"] = np.asarray(robot.location_of(command).difference(end).translation_m)
+    parts["heat"] = law.moves_m(command)
+    parts["sum"] = sum(parts.values(), start=np.zeros(3))
+    parts["full_closure"] = parts["theory"] + full.difference(end).translation_m
+    parts["sum_misses_by"] = parts["sum"] - parts["full_closure"]
+    return {"paper_sum_mm": {name: (np.asarray(shift) / MM).tolist() for name, shift in parts.items()}}
 
 
 @dataclass(frozen=True, eq=False)

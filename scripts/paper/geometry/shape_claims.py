@@ -14,17 +14,17 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.sensitivity.samples import AXES, median_place, peak, uniform_gap
 from scripts.paper.claims import Claim, judge, listed
-from scripts.paper.geometry.study import ANGLE_ERROR_RAD, NAMED_SENSITIVE, PILE_M, ErrorSamples, GeometryStudy
+from scripts.paper.geometry.study import ANGLE_ERROR_RAD, NAMED_SENSITIVE, PILE_M, ErrorSamples, OpenStudy
 
 _UNIFORM_GAP = 0.1
 
 
-def main_x(study: GeometryStudy, errors: ErrorSamples) -> Claim:
+def main_x(study: OpenStudy, errors: ErrorSamples) -> Claim:
     """Judge the main direction of four errors."""
     return _main_direction("main_x", errors, ("α12", "α23", "α34", "θ1"), "X")
 
 
-def main_y(study: GeometryStudy, errors: ErrorSamples) -> Claim:
+def main_y(study: OpenStudy, errors: ErrorSamples) -> Claim:
     """Judge the main direction of α01."""
     return _main_direction("main_y", errors, ("α01",), "Y")
 
@@ -46,7 +46,7 @@ def _main_direction(key: str, errors: ErrorSamples, labels: Sequence[str], axis:
     )
 
 
-def concentrated(study: GeometryStudy, errors: ErrorSamples) -> Claim:
+def concentrated(study: OpenStudy, errors: ErrorSamples) -> Claim:
     """Judge whether the large errors lie in X and Z."""
     large = errors.reaching(MM)
     share = large.mean_m.sum(axis=0) / max(float(large.mean_m.sum()), 1e-300)
@@ -64,7 +64,7 @@ def concentrated(study: GeometryStudy, errors: ErrorSamples) -> Claim:
     )
 
 
-def alike(study: GeometryStudy, errors: ErrorSamples) -> Claim:
+def alike(study: OpenStudy, errors: ErrorSamples) -> Claim:
     """Judge whether α01 and θ1 spread alike."""
     one, other = (np.sort(np.abs(errors.along(label))) for label in ("α01", "θ1"))
     grid = np.concatenate([one, other])
@@ -82,7 +82,7 @@ def alike(study: GeometryStudy, errors: ErrorSamples) -> Claim:
     )
 
 
-def uniform(study: GeometryStudy, errors: ErrorSamples) -> Claim:
+def uniform(study: OpenStudy, errors: ErrorSamples) -> Claim:
     """Judge whether five errors are spread evenly, each with one sign."""
     labels = ("α23", "α34", "θ1", "α01", "α12")
     gaps = {label: uniform_gap(errors.along(label)) for label in labels}
@@ -103,7 +103,7 @@ def uniform(study: GeometryStudy, errors: ErrorSamples) -> Claim:
     )
 
 
-def narrow(study: GeometryStudy, errors: ErrorSamples) -> Claim:
+def narrow(study: OpenStudy, errors: ErrorSamples) -> Claim:
     """Judge whether α12 covers a much smaller range than the other four."""
     spans = {label: errors.spread_m(label) for label in ("α12", "α23", "α34", "θ1", "α01")}
     own = spans.pop("α12")
@@ -123,7 +123,7 @@ def narrow(study: GeometryStudy, errors: ErrorSamples) -> Claim:
     )
 
 
-def both_signs(study: GeometryStudy, errors: ErrorSamples) -> Claim:
+def both_signs(study: OpenStudy, errors: ErrorSamples) -> Claim:
     """Judge whether α56 and the misprinted error pile up at −1.3175 and +1.3175 mm, one at each sign."""
     # Our x5 points against S5 × S6: +4 mrad of the paper's α56 are −4 mrad of ours, and the move is the opposite.
     piles = {"α56": peak(-errors.along("α56")), "θ4": peak(errors.along("θ4"))}
@@ -149,7 +149,7 @@ def both_signs(study: GeometryStudy, errors: ErrorSamples) -> Claim:
     )
 
 
-def pile_theta1(study: GeometryStudy, errors: ErrorSamples) -> Claim:
+def pile_theta1(study: OpenStudy, errors: ErrorSamples) -> Claim:
     """Judge whether θ1 piles up there, as printed."""
     values = errors.along("θ1")
     place, share, times = peak(values)
@@ -166,7 +166,7 @@ def pile_theta1(study: GeometryStudy, errors: ErrorSamples) -> Claim:
     )
 
 
-def pile_tight(study: GeometryStudy, errors: ErrorSamples) -> Claim:
+def pile_tight(study: OpenStudy, errors: ErrorSamples) -> Claim:
     """Judge whether α56 is the more concentrated of the two."""
     found = {label: peak(errors.along(label)) for label in ("α56", "θ4")}
     shares = {label: share for label, (_, share, _) in found.items()}
@@ -184,7 +184,7 @@ def pile_tight(study: GeometryStudy, errors: ErrorSamples) -> Claim:
     )
 
 
-def near_upper(study: GeometryStudy, errors: ErrorSamples) -> Claim:
+def near_upper(study: OpenStudy, errors: ErrorSamples) -> Claim:
     """Judge where the box plots of α56 and θ4 sit in their range, against the others."""
     places = {label: median_place(errors.along(label)) for label in (*NAMED_SENSITIVE, "θ4")}
     high = [label for label, place in places.items() if place > 0.75]

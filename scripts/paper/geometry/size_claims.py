@@ -19,12 +19,12 @@ from scripts.paper.geometry.study import (
     NAMED_SENSITIVE,
     POSITION_BOUNDARY_M,
     ErrorSamples,
-    GeometryStudy,
+    OpenStudy,
 )
 from scripts.paper.tables import load_tables
 
 
-def only_angles(study: GeometryStudy, errors: ErrorSamples) -> Claim:
+def only_angles(study: OpenStudy, errors: ErrorSamples) -> Claim:
     """Judge whether all errors that reach 1 mm are angles."""
     large = errors.reaching(MM)
     lengths = large.of_unit("m").labels
@@ -41,7 +41,7 @@ def only_angles(study: GeometryStudy, errors: ErrorSamples) -> Claim:
     )
 
 
-def seven_in_chain(study: GeometryStudy, errors: ErrorSamples) -> Claim:
+def seven_in_chain(study: OpenStudy, errors: ErrorSamples) -> Claim:
     """Judge the number of errors over 1 mm and their names."""
     labels = errors.reaching(MM).labels
     by_distance = [
@@ -65,7 +65,7 @@ def seven_in_chain(study: GeometryStudy, errors: ErrorSamples) -> Claim:
     )
 
 
-def attitude_size(study: GeometryStudy, errors: ErrorSamples) -> Claim:
+def attitude_size(study: OpenStudy, errors: ErrorSamples) -> Claim:
     """Judge the size of the attitude error."""
     angles, lengths = errors.of_unit("rad").angle_rad.max(axis=1), errors.of_unit("m").angle_rad.max(axis=1)
     small = [name for name, a in zip(errors.of_unit("rad").labels, angles, strict=True) if not 1e-3 <= a < 1e-2]
@@ -82,7 +82,7 @@ def attitude_size(study: GeometryStudy, errors: ErrorSamples) -> Claim:
     )
 
 
-def length_size(study: GeometryStudy, errors: ErrorSamples) -> Claim:
+def length_size(study: OpenStudy, errors: ErrorSamples) -> Claim:
     """Judge the size of what length errors do."""
     lengths = errors.of_unit("m")
     top = lengths.distance_m.max(axis=1)
@@ -99,7 +99,7 @@ def length_size(study: GeometryStudy, errors: ErrorSamples) -> Claim:
     )
 
 
-def negligible_position(study: GeometryStudy, errors: ErrorSamples) -> Claim:
+def negligible_position(study: OpenStudy, errors: ErrorSamples) -> Claim:
     """Judge which errors do nothing to the position."""
     top = errors.distance_m.max(axis=1)
     none = [name for name, value in zip(errors.labels, top, strict=True) if value < POSITION_BOUNDARY_M]
@@ -117,7 +117,7 @@ def negligible_position(study: GeometryStudy, errors: ErrorSamples) -> Claim:
     )
 
 
-def negligible_attitude(study: GeometryStudy, errors: ErrorSamples) -> Claim:
+def negligible_attitude(study: OpenStudy, errors: ErrorSamples) -> Claim:
     """Judge whether the two are negligible in attitude as well."""
     ends = _tops(errors, ("α6o", "θo"), errors.angle_rad.max(axis=1))
     return Claim(
@@ -136,7 +136,7 @@ def _tops(errors: ErrorSamples, labels: Iterable[str], values: FloatArray) -> Fl
     return np.array([values[errors.labels.index(label)] for label in labels])
 
 
-def eight_omitted(study: GeometryStudy, errors: ErrorSamples) -> Claim:
+def eight_omitted(study: OpenStudy, errors: ErrorSamples) -> Claim:
     """Judge the number left out of chain 1 in the end."""
     chain = errors.parameters[0].chain
     dropped = sum(p.chain == chain and p.drops_out for p in study.table.parameters)
@@ -153,7 +153,7 @@ def eight_omitted(study: GeometryStudy, errors: ErrorSamples) -> Claim:
     )
 
 
-def table_3(study: GeometryStudy, errors: ErrorSamples) -> Claim:
+def table_3(study: OpenStudy, errors: ErrorSamples) -> Claim:
     """Judge what the text says of Table 3."""
     position = errors.distance_m.max(axis=1) >= POSITION_BOUNDARY_M
     attitude = errors.angle_rad.max(axis=1) >= ATTITUDE_BOUNDARY_RAD
@@ -171,7 +171,7 @@ def table_3(study: GeometryStudy, errors: ErrorSamples) -> Claim:
     )
 
 
-def table_3_cells(study: GeometryStudy, errors: ErrorSamples) -> Claim:
+def table_3_cells(study: OpenStudy, errors: ErrorSamples) -> Claim:
     """Count our own classification; the paper's cells are lost."""
     decades = np.floor(np.log10(np.maximum(errors.distance_m.max(axis=1) / MM, 1e-9)) + 1e-9).astype(int)
     classes = {f"1e{d} mm": int((decades == d).sum()) for d in sorted(set(decades.tolist()), reverse=True) if d > -9}

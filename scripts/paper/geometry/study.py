@@ -53,20 +53,23 @@ def error_size(parameter: DHParameter) -> float:
     return LENGTH_ERROR_M if parameter.unit == "m" else ANGLE_ERROR_RAD
 
 
-def draw_poses(layout: Layout, kinematics: FourUPUKinematics, count: int, seed: int) -> BatchCommand:
-    """Draw poses uniformly from the workspace box of a layout.
+def draw_poses(
+    layout: Layout, kinematics: FourUPUKinematics, count: int, seed: int, tilt_sign: float = 1.0
+) -> BatchCommand:
+    """Draw poses uniformly from the workspace box of a layout; ``tilt_sign`` −1 turns its tilt over.
 
     Raises:
         BadInputError: fewer than two poses are asked for, or the seed is negative.
     """
     if count < 2 or seed < 0:
         raise BadInputError(f"give at least two poses and a seed from 0 on, not {count} poses and seed {seed}")
-    return kinematics.commands(np.random.default_rng(seed).uniform(*layout.box, (count, 4)))
+    poses = np.random.default_rng(seed).uniform(*layout.box, (count, 4))
+    return kinematics.commands(poses * np.array([1.0, 1.0, 1.0, tilt_sign]))
 
 
 @dataclass(frozen=True, eq=False)
-class GeometryStudy:
-    """Everything the claims are judged by.
+class OpenStudy:
+    """What the claims on open branches are judged by.
 
     Attributes:
         layout: of the robot.
@@ -74,10 +77,6 @@ class GeometryStudy:
         seed: that the poses were drawn with.
         command: the poses where the errors were put in.
         open_branch: each of the parameters that do not drop out, in its chain alone.
-        closed_chain: the same in the closed mechanism.
-        closure: what else the closed mechanism was asked.
-        together_m: translation of o in chain 1 alone with all its errors at once, shape (n, 3), in m.
-        reproduction_m: largest distance between the DH table's poses and the nominal ones, in m.
         lip_lever_m: distance from o to the pouring lip, in m.
     """
 
@@ -86,11 +85,45 @@ class GeometryStudy:
     seed: int
     command: BatchCommand
     open_branch: ErrorSamples
+    lip_lever_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class GeometryStudy(OpenStudy):
+    """Everything the claims are judged by.
+
+    Attributes:
+        closed_chain: the errors of ``open_branch`` in the closed mechanism.
+        closure: what else the closed mechanism was asked.
+        together_m: translation of o in chain 1 alone with all its errors at once, shape (n, 3), in m.
+        reproduction_m: largest distance between the DH table's poses and the nominal ones, in m.
+    """
+
     closed_chain: ErrorSamples
     closure: ClosedChainStudy
     together_m: FloatArray
     reproduction_m: float
-    lip_lever_m: float
+
+
+def run_open_study(model: RobotModel, count: int, seed: int, *, chain: int | None, tilt_sign: float = 1.0) -> OpenStudy:
+    """Put every error of the paper's size into its open branch, at poses drawn from the workspace.
+
+    Args:
+        model: for its layout.
+        count: poses.
+        seed: of the drawing.
+        chain: only this chain's errors; None: of all.
+        tilt_sign: −1 reads the paper's tilt r the other way round.
+
+    Raises:
+        BadInputError: there is no such layout, fewer than two poses are asked for, or the seed is negative.
+    """
+    layout = load_layout(model.layout, model.layouts_path)
+    mechanism = model.nominal_mechanism()
+    table = DHTable.from_mechanism(mechanism)
+    command = draw_poses(layout, FourUPUKinematics(mechanism), count, seed, tilt_sign)
+    errors = open_branch_errors(table, table.selection(chain=chain), command)
+    return OpenStudy(layout, table, seed, command, errors, _lip_lever(mechanism))
 
 
 def run_study(layout_name: str, count: int, seed: int, progress: Progress = say_nothing) -> GeometryStudy:
@@ -107,27 +140,20 @@ def run_study(layout_name: str, count: int, seed: int, progress: Progress = say_
         BadInputError: fewer than two poses are asked for, or the seed is negative.
         BatchClosureError: the closed mechanism finds no equilibrium at a pose.
     """
-    layout = load_layout(layout_name)
-    mechanism = RobotModel(layout=layout_name).nominal_mechanism()
-    table = DHTable.from_mechanism(mechanism)
-    command = draw_poses(layout, FourUPUKinematics(mechanism), count, seed)
-    parameters = table.selection()
+    model = RobotModel(layout=layout_name)
+    opened = run_open_study(model, count, seed, chain=None)
+    table, command, parameters = opened.table, opened.command, opened.open_branch.parameters
     sizes = np.array([error_size(parameter) for parameter in parameters])
-    closure = ClosedChainStudy(mechanism, table, command)
+    closure = ClosedChainStudy(model.nominal_mechanism(), table, command)
     closed = ErrorSamples("closed chain", parameters, *closure.exact(parameters, sizes, progress))
     missed = [_branch(table, i, command)[:, :3, 3] - command.start.position for i in table.chains]
     own = {parameter.name: error_size(parameter) for parameter in table.selection(chain=1)}
     return GeometryStudy(
-        layout=layout,
-        table=table,
-        seed=seed,
-        command=command,
-        open_branch=open_branch_errors(table, parameters, command),
+        **vars(opened),
         closed_chain=closed,
         closure=closure,
         together_m=_branch(table, 1, command, own)[:, :3, 3] - command.start.position,
         reproduction_m=float(np.linalg.norm(missed, axis=-1).max()),
-        lip_lever_m=_lip_lever(mechanism),
     )
 
 

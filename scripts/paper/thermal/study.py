@@ -41,10 +41,10 @@ LADLE_STEEL_DEGC = 500.0
 """The paper's Fig. 7: "the local temperature near the pouring is nearly 500 °C"."""
 
 
-def draw_poses(layout: Layout, count: int, random: np.random.Generator) -> list[PlatformPose]:
+def draw_poses(layout: Layout, count: int, random: np.random.Generator, tilt_sign: float = 1.0) -> list[PlatformPose]:
     """Return poses at the paper's tilt, spread evenly over the workspace."""
     places = random.uniform(layout.position_lower_m, layout.position_upper_m, size=(count, 3))
-    return [PlatformPose((float(x), float(y), float(z)), TILT_RAD) for x, y, z in places]
+    return [PlatformPose((float(x), float(y), float(z)), tilt_sign * TILT_RAD) for x, y, z in places]
 
 
 def error_sets(network: ThermalNetwork, poses: Sequence[PlatformPose], melts_degC: Sequence[float]) -> FloatArray:
@@ -143,7 +143,7 @@ class ThermalStudy:
         radiation: with it.
         moved: of o, shape (melts, 10, 3), in m.
         others: poses in no table.
-        left_out: of o at these, shape (melts, LEFT_OUT, 3), in m.
+        left_out: of o at these, shape (melts, n, 3), in m.
         box: poses all over the workspace, tilt included.
         lining_m: thickness of the ladle's lining.
         draws: other drawings of ten poses.
@@ -199,13 +199,13 @@ def pair_vif(model: JointRegression) -> float:
     return float(model.selector_.vif_[model.selector_.sensitive_[-1]])
 
 
-def _box(network: ThermalNetwork, random: np.random.Generator) -> list[BoxPose]:
+def _box(network: ThermalNetwork, random: np.random.Generator, count: int, tilt_sign: float) -> list[BoxPose]:
     """Return what moves all over the workspace, at the melt's own temperature."""
     robot = network.robot
     heated = HeatedRobot(robot, HeatSection(), network)
     found = []
-    for x, y, z, tilt in random.uniform(*robot.layout.box, size=(BOX_POSES, 4)).tolist():
-        pose = PlatformPose((x, y, z), tilt)
+    for x, y, z, tilt in random.uniform(*robot.layout.box, size=(count, 4)).tolist():
+        pose = PlatformPose((x, y, z), tilt_sign * tilt)
         warm = WarmRobot(robot, heated.expansion(field := network.steady(pose)), pose)
         state = WarmState(field, warm, warm.solve(), 1, 0.0)
         o = float(np.linalg.norm(state.result.pose_base_to_end.translation - np.array(pose.position_m)))
@@ -230,27 +230,40 @@ def _draw(network: ThermalNetwork, seed: int, *, left_out: bool) -> Draw:
     return Draw(seed, sizes, first_share(model), pair_vif(model), against)
 
 
-def run_thermal_study(layout: str, seed: int, draws: int, progress: Progress = say_nothing) -> ThermalStudy:
+def run_thermal_study(
+    layout: str | RobotModel,
+    seed: int,
+    draws: int,
+    progress: Progress = say_nothing,
+    *,
+    left_out: int = LEFT_OUT,
+    box_poses: int = BOX_POSES,
+    tilt_sign: float = 1.0,
+) -> ThermalStudy:
     """Compute everything the claims need.
 
     Args:
-        layout: name of the layout.
+        layout: name of the layout, or a model for its layout.
         seed: of the drawing of poses; further drawings take the numbers after it.
         draws: how many further drawings of ten poses.
         progress: told of every step.
+        left_out: poses in no table, some tens.
+        box_poses: poses all over the workspace.
+        tilt_sign: −1 reads the paper's tilt r the other way round.
 
     Raises:
         UnknownLayoutError: there is no such layout.
         NoSolutionError: a pose is out of reach, or no temperatures are found.
     """
-    robot = PouringRobot(RobotModel(layout=layout))
+    model = RobotModel(layout=layout) if isinstance(layout, str) else layout
+    robot = PouringRobot(model)
     network, bare = ThermalNetwork(robot), ThermalNetwork(robot, radiation=False)
     random = np.random.default_rng(seed)
-    poses, others = (draw_poses(robot.layout, count, random) for count in (POSES, LEFT_OUT))
+    poses, others = (draw_poses(robot.layout, count, random, tilt_sign) for count in (POSES, left_out))
     if given := load_tables().poses_mm:
-        poses = [PlatformPose.from_mm_deg(*place, float(np.degrees(TILT_RAD))) for place in given]
-    beside = ThermalNetwork(PouringRobot(RobotModel(layout="paper" if layout == "wide" else "wide")))
-    steps = 2 + LEFT_OUT // POSES + 2 * draws
+        poses = [PlatformPose.from_mm_deg(*place, tilt_sign * float(np.degrees(TILT_RAD))) for place in given]
+    beside = ThermalNetwork(PouringRobot(RobotModel(layout="paper" if model.layout == "wide" else "wide")))
+    steps = 2 + -(-left_out // POSES) + 2 * draws
     done = 0
 
     def step() -> None:
@@ -262,10 +275,10 @@ def run_thermal_study(layout: str, seed: int, draws: int, progress: Progress = s
     moved = error_sets(network, poses, MELTS_DEGC)
     step()
     parts = []
-    for start in range(0, LEFT_OUT, POSES):
+    for start in range(0, left_out, POSES):
         parts.append(error_sets(network, others[start : start + POSES], MELTS_DEGC))
         step()
-    box = _box(network, random)
+    box = _box(network, random, box_poses, tilt_sign)
     step()
     drawn: dict[bool, list[Draw]] = {True: [], False: []}
     for number in range(seed + 1, seed + 1 + draws):
