@@ -36,6 +36,13 @@ Frame = Annotated[
     ),
 ]
 OutFile = Annotated[Path | None, typer.Option("--out", metavar="FILE.csv", help="Write the commands, one row a pose.")]
+AtOnce = Annotated[
+    bool, typer.Option("--at-once", help="All poses at once, hundreds of times faster; temperatures are taken once.")
+]
+HeaderFile = Annotated[
+    Path | None,
+    typer.Option("--header", metavar="FILE.h", help="Write a C function that compensates, in place of poses."),
+]
 
 
 def compensate(
@@ -49,6 +56,8 @@ def compensate(
     layout: options.LayoutName = None,
     frame: Frame = None,
     out: OutFile = None,
+    at_once: AtOnce = False,
+    header: HeaderFile = None,
     as_json: options.AsJson = False,
     melt_degC: heat_options.MeltDegC = None,
     ambient_degC: heat_options.AmbientDegC = None,
@@ -61,16 +70,21 @@ def compensate(
 
     With --after-min every pose is taken by itself: held so long from cold.
     """
-    options.refuse_unwritable(out)
+    options.refuse_unwritable(out, header)
     one = (at_mm, tilt_deg, rotation_deg, drives)
     if poses is not None and any(option is not None for option in one):
         raise BadInputError("give a file of poses or one command by options, one of the two")
     present = options.robot_of(model, robot, layout, warm=True)
-    wanted = {0: options.command_of(present, *one)} if poses is None else present.read_commands(poses)
     from pouring_robot.robot.robot import PouringRobot
 
     _check_frame(present.nominal_solver.mechanism.loops.reported_frames, frame)
     heat = heat_options.heat_of(present, melt_degC, ambient_degC, steady, after_min, cold)
+    if at_once or header:
+        if not isinstance(present, PouringRobot):
+            raise BadInputError("--at-once and --header know the pouring robot only")
+        _in_bulk(present, heat, frame, poses, out, header, as_json)
+        return
+    wanted = {0: options.command_of(present, *one)} if poses is None else present.read_commands(poses)
     if isinstance(present, PouringRobot):
         law = heat_options.thermal_law(thermal_model, present, heat)
         _ladle(present, law.heat if law else heat, wanted, frame, poses, out, as_json, law)
@@ -122,6 +136,49 @@ def _ladle(
     outside = [str(i) for i, one in enumerate(found, start=1) if _is_outside(robot, one.wanted)]
     if outside:
         console.print(f"note: outside the workspace box: pose {', '.join(outside)}")
+    options.print_written(console, written)
+
+
+def _in_bulk(
+    robot: PouringRobot,
+    heat: HeatSection | None,
+    frame: str | None,
+    poses: Path | None,
+    out: Path | None,
+    header: Path | None,
+    as_json: bool,
+) -> None:
+    """Compensate a whole path, or make the function that does it elsewhere."""
+    from pouring_robot.compensation.controller import make_controller
+    from pouring_robot.compensation.path import compensate_path
+    from pouring_robot.io.files import write_whole
+    from pouring_robot.robot.pose_table import read_poses
+    from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+
+    heated, found, written = HeatedRobot(robot, heat), None, []
+    if (poses is None) == (header is None):
+        raise BadInputError("--at-once takes a file of poses; --header takes none, as it is for the whole workspace")
+    with progress.stage_bars() as show:
+        if header:
+            made = make_controller(heated, frame, show)
+            headline, table = made.headline, made.to_frame()
+            written.append(write_whole(header, made.header()))
+        else:
+            wanted = [(*pose.position_m, pose.tilt_rad) for pose in read_poses(poses or Path())]
+            found = compensate_path(heated, wanted, frame, show=show)
+            headline, table = found.headline, found.to_frame()
+    if found is not None and not (found.status == "closed").any():
+        raise NoSolutionError(headline)
+    if out:
+        written.append(write_whole(out, table.to_csv(index=False)))
+    if as_json:
+        rows = table.astype(object).where(table.notna(), None).to_dict(orient="records")
+        options.print_figures({**robot.name, "headline": headline, "rows": rows}, written)
+        return
+    console = options.console()
+    if not written:
+        console.print(table.to_string(index=False), markup=False, soft_wrap=True)
+    console.print(headline, markup=False)
     options.print_written(console, written)
 
 

@@ -37,7 +37,7 @@ from pouring_robot.robot.pouring.poses import PlatformPose
 if TYPE_CHECKING:
     import xarray as xr
 
-    from pouring_robot.batch import BatchClosure, BatchStart
+    from pouring_robot.batch import BatchClosure, BatchStart, Engine
     from pouring_robot.robot.description.command import CommandAxis
     from pouring_robot.robot.parameters import ParameterCatalogue
 
@@ -160,14 +160,21 @@ class Robot:
         Raises:
             BadInputError: the robot carries loads, under which it is closed pose by pose.
         """
+        offsets = self.actual_drives(dict.fromkeys(self.nominal_solver.mechanism.loops.drives, 0.0))
+        return self.engine().close(drives + np.array(list(offsets.values())), start)
+
+    def engine(self) -> Engine:
+        """Return what closes the robot as built for many drive values at once.
+
+        Raises:
+            BadInputError: the robot carries loads, under which it is closed pose by pose.
+        """
         from pouring_robot.batch import engine_for
 
         loads = self.actual_solver.energy.loads
         if loads.gravity or loads.drive_stiffness:
             raise BadInputError("under loads a robot is closed command by command: use transfer_at or location_at")
-        engine = engine_for(self.actual_solver.mechanism, options=self.actual_solver.options)
-        offsets = self.actual_drives(dict.fromkeys(self.nominal_solver.mechanism.loops.drives, 0.0))
-        return engine.close(drives + np.array(list(offsets.values())), start)
+        return engine_for(self.actual_solver.mechanism, options=self.actual_solver.options)
 
     @property
     def name(self) -> dict[str, str]:

@@ -124,8 +124,12 @@ class HeatedRobot:
         melt, ambient = self.network.temperatures_K(heat.melt_degC, heat.ambient_degC)
         return melt - ZERO_CELSIUS_K, ambient - ZERO_CELSIUS_K
 
-    def field(self, pose: Placed) -> TemperatureField | None:
+    def field(self, pose: Placed, near: TemperatureField | None = None) -> TemperatureField | None:
         """Return the temperatures at a pose that is held, or None for a cold robot.
+
+        Args:
+            pose: where it is held.
+            near: temperatures of a pose nearby, from which steady ones are found sooner.
 
         Raises:
             ThermalSolutionError: no temperatures are found.
@@ -134,7 +138,7 @@ class HeatedRobot:
             return None
         melt, ambient = self.temperatures_degC
         if self.heat.after_min is None:
-            return self.network.steady(pose, melt, ambient)
+            return self.network.steady(pose, melt, ambient, near)
         duration = 60.0 * self.heat.after_min
         history = HeatHistory.constant(melt, ambient, duration)
         return simulate(self.network, history, pose, times_s=np.array([duration]))[-1]
@@ -160,10 +164,10 @@ class HeatedRobot:
         passive = None
         before: FloatArray | None = None
         moved = np.inf
-        turns = 0
+        turns, field = 0, None
         while turns < MOST_TURNS:
             turns += 1
-            field = self.field(place)
+            field = self.field(place, field)
             warm = WarmRobot(self.robot, self.expansion(field), pose, passive)
             held, result = close(warm)
             if before is not None:

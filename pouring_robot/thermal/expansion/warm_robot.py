@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
-from pouring_robot.robot.description.urdf import perturb_urdf
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
@@ -40,9 +38,9 @@ class WarmRobot(PouringRobot):
         self.__dict__.update(vars(robot))
         self.expansion, self.pose = expansion, pose
         passive = passive_lengths_m or passive_lengths(robot, robot.kinematics.joint_values(pose))
-        urdf = perturb_urdf(robot.model.nominal_urdf(), expansion.placements(robot.kinematics, passive))
-        urdf = perturb_urdf(urdf, robot.model.placement_errors())
-        mechanism = ClosedChainMechanism(urdf, robot.kinematics.mechanism.loops, robot.model.definition.path)
+        mechanism = robot.kinematics.mechanism
+        for errors in (expansion.placements(robot.kinematics, passive), robot.model.placement_errors()):
+            mechanism = mechanism.displaced({joint: error.to_se3() for joint, error in errors.items()})
         self.actual_solver = ClosureSolver(mechanism, robot.actual_solver.energy.loads, robot.actual_solver.options)
 
     def actual_drives(self, drives: Mapping[str, float]) -> dict[str, float]:

@@ -93,7 +93,11 @@ class ThermalNetwork:
         self._placed: OrderedDict[tuple[float, ...], tuple[Circuit, LegExposure, FloatArray]] = OrderedDict()
 
     def steady(
-        self, pose: Placed, melt_degC: float | None = None, ambient_degC: float | None = None
+        self,
+        pose: Placed,
+        melt_degC: float | None = None,
+        ambient_degC: float | None = None,
+        near: TemperatureField | None = None,
     ) -> TemperatureField:
         """Return the temperatures that a pose settles to when it is held.
 
@@ -101,14 +105,16 @@ class ThermalNetwork:
             pose: of the nominal robot, or a closure of any robot of this layout.
             melt_degC: by default that of the properties.
             ambient_degC: likewise.
+            near: temperatures of a pose nearby, to start from.
 
         Raises:
             TemperatureError: a temperature lies below absolute zero or is not finite.
             ThermalSolutionError: a part is connected to nothing.
         """
         melt_K, ambient_K = self.temperatures_K(melt_degC, ambient_degC)
-        circuit = self.circuit(pose)
-        return self.field(pose, steady_temperatures(circuit, melt_K, ambient_K), melt_K, ambient_K)
+        start = None if near is None else near.temperatures_K
+        found = steady_temperatures(self.circuit(pose), melt_K, ambient_K, start)
+        return self.field(pose, found, melt_K, ambient_K)
 
     @property
     def lining_m(self) -> float:

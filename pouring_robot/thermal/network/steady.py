@@ -2,7 +2,8 @@
 
 The negative Jacobian is an M-matrix and every heat flow is concave in the temperatures, so Newton from a start above
 the solution comes down to it without ever passing it; nothing is hotter than the hotter of melt and surroundings, so
-that is the start (convergence: Ortega and Rheinboldt, monotone Newton theorem).
+that is the start (convergence: Ortega and Rheinboldt, monotone Newton theorem). From anywhere else the first step leads
+above the solution, so that temperatures of a pose nearby are a start too, and a better one.
 """
 
 from __future__ import annotations
@@ -21,13 +22,16 @@ _MAX_ITERATIONS = 60
 
 
 @one_blas_thread()
-def steady_temperatures(circuit: Circuit, melt_K: float, ambient_K: float) -> FloatArray:
+def steady_temperatures(
+    circuit: Circuit, melt_K: float, ambient_K: float, near: FloatArray | None = None
+) -> FloatArray:
     """Return the temperatures at which every node gives off what it takes up.
 
     Args:
         circuit: the network, n nodes.
         melt_K: temperature of the melt.
         ambient_K: temperature of the surroundings.
+        near: temperatures to start from, shape (n,), in K.
 
     Returns:
         Shape (n,), in K.
@@ -35,7 +39,7 @@ def steady_temperatures(circuit: Circuit, melt_K: float, ambient_K: float) -> Fl
     Raises:
         ThermalSolutionError: a part of the network has no way to melt or surroundings, or Newton does not settle.
     """
-    temperatures = np.full(circuit.nodes, max(melt_K, ambient_K))
+    temperatures = np.full(circuit.nodes, max(melt_K, ambient_K)) if near is None else near
     for _ in range(_MAX_ITERATIONS):
         heat = circuit.heat(temperatures, melt_K, ambient_K)
         try:

@@ -145,18 +145,31 @@ def blocked(points_m: FloatArray, sample: DiscSample, boxes: Boxes) -> NDArray[n
         Shape (N, Q): whether the line between them meets a box.
     """
     hidden = np.zeros((len(points_m), len(sample.points_m)), dtype=bool)
-    step = sample.points_m[None] - points_m[:, None]
-    inverse = [1.0 / np.where(np.abs(part) > 1e-12, part, 1e-12) for part in np.moveaxis(step, -1, 0)]
     for lower, upper in zip(boxes.lower_m, boxes.upper_m, strict=True):
+        rows = _in_between(points_m, sample.radius_m, lower, upper)
         # Shares of the way at which the line enters and leaves the box; the ends themselves do not count.
-        enter, leave = np.full(hidden.shape, 1e-9), np.full(hidden.shape, 1.0 - 1e-9)
+        enter, leave = 1e-9, 1.0 - 1e-9
         for k in (2, 0, 1):
-            one = (lower[k] - points_m[:, k, None]) * inverse[k]
-            other = (upper[k] - points_m[:, k, None]) * inverse[k]
-            np.maximum(enter, np.minimum(one, other), out=enter)
-            np.minimum(leave, np.maximum(one, other), out=leave)
-        hidden |= enter < leave
+            here = points_m[rows, k, None]
+            step = sample.points_m[None, :, k] - here if k < 2 else -here
+            inverse = 1.0 / np.where(np.abs(step) > 1e-12, step, 1e-12)
+            one, other = (lower[k] - here) * inverse, (upper[k] - here) * inverse
+            enter = np.maximum(enter, np.minimum(one, other))
+            leave = np.minimum(leave, np.maximum(one, other))
+        hidden[rows] |= enter < leave
     return hidden
+
+
+def _in_between(points_m: FloatArray, radius_m: float, lower: FloatArray, upper: FloatArray) -> NDArray[np.intp]:
+    """Return the points, by number, from which some line to the disc may meet a box: where cone and box overlap."""
+    height = points_m[:, 2, None]
+    safe = np.where(np.abs(height) > 1e-9, height, 1e-9)
+    shares = np.clip((height - np.array([lower[2], upper[2]])) / safe, 0.0, 1.0)  # of the way at the box's heights
+    near = (np.maximum(height[:, 0], 0.0) >= lower[2]) & (np.minimum(height[:, 0], 0.0) <= upper[2])
+    for k in (0, 1):
+        middle, spread = points_m[:, k, None] * (1.0 - shares), radius_m * shares
+        near &= ((middle + spread).max(axis=1) >= lower[k] - 1e-9) & ((middle - spread).min(axis=1) <= upper[k] + 1e-9)
+    return np.flatnonzero(near)
 
 
 def visible_share(points_m: FloatArray, normals: FloatArray, sample: DiscSample, boxes: Boxes) -> FloatArray:

@@ -1,0 +1,276 @@
+"""Drive values for a whole path at once: the compiled engine closes all poses, temperatures are taken where wanted.
+
+One by one (:func:`~pouring_robot.compensation.search.compensate`) temperatures are taken anew where the ladle has come
+to, until that moves nothing. A compensated ladle is where it is wanted, but for roll and yaw, so here they are taken
+there, once; those of one pose start those of the next. What that leaves out is below what the sampled shadows of the
+view factors scatter by (about a kelvin in a few millimetres).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart
+from pouring_robot.compensation.search import TOLERANCE
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.threads import one_blas_thread
+from pouring_robot.mechanism.arrays import FloatArray, lock_fields
+from pouring_robot.mechanism.parameters import drive_parameters
+from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.mechanism.rotations import rotation_vectors
+from pouring_robot.report.result import Result
+from pouring_robot.robot.location import OUT_OF_REACH
+from pouring_robot.robot.pouring.names import DRIVE_COLUMNS, LEGS
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.thermal.expansion.growth import ThermalExpansion
+from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+NOT_FOUND = "not found"
+_MOST_STEPS = 12
+# A Newton step is no longer than this, in m and rad.
+_LONGEST = np.array([0.1, 0.1, 0.1, 0.3])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CompensatedPath(Result):
+    """What to command along a path, and what it leads to; arrays are read-only, NaN where there is no answer.
+
+    Attributes:
+        frame: the frame whose position is brought to where it is wanted.
+        wanted: x, y, z in m and the tilt in rad, shape (n, 4).
+        drives: values to command, in m and rad, shape (n, 4).
+        before_m: how far off the frame would be without compensation, as warm as it is with it, shape (n,).
+        left: what is left of x, y, z of the frame (m) and of the tilt (rad), shape (n, 4).
+        roll_yaw_rad: the rotations that cannot be commanded, about x and z, shape (n, 2).
+        strain: growth per length of legs 1 to 4, moving and fixed platform, shape (n, 6).
+        status: ``closed``, or why there is no answer, shape (n,).
+    """
+
+    frame: str
+    wanted: FloatArray
+    drives: FloatArray
+    before_m: FloatArray
+    left: FloatArray
+    roll_yaw_rad: FloatArray
+    strain: FloatArray
+    status: NDArray[np.str_]
+
+    def __post_init__(self) -> None:
+        """Lock the arrays."""
+        lock_fields(self, "wanted", "drives", "before_m", "left", "roll_yaw_rad", "strain")
+
+    @property
+    def headline(self) -> str:
+        """How many poses, and how far off the frame was and is."""
+        found = self.status == STATUS_NAMES[0]
+        if not found.any():
+            return f"no drive values for any of {len(found)} poses: {self.status[0] if len(found) else 'there is none'}"
+        before, left = self.before_m[found].max(), np.linalg.norm(self.left[found, :3], axis=1).max()
+        return (
+            f"{found.sum()} of {len(found)} poses: '{self.frame}' at most {before / MM:.3f} mm off without "
+            f"compensation, {left / MM:.1e} mm with it"
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return one row a pose, with the units on the headings."""
+        import pandas as pd
+
+        names = ("x_mm", "y_mm", "z_mm", "tilt_deg")
+        scales = np.array([MM, MM, MM, math.radians(1.0)])
+        *lengths, angle = DRIVE_COLUMNS
+        columns = {f"wanted_{name}": self.wanted[:, k] / scales[k] for k, name in enumerate(names)}
+        columns |= {f"{name}_mm": self.drives[:, k] / MM for k, name in enumerate(lengths)}
+        columns |= {f"{angle}_rad": self.drives[:, 3], "before_mm": self.before_m / MM}
+        columns |= {"left_mm": np.linalg.norm(self.left[:, :3], axis=1) / MM, "left_tilt_mrad": self.left[:, 3] / MRAD}
+        columns |= {"roll_mrad": self.roll_yaw_rad[:, 0] / MRAD, "yaw_mrad": self.roll_yaw_rad[:, 1] / MRAD}
+        return pd.DataFrame({**columns, "status": self.status})
+
+
+def compensate_path(
+    heated: HeatedRobot,
+    poses: ArrayLike,
+    frame: str | None = None,
+    threads: int = 2,
+    show: Callable[[str, int, int], None] | None = None,
+) -> CompensatedPath:
+    """Return drive values that bring the actual ladle to many poses.
+
+    Args:
+        heated: the robot as built and how warm it is; without loads.
+        poses: x, y, z in m and the tilt in rad, shape (n, 4), best along a path: neighbours start each other.
+        frame: the frame whose position shall be right; by default the moving platform.
+        threads: that share the temperatures.
+        show: told of progress: stage, done, of how many.
+
+    Raises:
+        BadInputError: the poses have another shape, or the robot carries loads.
+        UnknownFrameError: there is no such frame.
+        ThermalSolutionError: no temperatures are found.
+    """
+    wanted = np.asarray(poses, dtype=float)
+    if wanted.ndim != 2 or wanted.shape[1] != 4 or not np.isfinite(wanted).all():
+        raise BadInputError("poses must be finite numbers of the shape (n, 4): x, y, z in m and the tilt in rad")
+    return PathSearch(heated, wanted, frame, strains_along(heated, wanted, threads, show)).run()
+
+
+def strains_along(
+    heated: HeatedRobot,
+    poses: FloatArray,
+    threads: int = 2,
+    show: Callable[[str, int, int], None] | None = None,
+) -> FloatArray:
+    """Return how much the parts have grown at poses that are held, (n, 6): legs, moving and fixed platform."""
+    strain = np.zeros((len(poses), 6))
+    if heated.heat is None or not len(poses):
+        return strain
+    done = [0]
+
+    def take(rows: NDArray[np.intp]) -> None:
+        own = HeatedRobot(heated.robot, heated.heat)  # networks keep poses, so each thread has its own
+        field = None
+        for row in rows:
+            x, y, z, tilt = poses[row].tolist()
+            field = own.field(PlatformPose((x, y, z), tilt), field)
+            grown = own.expansion(field)
+            strain[row] = *grown.leg_strain, grown.platform_strain, grown.fixed_platform_strain
+            done[0] += 1
+            if show:
+                show("temperatures", done[0], len(poses))
+
+    pieces = np.array_split(np.arange(len(poses)), min(threads, len(poses)))
+    with one_blas_thread(), ThreadPoolExecutor(len(pieces)) as pool:
+        list(pool.map(take, pieces))
+    return strain
+
+
+class PathSearch:
+    """Newton over all poses at once, on the robot as built with its parts grown.
+
+    Args:
+        heated: the robot as built.
+        wanted: x, y, z in m and the tilt in rad, shape (n, 4).
+        frame: that is brought there; by default the moving platform.
+        strain: growth of the parts, shape (n, 6), as :func:`strains_along` gives it.
+
+    Raises:
+        BadInputError: the robot carries loads.
+        UnknownFrameError: there is no such frame.
+    """
+
+    def __init__(self, heated: HeatedRobot, wanted: FloatArray, frame: str | None, strain: FloatArray) -> None:
+        """Prepare the engine."""
+        robot, kinematics = heated.robot, heated.robot.kinematics
+        self.wanted, self.strain, self.kinematics = wanted, strain, kinematics
+        actual = robot.actual_solver.mechanism
+        self.frame = frame or str(actual.loops.end_frame)
+        self.engine = robot.engine()
+        self.errors = self._displaced(heated) if strain.any() else None
+        self.offsets = np.array(list(robot.actual_drives(dict.fromkeys(actual.loops.drives, 0.0)).values()))
+        growing = [f"{leg}_s3" for leg in LEGS]
+        legs = [growing.index(name) if name in growing else -1 for name in actual.loops.drives]
+        self.growth = np.stack([1.0 + strain[:, k] if k >= 0 else np.ones(len(strain)) for k in legs], axis=1)
+        self.on_end = actual.placement_on_end(self.frame).translation
+        command = kinematics.commands(wanted)
+        self.commanded, self.start = command.drives, command.start
+        self.target = command.start.position + command.start.rotation @ (
+            kinematics.mechanism.placement_on_end(self.frame).translation
+        )
+
+    def _displaced(self, heated: HeatedRobot) -> FloatArray:
+        """Return what heat displaces of the joints as built, (n, sites * 6): H E = E (E⁻¹ H E), H a shift.
+
+        The growth of a leg that is not driven changes nothing but the value of its own joint.
+        """
+        structure = self.engine.structure
+        built = heated.robot.model.placement_errors()
+        errors = np.zeros((len(self.strain), structure.site_count, 6))
+        for k, part in ((4, ThermalExpansion((0.0,) * 4, 1.0, 0.0)), (5, ThermalExpansion((0.0,) * 4, 0.0, 1.0))):
+            for joint, shift in part.placements(heated.robot.kinematics).items():
+                if np.any(shift.translation_m):
+                    turned = built[joint].to_se3().rotation if joint in built else np.eye(3)
+                    way = turned.T @ np.array(shift.translation_m)
+                    errors[:, structure.site(joint), :3] += self.strain[:, k, None] * way
+        return errors.reshape(len(errors), structure.site_count * 6)
+
+    def left_with(self, drives: FloatArray) -> FloatArray:
+        """Return how far x, y, z of the frame (m) and the tilt (rad) are off for commanded drives, shape (n, 4)."""
+        return self._left(self._close(drives, self.start))
+
+    def run(self, *, limits: bool = True) -> CompensatedPath:
+        """Step until every pose is met or no longer gets nearer.
+
+        Args:
+            limits: whether poses in which a joint is beyond its limits have no answer.
+        """
+        drives, start = self.commanded.copy(), self.start
+        best = np.full(len(drives), np.inf)
+        first = closed = self._close(drives, start)
+        left = before = self._left(first)
+        for _ in range(_MOST_STEPS):
+            size = np.abs(left).max(axis=1)
+            going = closed.closed & (size > TOLERANCE) & ~((size < 100.0 * TOLERANCE) & (size > 0.5 * best))
+            if not going.any():
+                break
+            best = np.minimum(best, np.where(np.isfinite(size), size, np.inf))
+            step = self._step(closed, left)
+            step /= np.maximum(1.0, np.abs(step / _LONGEST).max(axis=1, keepdims=True))
+            drives = np.where(going[:, None], drives - step, drives)
+            closed = self._close(drives, closed.as_start())
+            left = self._left(closed)
+        return self._result(drives, closed, before, left, limits=limits)
+
+    def _close(self, drives: FloatArray, start: BatchStart) -> BatchClosure:
+        return self.engine.close((drives + self.offsets) * self.growth, start, self.errors)
+
+    def _left(self, closed: BatchClosure) -> FloatArray:
+        place = closed.position + closed.rotation @ self.on_end
+        tilt = np.arctan2(closed.rotation[:, 0, 2], closed.rotation[:, 2, 2])
+        return np.column_stack([place - self.target, tilt - self.wanted[:, 3]])
+
+    def _step(self, closed: BatchClosure, left: FloatArray) -> FloatArray:
+        """Return what to take from the drives, (n, 4); the tilt is atan2(c_x, c_z) of the platform's third axis c."""
+        mechanism = self.engine.structure.mechanism
+        moved = self.engine.transfer(closed, drive_parameters(mechanism), self.errors).matrix
+        arm, axis = closed.rotation @ self.on_end, closed.rotation[:, :, 2]
+        place = moved[:, :3] + np.cross(moved[:, 3:], arm[:, :, None], axis=1)
+        turned = np.cross(moved[:, 3:], axis[:, :, None], axis=1)
+        tilt = axis[:, 2, None] * turned[:, 0] - axis[:, 0, None] * turned[:, 2]
+        tilt /= (axis[:, 0] ** 2 + axis[:, 2] ** 2)[:, None]
+        matrix = np.concatenate([place, tilt[:, None]], axis=1) * self.growth[:, None, :]
+        good = np.isfinite(matrix).all(axis=(1, 2))
+        step = np.full(left.shape, np.nan)
+        step[good] = np.linalg.solve(matrix[good], left[good][:, :, None])[:, :, 0]
+        return step
+
+    def _result(
+        self, drives: FloatArray, closed: BatchClosure, before: FloatArray, left: FloatArray, *, limits: bool
+    ) -> CompensatedPath:
+        with np.errstate(invalid="ignore"):
+            met = np.abs(left).max(axis=1) < 100.0 * TOLERANCE
+            reached = self.kinematics.within_limits(closed.joints) | (not limits)
+        status = np.array(STATUS_NAMES)[closed.status].astype(object)
+        status[closed.closed & ~met] = NOT_FOUND
+        status[closed.closed & met & ~reached] = OUT_OF_REACH
+        found = (status == STATUS_NAMES[0])[:, None]
+        rotation = closed.rotation @ np.swapaxes(self.start.rotation, 1, 2)
+        turned = rotation_vectors(np.where(found[:, :, None], rotation, np.eye(3)))
+        return CompensatedPath(
+            self.frame,
+            self.wanted,
+            np.where(found, drives, np.nan),
+            np.linalg.norm(before[:, :3], axis=1),
+            np.where(found, left, np.nan),
+            np.where(found, turned[:, [0, 2]], np.nan),
+            self.strain,
+            status.astype(str),
+        )

@@ -1,0 +1,86 @@
+"""The C function, compiled by gcc, against the package on a thousand poses that neither of them was made from."""
+
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from pouring_robot.compensation.controller import make_controller
+from pouring_robot.compensation.path import compensate_path
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.energy import Loads
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+from tests.support import BOX_LOWER, BOX_UPPER, round_off
+
+MAIN = """#include <stdio.h>
+#include "compensate.h"
+int main(void)
+{
+    double w[4], d[4] = {0.0, 0.0, 0.0, 0.0};
+    while (scanf("%lf %lf %lf %lf", w, w + 1, w + 2, w + 3) == 4) {
+        int code = pouring_robot_compensate(w, d);
+        printf("%d %.17g %.17g %.17g %.17g\\n", code, d[0], d[1], d[2], d[3]);
+    }
+    return 0;
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def controller(as_built):
+    return make_controller(HeatedRobot(as_built))
+
+
+@pytest.fixture(scope="module")
+def compiled(controller, tmp_path_factory):
+    """A program that turns poses into drives with the header."""
+    if shutil.which("gcc") is None:
+        pytest.skip("there is no gcc here")
+    folder = tmp_path_factory.mktemp("controller")
+    (folder / "compensate.h").write_text(controller.header(), encoding="utf-8")
+    (folder / "main.c").write_text(MAIN, encoding="utf-8")
+    strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O1"]
+    subprocess.run(["gcc", *strict, "main.c", "-lm", "-o", "main"], cwd=folder, check=True)
+
+    def run(poses):
+        lines = "\n".join(" ".join(repr(float(value)) for value in row) for row in poses)
+        ran = subprocess.run([folder / "main"], input=lines, check=True, capture_output=True, text=True)
+        return np.array([line.split() for line in ran.stdout.splitlines()], dtype=float)
+
+    return run
+
+
+def test_on_a_thousand_poses_c_gives_the_packages_drives(controller, compiled, as_built):
+    poses = np.random.default_rng(77).uniform(BOX_LOWER, BOX_UPPER, (1000, 4))
+    answers = compiled(poses)
+    path = compensate_path(HeatedRobot(as_built), poses)
+    assert not answers[:, 0].any() and set(path.status) == {"closed"}
+    # The stated error is the largest of another thousand poses; theirs may be passed by a little.
+    assert (np.abs(answers[:, 1:] - path.drives).max(axis=0) < 1.5 * controller.drive_error).all()
+    assert controller.drive_error.max() < 1e-7 and controller.place_error_m < 1e-6
+    ours = controller.drives(as_built.kinematics, poses)
+    np.testing.assert_allclose(answers[:, 1:], ours, rtol=0, atol=round_off(scale=1.0, terms=sum((5, 5, 7, 8)) * 10))
+
+
+def test_its_drives_bring_the_ladle_there_by_the_solver_of_single_poses(controller, as_built):
+    """Closed by :class:`ClosureSolver`, not by the engine the polynomials were made with."""
+    poses = np.random.default_rng(78).uniform(BOX_LOWER, BOX_UPPER, (5, 4))
+    for row, drives in zip(poses, controller.drives(as_built.kinematics, poses).tolist(), strict=True):
+        pose = PlatformPose(tuple(row[:3].tolist()), float(row[3]))
+        named = dict(zip(as_built.nominal_solver.mechanism.loops.drives, drives, strict=True))
+        there = as_built.forward(named, near=pose).pose_base_to_end
+        assert np.linalg.norm(there.translation - row[:3]) < 2.0 * controller.place_error_m
+
+
+def test_outside_the_box_nothing_is_said(compiled):
+    outside = np.array([np.subtract(BOX_LOWER, 0.001), np.add(BOX_UPPER, 0.01), np.full(4, np.nan)])
+    answers = compiled(outside)
+    assert (answers[:, 0] == 1.0).all() and not answers[:, 1:].any()
+
+
+def test_a_robot_under_load_is_refused(as_built):
+    with pytest.raises(BadInputError, match="under loads"):
+        make_controller(HeatedRobot(PouringRobot(as_built.model, Loads(gravity=True))))

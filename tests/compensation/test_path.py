@@ -1,0 +1,75 @@
+"""Whole paths at once: the same drives as pose by pose, cold to rounding, warm to what shadows scatter."""
+
+import numpy as np
+import pytest
+
+from pouring_robot.compensation.path import NOT_FOUND, compensate_path
+from pouring_robot.compensation.search import compensate
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.energy import Loads
+from pouring_robot.robot.heat_section import HeatSection
+from pouring_robot.robot.location import OUT_OF_REACH
+from pouring_robot.robot.model import DriveOffset
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+from tests.support import BOX_LOWER, BOX_UPPER, crooked_model
+
+WANTED = np.random.default_rng(31).uniform(BOX_LOWER, BOX_UPPER, (4, 4))
+
+
+@pytest.fixture(scope="module")
+def robot():
+    """A robot with tilted axes, displaced centres and a drive that stands beyond its command."""
+    model = crooked_model(seed=8, axis_mrad=0.5)
+    return PouringRobot(model.model_copy(update={"drive_offsets": {"leg3_s3": DriveOffset(offset_mm=-0.4)}}))
+
+
+def one_by_one(heated, frame):
+    """Return what the search pose by pose finds."""
+    return [compensate(heated, PlatformPose(tuple(row[:3].tolist()), float(row[3])), frame) for row in WANTED]
+
+
+@pytest.mark.parametrize("frame", ["moving_platform", "ladle_lip"])
+def test_cold_it_is_what_one_by_one_finds(robot, frame):
+    heated = HeatedRobot(robot)
+    path, singly = compensate_path(heated, WANTED, frame), one_by_one(heated, frame)
+    assert set(path.status) == {"closed"}
+    np.testing.assert_allclose(path.drives, [list(one.drives.values()) for one in singly], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(path.before_m, [one.before.distance_m for one in singly], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(path.roll_yaw_rad, [one.uncontrolled_rad for one in singly], rtol=0, atol=1e-11)
+    assert np.abs(path.left).max() < 1e-9
+
+
+def test_warm_it_is_off_by_what_the_sampled_shadows_scatter(robot):
+    """A kelvin, 12 µm in a metre of steel, for a few millimetres: see :mod:`thermal.expansion.heated_robot`."""
+    heated = HeatedRobot(robot, HeatSection())
+    path, singly = compensate_path(heated, WANTED), one_by_one(heated, None)
+    drives = np.array([list(one.drives.values()) for one in singly])
+    moved = np.abs(drives - compensate_path(HeatedRobot(robot), WANTED).drives).max()
+    assert moved > 1e-3  # heat moves the drives by millimetres
+    assert np.abs(path.drives - drives).max() < 3e-5
+
+
+def test_with_given_temperatures_heat_is_exact(robot):
+    """Measured temperatures take the place of computed ones: nothing is sampled."""
+    measured = {"leg1": 210.0, "leg2": 190.0, "leg3": 260.0, "leg4": 240.0, "platform": 320.0, "fixed_platform": 60.0}
+    heated = HeatedRobot(robot, HeatSection(measured_degC=measured))
+    path, singly = compensate_path(heated, WANTED), one_by_one(heated, None)
+    np.testing.assert_allclose(path.drives, [list(one.drives.values()) for one in singly], rtol=0, atol=1e-10)
+
+
+def test_what_has_no_answer_says_why(robot):
+    far = np.array([[-0.1, 0.0, -0.6, 0.3], [-0.1, 0.0, -1.4, 0.3], [5.0, 5.0, -0.1, 0.0]])
+    path = compensate_path(HeatedRobot(robot), far)
+    assert path.status[0] == "closed" and path.status[1] == OUT_OF_REACH and path.status[2] != "closed"
+    assert np.isfinite(path.drives[0]).all() and np.isnan(path.drives[1:]).all()
+    assert "1 of 3 poses" in path.headline and list(path.to_frame().status) == list(path.status)
+    assert NOT_FOUND not in path.status[:2]
+
+
+def test_what_cannot_be_done_in_a_batch_is_refused(robot):
+    with pytest.raises(BadInputError, match="shape"):
+        compensate_path(HeatedRobot(robot), WANTED[:, :3])
+    with pytest.raises(BadInputError, match="under loads"):
+        compensate_path(HeatedRobot(PouringRobot(robot.model, Loads(gravity=True))), WANTED)
