@@ -36,9 +36,6 @@ Frame = Annotated[
     ),
 ]
 OutFile = Annotated[Path | None, typer.Option("--out", metavar="FILE.csv", help="Write the commands, one row a pose.")]
-AtOnce = Annotated[
-    bool, typer.Option("--at-once", help="All poses at once, hundreds of times faster; temperatures are taken once.")
-]
 HeaderFile = Annotated[
     Path | None,
     typer.Option("--header", metavar="FILE.h", help="Write a C function that compensates, in place of poses."),
@@ -56,7 +53,7 @@ def compensate(
     layout: options.LayoutName = None,
     frame: Frame = None,
     out: OutFile = None,
-    at_once: AtOnce = False,
+    at_once: options.AtOnce = False,
     header: HeaderFile = None,
     as_json: options.AsJson = False,
     melt_degC: heat_options.MeltDegC = None,

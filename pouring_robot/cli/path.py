@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pouring_robot.cli.shared import heat_options, options, progress
-from pouring_robot.exceptions import NoSolutionError, PathPoseError
+from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseError
+from pouring_robot.robot.pouring.poses import PlatformPose
+
+if TYPE_CHECKING:
+    from pouring_robot.robot.base import Command, Robot
+    from pouring_robot.robot.heat_section import HeatSection
 
 PosesFile = Annotated[
     Path,
@@ -29,6 +35,7 @@ def path(
     png: options.PngFile = None,
     exaggerate: options.Exaggeration = None,
     joints: options.JointsFile = None,
+    at_once: options.AtOnce = False,
     melt_degC: heat_options.MeltDegC = None,
     ambient_degC: heat_options.AmbientDegC = None,
     steady: heat_options.Steady = False,
@@ -48,6 +55,11 @@ def path(
     present = options.robot_of(model, robot, layout, warm=True)
     commanded = present.read_commands(poses)
     heat = heat_options.heat_of(present, melt_degC, ambient_degC, steady, after_min, cold)
+    if at_once:
+        if html or png:
+            raise BadInputError("--at-once draws nothing; leave out --html and --png, or --at-once")
+        _at_once(present, heat, commanded, joints, as_json)
+        return
     heated = heat_options.heated_of(present, heat)
     found: list[heat_options.Warmth] = []
     rows = []
@@ -80,6 +92,50 @@ def path(
     outside = [i for i, one in enumerate(locations, start=1) if isinstance(one, LadleLocation) and not one.in_workspace]
     if outside:
         console.print(f"note: outside the workspace box: pose {', '.join(map(str, outside))}")
+    options.print_written(console, written)
+
+
+def _at_once(
+    robot: Robot, heat: HeatSection | None, commanded: Mapping[int, Command], joints: Path | None, as_json: bool
+) -> None:
+    """Say where the ladle is for all poses by the compiled engine."""
+    import numpy as np
+
+    from pouring_robot.cli.shared.locations import write_joint_rows
+    from pouring_robot.mechanism.poses import MM, MRAD
+    from pouring_robot.robot.export.joints import JointRow
+    from pouring_robot.robot.robot import PouringRobot
+    from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+    from pouring_robot.thermal.expansion.warm_path import locate_path
+
+    if not isinstance(robot, PouringRobot):
+        raise BadInputError("--at-once knows the pouring robot only")
+    poses = [command for command in commanded.values() if isinstance(command, PlatformPose)]
+    wanted = [(*pose.position_m, pose.tilt_rad) for pose in poses]
+    with progress.stage_bars() as show:
+        found, closed = locate_path(HeatedRobot(robot, heat), wanted, show=show)
+    lip = found.sel(frame=robot.model.loops().working_frame)
+    columns = {
+        **dict(zip(("x_mm", "y_mm", "z_mm", "tilt_deg"), np.transpose([p.to_mm_deg() for p in poses]), strict=True)),
+        **{f"error_{a}_mm": lip.error_position.values[:, k] / MM for k, a in enumerate("xyz")},
+        **{f"error_r{a}_mrad": lip.error_rotation.values[:, k] / MRAD for k, a in enumerate("xyz")},
+    }
+    status = found.status.values.tolist()
+    numbers = np.transpose(list(columns.values())).tolist()
+    if set(status) == {status[0]} and status[0] != "closed":
+        raise NoSolutionError(f"no pose has an answer; the first is '{status[0]}'")
+    written = write_joint_rows(JointRow.of_many(robot.engine().structure, closed, robot.model), joints)
+    if as_json:
+        rows = [{n: v for n, v in zip(columns, row, strict=True) if np.isfinite(v)} for row in numbers]
+        rows = [row | {"status": one} for row, one in zip(rows, status, strict=True)]
+        options.print_figures({**robot.name, "frame": str(lip.frame.values), "poses": rows}, written)
+        return
+    console = options.console()
+    print("".join(f"{name:>15}" for name in columns))
+    for row, one in zip(numbers, status, strict=True):
+        print("".join(f"{value:15.3f}" for value in row) if one == "closed" else f"{one:>15}")
+    worst = float(np.nanmax(np.linalg.norm(lip.error_position.values, axis=1)))
+    console.print(f"largest error {worst / MM:.3f} mm{_verdict(worst, robot.accuracy_m)}")
     options.print_written(console, written)
 
 

@@ -7,7 +7,6 @@ interpolated in the Chebyshev points of the workspace box (Trefethen, Approximat
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,13 +14,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from pouring_robot.compensation.path import PathSearch, strains_along
+from pouring_robot.compensation.path import PathSearch
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.result import Result
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+from pouring_robot.thermal.expansion.warm_path import Show, strains_along
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -102,9 +102,7 @@ class Controller(Result):
         return str(template.render(controller=self, points=POINTS, listed=listed))
 
 
-def make_controller(
-    heated: HeatedRobot, frame: str | None = None, show: Callable[[str, int, int], None] | None = None
-) -> Controller:
+def make_controller(heated: HeatedRobot, frame: str | None = None, show: Show | None = None) -> Controller:
     """Return polynomials for the robot as built and as warm as it is, over the workspace box.
 
     Args:

@@ -1,36 +1,29 @@
-"""Drive values for a whole path at once: the compiled engine closes all poses, temperatures are taken where wanted.
+"""Drive values for a whole path at once: Newton over all poses, which the compiled engine closes.
 
 One by one (:func:`~pouring_robot.compensation.search.compensate`) temperatures are taken anew where the ladle has come
 to, until that moves nothing. A compensated ladle is where it is wanted, but for roll and yaw, so here they are taken
-there, once; those of one pose start those of the next. What that leaves out is below what the sampled shadows of the
-view factors scatter by (about a kelvin in a few millimetres).
+there, once (:mod:`pouring_robot.thermal.expansion.warm_path`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart
+from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure
 from pouring_robot.compensation.search import TOLERANCE
-from pouring_robot.exceptions import BadInputError
-from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
-from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.report.result import Result
-from pouring_robot.robot.location import OUT_OF_REACH
-from pouring_robot.robot.pouring.names import DRIVE_COLUMNS, LEGS
-from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.thermal.expansion.growth import ThermalExpansion
+from pouring_robot.robot.location import OUT_OF_REACH, as_poses
+from pouring_robot.robot.pouring.names import DRIVE_COLUMNS
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+from pouring_robot.thermal.expansion.warm_path import Show, WarmPath, strains_along
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -101,7 +94,7 @@ def compensate_path(
     poses: ArrayLike,
     frame: str | None = None,
     threads: int = 2,
-    show: Callable[[str, int, int], None] | None = None,
+    show: Show | None = None,
 ) -> CompensatedPath:
     """Return drive values that bring the actual ladle to many poses.
 
@@ -117,40 +110,8 @@ def compensate_path(
         UnknownFrameError: there is no such frame.
         ThermalSolutionError: no temperatures are found.
     """
-    wanted = np.asarray(poses, dtype=float)
-    if wanted.ndim != 2 or wanted.shape[1] != 4 or not np.isfinite(wanted).all():
-        raise BadInputError("poses must be finite numbers of the shape (n, 4): x, y, z in m and the tilt in rad")
+    wanted = as_poses(poses)
     return PathSearch(heated, wanted, frame, strains_along(heated, wanted, threads, show)).run()
-
-
-def strains_along(
-    heated: HeatedRobot,
-    poses: FloatArray,
-    threads: int = 2,
-    show: Callable[[str, int, int], None] | None = None,
-) -> FloatArray:
-    """Return how much the parts have grown at poses that are held, (n, 6): legs, moving and fixed platform."""
-    strain = np.zeros((len(poses), 6))
-    if heated.heat is None or not len(poses):
-        return strain
-    done = [0]
-
-    def take(rows: NDArray[np.intp]) -> None:
-        own = HeatedRobot(heated.robot, heated.heat)  # networks keep poses, so each thread has its own
-        field = None
-        for row in rows:
-            x, y, z, tilt = poses[row].tolist()
-            field = own.field(PlatformPose((x, y, z), tilt), field)
-            grown = own.expansion(field)
-            strain[row] = *grown.leg_strain, grown.platform_strain, grown.fixed_platform_strain
-            done[0] += 1
-            if show:
-                show("temperatures", done[0], len(poses))
-
-    pieces = np.array_split(np.arange(len(poses)), min(threads, len(poses)))
-    with one_blas_thread(), ThreadPoolExecutor(len(pieces)) as pool:
-        list(pool.map(take, pieces))
-    return strain
 
 
 class PathSearch:
@@ -169,42 +130,17 @@ class PathSearch:
 
     def __init__(self, heated: HeatedRobot, wanted: FloatArray, frame: str | None, strain: FloatArray) -> None:
         """Prepare the engine."""
-        robot, kinematics = heated.robot, heated.robot.kinematics
-        self.wanted, self.strain, self.kinematics = wanted, strain, kinematics
-        actual = robot.actual_solver.mechanism
+        self.warm = WarmPath(heated, wanted, strain)
+        self.kinematics, actual = heated.robot.kinematics, heated.robot.actual_solver.mechanism
+        self.wanted, self.start = wanted, self.warm.command.start
         self.frame = frame or str(actual.loops.end_frame)
-        self.engine = robot.engine()
-        self.errors = self._displaced(heated) if strain.any() else None
-        self.offsets = np.array(list(robot.actual_drives(dict.fromkeys(actual.loops.drives, 0.0)).values()))
-        growing = [f"{leg}_s3" for leg in LEGS]
-        legs = [growing.index(name) if name in growing else -1 for name in actual.loops.drives]
-        self.growth = np.stack([1.0 + strain[:, k] if k >= 0 else np.ones(len(strain)) for k in legs], axis=1)
         self.on_end = actual.placement_on_end(self.frame).translation
-        command = kinematics.commands(wanted)
-        self.commanded, self.start = command.drives, command.start
-        self.target = command.start.position + command.start.rotation @ (
-            kinematics.mechanism.placement_on_end(self.frame).translation
-        )
-
-    def _displaced(self, heated: HeatedRobot) -> FloatArray:
-        """Return what heat displaces of the joints as built, (n, sites * 6): H E = E (E⁻¹ H E), H a shift.
-
-        The growth of a leg that is not driven changes nothing but the value of its own joint.
-        """
-        structure = self.engine.structure
-        built = heated.robot.model.placement_errors()
-        errors = np.zeros((len(self.strain), structure.site_count, 6))
-        for k, part in ((4, ThermalExpansion((0.0,) * 4, 1.0, 0.0)), (5, ThermalExpansion((0.0,) * 4, 0.0, 1.0))):
-            for joint, shift in part.placements(heated.robot.kinematics).items():
-                if np.any(shift.translation_m):
-                    turned = built[joint].to_se3().rotation if joint in built else np.eye(3)
-                    way = turned.T @ np.array(shift.translation_m)
-                    errors[:, structure.site(joint), :3] += self.strain[:, k, None] * way
-        return errors.reshape(len(errors), structure.site_count * 6)
+        nominal = self.kinematics.mechanism.placement_on_end(self.frame).translation
+        self.target = self.start.position + self.start.rotation @ nominal
 
     def left_with(self, drives: FloatArray) -> FloatArray:
         """Return how far x, y, z of the frame (m) and the tilt (rad) are off for commanded drives, shape (n, 4)."""
-        return self._left(self._close(drives, self.start))
+        return self._left(self.warm.close(drives, self.start))
 
     def run(self, *, limits: bool = True) -> CompensatedPath:
         """Step until every pose is met or no longer gets nearer.
@@ -212,9 +148,9 @@ class PathSearch:
         Args:
             limits: whether poses in which a joint is beyond its limits have no answer.
         """
-        drives, start = self.commanded.copy(), self.start
+        drives, start = self.warm.command.drives.copy(), self.start
         best = np.full(len(drives), np.inf)
-        first = closed = self._close(drives, start)
+        first = closed = self.warm.close(drives, start)
         left = before = self._left(first)
         for _ in range(_MOST_STEPS):
             size = np.abs(left).max(axis=1)
@@ -225,12 +161,9 @@ class PathSearch:
             step = self._step(closed, left)
             step /= np.maximum(1.0, np.abs(step / _LONGEST).max(axis=1, keepdims=True))
             drives = np.where(going[:, None], drives - step, drives)
-            closed = self._close(drives, closed.as_start())
+            closed = self.warm.close(drives, closed.as_start())
             left = self._left(closed)
         return self._result(drives, closed, before, left, limits=limits)
-
-    def _close(self, drives: FloatArray, start: BatchStart) -> BatchClosure:
-        return self.engine.close((drives + self.offsets) * self.growth, start, self.errors)
 
     def _left(self, closed: BatchClosure) -> FloatArray:
         place = closed.position + closed.rotation @ self.on_end
@@ -239,14 +172,13 @@ class PathSearch:
 
     def _step(self, closed: BatchClosure, left: FloatArray) -> FloatArray:
         """Return what to take from the drives, (n, 4); the tilt is atan2(c_x, c_z) of the platform's third axis c."""
-        mechanism = self.engine.structure.mechanism
-        moved = self.engine.transfer(closed, drive_parameters(mechanism), self.errors).matrix
+        moved = self.warm.drives_to_end(closed)
         arm, axis = closed.rotation @ self.on_end, closed.rotation[:, :, 2]
         place = moved[:, :3] + np.cross(moved[:, 3:], arm[:, :, None], axis=1)
         turned = np.cross(moved[:, 3:], axis[:, :, None], axis=1)
         tilt = axis[:, 2, None] * turned[:, 0] - axis[:, 0, None] * turned[:, 2]
         tilt /= (axis[:, 0] ** 2 + axis[:, 2] ** 2)[:, None]
-        matrix = np.concatenate([place, tilt[:, None]], axis=1) * self.growth[:, None, :]
+        matrix = np.concatenate([place, tilt[:, None]], axis=1)
         good = np.isfinite(matrix).all(axis=(1, 2))
         step = np.full(left.shape, np.nan)
         step[good] = np.linalg.solve(matrix[good], left[good][:, :, None])[:, :, 0]
@@ -271,6 +203,6 @@ class PathSearch:
             np.linalg.norm(before[:, :3], axis=1),
             np.where(found, left, np.nan),
             np.where(found, turned[:, [0, 2]], np.nan),
-            self.strain,
+            self.warm.strain,
             status.astype(str),
         )

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from pouring_robot.batch import BatchClosure, BatchStart
+    from pouring_robot.batch.samples import BatchCommand
 
 OUT_OF_REACH = "out of reach"
 
@@ -164,13 +165,31 @@ class LocatingRobot(Protocol):
 
 def located(robot: LocatingRobot, poses: ArrayLike | Sequence[PlatformPose]) -> xr.Dataset:
     """Return where the ladle should be and where it is for many poses; see :meth:`PouringRobot.locate`."""
-    commanded = _as_array(poses)
-    status, nominal, actual = (_one_at_a_time if _needs_the_solver(robot) else _by_the_engine)(robot, commanded)
-    coordinates = {
-        "commanded_position": (("pose", "axis"), commanded[:, :3], {"units": "m"}),
-        "commanded_tilt": ("pose", commanded[:, 3], {"units": "rad"}),
+    commanded = as_poses(poses)
+    if not _needs_the_solver(robot):
+        command = robot.kinematics.commands(commanded)
+        return path_dataset(robot, command, robot.close(command.drives, command.start))
+    status, nominal, actual = _one_at_a_time(robot, commanded)
+    return error_dataset(robot.nominal_solver.mechanism.loops, status, nominal, actual, _commanded(commanded))
+
+
+def _commanded(poses: FloatArray) -> dict[str, Any]:
+    return {
+        "commanded_position": (("pose", "axis"), poses[:, :3], {"units": "m"}),
+        "commanded_tilt": ("pose", poses[:, 3], {"units": "rad"}),
     }
-    return error_dataset(robot.nominal_solver.mechanism.loops, status, nominal, actual, coordinates)
+
+
+def path_dataset(robot: LocatingRobot, command: BatchCommand, closed: BatchClosure) -> xr.Dataset:
+    """Return where the ladle should be and where it is from commands and the closures of the robot as built."""
+    from pouring_robot.batch.samples import STATUS_NAMES
+
+    reachable = robot.kinematics.within_limits(command.start.joints)
+    reachable &= ~closed.closed | robot.kinematics.within_limits(closed.joints)
+    status = np.where(reachable, np.array(STATUS_NAMES)[closed.status], OUT_OF_REACH)
+    nominal = frames_of(robot.nominal_solver.mechanism, command.start.position, command.start.rotation)
+    actual = frames_of(robot.actual_solver.mechanism, closed.position, closed.rotation)
+    return error_dataset(robot.nominal_solver.mechanism.loops, status, nominal, actual, _commanded(command.poses))
 
 
 def error_dataset(
@@ -213,7 +232,12 @@ def error_dataset(
     return xr.Dataset(variables, labels, {"comment": comment})
 
 
-def _as_array(poses: ArrayLike | Sequence[PlatformPose]) -> FloatArray:
+def as_poses(poses: ArrayLike | Sequence[PlatformPose]) -> FloatArray:
+    """Return poses as an array (n, 4): x, y, z in m and the tilt in rad.
+
+    Raises:
+        BadInputError: they have another shape, or a number is not finite.
+    """
     given: list[Any] = list(np.asarray(poses, dtype=object))
     rows = [(*pose.position_m, pose.tilt_rad) if isinstance(pose, PlatformPose) else pose for pose in given]
     try:
@@ -230,19 +254,6 @@ def _needs_the_solver(robot: LocatingRobot) -> bool:
     return loads.gravity or bool(loads.drive_stiffness)
 
 
-def _by_the_engine(robot: LocatingRobot, poses: FloatArray) -> tuple[NDArray[np.str_], FloatArray, FloatArray]:
-    """Return status (n,), nominal and actual poses (n, frames, 3, 4) of all poses at once."""
-    from pouring_robot.batch.samples import STATUS_NAMES
-
-    command = robot.kinematics.commands(poses)
-    closed = robot.close(command.drives, command.start)
-    reachable = robot.kinematics.within_limits(command.start.joints)
-    reachable &= ~closed.closed | robot.kinematics.within_limits(closed.joints)
-    status = np.where(reachable, np.array(STATUS_NAMES)[closed.status], OUT_OF_REACH)
-    nominal = frames_of(robot.nominal_solver.mechanism, command.start.position, command.start.rotation)
-    return status, nominal, frames_of(robot.actual_solver.mechanism, closed.position, closed.rotation)
-
-
 def frames_of(mechanism: ClosedChainMechanism, position: FloatArray, rotation: FloatArray) -> FloatArray:
     """Return the reported frames, all fixed to the end body, shape (n, frames, 3, 4), from the end frame's pose."""
     model, loops = mechanism.shared_model, mechanism.loops
@@ -253,7 +264,7 @@ def frames_of(mechanism: ClosedChainMechanism, position: FloatArray, rotation: F
 
 
 def _one_at_a_time(robot: LocatingRobot, poses: FloatArray) -> tuple[NDArray[np.str_], FloatArray, FloatArray]:
-    """Return what :func:`_by_the_engine` does, for a robot under load."""
+    """Return status (n,), nominal and actual poses (n, frames, 3, 4), for a robot under load."""
     from pouring_robot.batch.samples import STATUS_NAMES
 
     frames = robot.nominal_solver.mechanism.loops.reported_frames

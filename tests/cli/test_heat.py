@@ -127,6 +127,34 @@ def test_compensate_one_pose(run):
     assert frame["actual_mm"] == pytest.approx([-100.0, 20.0, -600.0], abs=1e-6)
 
 
+def test_a_path_at_once_says_what_pose_by_pose_says(run, tmp_path):
+    singly = json.loads(run("path", POSES, "--model", ACTUAL, "--json")[1])["poses"]
+    code, out, err = run("path", POSES, "--model", ACTUAL, "--at-once", "--json", "--joints", "joints.json")
+    assert (code, err) == (0, "")
+    for one, row in zip(singly, json.loads(out)["poses"], strict=True):
+        shift = one["frames"]["ladle_lip"]["error"]["translation_mm"]
+        assert [row[f"error_{a}_mm"] for a in "xyz"] == pytest.approx(shift, abs=1e-8)
+    joints = json.loads((tmp_path / "joints.json").read_text(encoding="utf-8"))["poses"]
+    assert run("path", POSES, "--model", ACTUAL, "--joints", "singly.json")[0] == 0
+    for one, other in zip(json.loads((tmp_path / "singly.json").read_text())["poses"], joints, strict=True):
+        assert other["joints"] == pytest.approx(one["joints"], abs=1e-10)
+
+
+def test_compensate_at_once_and_as_a_header(run, tmp_path):
+    assert run("compensate", POSES, "--model", ACTUAL, "--out", "singly.csv")[0] == 0
+    code, out, _ = run("compensate", POSES, "--model", ACTUAL, "--at-once", "--out", "at_once.csv")
+    assert code == 0 and "5 of 5 poses" in out
+    one, other = (list(csv.DictReader((tmp_path / name).open())) for name in ("singly.csv", "at_once.csv"))
+    for row, same in zip(one, other, strict=True):
+        assert all(
+            float(row[k]) == pytest.approx(float(same[k]), abs=1e-9) for k in ("q1_mm", "q2_mm", "q3_mm", "q4_rad")
+        )
+    assert run("compensate", "--model", ACTUAL, "--header", "c.h")[0] == 0
+    assert "pouring_robot_compensate" in (tmp_path / "c.h").read_text(encoding="utf-8")
+    for wrong in (["--at-once"], [POSES, "--header", "d.h"]):
+        assert run("compensate", *wrong)[0] == 2
+
+
 def test_compensate_a_path_into_a_file(run, tmp_path):
     out_file = tmp_path / "commands.csv"
     code, out, err = run("compensate", POSES, "--model", ACTUAL, "--after-min", "40", "--out", out_file)

@@ -13,6 +13,7 @@ from pouring_robot.robot.model import DriveOffset
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+from pouring_robot.thermal.expansion.warm_path import locate_path
 from tests.support import BOX_LOWER, BOX_UPPER, crooked_model
 
 WANTED = np.random.default_rng(31).uniform(BOX_LOWER, BOX_UPPER, (4, 4))
@@ -57,6 +58,20 @@ def test_with_given_temperatures_heat_is_exact(robot):
     heated = HeatedRobot(robot, HeatSection(measured_degC=measured))
     path, singly = compensate_path(heated, WANTED), one_by_one(heated, None)
     np.testing.assert_allclose(path.drives, [list(one.drives.values()) for one in singly], rtol=0, atol=1e-10)
+
+
+def test_a_warm_path_is_located_as_pose_by_pose(robot):
+    heated = HeatedRobot(robot, HeatSection())
+    found, closed = locate_path(heated, WANTED)
+    for k, row in enumerate(WANTED):
+        one = heated.locate(PlatformPose(tuple(row[:3].tolist()), float(row[3]))).location
+        for frame in ("moving_platform", "ladle_lip"):
+            error = found.error_position.sel(frame=frame).values[k]
+            # Sideways it is weak: a kelvin between two legs, 12 µm in a metre, is there ten times as much.
+            assert np.abs(error - one.difference(frame).translation_m).max() < 1e-4
+    cold, _ = locate_path(HeatedRobot(robot), WANTED)
+    np.testing.assert_array_equal(cold.error_position, robot.locate(WANTED).error_position)
+    assert closed.closed.all()
 
 
 def test_what_has_no_answer_says_why(robot):

@@ -158,10 +158,13 @@ def write_joints(locations: Sequence[Location], model: RobotModel, file: Path | 
         BadInputError: the file's name ends in neither .csv nor .json.
         OutputError: it cannot be written.
     """
-    if file is None:
-        return []
     offsets = model.drive_offset_values()
-    return [write_whole(file, joints_text([JointRow.of(one.actual, offsets) for one in locations], file))]
+    return write_joint_rows([JointRow.of(one.actual, offsets) for one in locations] if file else [], file)
+
+
+def write_joint_rows(rows: Sequence[JointRow], file: Path | None) -> list[Path]:
+    """Write a table of joint values and return what was written."""
+    return [write_whole(file, joints_text(rows, file))] if file else []
 
 
 def write_drawings(

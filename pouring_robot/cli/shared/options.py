@@ -61,6 +61,9 @@ HoldOutBy = Annotated[
 ]
 HtmlFile = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write a self-contained meshcat page.")]
 PngFile = Annotated[Path | None, typer.Option("--png", metavar="FILE", help="Write a picture; no screen is needed.")]
+AtOnce = Annotated[
+    bool, typer.Option("--at-once", help="All poses at once, hundreds of times faster; temperatures are taken once.")
+]
 JointsFile = Annotated[
     Path | None,
     typer.Option("--joints", metavar="FILE", help="Write the values of all joints, m and rad, as .csv or .json."),

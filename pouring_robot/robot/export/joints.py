@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import io
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
+from pouring_robot.batch.interface import Structure
+from pouring_robot.batch.samples import BatchClosure
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.closure import ClosureResult
+from pouring_robot.robot.model import RobotModel
 
 
 @dataclass(frozen=True)
@@ -41,10 +47,33 @@ class JointRow:
         units = {name: closed.mechanism.unit_of(name) for name in values}
         return cls(values, units, closed.gap_m, closed.gap_rad)
 
+    @classmethod
+    def of_many(cls, structure: Structure, closed: BatchClosure, model: RobotModel) -> list[JointRow]:
+        """Take them from closures of an engine; of a pose without an answer all values are NaN.
+
+        Args:
+            structure: of the engine.
+            closed: the robot as built.
+            model: its drives' offsets.
+        """
+        offsets, mechanism = model.drive_offset_values(), structure.mechanism
+        columns = dict.fromkeys(mechanism.loops.locked_joints, np.zeros(len(closed)))
+        columns |= structure.joint_values(closed.joints)
+        columns = {name: values - offsets.get(name, 0.0) for name, values in columns.items()}
+        units = {name: mechanism.unit_of(name) for name in columns}
+        gaps = [np.linalg.norm(part, axis=2).max(axis=1) for part in np.split(closed.residual, 2, axis=2)]
+        rows = zip(np.transpose(list(columns.values())).tolist(), *(gap.tolist() for gap in gaps), strict=True)
+        return [cls(dict(zip(columns, row, strict=True)), units, gap, turn) for row, gap, turn in rows]
+
 
 def joints_json(rows: Sequence[JointRow]) -> dict[str, Any]:
     """Return the table for JSON."""
-    poses = [{"joints": dict(row.values), "left_open_m": row.gap_m, "left_open_rad": row.gap_rad} for row in rows]
+    poses = [
+        {"joints": dict(row.values), "left_open_m": row.gap_m, "left_open_rad": row.gap_rad}
+        if math.isfinite(row.gap_m)
+        else {"joints": None}
+        for row in rows
+    ]
     return {"units": dict(rows[0].units) if rows else {}, "poses": poses}
 
 

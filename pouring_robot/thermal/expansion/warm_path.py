@@ -1,0 +1,140 @@
+"""The robot as built along a path of poses, warm, all poses at once.
+
+Temperatures are taken once a pose, or twice: where the ladle is wanted, then where it is. Those of one pose start those
+of the next. One by one (``heated_robot``) they are taken anew where the ladle is until that moves nothing. What this
+leaves out is of the size by which the sampled shadows of the view factors scatter: about a kelvin for a few
+millimetres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pouring_robot.batch.samples import BatchClosure, BatchStart
+from pouring_robot.io.threads import one_blas_thread
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.parameters import drive_parameters
+from pouring_robot.robot.location import as_poses, path_dataset
+from pouring_robot.robot.pouring.names import LEGS
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.thermal.expansion.growth import ThermalExpansion
+from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Show = Callable[[str, int, int], None]
+"""Is told of progress: stage, done, of how many."""
+_NO_LEG = (0.0, 0.0, 0.0, 0.0)
+
+
+def strains_along(
+    heated: HeatedRobot,
+    poses: FloatArray,
+    threads: int = 2,
+    show: Show | None = None,
+) -> FloatArray:
+    """Return how much the parts have grown at poses that are held, (n, 6): legs, moving and fixed platform."""
+    strain = np.zeros((len(poses), 6))
+    if heated.heat is None or not len(poses):
+        return strain
+    done = [0]
+
+    def take(rows: NDArray[np.intp]) -> None:
+        own = HeatedRobot(heated.robot, heated.heat)  # networks keep poses, so each thread has its own
+        field = None
+        for row in rows:
+            x, y, z, tilt = poses[row].tolist()
+            field = own.field(PlatformPose((x, y, z), tilt), field)
+            grown = own.expansion(field)
+            strain[row] = *grown.leg_strain, grown.platform_strain, grown.fixed_platform_strain
+            done[0] += 1
+            if show:
+                show("temperatures", done[0], len(poses))
+
+    pieces = np.array_split(np.arange(len(poses)), min(threads, len(poses)))
+    with one_blas_thread(), ThreadPoolExecutor(len(pieces)) as pool:
+        list(pool.map(take, pieces))
+    return strain
+
+
+class WarmPath:
+    """Closes the robot as built, its parts grown pose by pose.
+
+    Args:
+        heated: the robot as built.
+        poses: commanded or wanted, shape (n, 4), in m and rad.
+        strain: growth of the parts, shape (n, 6), as :func:`strains_along` gives it.
+
+    Raises:
+        BadInputError: the robot carries loads.
+    """
+
+    def __init__(self, heated: HeatedRobot, poses: FloatArray, strain: FloatArray) -> None:
+        """Prepare the engine, and the drives of the drawing."""
+        robot = heated.robot
+        self.strain, self.engine = strain, robot.engine()
+        self.errors = self._displaced(heated) if strain.any() else None
+        drives = robot.actual_solver.mechanism.loops.drives
+        self.offsets = np.array(list(robot.actual_drives(dict.fromkeys(drives, 0.0)).values()))
+        growing = [f"{leg}_s3" for leg in LEGS]
+        legs = [growing.index(name) if name in growing else -1 for name in drives]
+        self.growth = np.stack([1.0 + strain[:, k] if k >= 0 else np.ones(len(strain)) for k in legs], axis=1)
+        self.command = robot.kinematics.commands(poses)
+
+    def _displaced(self, heated: HeatedRobot) -> FloatArray:
+        """Return what heat displaces of the joints as built, (n, sites * 6): H E = E (E⁻¹ H E), H a shift.
+
+        The growth of a leg that is not driven changes nothing but the value of its own joint.
+        """
+        structure, built = self.engine.structure, heated.robot.model.placement_errors()
+        errors = np.zeros((len(self.strain), structure.site_count, 6))
+        for k, part in ((4, ThermalExpansion(_NO_LEG, 1.0, 0.0)), (5, ThermalExpansion(_NO_LEG, 0.0, 1.0))):
+            for joint, shift in part.placements(heated.robot.kinematics).items():
+                if np.any(shift.translation_m):
+                    turned = built[joint].to_se3().rotation if joint in built else np.eye(3)
+                    way = turned.T @ np.array(shift.translation_m)
+                    errors[:, structure.site(joint), :3] += self.strain[:, k, None] * way
+        return errors.reshape(len(errors), structure.site_count * 6)
+
+    def close(self, drives: FloatArray, start: BatchStart) -> BatchClosure:
+        """Return the closed robot for commanded drives (n, 4), in m and rad: offset, then grown with the leg."""
+        return self.engine.close((drives + self.offsets) * self.growth, start, self.errors)
+
+    def drives_to_end(self, closed: BatchClosure) -> FloatArray:
+        """Return how the end frame follows commanded drives, (n, 6, 4): its origin (m), its rotation vector (rad)."""
+        drives = drive_parameters(self.engine.structure.mechanism)
+        return np.asarray(self.engine.transfer(closed, drives, self.errors).matrix * self.growth[:, None, :])
+
+
+def locate_path(
+    heated: HeatedRobot, poses: ArrayLike, threads: int = 2, show: Show | None = None
+) -> tuple[xr.Dataset, BatchClosure]:
+    """Return where the ladle should be and where it is, warm, for many commanded poses, and the closures.
+
+    Args:
+        heated: the robot as built and how warm it is; without loads.
+        poses: x, y, z in m and the tilt in rad, shape (n, 4), best along a path.
+        threads: that share the temperatures.
+        show: told of progress.
+
+    Returns:
+        A dataset as :meth:`PouringRobot.locate` gives for many poses; the closures of the robot as built.
+
+    Raises:
+        BadInputError: the poses have another shape, or the robot carries loads.
+        ThermalSolutionError: no temperatures are found.
+    """
+    commanded = place = as_poses(poses)
+    for _ in range(1 if heated.heat is None else 2):  # millimetres beside the command shadows fall otherwise
+        warm = WarmPath(heated, commanded, strains_along(heated, place, threads, show))
+        closed = warm.close(warm.command.drives, warm.command.start)
+        tilt = np.arctan2(closed.rotation[:, 0, 2], closed.rotation[:, 2, 2])
+        found = np.column_stack([closed.position, tilt])
+        place = np.where(np.isfinite(found), found, commanded)
+    return path_dataset(heated.robot, warm.command, closed), closed
