@@ -12,7 +12,6 @@ from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.effects.base import Effect, Form, checked_forms
 from pouring_robot.effects.registry import all_effects
 from pouring_robot.inference.explanations import Background, Explanation, Problem
-from pouring_robot.inference.hypotheses import BACKGROUND_LEVELS
 from pouring_robot.mechanism.arrays import FloatArray
 
 BACKGROUND = "background"
@@ -21,8 +20,8 @@ SAG = "background_sag"
 _COARSE = 0.125
 """Over the errors of a part that nobody has measured: what coarse machining leaves (ISO 2768-1, class fine, +-0.2 mm).
 Not larger, it is no cause beside another one."""
-_SAG_COLUMNS, _SAG_SIZE = 40, BACKGROUND_LEVELS[-1]
-"""So many directions carry nearly all of it; its coefficients at 5 kN are at most those of the axes that give way."""
+_SAG_COLUMNS, _SAG_SIZE = 40, 1.0 / 32.0
+"""So many directions carry nearly all of it; at 5 kN it is at most what axes that are off by a 32nd of a mrad do."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,13 +84,18 @@ def problem_at(rows: CampaignRows, linear: LinearRows, library: Library, added: 
             form.name,
             rows.columns(form, linear),
             np.array([p.main for p in form.parameters]),
-            small=_COARSE if effect in library.backgrounds else 0.0,
+            small=_COARSE if _usual(form, library.backgrounds.get(effect)) else 0.0,
         )
         for (effect, _), form in library.forms.items()
     ]
     loose = [b.columns for b in usual if library.effects[b.effect].loosened_by_load]
     sag = _sag(rows, linear, np.hstack(loose)) if loose else []
     return Problem.build(linear.residual + added, linear.free, usual, (*found, *sag))
+
+
+def _usual(form: Form, usual: Form | None) -> bool:
+    """Return whether a form's parameters are all among those of the usual errors."""
+    return usual is not None and {p.name for p in form.parameters} <= {p.name for p in usual.parameters}
 
 
 def _sag(rows: CampaignRows, linear: LinearRows, axes: FloatArray) -> list[Explanation]:

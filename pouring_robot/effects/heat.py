@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -17,8 +18,10 @@ from pouring_robot.robot.description.definition import RobotDefinition
 _PPM = 1e-6
 _PRIOR_STD_PPM = 12.0
 _BIAS_K = 4.0
-_GAIN = 0.03
-_LAG_S = 500.0
+_OWN = 0.3
+"""Share by which a part may grow otherwise than the others: another steel, another length that is hot."""
+_LAGS_S = (150.0, 600.0, 2400.0)
+"""Time constants of a part behind its thermometer, from thin to thick: three span all between them."""
 _SHORT_M = 1e-9
 
 
@@ -39,32 +42,38 @@ class DriveGrowth(Family):
         self.neighbour, self.needs = neighbour, (f"{thermometers}{RISE}",)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """Each as a whole with its thermometer, which may be biased, lag, or see another part of it."""
+        """All of its length, or a rod of its own length; the thermometer may be biased, lag, or see another part."""
         thermometers = conditions.causes.drive_thermometers
         lengths = conditions.drives[:, conditions.places(self.drives)]
         rise = np.column_stack([conditions.rises[thermometers[d.joint]] for d in self.drives])
-        prior_std = _PRIOR_STD_PPM
+        hot = {"own_temperature": lengths, "own_length": np.broadcast_to(lengths.mean(axis=0), lengths.shape)}
+        return tuple(
+            Form(name, self._parameters(conditions, rise, length, [o for n, o in hot.items() if n != name]))
+            for name, length in hot.items()
+        )
 
-        def grown(course: FloatArray) -> dict[str, FloatArray]:
-            return of_drives(self.drives, _PPM, course)
+    def _parameters(
+        self, conditions: Conditions, rise: FloatArray, length: FloatArray, others: Sequence[FloatArray]
+    ) -> tuple[EffectParameter, ...]:
+        """Return the parameters where so much length (n, D) of each drive is hot, or some of other ones."""
+        std = _PRIOR_STD_PPM
 
-        main = EffectParameter("expansion", "1e-6/K", prior_std, grown(lengths * rise), bounds=(0.0, np.inf))
-        late = lengths * (conditions.behind(rise, _LAG_S) - rise)
-        shape = [
-            EffectParameter("barrel", "1e-6 m/K", 0.3 * prior_std, grown(0.3 * rise), main=False),
-            EffectParameter("lag", "1e-6/K", 0.7 * prior_std, grown(late), main=False),
-        ]
+        def all_of_them(name: str, size: float, course: FloatArray) -> EffectParameter:
+            return EffectParameter(name, "1e-6/K", size * std, of_drives(self.drives, _PPM, course), main=False)
+
+        found = [replace(all_of_them("expansion", 1.0, length * rise), main=True, bounds=(0.0, np.inf))]
+        found += [all_of_them("other_length", 1.0, other * rise) for other in others]
+        late = ((lag_s, length * (conditions.behind(rise, lag_s) - rise)) for lag_s in _LAGS_S)
+        found += [all_of_them(f"lag_{lag_s:.0f}_s", 0.7, course) for lag_s, course in late]
         beside = conditions.rises.get(self.neighbour)
         if beside is not None:
-            nearer = grown(lengths * (beside[:, None] - rise))
-            name = f"{self.neighbour}_share"
-            shape.append(EffectParameter(name, "1e-6/K", 0.2 * prior_std, nearer, main=False))
+            found.append(all_of_them(f"{self.neighbour}_share", 0.2, length * (beside[:, None] - rise)))
         for k, drive in enumerate(self.drives):
             where, name = channel(drive), f"{drive.symbol}_thermometer"
-            bias, gain = {where: _PPM * lengths[:, k]}, {where: _PPM * lengths[:, k] * rise[:, k]}
-            shape.append(EffectParameter(f"{name}_bias", "1e-6", _BIAS_K * prior_std, bias, main=False))
-            shape.append(EffectParameter(f"{name}_gain", "1e-6/K", _GAIN * prior_std, gain, main=False))
-        return (Form("own_temperature", (main, *shape)),)
+            bias, gain = {where: _PPM * length[:, k]}, {where: _PPM * length[:, k] * rise[:, k]}
+            found.append(EffectParameter(f"{name}_bias", "1e-6", _BIAS_K * std, bias, main=False))
+            found.append(EffectParameter(f"{name}_gain", "1e-6/K", _OWN * std, gain, main=False))
+        return tuple(found)
 
 
 @functools.lru_cache(maxsize=16)
@@ -95,6 +104,11 @@ def _grown(
     }
 
 
+def alike(course: FloatArray) -> Callable[[str], FloatArray]:
+    """Return a course that is the same for all joints, by joint."""
+    return lambda _: course
+
+
 class LinkGrowth(Family):
     """One link grows with its temperature and carries the joints on it apart.
 
@@ -111,23 +125,34 @@ class LinkGrowth(Family):
         self.joints, self.thermometer, self.needs = joints, thermometer, (f"{thermometer}{RISE}",)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """Evenly about its origin; perhaps less along x, with a biased thermometer, or later than its skin."""
+        """Evenly about its origin; perhaps each joint otherwise, with a biased thermometer, or later than its skin."""
         rise, prior_std = conditions.rises[self.thermometer], _PRIOR_STD_PPM
         known = levers(conditions.robot)
         places = {joint: known[joint][1] for joint in self.joints}
-        late = conditions.behind(rise, _LAG_S) - rise
+        late = {lag_s: conditions.behind(rise, lag_s) - rise for lag_s in _LAGS_S}
         one = np.ones(len(conditions))
-        grown, along = _grown(places, lambda _: rise), _grown(places, lambda _: rise, "x")
+        grown = _grown(places, lambda _: rise)
+        size = _OWN * prior_std * float(np.sqrt(np.mean([place**2 for place in places.values()])))
+        lags = tuple(
+            EffectParameter(f"lag_{lag_s:.0f}_s", "1e-6/K", 0.7 * prior_std, _grown(places, alike(course)), main=False)
+            for lag_s, course in late.items()
+        )
         return (
             Form(
                 "even",
                 (
                     EffectParameter("expansion", "1e-6/K", prior_std, grown, bounds=(0.0, np.inf)),
-                    EffectParameter("along_x", "1e-6/K", 0.3 * prior_std, along, main=False),
                     EffectParameter(
                         "thermometer_bias", "1e-6", _BIAS_K * prior_std, _grown(places, lambda _: one), main=False
                     ),
-                    EffectParameter("lag", "1e-6/K", 0.7 * prior_std, _grown(places, lambda _: late), main=False),
+                    *lags,
+                    *(
+                        EffectParameter(
+                            f"{joint}_{axis}", "1e-6 m/K", size, {f"{joint}.t{axis}": _PPM * rise}, main=False
+                        )
+                        for joint in places
+                        for axis in "xyz"
+                    ),
                 ),
             ),
         )
@@ -159,10 +184,10 @@ class LinksGrowth(Family):
         sites = [joint for joint in sites if of_link[known[joint][0]] in conditions.rises]
         followed = dict.fromkeys(of_link[known[joint][0]] for joint in sites)
 
-        def changes(wanted: Collection[str], *, lagging: bool = False) -> dict[str, FloatArray]:
+        def changes(wanted: Collection[str], lag_s: float = 0.0) -> dict[str, FloatArray]:
             rises = {thermometer: conditions.rises[thermometer] for thermometer in wanted}
-            if lagging:
-                rises = {name: conditions.behind(rise, _LAG_S) - rise for name, rise in rises.items()}
+            if lag_s:
+                rises = {name: conditions.behind(rise, lag_s) - rise for name, rise in rises.items()}
             places = {j: known[j][1] for j in sites if of_link[known[j][0]] in rises}
             grown = _grown(places, lambda joint: rises[of_link[known[joint][0]]])
             for k, drive in enumerate(conditions.robot.drives):
@@ -177,5 +202,8 @@ class LinksGrowth(Family):
             for name in (followed if len(followed) > 1 else ())
         )
         main = EffectParameter("expansion", "1e-6/K", prior_std, changes(followed), bounds=(0.0, np.inf))
-        lag = EffectParameter("lag", "1e-6/K", 0.7 * prior_std, changes(followed, lagging=True), main=False)
-        return Form(name, (main, lag, *shares))
+        lags = (
+            EffectParameter(f"lag_{lag_s:.0f}_s", "1e-6/K", 0.7 * prior_std, changes(followed, lag_s), main=False)
+            for lag_s in _LAGS_S
+        )
+        return Form(name, (main, *lags, *shares))

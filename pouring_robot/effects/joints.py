@@ -106,21 +106,27 @@ class Tilts(Family):
         self.driven_by, self.joints = driven_by, forms
 
     def background(self, conditions: Conditions) -> Parameters:
-        """All axes."""
-        one = np.ones(len(conditions))
-        return together(axis_parameters(conditions.causes.placements, one))
+        """All axes, and twists."""
+        one, placements = np.ones(len(conditions)), conditions.causes.placements
+        return together(axis_parameters(placements, one)) + _twists(placements, one)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Axes of some joints, or twists."""
         one, placements = np.ones(len(conditions)), conditions.causes.placements
         by_joint = axis_parameters(placements, one)
-        twists = tuple(
-            EffectParameter(name, "mrad", 1.0, {f"{joint}.rz": MRAD * one}) for name, joint in placements.twists.items()
-        )
+        twists = _twists(placements, one)
         return tuple(
             Form(name, tuple(p for joint, found in by_joint.items() if joint in joints for p in found) or twists)
             for name, joints in self.joints.items()
         )
+
+
+def _twists(placements: Placements, one: FloatArray) -> Parameters:
+    std_mrad = Tolerances.load().kinds.joint_axis.std
+    return tuple(
+        EffectParameter(name, "mrad", std_mrad, {f"{joint}.rz": MRAD * one})
+        for name, joint in placements.twists.items()
+    )
 
 
 class Placement(Family):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 
 from pouring_robot.effects.base import EffectParameter, Form
 from pouring_robot.effects.conditions import FORCE, Conditions
@@ -11,6 +12,8 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 
 _LATER = 0.2
+_ORDERS = 4
+"""Of a beam's line under one load: two more than its ends leave."""
 
 
 class Stretch(Family):
@@ -76,16 +79,25 @@ class Spring(Family):
         self.load = load
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """In proportion to the moment, perhaps stiffening."""
+        """In proportion to the moment, or with its power 2/3 (contacts of teeth); perhaps stiffening or softening."""
         moments = np.asarray(conditions.drive_force)[:, conditions.places(self.drives)] / self.load
         unit = f"mrad at {self.load / 1e3:g} kNm" if self.load >= 1e3 else f"mrad at {self.load:g} Nm"
-        main, shape = [], []
-        for drive, moment in zip(self.drives, moments.T, strict=True):
-            name, where = f"{drive.symbol}_" if len(self.drives) > 1 else "", channel(drive)
-            main.append(EffectParameter(f"{name}yield", unit, 1.0, {where: MRAD * moment}, bounds=(0.0, np.inf)))
-            for word, course in (("cubic", moment**3), ("quadratic", moment * np.abs(moment))):
-                shape.append(EffectParameter(f"{name}{word}", unit, _LATER, {where: MRAD * course}, main=False))
-        return (Form("spring", (*main, *shape)),)
+        courses = {"spring": moments, "contact": np.sign(moments) * np.abs(moments) ** (2.0 / 3.0)}
+        later = {"cubic": moments**3, "quadratic": moments * np.abs(moments)}
+        found = []
+        for form, course in courses.items():
+            main, shape = [], []
+            for k, drive in enumerate(self.drives):
+                name, where = f"{drive.symbol}_" if len(self.drives) > 1 else "", channel(drive)
+                changes = {where: MRAD * course[:, k]}
+                main.append(EffectParameter(f"{name}yield", unit, 1.0, changes, bounds=(0.0, np.inf)))
+                others = later | {n: c for n, c in courses.items() if n != form}
+                for word, other in others.items():
+                    shape.append(
+                        EffectParameter(f"{name}{word}", unit, _LATER, {where: MRAD * other[:, k]}, main=False)
+                    )
+            found.append(Form(form, (*main, *shape)))
+        return tuple(found)
 
 
 class Deflection(Family):
@@ -105,7 +117,10 @@ class Deflection(Family):
         self.needs, self.driven_by = ("weight_n", travel, "truss_span_m"), travel
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """A moving load on two posts, an evenly loaded beam, half a sine; torsion and dead load may add to it."""
+        """A moving load on two posts, an even load, half a sine, to which torsion and dead load may add; or any line.
+
+        Any line is a polynomial of the place, for sinking, roll and pitch each: rails that yield unlike each other.
+        """
         span = float(conditions.truss_span_m or np.nan)
         x = np.asarray(conditions.value(self.travel)) / span
         lines = {
@@ -130,4 +145,12 @@ class Deflection(Family):
                 for label, unit, prior_std, moved, course, _ in courses
             ]
             found.append(Form(name, (*live, *dead)))
-        return tuple(found)
+        line = legvander(2.0 * x - 1.0, _ORDERS).T
+        moves = (("sink", "mm", "base.tz", -MM), ("roll", "mrad", "base.rx", MRAD), ("pitch", "mrad", "base.ry", MRAD))
+        free = [
+            EffectParameter(f"{name}{way}_{order}", f"{unit} {at}", 1.0 / (1 + order), {where: si * course}, main)
+            for name, main, weighed in (("", True, line * load), ("dead_", False, line))
+            for way, unit, where, si in moves
+            for order, course in enumerate(weighed)
+        ]
+        return (*found, Form("any_line", tuple(free)))

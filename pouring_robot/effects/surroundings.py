@@ -78,10 +78,14 @@ class MetrologyScale(Family):
     told_apart_by = "measure a calibrated length with the same device"
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """Constant; where the temperature of the air is known it may change a little with it."""
+        """Constant, or by the temperature of the air where that is known: its index changes by 1e-6 a kelvin."""
         ppm = 1e-6 * np.ones(len(conditions))
-        parameters = [EffectParameter("scale", "1e-6", 100.0, {"metrology.scale": ppm})]
-        if "ambient" in conditions.rises:
-            air = {"metrology.scale": ppm * conditions.rises["ambient"]}
-            parameters.append(EffectParameter("scale_by_air", "1e-6/K", 1.0, air, main=False))
-        return (Form("constant", tuple(parameters)),)
+        constant = EffectParameter("scale", "1e-6", 100.0, {"metrology.scale": ppm})
+        if "ambient" not in conditions.rises:
+            return (Form("constant", (constant,)),)
+        rise = conditions.rises["ambient"]
+        air = EffectParameter("scale_by_air", "1e-6/K", 3.0, {"metrology.scale": ppm * (rise - rise.mean())})
+        return (
+            Form("constant", (constant, replace(air, main=False))),
+            Form("air", (air, replace(constant, main=False))),
+        )

@@ -185,6 +185,8 @@ def bayes_factor(
         largest: scales beyond this are not possible.
         unit: of shaping; see :func:`shaping_unit`.
     """
+    if not len(projected):
+        return BayesFactor(0.0, Scale(1.0), 0.0)
     log_scales = LOG_SCALES[np.exp(LOG_SCALES) <= largest * (1.0 + 1e-9)]
     scales = [Scale(1.0)] if main is None or main.all() else [Scale(1.0, float(s)) for s in unit * SHAPINGS]
     squared_scales = np.exp(2.0 * log_scales)[:, None]

@@ -16,8 +16,10 @@ from pouring_robot.mechanism.arrays import FloatArray
 BACKGROUND_LEVELS = (0.0, *(2.0**-k for k in range(9, 4, -1)))
 """How large usual errors may be, over those of a part that nobody has measured: none, or from a 512th to a 32nd.
 
-Of parts of 0.3 to 1 m, ISO 286 grades IT3 to IT7, ground to milled, are tolerances of 5 to 80 um, which are some four
-standard deviations wide."""
+Of parts of 0.3 to 1 m, ISO 286 grades IT3 to IT7, ground to milled, are tolerances of 5 to 80 um, some four standard
+deviations wide. Larger ones are an effect, and a cause if they are larger than what coarse machining leaves."""
+_USUAL_LEVEL, _LEVEL_SPREAD = 4, 1.5
+"""The likely one, a 64th (IT6), and its standard deviation in steps of two."""
 _SWEEPS = 3
 _WIDE = 40
 """An item of more columns is taken out once for all hypotheses that share it."""
@@ -129,7 +131,8 @@ class Hypothesis:
 
     @functools.cached_property
     def _log_likelihood(self) -> float:
-        return self.everything.log_likelihood
+        steps = (np.array(self.levels) - _USUAL_LEVEL) / _LEVEL_SPREAD
+        return self.everything.log_likelihood - 0.5 * float((steps**2).mean() if steps.size else 0.0)
 
     @functools.cached_property
     def _bayes_factors(self) -> tuple[BayesFactor, ...]:
