@@ -26,7 +26,8 @@ from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows,
 from pouring_robot.estimation.noise import repeats, stated_noise
 from pouring_robot.estimation.priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses, observed, regressor
-from pouring_robot.estimation.solver import Fit, FitOptions, first_frames, fit_with_noise, identify
+from pouring_robot.estimation.session_frames import session_parameters
+from pouring_robot.estimation.solver import Fit, FitOptions, first_frames, fit_with_noise, identify, seen_from_one_place
 from pouring_robot.estimation.splits import HoldOut, Rows, Split, split
 from pouring_robot.exceptions import CampaignError
 from pouring_robot.io.progress import Status, say_nothing
@@ -134,17 +135,19 @@ def calibrate(
     campaign = Campaign.of(campaign, model.definition)
     tolerances = options.tolerances or Tolerances.load()
     candidates = ParameterCatalogue(model.definition).groups(options.parameters)
+    sessions = session_parameters(campaign)
+    campaign = seen_from_one_place(campaign, model)
     progress("checking the data")
     flags, left_out = _checked(campaign, model)
     parts = split(campaign, left_out, options.hold_out)
-    everything = MeasurementModel(model, all_parameters(candidates), options.threads)
-    rows = everything.at(campaign.drives)
+    everything = MeasurementModel(model, all_parameters(candidates), options.threads, sessions)
+    rows = everything.at(campaign.drives, sessions=campaign.sessions)
     noise = stated_noise(campaign, parts.train)
     measured = MeasuredPoses.from_campaign(campaign, noise).without(left_out)
     if noise.from_residuals:
         progress("estimating the noise from residuals")
         train, seen = rows[parts.train], measured[parts.train]
-        prior = prior_std(rows.model.parameters, tolerances, framed=measured.framed)
+        prior = prior_std(rows.model.parameters, tolerances, framed=measured.framed, sessions=rows.model.sessions)
         noise = fit_with_noise(train, seen, first_frames(train, seen), prior, noise, options.fit)[1]
         measured = measured.with_noise(noise)
     progress("choosing parameters")
@@ -157,7 +160,7 @@ def calibrate(
         """Fit groups to the training rows; return all rows as they model them, the fit, and all differences to it."""
         chosen = rows.with_model(everything.with_parameters(all_parameters(groups)))
         train, seen = chosen[parts.train], measured[parts.train]
-        prior = prior_std(chosen.model.parameters, tolerances, framed=measured.framed)
+        prior = prior_std(chosen.model.parameters, tolerances, framed=measured.framed, sessions=chosen.model.sessions)
         fit = identify(train, seen, first_frames(train, seen), prior, replace(options.fit, curvature=curvature))
         return chosen, fit, full.residual(chosen.predict(fit.unknowns))
 
@@ -175,6 +178,7 @@ def calibrate(
     start = fit.unknowns.at(np.zeros_like(fit.unknowns.values))
     shown = observed(measured[parts.train], chosen[parts.train].linearise(start))
     workspace = chosen if campaign.redundant_drives else workspace_rows(chosen.model)
+    own_frames = [parameter.name for parameter in sessions]
     return Calibration(
         campaign=campaign,
         present=model,
@@ -192,7 +196,7 @@ def calibrate(
         unknown_units=chosen.model.units,
         before=before,
         after=after,
-        base=base_parameters(shown, chosen.model.names, lead=chosen.model.names[:FRAMES]),
+        base=base_parameters(shown, chosen.model.names, lead=(*chosen.model.names[:FRAMES], *own_frames)),
         rank_anywhere=_rank_anywhere(shown, workspace, start, measured),
         ladle=ladle_uncertainty(
             workspace,

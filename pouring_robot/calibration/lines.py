@@ -10,6 +10,7 @@ from pouring_robot.calibration.findings import CalibrationFindings
 from pouring_robot.estimation.frames import FRAMES
 from pouring_robot.estimation.identifiability import combination_text, robot_combinations
 from pouring_robot.estimation.instruments import are
+from pouring_robot.estimation.session_frames import SESSION
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.poses import MM, MRAD
 
@@ -137,7 +138,7 @@ def combination_lines(calibration: CalibrationFindings) -> list[Movement]:
     """
     base, fit = calibration.base, calibration.fit
     lines = []
-    for combination in robot_combinations(base, base.names[:FRAMES]):
+    for combination in robot_combinations(base, _outer(base.names)):
         shares = np.zeros(len(base.names))
         for name, share in combination.items():
             shares[base.names.index(name)] = share
@@ -147,3 +148,8 @@ def combination_lines(calibration: CalibrationFindings) -> list[Movement]:
         value = float(shares @ fit.unknowns.values)
         lines.append(Movement(combination_text(combination), unit, value / factor, std / factor, prior / factor))
     return sorted(lines, key=lambda line: -line.surprise)
+
+
+def _outer(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names of the frames, those of sessions with frames of their own too."""
+    return (*names[:FRAMES], *(name for name in names[FRAMES:] if name.startswith(SESSION)))

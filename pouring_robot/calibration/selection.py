@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pouring_robot.calibration.acceptance import harmless, mean_and_error, row_scores
+from pouring_robot.estimation.frames import FRAMES
 from pouring_robot.estimation.instruments import KINDS
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.priors import prior_std
@@ -83,10 +84,10 @@ class _CrossValidation:
     def __call__(self, groups: Sequence[ParameterGroup]) -> FloatArray:
         """Return the mean squared whitened residual of each judged row, by kind, shape (rows, kinds)."""
         model = self.rows.model.with_parameters(all_parameters(groups))
-        prior = prior_std(model.parameters, self.tolerances, framed=self.measured.framed)
+        prior = prior_std(model.parameters, self.tolerances, framed=self.measured.framed, sessions=model.sessions)
         scores = np.full((len(self.rows), len(KINDS)), np.nan)
         for frames, (train, validation) in zip(self._frames, self.split.validations, strict=True):
-            start = Unknowns.zero(frames.frames, len(model.parameters))
+            start = Unknowns.zero(frames.frames, prior.size - FRAMES)
             scores[validation] = self._fold(start, prior, model, train, validation)
         return np.asarray(scores[np.isfinite(scores).any(axis=1)])
 

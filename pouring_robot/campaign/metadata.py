@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import pydantic
 from pydantic import Field, Strict
@@ -22,6 +22,10 @@ _Units = dict[str, dict[str, float]]
 Triple = tuple[float, float, float]
 
 
+Frames = Literal["one", "per session"]
+PER_SESSION: Frames = "per session"
+
+
 class CampaignMetadata(StrictModel):
     """What holds for a whole campaign, in SI units. None: not stated.
 
@@ -30,6 +34,7 @@ class CampaignMetadata(StrictModel):
         description: a line for people.
         target: the body the target sits on; where on it is unknown and always fitted.
         frame: the frame the measurements are given in; where it stands is unknown and always fitted.
+        frames: whether that is one place, or the tracker was set up anew in each session.
         sigma_position_m: standard deviation of a measured coordinate, in m.
         sigma_rotation_rad: standard deviation of a component of the measured rotation, in rad.
         sigma_distance_m: standard deviation of a measured distance, in m.
@@ -45,6 +50,7 @@ class CampaignMetadata(StrictModel):
     description: str = ""
     target: str = "moving_platform"
     frame: str = "tracker"
+    frames: Frames = "one"
     sigma_position_m: _Size | None = None
     sigma_rotation_rad: _Size | None = None
     sigma_distance_m: _Size | None = None
@@ -88,6 +94,7 @@ class _Section(StrictModel):
 class _Metrology(_Section):
     target: str = "moving_platform"
     frame: str = "tracker"
+    frames: Frames = "one"
     sigma_position_mm: _Size | None = None
     sigma_position_m: _Size | None = None
     sigma_rotation_rad: _Size | None = None
@@ -152,7 +159,7 @@ class _CampaignFile(_Section):
             facts |= section.facts()
         if self.reference_temperature_K is not None:
             facts["reference_temperature_degC"] = self.reference_temperature_K + ABSOLUTE_ZERO_DEGC
-        facts |= {"target": self.metrology.target, "frame": self.metrology.frame}
+        facts |= {"target": self.metrology.target, "frame": self.metrology.frame, "frames": self.metrology.frames}
         return CampaignMetadata(robot=self.robot, description=self.description, **facts)
 
 
@@ -197,6 +204,7 @@ def metadata_text(metadata: CampaignMetadata) -> str:
         "metrology": {
             "target": metadata.target,
             "frame": metadata.frame,
+            "frames": None if metadata.frames == "one" else metadata.frames,
             "sigma_position_mm": times(metadata.sigma_position_m, 1e3),
             "sigma_rotation_rad": times(metadata.sigma_rotation_rad, 1.0),
             "sigma_distance_mm": times(metadata.sigma_distance_m, 1e3),

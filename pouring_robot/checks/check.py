@@ -8,11 +8,13 @@ import numpy as np
 
 from pouring_robot.batch import engine_for
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.checks.columns import check_columns
 from pouring_robot.checks.flags import DataFlag, Severity
 from pouring_robot.checks.frames import FrameChecks
 from pouring_robot.checks.mistakes import Comparison
 from pouring_robot.checks.residuals import check_rows
+from pouring_robot.checks.sessions import in_frames_of_their_own
 from pouring_robot.estimation.frame_fit import FrameFit
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.drawing import Drawing
@@ -37,7 +39,9 @@ class Examination:
 
 def examine(campaign: Campaign, drawing: Drawing) -> Examination:
     """Run all checks and keep what they found on the way; see :func:`check_campaign`."""
-    found = list(check_columns(campaign))
+    poses = nominal_poses(drawing, campaign.drives)
+    campaign, found = in_frames_of_their_own(campaign, poses)
+    found += check_columns(campaign)
     frames = FrameChecks(campaign, drawing)
     found += frames.flags
     if frames.fit is not None:

@@ -106,6 +106,11 @@ class FlagCode(enum.StrEnum):
         _ERROR,
         "the row pairs a command with another pose's measurement, or was mistyped; correct it or leave it out",
     )
+    APART_SESSIONS = (
+        "apart_sessions",
+        _ERROR,
+        "if the tracker was set up anew between sessions, write 'frames: per session' under metrology in the YAML",
+    )
     OUTLIER = "outlier", _WARNING, "measure the pose again, or leave the row out"
     MEASUREMENT_JUMP = (
         "measurement_jump",

@@ -27,6 +27,7 @@ from pouring_robot.effects.registry import chosen_effects
 from pouring_robot.estimation.instruments import are
 from pouring_robot.estimation.noise import stated_noise
 from pouring_robot.estimation.noise_level import NoiseLevel
+from pouring_robot.estimation.solver import seen_from_one_place
 from pouring_robot.estimation.splits import HoldOut, split
 from pouring_robot.exceptions import BadInputError, CalibrationError, CampaignError
 from pouring_robot.inference.decision import DEFAULT_THRESHOLDS, Thresholds, judge
@@ -125,7 +126,7 @@ def diagnose(
         FrameFitError: too few rows have a pose and a position.
     """
     options, model = options or DiagnosisOptions(), RobotModel.of(model)
-    campaign = Campaign.of(campaign, model.definition)
+    campaign = seen_from_one_place(Campaign.of(campaign, model.definition), model)
     effects = chosen_effects(model.definition, options.exclude)
     progress("checking the data")
     flags = examine(campaign, model.definition.drawing()).flags

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from pouring_robot.batch import BatchClosure, BatchStart, engine_for
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frames import FRAME_PARAMETERS, FRAMES, OuterFrames, displaced_columns
+from pouring_robot.estimation.session_frames import SessionParameter, base_displacements
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import (
@@ -34,7 +35,7 @@ from pouring_robot.mechanism.parameters import (
     LocalParameter,
     PlacementParameter,
 )
-from pouring_robot.mechanism.rotations import right_jacobian
+from pouring_robot.mechanism.rotations import right_jacobian, rotation_matrices, skew
 from pouring_robot.robot.model import RobotModel
 
 BoolArray = NDArray[np.bool_]
@@ -46,7 +47,8 @@ class Unknowns:
 
     Attributes:
         start: the outer frames that displacements count from.
-        values: displacements from there and parameter values, shape (12 + P,), in m and rad; see the module.
+        values: displacements from there, parameter values, and six displacements of the base a session that has frames
+            of its own, shape (12 + P,), in m and rad; see the module.
     """
 
     start: OuterFrames
@@ -54,7 +56,7 @@ class Unknowns:
 
     @classmethod
     def zero(cls, frames: OuterFrames, parameters: int) -> Unknowns:
-        """Return the given frames and all parameters zero."""
+        """Return the given frames and all parameters, and displacements of sessions, zero."""
         return cls(frames, np.zeros(FRAMES + parameters))
 
     def at(self, values: FloatArray) -> Unknowns:
@@ -116,15 +118,22 @@ class MeasurementModel:
         model: the present robot; parameters act on top of its errors.
         parameters: placement parameters (DH parameters too, as :attr:`DHParameter.local`) and drive parameters.
         threads: how many share the work; by default one a core. Results do not depend on it.
+        sessions: unknowns of sessions with frames of their own, six each; they stand behind all others.
 
     Raises:
         UnknownJointError: a parameter names a joint that is in no chain.
         BadInputError: a parameter is of another kind, or stands twice.
     """
 
-    def __init__(self, model: RobotModel, parameters: Sequence[GeometricParameter], threads: int | None = None) -> None:
+    def __init__(
+        self,
+        model: RobotModel,
+        parameters: Sequence[GeometricParameter],
+        threads: int | None = None,
+        sessions: Sequence[SessionParameter] = (),
+    ) -> None:
         """Build the batch engine of the present robot and the map from parameters to placement errors."""
-        self.model = model
+        self.model, self.sessions = model, tuple(sessions)
         self.engine = engine_for(model.mechanism(), threads)
         self.drawing = model.definition.drawing()
         self._choose(parameters)
@@ -132,8 +141,8 @@ class MeasurementModel:
     def _choose(self, parameters: Sequence[GeometricParameter]) -> None:
         structure = self.engine.structure
         self.parameters = tuple(parameters)
-        self.names = tuple(p.name for p in (*FRAME_PARAMETERS, *self.parameters))
-        self.units = tuple(p.unit for p in (*FRAME_PARAMETERS, *self.parameters))
+        self.names = tuple(p.name for p in (*FRAME_PARAMETERS, *self.parameters, *self.sessions))
+        self.units = tuple(p.unit for p in (*FRAME_PARAMETERS, *self.parameters, *self.sessions))
         twice = {name for name in self.names if self.names.count(name) > 1}
         if twice:
             raise BadInputError(f"parameter '{min(twice)}' stands twice; name each parameter once")
@@ -159,15 +168,19 @@ class MeasurementModel:
         """
         other = MeasurementModel.__new__(MeasurementModel)
         other.model, other.engine, other.drawing = self.model, self.engine, self.drawing
+        other.sessions = self.sessions
         other._choose(parameters)
         return other
 
-    def at(self, drives: FloatArray, start: BatchStart | None = None) -> ModelledRows:
+    def at(
+        self, drives: FloatArray, start: BatchStart | None = None, sessions: Sequence[str] | None = None
+    ) -> ModelledRows:
         """Return rows to predict.
 
         Args:
             drives: commanded drives, shape (n, drives), in m and rad; the model's own drive offsets come on top.
             start: where to start closing, if known; by default the drawing's closed poses.
+            sessions: of each row, where some have frames of their own; by default those of the largest.
 
         Raises:
             BadInputError: the shape is wrong.
@@ -176,11 +189,13 @@ class MeasurementModel:
         count = len(self.engine.structure.mechanism.loops.drives)
         if drives.ndim != 2 or drives.shape[1] != count:
             raise BadInputError(f"drives must have the shape (n, {count}), not {drives.shape}")
-        return ModelledRows(self, drives, self.drawing.starts(drives) if start is None else start)
+        own = {name: k for k, name in enumerate(dict.fromkeys(p.session for p in self.sessions))}
+        session = np.array([own.get(name, -1) for name in sessions or [""] * len(drives)], dtype=np.intp)
+        return ModelledRows(self, drives, self.drawing.starts(drives) if start is None else start, session)
 
     def placement_errors(self, values: FloatArray) -> FloatArray:
         """Return the displacement of every site for parameter values (P,): shape (sites, 6), in m and rad."""
-        return np.asarray(self._twists @ values)
+        return np.asarray(self._twists @ values[: len(self.parameters)])
 
     def drive_errors(self, values: FloatArray | None) -> FloatArray:
         """Return what is added to the commanded drives for parameter values (P,): shape (drives,), in m and rad.
@@ -189,7 +204,7 @@ class MeasurementModel:
         """
         offsets = self.model.drive_offset_values()
         own = np.array([offsets.get(name, 0.0) for name in self.engine.structure.mechanism.loops.drives])
-        return own if values is None else np.asarray(self._drives @ values + own)
+        return own if values is None else np.asarray(self._drives @ values[: len(self.parameters)] + own)
 
     def moved_parameters(self, errors: FloatArray) -> tuple[LocalParameter, ...]:
         """Return the parameters as twists on top of placements displaced by ``errors`` (sites, 6).
@@ -250,11 +265,13 @@ class ModelledRows:
         model: the measurement model.
         drives: commanded drives, shape (n, drives), in m and rad.
         start: where to start closing.
+        session: number of each row's session among those with frames of their own, (n,); -1: none.
     """
 
     model: MeasurementModel
     drives: FloatArray
     start: BatchStart
+    session: NDArray[np.intp]
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -263,11 +280,11 @@ class ModelledRows:
     def __getitem__(self, rows: NDArray[np.intp] | BoolArray) -> ModelledRows:
         """Return some rows, by index or mask."""
         index: NDArray[np.int64] = np.arange(len(self))[rows]
-        return ModelledRows(self.model, self.drives[index], self.start[index])
+        return ModelledRows(self.model, self.drives[index], self.start[index], self.session[index])
 
     def with_model(self, model: MeasurementModel) -> ModelledRows:
         """Return the same rows for another measurement model of the same robot."""
-        return ModelledRows(model, self.drives, self.start)
+        return ModelledRows(model, self.drives, self.start, self.session)
 
     def predict(self, unknowns: Unknowns) -> Prediction:
         """Close the loops and return what the tracker should see.
@@ -276,13 +293,17 @@ class ModelledRows:
             BadInputError: the number of values does not fit, or one is not finite.
         """
         model = self.model
-        if unknowns.values.shape != (FRAMES + len(model.parameters),) or not np.isfinite(unknowns.values).all():
-            raise BadInputError(
-                f"the unknowns must be {FRAMES + len(model.parameters)} finite values, not {unknowns.values.shape}"
-            )
+        if unknowns.values.shape != (len(model.names),) or not np.isfinite(unknowns.values).all():
+            raise BadInputError(f"the unknowns must be {len(model.names)} finite values, not {unknowns.values.shape}")
         errors = model.placement_errors(unknowns.parameters)
         drives = self.drives + model.drive_errors(unknowns.parameters)
-        return Prediction.of(model.engine.close(drives, self.start, errors.ravel()), unknowns.frames)
+        closure = model.engine.close(drives, self.start, errors.ravel())
+        return Prediction.of(closure, unknowns.frames, self._base(unknowns))
+
+    def _base(self, unknowns: Unknowns) -> FloatArray | None:
+        """Return the displacement of the base that each row sees, (n, 6); None where no session has its own frame."""
+        count = len(self.model.sessions)
+        return base_displacements(unknowns.values[-count:], self.session) if count else None
 
     def linearise(self, unknowns: Unknowns) -> Prediction:
         """Return the same with the analytic Jacobian, exact at any residual of the loops.
@@ -296,7 +317,28 @@ class ModelledRows:
         """Return a prediction for these unknowns with its Jacobian added; rows that are singular get status 1."""
         errors = self.model.placement_errors(unknowns.parameters)
         parameters = self.model.moved_parameters(errors)
-        found = self.model.differentiated(prediction, unknowns.frames, parameters, errors.ravel())
+        base = self._base(unknowns)
+        found = self.model.differentiated(prediction, unknowns.frames, parameters, errors.ravel(), base)
+        if base is not None and found.jacobian is not None:
+            jacobian = self._by_session(found.jacobian, unknowns, prediction, base)
+            gap = found.disagreement
+            if gap is not None:
+                gap = np.concatenate([gap, np.zeros((*gap.shape[:2], len(self.model.sessions)))], axis=2)
+            found = replace(found, jacobian=jacobian, disagreement=gap)
         if found.jacobian is not None:
             found.jacobian[:, :, :FRAMES] = found.jacobian[:, :, :FRAMES] @ displaced_columns(unknowns.values)
         return found
+
+    def _by_session(
+        self, jacobian: FloatArray, unknowns: Unknowns, prediction: Prediction, base: FloatArray
+    ) -> FloatArray:
+        """Return the Jacobian with the columns of sessions; the base's own turn then carries what sessions displace."""
+        outer = unknowns.frames.T_tracker_base.rotation
+        places = unknowns.frames.places(PoseStack(prediction.closure.position, prediction.closure.rotation))
+        displaced = (rotation_matrices(base[:, 3:]) @ places[..., None])[..., 0] + base[:, :3]
+        own = jacobian[:, :, :6].copy()
+        own[:, :, 3:] = own[:, :, 3:] @ np.array([right_jacobian(turn) for turn in base[:, 3:]])
+        jacobian[:, :3, 3:6], jacobian[:, 3:, 3:6] = -outer @ skew(displaced), outer
+        count = len(self.model.sessions) // 6
+        columns = [own * (self.session == k)[:, None, None] for k in range(count)]
+        return np.concatenate([jacobian, *columns], axis=2)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pouring_robot.estimation.frames import FRAMES
+from pouring_robot.estimation.session_frames import SessionParameter
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import GeometricParameter
 from pouring_robot.robot.tolerances import Tolerances
@@ -19,12 +20,20 @@ leaves open, so that it only picks one answer where several are the same (see th
 _HELD = 1e-9  # m and rad: of frames that nobody measured from
 
 
-def prior_std(parameters: Sequence[GeometricParameter], tolerances: Tolerances, *, framed: bool = True) -> FloatArray:
+def prior_std(
+    parameters: Sequence[GeometricParameter],
+    tolerances: Tolerances,
+    *,
+    framed: bool = True,
+    sessions: Sequence[SessionParameter] = (),
+) -> FloatArray:
     """Return the standard deviations of all unknowns, frames first, shape (12 + P,), in m and rad.
 
     Args:
         parameters: of the robot.
         tolerances: of its parts.
         framed: whether anything was measured from outside; if not, the frames are held.
+        sessions: unknowns of sessions with frames of their own, which stand last.
     """
-    return np.concatenate([np.full(FRAMES, FRAME_STD if framed else _HELD), tolerances.std(parameters)])
+    frames, others = np.full(FRAMES, FRAME_STD if framed else _HELD), np.full(len(sessions), FRAME_STD)
+    return np.concatenate([frames, tolerances.std(parameters), others])

@@ -18,19 +18,40 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from pouring_robot.campaign.data import Campaign
+from pouring_robot.campaign.metadata import PER_SESSION
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frame_fit import fit_frames
 from pouring_robot.estimation.frame_search import searched_frames
 from pouring_robot.estimation.frame_starts import FEWEST_ROWS
 from pouring_robot.estimation.frames import OuterFrames
 from pouring_robot.estimation.instruments import Kind, are
-from pouring_robot.estimation.measurement import ModelledRows, Prediction, Unknowns
+from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Prediction, Unknowns
 from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations
 from pouring_robot.estimation.robust import Loss
 from pouring_robot.estimation.search import Search
+from pouring_robot.estimation.session_frames import in_one_frame
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.model import RobotModel
+
+
+def seen_from_one_place(campaign: Campaign, model: RobotModel) -> Campaign:
+    """Return a campaign whose sessions all measure from one place, as the present robot tells it.
+
+    Raises:
+        CampaignError: a session has too few whole positions to tell where it measured from.
+    """
+    if campaign.metadata.frames != PER_SESSION:
+        return campaign
+    return in_one_frame(campaign, _present(MeasurementModel(model, ()).at(campaign.drives)))
+
+
+def _present(rows: ModelledRows) -> PoseStack:
+    """Return the poses of the present robot."""
+    closure = rows.model.engine.close(rows.drives + rows.model.drive_errors(None), rows.start)
+    return PoseStack(closure.position, closure.rotation)
 
 
 def first_frames(rows: ModelledRows, measured: MeasuredPoses) -> Unknowns:
@@ -56,7 +77,7 @@ def first_frames(rows: ModelledRows, measured: MeasuredPoses) -> Unknowns:
     else:
         scale = measured.sigma_position_m / measured.sigma_rotation_rad
         frames = fit_frames(poses, measured.position_m, measured.rotation, scale).frames
-    return Unknowns.zero(frames, len(rows.model.parameters))
+    return Unknowns.zero(frames, len(rows.model.parameters) + len(rows.model.sessions))
 
 
 @dataclass(frozen=True)

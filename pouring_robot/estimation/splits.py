@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.campaign.metadata import PER_SESSION
 from pouring_robot.estimation.frame_starts import FEWEST_ROWS
 from pouring_robot.exceptions import BadInputError, CalibrationError
 from pouring_robot.mechanism.arrays import FloatArray
@@ -71,7 +72,13 @@ def split(campaign: Campaign, left_out: Rows, hold_out: HoldOut = "auto") -> Spl
     Raises:
         CalibrationError: there are too few rows.
     """
-    many = len(set(campaign.sessions)) >= _FEWEST_SESSIONS
+    own_frames = campaign.metadata.frames == PER_SESSION
+    if own_frames and hold_out in ("session", "time"):
+        raise CalibrationError(
+            f"sessions have frames of their own, which a block held out by {hold_out} would not know",
+            "choose --hold-out region",
+        )
+    many = len(set(campaign.sessions)) >= _FEWEST_SESSIONS and not own_frames
     kind: BlockKind = hold_out if hold_out != "auto" else "session" if many else "region"
     kept = ~np.isin(np.arange(len(campaign)), left_out)
     parts = [(name, rows[kept[rows]]) for name, rows in blocks(campaign, kind).items()]

@@ -9,6 +9,7 @@ import pytest
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import FlagCode, Severity, outlier_rows
 from tests.campaign.simulated import codes, damaged, measure
+from tests.estimation.test_session_frames import moved
 
 DEG = np.pi / 180.0
 
@@ -51,7 +52,12 @@ def copied(values):
     values[30:33] = values[10:13]
 
 
+def told_of_one_place(campaign):
+    return dataclasses.replace(campaign, metadata=campaign.metadata.model_copy(update={"frames": "one"}))
+
+
 DAMAGES = {
+    "apart_sessions": [lambda c: told_of_one_place(moved(c, 1))],
     "drive_unit": [
         lambda c: damaged(c, drives=scaled([0, 1, 2], 1000.0)),
         lambda c: damaged(c, drives=scaled([1], 0.001)),

@@ -1,0 +1,140 @@
+"""Sessions with frames of their own: the tracker was set up anew, so each session sees the base elsewhere.
+
+Whole poses and places are brought into the frame of the largest session first, by the present robot
+(:func:`in_one_frame`). What is left, its errors, are six more unknowns a session (:class:`SessionParameter`): the
+displacement of the base in its own axes that this session's rows see, fitted with everything else.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from pouring_robot.campaign.data import Campaign
+from pouring_robot.campaign.metadata import PER_SESSION
+from pouring_robot.campaign.nominal import PoseStack
+from pouring_robot.estimation.frame_fit import fit_frames, robust_sigma
+from pouring_robot.estimation.frame_starts import FEWEST_ROWS
+from pouring_robot.exceptions import CampaignError
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.parameters import COMPONENTS
+from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors
+
+SESSION = "session "
+"""How the names of what only a session sees begin."""
+_ROUNDS, _HUBER = 12, 1.5
+
+
+@dataclass(frozen=True)
+class SessionParameter:
+    """One of the six numbers by which a session sees the base displaced against the largest session.
+
+    Attributes:
+        session: its name.
+        component: tx, ty, tz, rx, ry or rz, in the base's axes.
+    """
+
+    session: str
+    component: str
+
+    @property
+    def name(self) -> str:
+        """Name in tables."""
+        return f"{SESSION}{self.session}: base.{self.component}"
+
+    @property
+    def unit(self) -> Literal["m", "rad"]:
+        """``m`` or ``rad``."""
+        return "m" if self.component.startswith("t") else "rad"
+
+
+def session_parameters(campaign: Campaign) -> tuple[SessionParameter, ...]:
+    """Return the unknowns of all sessions but the largest; none where all see the base at one place."""
+    if campaign.metadata.frames != PER_SESSION:
+        return ()
+    _, *others = _by_size(campaign)
+    return tuple(SessionParameter(name, component) for name in others for component in COMPONENTS)
+
+
+def _by_size(campaign: Campaign) -> list[str]:
+    usable = [name for name, used in zip(campaign.sessions, campaign.usable, strict=True) if used]
+    return sorted(dict.fromkeys(campaign.sessions), key=lambda name: -usable.count(name))
+
+
+def in_one_frame(campaign: Campaign, poses: PoseStack) -> Campaign:
+    """Return a campaign whose sessions all measure from where the tracker stood in the largest one.
+
+    Args:
+        campaign: the data; those of one frame are returned as they are.
+        poses: of the end body in the base for every row, by the present robot; NaN where unknown.
+
+    Raises:
+        CampaignError: a session has too few whole positions to tell where it measured from.
+        FrameFitError: so has the largest.
+    """
+    if campaign.metadata.frames != PER_SESSION or len(set(campaign.sessions)) < 2:
+        return campaign
+    sessions, names = np.array(campaign.sessions), _by_size(campaign)
+    vectors = campaign.rotation_vector_rad
+    rotation = np.full((len(campaign), 3, 3), np.nan) if vectors is None else rotation_matrices(vectors)
+    measured = PoseStack(np.array(campaign.position_m), rotation)
+    largest = np.flatnonzero(sessions == names[0])
+    noise_m, noise_rad = campaign.metadata.sigma_position_m, campaign.metadata.sigma_rotation_rad
+    arm_m = noise_m / noise_rad if noise_m and noise_rad else 1.0
+    first = fit_frames(
+        poses[largest], measured.position_m[largest], None if vectors is None else rotation[largest], arm_m
+    ).frames
+    target = PoseStack(first.places(poses), poses.rotation @ first.T_end_target.rotation)
+    for name in names[1:]:
+        rows = np.flatnonzero((sessions == name) & campaign.usable)
+        T_tracker_base = _seen_from(target[rows], measured[rows], arm_m)
+        if T_tracker_base is None:
+            few = (
+                f"session '{name}' has fewer than {FEWEST_ROWS} whole positions, so nobody knows where it was measured"
+            )
+            raise CampaignError(campaign.path, f"{few} from; measure more, or leave it out")
+        back = first.T_tracker_base * T_tracker_base.inverse()
+        measured.position_m[rows] = measured.position_m[rows] @ back.rotation.T + back.translation
+        measured.rotation[rows] = back.rotation @ measured.rotation[rows]
+    turned = None if vectors is None else rotation_vectors(measured.rotation)
+    return dataclasses.replace(campaign, position_m=measured.position_m, rotation_vector_rad=turned)
+
+
+def _seen_from(target: PoseStack, measured: PoseStack, arm_m: float) -> pin.SE3 | None:
+    """Return where the base stands in the tracker that sees targets (base frame) as measured; None: too few rows.
+
+    Rows weigh by Huber; rotations, where measured, weigh as places at the end of an arm.
+    """
+    used = target.complete & np.isfinite(measured.position_m).all(axis=1)
+    if used.sum() < FEWEST_ROWS:
+        return None
+    here, there = target[used], measured[used]
+    turned = np.isfinite(there.rotation).all(axis=(1, 2))
+    weights = np.ones(len(here))
+    for _ in range(_ROUNDS):
+        middle, seen = (np.average(stack.position_m, axis=0, weights=weights) for stack in (here, there))
+        spread = np.einsum("n,ni,nj->ij", weights, there.position_m - seen, here.position_m - middle)
+        turns = np.einsum("n,nij,nkj->ik", weights[turned], there.rotation[turned], here.rotation[turned])
+        u, _, vt = np.linalg.svd(spread + arm_m**2 * turns)
+        u[:, 2] *= np.linalg.det(u @ vt)
+        base = pin.SE3(u @ vt, seen - u @ vt @ middle)
+        left = np.linalg.norm(there.position_m - here.position_m @ base.rotation.T - base.translation, axis=1)
+        sigma = robust_sigma(left / np.sqrt(3.0))
+        weights = np.minimum(1.0, _HUBER * np.sqrt(3.0) * sigma / np.maximum(left, 1e-12)) if sigma else weights
+    return base
+
+
+def base_displacements(values: FloatArray, session: NDArray[np.intp]) -> FloatArray:
+    """Return the displacement of the base that each row sees, (n, 6), in m and rad.
+
+    Args:
+        values: of the session parameters, shape (6 s,).
+        session: number of each row's session among them, (n,); -1: none.
+    """
+    displaced: FloatArray = np.concatenate([values.reshape(-1, 6), np.zeros((1, 6))])
+    return displaced[session]

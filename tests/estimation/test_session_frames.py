@@ -1,0 +1,136 @@
+"""Sessions with frames of their own: the Jacobian by differences, and calibrations as good as from one place."""
+
+import dataclasses
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from pouring_robot.calibration.calibrate import CalibrationOptions, calibrate
+from pouring_robot.campaign.metadata import PER_SESSION
+from pouring_robot.campaign.plan import random_plan
+from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
+from pouring_robot.checks.check import check_campaign
+from pouring_robot.checks.flags import FlagCode, Severity
+from pouring_robot.estimation.frames import OuterFrames
+from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
+from pouring_robot.estimation.session_frames import session_parameters
+from pouring_robot.estimation.solver import seen_from_one_place
+from pouring_robot.exceptions import CalibrationError, CampaignError
+from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors
+from pouring_robot.robot.model import DriveOffset, RobotModel
+from pouring_robot.robot.robot import robot_of
+from tests.support import ROOT
+
+MODELS = {
+    "arm": RobotModel.for_robot(ROOT / "examples" / "robots" / "arm" / "robot.yaml").model_copy(
+        update={"drive_offsets": {"joint2": DriveOffset(offset_mrad=2.0), "joint5": DriveOffset(offset_mrad=-1.5)}}
+    ),
+    "pouring": RobotModel(
+        drive_offsets={"leg1_s3": DriveOffset(offset_mm=0.8), "leg4_s5": DriveOffset(offset_mrad=1.2)}
+    ),
+}
+
+
+def bare(model):
+    return model.model_copy(update={"drive_offsets": {}, "joint_placements": {}})
+
+
+def pose(random, reach_m):
+    turn = random.normal(size=3)
+    return pin.SE3(
+        pin.exp3(turn / np.linalg.norm(turn) * random.uniform(0.1, 3.0)), random.uniform(-reach_m, reach_m, 3)
+    )
+
+
+def moved(campaign, seed, names=("a", "b", "c")):
+    """Return the same poses as a tracker sees them that is set up elsewhere in each of three sessions."""
+    random, count = np.random.default_rng(seed), len(campaign)
+    sessions = tuple(names[k * len(names) // count] for k in range(count))
+    position, rotation = np.array(campaign.position_m), rotation_matrices(campaign.rotation_vector_rad)
+    for name in names:
+        place, rows = pose(random, 4.0), np.flatnonzero([own == name for own in sessions])
+        position[rows] = position[rows] @ place.rotation.T + place.translation
+        rotation[rows] = place.rotation @ rotation[rows]
+    metadata = campaign.metadata.model_copy(update={"frames": PER_SESSION})
+    changed = {"position_m": position, "rotation_vector_rad": rotation_vectors(rotation), "sessions": sessions}
+    return dataclasses.replace(campaign, metadata=metadata, **changed)
+
+
+def measured(name, count, seed):
+    robot = robot_of(MODELS[name])
+    options = MeasurementOptions(3e-5, 3e-5, seed=seed)
+    return simulate_campaign(robot, random_plan(robot, count, seed), options).campaign
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_jacobian_is_the_derivative(name):
+    """Of frames, drives and all sessions, away from zero, against central differences of the prediction."""
+    campaign = moved(measured(name, 9, 1), 1)
+    model, random = bare(MODELS[name]), np.random.default_rng(2)
+    drives = robot_of(model).parameters.drives
+    measurement = MeasurementModel(model, drives, sessions=session_parameters(campaign))
+    rows = measurement.at(campaign.drives, sessions=campaign.sessions)
+    start = OuterFrames(pose(random, 2.0), pose(random, 0.1))
+    zero = Unknowns.zero(start, len(measurement.names) - 12)
+    here = zero.at(random.uniform(-0.02, 0.02, zero.values.size))
+    found, step = rows.linearise(here).jacobian, 1e-5
+    for k in range(zero.values.size):
+        aside = step * np.eye(zero.values.size)[k]
+        plus, minus = (rows.predict(here.at(here.values + sign * aside)) for sign in (1.0, -1.0))
+        column = plus.difference(minus) / (2.0 * step)
+        # Differences err by step² times the third derivative, which is no more than a few metres.
+        np.testing.assert_allclose(found[:, :, k], column, rtol=0, atol=3e-8)
+    assert set(np.unique(rows.session)) == {-1, 0, 1}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_calibration_is_as_good_as_from_one_place(name):
+    """Held-out rows come down as far, and the drive offset is found within its interval."""
+    one = measured(name, 60, 3)
+    options = CalibrationOptions(parameters=("drives",))
+    found = [calibrate(campaign, bare(MODELS[name]), options) for campaign in (one, moved(one, 3))]
+    alone, apart = (np.nanstd(fit.after[fit.split.test][:, :3]) for fit in found)
+    assert apart < 1.25 * alone
+    truth = MODELS[name].drive_offset_values()
+    table = found[1].to_frame().set_index("parameter")
+    for drive, value in truth.items():
+        line = table.loc[f"drive.{drive}"]
+        assert abs(line["value"] - 1e3 * value) < 4.0 * line["std"]
+    # Six unknowns a session cost something, never less than nothing.
+    before = found[0].to_frame().set_index("parameter")
+    assert (table["std"] > 0.99 * before["std"].reindex(table.index)).all()
+
+
+def test_far_setups_are_brought_together_despite_outliers():
+    """The largest session stays; the others come to within what noise and the robot's errors leave."""
+    campaign = measured("arm", 60, 4)
+    position = np.array(campaign.position_m)
+    position[50] += 0.05
+    spoilt = moved(dataclasses.replace(campaign, position_m=position), 4)
+    together = seen_from_one_place(spoilt, MODELS["arm"])
+    largest = np.array(spoilt.sessions) == "a"
+    np.testing.assert_array_equal(together.position_m[largest], spoilt.position_m[largest])
+    # The tracker of the first session, against that of the campaign from which all were moved.
+    place = np.linalg.lstsq(np.c_[position[largest], np.ones(20)], spoilt.position_m[largest], rcond=None)[0]
+    wanted = np.c_[position, np.ones(60)] @ place
+    assert np.abs(together.position_m - wanted).max() < 3e-4
+
+
+def test_the_check_suggests_what_the_file_should_say():
+    campaign = moved(measured("arm", 60, 6), 6)
+    told = dataclasses.replace(campaign, metadata=campaign.metadata.model_copy(update={"frames": "one"}))
+    drawing = MODELS["arm"].definition.drawing()
+    (error,) = (flag for flag in check_campaign(told, drawing) if flag.severity != Severity.NOTE)
+    assert error.code == FlagCode.APART_SESSIONS
+    assert "frames: per session" in error.remedy
+    assert not [flag for flag in check_campaign(campaign, drawing) if flag.severity != Severity.NOTE]
+
+
+def test_what_cannot_be_told_is_refused():
+    campaign = measured("arm", 60, 5)
+    few = dataclasses.replace(moved(campaign, 5), sessions=("a",) * 56 + ("b",) * 4)
+    with pytest.raises(CampaignError, match="session 'b' has fewer than"):
+        seen_from_one_place(few, bare(MODELS["arm"]))
+    with pytest.raises(CalibrationError, match="--hold-out region"):
+        calibrate(moved(campaign, 5), bare(MODELS["arm"]), CalibrationOptions(("drives",), hold_out="session"))
