@@ -37,7 +37,18 @@ _COMMANDS = (
     "regress",
     "compensate",
     "campaign",
+    "examples",
 )
+
+EXTRAS = {
+    "dask": "distributed",
+    "distributed": "distributed",
+    "embreex": "viewer",
+    "pyarrow": "parquet",
+    "sklearn": "regression",
+    "statsmodels": "regression",
+}
+"""The extra of this package that brings a module which a plain installation lacks."""
 
 
 class _Subcommands(TyperGroup):
@@ -102,6 +113,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Typer passes on words of the library that checks values.
         problem = error.format_message().replace("Value error, ", "").rstrip(".")
         _complain(f"{problem}; see pouring-robot --help")
+        return 2
+    except ModuleNotFoundError as error:
+        module = str(error.name).partition(".")[0]
+        if module not in EXTRAS:
+            raise
+        _complain(f"this needs {module}, which is not installed: pip install 'pouring_robot[{EXTRAS[module]}]'")
         return 2
     except (typer.Abort, KeyboardInterrupt):
         _complain("stopped")

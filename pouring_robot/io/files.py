@@ -84,6 +84,21 @@ def write_together(files: Mapping[Path, bytes | str]) -> list[Path]:
     return list(files)
 
 
+def copy_folder(source: Path, folder: Path) -> list[Path]:
+    """Copy the files of a folder into a new one, all or none; what Python has compiled in it stays.
+
+    Returns:
+        The new files.
+
+    Raises:
+        OutputError: the folder is there already, or cannot be made.
+    """
+    if folder.exists():
+        raise OutputError(folder, "it is there already; choose another name")
+    files = [path for path in sorted(source.rglob("*")) if path.is_file() and "__pycache__" not in path.parts]
+    return write_together({folder / path.relative_to(source): path.read_bytes() for path in files})
+
+
 def _make_folder(folder: Path) -> list[Path]:
     """Make a folder and those above it, and return the new ones from the top; if one cannot be made, make none."""
     missing = [place for place in (folder, *folder.parents) if not place.exists()]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from pouring_robot.exceptions import BadInputError, OutputError
+from pouring_robot.exceptions import BadInputError, DescriptionError, OutputError
 from pouring_robot.io.cache import cache_folder, content_key
 from pouring_robot.robot.description.urdf import description_folder, write_urdf
 from pouring_robot.robot.export.closed import ClosedRobot
@@ -19,6 +19,19 @@ def package_path() -> Path:
         DescriptionError: it is missing from the installation.
     """
     return description_folder()
+
+
+def examples_path() -> Path:
+    """Return the folder of the examples: inside an installed package, beside it in a checkout.
+
+    Raises:
+        DescriptionError: it is missing from the installation.
+    """
+    package = Path(__file__).resolve().parents[1]
+    for folder in (package / "examples", package.parent / "examples"):
+        if (folder / "actual.yaml").is_file():
+            return folder
+    raise DescriptionError(package / "examples", "the examples are missing; reinstall pouring_robot")
 
 
 def urdf_path(*, layout: str | None = None, model: RobotModel | Path | str | None = None) -> Path:

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from scipy.ndimage import uniform_filter
 
 from pouring_robot.viewer.scene import Camera
@@ -123,6 +121,9 @@ class Layer:
         self._faces = np.concatenate(faces).astype(np.int32)
         self._part = np.repeat(np.arange(len(bodies), dtype=np.int32), [len(one) for one in faces])
         self._colours = np.array([body.colour for body in bodies], dtype=np.float32)
+        from embreex.mesh_construction import TriangleMesh  # for pictures only: see the extra `viewer`
+        from embreex.rtcore_scene import EmbreeScene
+
         self._scene = EmbreeScene()
         TriangleMesh(self._scene, vertices.astype(np.float32), self._faces)
         self._scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))  # builds the search tree

@@ -1,0 +1,28 @@
+"""``pouring-robot examples``: the examples that come with the package, where one can work with them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pouring_robot.cli.shared import options
+
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder to make; it must not be there yet.")]
+
+
+def copy(folder: Folder) -> None:
+    """Copy the examples into a new folder: model files, robots, campaigns, sweeps, a plug-in."""
+    from pouring_robot.io.files import copy_folder
+    from pouring_robot.robot.files import examples_path
+
+    files = copy_folder(examples_path(), folder)
+    console = options.console()
+    console.print(f"copied {len(files)} files to {folder}", markup=False)
+    console.print(
+        f"try: pouring-robot pose --at-mm -100 20 -600 --tilt-deg 17 --model {folder / 'actual.yaml'}", markup=False
+    )
+
+
+examples = options.group_of("The examples that come with the package.", [copy])
