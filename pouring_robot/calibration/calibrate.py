@@ -133,7 +133,7 @@ def calibrate(
     """
     options, model = options or CalibrationOptions(), RobotModel.of(model)
     campaign = Campaign.of(campaign, model.definition)
-    tolerances = options.tolerances or Tolerances.load()
+    tolerances = options.tolerances or Tolerances.of(model.definition)
     candidates = ParameterCatalogue(model.definition).groups(options.parameters)
     sessions = session_parameters(campaign)
     campaign = seen_from_one_place(campaign, model)

@@ -60,7 +60,7 @@ def calibrate(
     data = Campaign.read(campaign, present.definition)
     chosen = CalibrationOptions(
         parameters=tuple(parameters or ("geometry",)),
-        tolerances=Tolerances.load(tolerances),
+        tolerances=Tolerances.load(tolerances) if tolerances else None,
         hold_out=hold_out,
         choose=not keep_all,
         fit=FitOptions(loss=loss),

@@ -27,7 +27,7 @@ _MOST_BY_CHANCE = 1300
 
 
 def descriptions(rows: CampaignRows, linear: LinearRows, *, by_chance: bool = True) -> Iterator[Description]:
-    """Yield the descriptions that a campaign's conditions allow.
+    """Yield the descriptions that a campaign's conditions allow, and that its measurements can show at all.
 
     Args:
         rows: the campaign.
@@ -35,6 +35,10 @@ def descriptions(rows: CampaignRows, linear: LinearRows, *, by_chance: bool = Tr
         by_chance: whether what differs from row to row by chance counts as something unknown. Where the noise is not
             stated it is noise, of the robot if not of the device.
     """
+    return (found for found in _descriptions(rows, linear, by_chance) if found.columns.any())
+
+
+def _descriptions(rows: CampaignRows, linear: LinearRows, by_chance: bool) -> Iterator[Description]:
     maker = _Maker(rows, linear)
     given, base = rows.conditions, rows.conditions.causes.words.base
     for by, course in _of_one_condition(given):
@@ -119,7 +123,8 @@ def _constant(maker: _Maker, given: Conditions) -> Iterator[Description]:
         for joint, found in axis_parameters(placements, one[:, 0]).items()
     }
     # The changes are those of a mrad; brought back to the usual size of something unknown.
-    yield Description("joint axes", "a constant", _AXES * np.hstack(list(tilts.values())))
+    if tilts:
+        yield Description("joint axes", "a constant", _AXES * np.hstack(list(tilts.values())))
     for where, axes in placements.axis_groups.items():
         outer = [columns for joint, columns in tilts.items() if joint in axes]
         yield Description(where, "a constant", _AXES * np.hstack(outer))

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.batch import engine_for
+from pouring_robot.exceptions import DescriptionError, closest
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.robot.description.causes import AMBIENT, AxisTilt, CauseEntry, Causes, Placements, Thermometers
 from pouring_robot.robot.description.definition import Drive, RobotDefinition
+from pouring_robot.robot.tolerances import Tolerances
 
 HARMONICS = 30
 """Orders of an error that is bound to a joint's own angle. What makes it (encoder, gear, transmission) is not asked."""
@@ -44,7 +46,7 @@ def default_causes(robot: RobotDefinition) -> Causes:
     mechanism = robot.mechanism()
     return Causes(
         entries=(*_of_drives(robot), *_of_structure(robot, mechanism)),
-        placements=_placements(mechanism),
+        placements=_placements(robot, mechanism),
         thermometers=(_ambient(), *(_thermometer(name) for name in robot.thermometers)),
         drive_thermometers=_drive_thermometers(robot, mechanism),
     )
@@ -100,15 +102,29 @@ def chain_joints(mechanism: ClosedChainMechanism) -> tuple[str, ...]:
     return tuple(filter(None, engine_for(mechanism).structure.site_joints))
 
 
-def _placements(mechanism: ClosedChainMechanism) -> Placements:
-    joints = chain_joints(mechanism)
+def _placements(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Placements:
+    joints, kinds = chain_joints(mechanism), Tolerances.of(robot).kinds
+    said = [name.partition(".t") for name in robot.file.places or joints]
+    places = tuple(dict.fromkeys(joint for joint, _, _ in said))
+    along = {place: "".join(axis for joint, _, axis in said if joint == place) or "xyz" for place in places}
+    axes = joints if robot.file.axes is None else robot.file.axes
+    for joint in (*places, *axes):
+        if joint not in joints:
+            raise DescriptionError(robot.path, f"'{joint}' is no joint of the chains{closest(joint, joints)}")
     tilts = []
-    for joint in joints:
+    for joint in axes:
         axis = _axis(mechanism, joint)
         across = "".join(name for name, share in zip("xyz", np.abs(axis), strict=True) if share < _ALONG)
         if axis.any():
             tilts.append(AxisTilt(joint, across))
-    return Placements(centres={"joints": joints}, tilts=tuple(tilts), centre_words={"joints": "joint places"})
+    return Placements(
+        centres={"joints": places},
+        tilts=tuple(tilts),
+        centre_words={"joints": "joint places"},
+        along=along,
+        place_std_mm=kinds.joint_centre.std,
+        axis_std_mrad=kinds.joint_axis.std,
+    )
 
 
 def _axis(mechanism: ClosedChainMechanism, joint: str) -> Any:

@@ -112,6 +112,20 @@ class Scale(Family):
         super().__init__(id_, story, drives)
         self.homes, self.middle_m, self.half_stroke_m, self.build_up = homes, middle_m, half_stroke_m, build_up
 
+    def in_words(self, values: Mapping[str, float]) -> tuple[str, ...]:
+        """Of leads that change along the stroke: each drive's lead where it counts from, and how it changes."""
+        if not self.build_up:
+            return ()
+        lines = []
+        for drive in self.drives:
+            scale, bend = (1e-3 * values.get(f"{drive.symbol}_{name}", 0.0) for name in ("scale", "progression"))
+            line = f"{drive.words}: its lead is {100.0 * scale:+.2f} % off at zero, {200.0 * bend:+.2f} % more a metre"
+            if drive.command == "angle":
+                turn = 2.0 * np.pi * drive.factor / MM
+                line += f" ({turn * (1.0 + scale):.2f} mm a turn, {2.0 * turn * bend:+.2f} mm a metre of stroke)"
+            lines.append(line)
+        return tuple(lines)
+
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """In proportion to the length, or to the stroke from a home position; the lead may change along the stroke.
 

@@ -12,7 +12,6 @@ from pouring_robot.effects.drives import Family
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.causes import Placements
-from pouring_robot.robot.tolerances import Tolerances
 
 Parameters = tuple[EffectParameter, ...]
 
@@ -22,10 +21,11 @@ def place_parameters(placements: Placements, one: FloatArray) -> dict[str, Param
 
     They are as large as the tolerance of a part that nobody has measured.
     """
-    std_mm = Tolerances.load().kinds.joint_centre.std
+    std_mm = placements.place_std_mm
     return {
         joint: tuple(
-            EffectParameter(f"{joint}.t{axis}", "mm", std_mm, {f"{joint}.t{axis}": MM * one}) for axis in "xyz"
+            EffectParameter(f"{joint}.t{axis}", "mm", std_mm, {f"{joint}.t{axis}": MM * one})
+            for axis in placements.along.get(joint, "xyz")
         )
         for joint in placements.places
     }
@@ -36,7 +36,7 @@ def axis_parameters(placements: Placements, one: FloatArray) -> dict[str, Parame
 
     They are as large as the tolerance of a part that nobody has measured.
     """
-    std_mrad = Tolerances.load().kinds.joint_axis.std
+    std_mrad = placements.axis_std_mrad
     return {
         tilt.joint: tuple(
             EffectParameter(
@@ -155,9 +155,8 @@ class Placement(Family):
         """All places and axes, all of one kind, or those of a single joint."""
         one, placements = np.ones(len(conditions)), conditions.causes.placements
         places, axes = place_parameters(placements, one), axis_parameters(placements, one)
-        return (
-            Form("all", together(places) + together(axes)),
-            Form("places", together(places)),
-            Form("axes", together(axes)),
-            *(Form(f"{joint}_alone", found + axes.get(joint, ())) for joint, found in places.items()),
-        )
+        kinds = {"places": together(places), "axes": together(axes)}
+        kept = {name: found for name, found in kinds.items() if found}
+        both = {"all": kinds["places"] + kinds["axes"]} if len(kept) > 1 else {}
+        alone = {f"{joint}_alone": found + axes.get(joint, ()) for joint, found in places.items()}
+        return tuple(Form(name, found) for name, found in (both | kept | alone).items())

@@ -33,7 +33,7 @@ from pouring_robot.robot.pouring.definition import PouringDefinition
 Triple = tuple[float, float, float]
 _ZERO: Triple = (0.0, 0.0, 0.0)
 # More than this is a mistake of units, not a machining error.
-_LARGEST_MM, _LARGEST_MRAD = 200.0, 100.0
+_LARGEST_MM, _LARGEST_MRAD = 500.0, 100.0
 
 
 class JointPlacement(StrictModel):

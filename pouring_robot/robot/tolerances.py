@@ -15,6 +15,7 @@ from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import DriveParameter, GeometricParameter
 from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.pouring.names import INNER_JOINTS
 
@@ -91,6 +92,15 @@ class Tolerances(StrictModel):
             DescriptionError: the file cannot be read, or a key or value in it is wrong.
         """
         return _shipped() if path is None else _read(Path(path))
+
+    @classmethod
+    def of(cls, robot: RobotDefinition) -> Tolerances:
+        """Return those of a robot: its own, or the shipped ones.
+
+        Raises:
+            DescriptionError: as :meth:`load`.
+        """
+        return cls.load(robot.tolerances_file)
 
     def std(self, parameters: Sequence[GeometricParameter]) -> FloatArray:
         """Return the standard deviations of parameters, shape (P,), in m and rad."""

@@ -112,7 +112,7 @@ PLACED = "joint_placements:\n  leg1_s1:\n    translation_mm: "
         (HEAD + PLACED + "[0, 0]\n", "line 5"),
         (HEAD + PLACED + "[0, 0, 0, 0]\n", "line 5"),
         (HEAD + PLACED + "[a, 0, 0]\n", "line 5: .*it is 'a'"),
-        (HEAD + PLACED + "[0, 0, 260]\n", "260.0 mm is no placement error.*check the unit"),
+        (HEAD + PLACED + "[0, 0, 600]\n", "600.0 mm is no placement error.*check the unit"),
         (HEAD + "joint_placements:\n  leg1_s1: {rotation_mrad: [0, 200, 0]}\n", "200.0 mrad is no placement error"),
         ("format: pouring_robot/model/7\n", "pouring_robot/model/1"),
         (HEAD + "joint_placements: 5\n", "joint_placements"),

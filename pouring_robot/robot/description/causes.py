@@ -90,6 +90,8 @@ class Placements:
         axis_groups: joints whose axes something unknown may tilt together, by words.
         twists: joint that turns what comes behind it about its own z axis, by the parameter's name.
         twist_words: what they are called together.
+        along: axes along which a joint may be displaced, where not all.
+        place_std_mm: usual size of a displacement; ``axis_std_mrad`` of a tilt.
     """
 
     centres: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -98,6 +100,9 @@ class Placements:
     axis_groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     twists: Mapping[str, str] = field(default_factory=dict)
     twist_words: str = ""
+    along: Mapping[str, str] = field(default_factory=dict)
+    place_std_mm: float = 1.0
+    axis_std_mrad: float = 1.0
 
     @property
     def places(self) -> tuple[str, ...]:

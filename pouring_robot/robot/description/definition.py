@@ -287,12 +287,23 @@ class RobotDefinition:
     @property
     def parameter_groups(self) -> ParameterGroups:
         """What one physical cause moves together: its meaning on the machine, and the patterns of its parameters."""
-        return _GROUPS
+        own = {"joint_places": (self.file.places, "t?"), "joint_axes": (self.file.axes, "r?")}
+        found = dict(_GROUPS)
+        for name, (joints, part) in own.items():
+            if joints is not None:
+                found[name] = (_GROUPS[name][0], tuple(n if "." in n else f"{n}.{part}" for n in joints))
+        return {name: group for name, group in found.items() if group[1]}
 
     @property
     def parameter_sets(self) -> ParameterSets:
         """Named sets of groups."""
-        return _SETS
+        known = self.parameter_groups
+        return {name: tuple(group for group in groups if group in known) for name, groups in _SETS.items()}
+
+    @property
+    def tolerances_file(self) -> Path | None:
+        """The robot's own tolerances; None: the shipped ones."""
+        return None if self.file.tolerances is None else self.path.parent / self.file.tolerances
 
     @property
     def home_drives(self) -> FloatArray:

@@ -61,6 +61,10 @@ class RobotFile(StrictModel):
         drives: what the controller commands, in this order.
         redundant_drives: whether there are more of them than freedoms: what they disagree by is then measured.
         groups: drives that share a cause, by the group's name; by default all angles and all lengths.
+        places: joints that may stand elsewhere than drawn, or only along an axis of theirs (``anchor.tx``); by default
+            all. Where nothing outside measures, what is held fixes the frame that the others are told in.
+        axes: joints whose axes may point elsewhere; by default all.
+        tolerances: a tolerances file of this robot's own.
         payload_frame: where a payload hangs.
         travel: joints that carry the base.
         home: joint values (m, rad) near which the robot closes; by default all zero.
@@ -82,6 +86,9 @@ class RobotFile(StrictModel):
     drives: tuple[DriveEntry, ...] = pydantic.Field(min_length=1)
     redundant_drives: bool = False
     groups: dict[str, tuple[str, ...]] = pydantic.Field(default_factory=dict)
+    places: tuple[str, ...] | None = None
+    axes: tuple[str, ...] | None = None
+    tolerances: str | None = None
     payload_frame: str | None = None
     travel: tuple[str, ...] = ()
     home: dict[str, float] = pydantic.Field(default_factory=dict)
