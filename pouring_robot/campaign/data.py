@@ -258,9 +258,7 @@ class Campaign(Result):
         """Raise CampaignError if a distance starts at a sample that is not there, stands twice or is the row itself."""
         for row, name in enumerate(self.distance_from):
             if name and (self.samples.count(name) != 1 or self.samples[row] == name):
-                problem = (
-                    f"line {self.lines[row]}: distance_from names '{name}'; it must be the sample of one other row"
-                )
+                problem = f"line {self.lines[row]}: distance_from must be the sample of one other row, and is '{name}'"
                 raise CampaignError(self.path, problem)
 
     @property

@@ -87,6 +87,19 @@ class Findings:
         return tuple(e for e in self.effects if e.cause.effect in self.judgement.beaten)
 
     @property
+    def spare(self) -> dict[str, float]:
+        """What each effect that was tried and not named would be worth beside what was found, in nats, best form."""
+        shown = {
+            e
+            for e in self.hypothesis.rivals
+            if any(i.effect == e and i.columns.any() for i in self.hypothesis.problem.explanations)
+        }
+        worths = self.hypothesis.best_forms(shown)
+        return {
+            effect: worth.evidence for effect, (worth, _) in sorted(worths.items(), key=lambda w: -w[1][0].evidence)
+        }
+
+    @property
     def free_residuals(self) -> FreeResiduals:
         """The residuals of the given model, only its frames fitted, of all inliers."""
         linear = self.before.every_row

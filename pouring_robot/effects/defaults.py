@@ -21,8 +21,6 @@ HARMONICS = 30
 _ALONG = 0.999
 _STROKE = {"middle_m": 0.0, "half_stroke_m": 1.0}
 _LEAD = {**_STROKE, "build_up": True}
-_FORCE, _MOMENT = {"force_n": 1000.0, "length_m": 1.0}, {"load": 100.0}
-"""Loads at which compliances are given."""
 Groups = Mapping[str, tuple[Drive, ...]]
 
 
@@ -71,7 +69,9 @@ def _of_drives(robot: RobotDefinition) -> Iterator[CauseEntry]:
     yield from _each(groups, "drive_backlash", "lost_motion", story, _STROKE)
     story = "the drives yield to the forces that weight puts on them"
     for entry, (name, drives) in zip(_each(groups, "drive_compliance", "", story), groups.items(), strict=True):
-        family, sizes = ("stretch", _FORCE) if drives[0].unit == "m" else ("spring", _MOMENT)
+        family, sizes = "spring", {"load": robot.file.usual_moment_nm}
+        if drives[0].unit == "m":
+            family, sizes = "stretch", {"force_n": robot.file.usual_force_n, "length_m": 1.0}
         yield replace(entry, family=family, options={**entry.options, "group": name, **sizes})
 
 

@@ -40,7 +40,7 @@ class Stretch(Family):
         pull = np.asarray(conditions.drive_force)[:, places] / self.force_n
         rod = pull * conditions.drives[:, places] / self.length_m
         courses = {"rod": rod, "nut": pull, "contact": np.sign(pull) * np.abs(pull) ** (2.0 / 3.0)}
-        unit = f"mm at {self.force_n / 1e3:g} kN"
+        unit = f"mm at {self.force_n / 1e3:g} kN" if self.force_n >= 1e3 else f"mm at {self.force_n:g} N"
 
         def together(name: str, prior_std: float, course: FloatArray) -> EffectParameter:
             return EffectParameter(name, unit, prior_std, of_drives(self.drives, MM, course), main=False)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.estimation.instruments import KINDS
 from pouring_robot.estimation.noise_level import FIRST_GUESS_M, FIRST_GUESS_RAD, NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses
 
@@ -85,9 +86,6 @@ def stated_noise(campaign: Campaign, rows: NDArray[np.intp]) -> NoiseLevel:
             (sizes[name], sizes[f"{kind}_freedoms"]), sources[f"{kind}_source"] = seen, "repeats"
         else:
             sources[f"{kind}_source"] = "residuals"
-    for instrument in measured.instruments:
-        if not instrument.known.any():
-            sources[f"{instrument.kind}_source"] = "none"
-    if not measured.others:
-        sources |= {"distance_source": "none", "closure_source": "none"}
+    seen_kinds = {instrument.kind for instrument in measured.instruments if instrument.known.any()}
+    sources |= {f"{kind}_source": "none" for kind in KINDS if kind not in seen_kinds}
     return replace(first, **sizes, **sources)

@@ -31,7 +31,7 @@ class MeasuredPoses(PoseStack):
         rotation: measured axes, shape (n, 3, 3); NaN where missing. A rotation counts only with all three components.
         sigma_position_m: standard deviation of a coordinate, in m.
         sigma_rotation_rad: standard deviation of a rotation component about the tracker's axes, in rad.
-        others: distances and closures, both or neither.
+        others: distances; where drives are redundant, closures behind them.
     """
 
     sigma_position_m: float
@@ -124,7 +124,8 @@ def _others(campaign: Campaign, noise: NoiseLevel) -> tuple[Instrument, ...]:
     usable = campaign.usable
     length = np.full(len(campaign), np.nan) if distance is None else np.where(usable, distance[:, 0], np.nan)
     distances = Distances(noise.distance_m, length, rows, campaign.distance_start)
-    return distances, Closures(noise.closure_m, np.repeat(usable[:, None], redundant, axis=1))
+    closures = Closures(noise.closure_m, np.repeat(usable[:, None], redundant, axis=1))
+    return (distances, closures) if redundant else (distances,)
 
 
 @dataclass(frozen=True, eq=False)

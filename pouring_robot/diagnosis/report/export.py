@@ -103,6 +103,7 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
             }
             for effect, missing in diagnosis.untestable.items()
         ],
+        "not_needed_nats": diagnosis.spare,
         "suggested_measurements": [measurement.as_dict() for measurement in diagnosis.suggestion.measurements],
         "suggestion": diagnosis.suggestion.as_dict(),
         "data_flags": [flag.to_json(diagnosis.campaign) for flag in diagnosis.flags],

@@ -183,6 +183,13 @@ def left_lines(diagnosis: Conclusions) -> list[str]:
     return lines or list(diagnosis.judgement.reasons)
 
 
+def spare_lines(diagnosis: Conclusions) -> list[str]:
+    """Return which effects were tried beside the named ones and are not asked for, with what they would be worth."""
+    spare = diagnosis.spare if diagnosis.firm and diagnosis.verdict != "unknown" else {}
+    said = ", ".join(f"{effect} ({worth:+.1f} nats)" for effect, worth in spare.items())
+    return [f"{said}; it takes {diagnosis.diagnoser.options.least_evidence:.1f} to be named"] if said else []
+
+
 def absent_sources(needs: Iterable[str], campaign: Campaign) -> tuple[str, ...]:
     """Return those of :func:`sources` that a campaign does not have."""
     columns = {*campaign.missing_conditions()}
@@ -290,6 +297,11 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
     lines = [note for note in diagnosis.notes if not (given.filled and note.startswith("single missing cells"))]
     if len(diagnosis.rows) < _FEW_ROWS:
         lines.append(f"only {len(diagnosis.rows)} rows: take what is named as a hint, and measure {_FEW_ROWS} or more")
+    if not diagnosis.rows.measured.framed:
+        lines.append(
+            "nothing was measured from outside: closures tell the shape of the robot, not where it stands, and all "
+            "lengths only in proportion; what is held as drawn (places, zeros or leads) decides the rest"
+        )
     if given.filled:
         lines.append(f"missing cells were filled in from their neighbours in time: {', '.join(given.filled)}")
     if not given.time_known:
@@ -346,6 +358,7 @@ def sections(diagnosis: Conclusions, *, short: bool = True) -> list[tuple[str, l
         ("where they disagree", [] if diagnosis.verdict == "no_gap" and short else where),
         ("which effect", which),
         ("what cannot be told apart", apart_lines(diagnosis)),
+        ("tried beside these, and not needed", spare_lines(diagnosis)),
         ("what is left", left_lines(diagnosis)),
         ("what could not be tested", untestable_lines(diagnosis)),
         ("next", next_lines(diagnosis)),

@@ -65,6 +65,7 @@ class RobotFile(StrictModel):
             all. Where nothing outside measures, what is held fixes the frame that the others are told in.
         axes: joints whose axes may point elsewhere; by default all.
         tolerances: a tolerances file of this robot's own.
+        usual_force_n: force on a sliding drive at which its stretch is given; ``usual_moment_nm`` on a turning one.
         payload_frame: where a payload hangs.
         travel: joints that carry the base.
         home: joint values (m, rad) near which the robot closes; by default all zero.
@@ -89,6 +90,8 @@ class RobotFile(StrictModel):
     places: tuple[str, ...] | None = None
     axes: tuple[str, ...] | None = None
     tolerances: str | None = None
+    usual_force_n: float = pydantic.Field(default=1000.0, gt=0.0)
+    usual_moment_nm: float = pydantic.Field(default=100.0, gt=0.0)
     payload_frame: str | None = None
     travel: tuple[str, ...] = ()
     home: dict[str, float] = pydantic.Field(default_factory=dict)

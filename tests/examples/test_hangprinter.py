@@ -1,0 +1,55 @@
+"""The Hangprinter: no tracker, only lines that must agree. One command names anchors and build-up, and no stretch."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pouring_robot
+
+MACHINE = Path(__file__).parents[2] / "examples/machines/hangprinter"
+
+
+@pytest.fixture(scope="module")
+def found():
+    return pouring_robot.diagnose(MACHINE / "samples.csv", pouring_robot.RobotModel(robot=str(MACHINE / "robot.yaml")))
+
+
+def test_anchors_and_build_up_are_named_and_stretch_is_not(found):
+    assert found.verdict == "named"
+    assert [effect.cause.effect for effect in found.effects] == ["joint_placement", "drive_scale"]
+    values = {name: p.value for effect in found.effects for name, p in found.parameters_of(effect)}
+    # A line that lies in layers: each turn pays out less the more is out already.
+    assert all(values[f"line_{line}_progression"] < 0.0 for line in "abcd")
+    assert found.spare["drive_compliance"] < 0.0
+
+
+def test_held_out_lines_agree(found):
+    before, after = (1e3 * found.held_out.position(which) for which in ("before", "after"))
+    assert before > 30.0
+    assert after < 1.2  # six rows of a region that no other row is in
+    assert 1e3 * found.train.position("after") < 0.5
+
+
+def test_what_is_found_is_a_robot_whose_lines_agree(found, tmp_path):
+    found.save(tmp_path)
+    model = pouring_robot.RobotModel.load(tmp_path / "model.yaml")
+    assert set(model.joint_placements) == {"anchor_b_X", "anchor_c_X", "anchor_d_X"}
+    assert [(entry.effect, entry.placed) for entry in model.effects if not entry.placed] == [("drive_scale", False)]
+
+
+def test_it_says_that_the_rows_are_few_and_what_lines_cannot_tell(found):
+    from pouring_robot.diagnosis.report.sentences import note_lines
+
+    notes = "\n".join(note_lines(found))
+    assert "44 rows are few" in notes
+    assert "only in proportion" in notes
+
+
+def test_a_camera_beside_the_lines_is_one_more_instrument():
+    campaign = pouring_robot.Campaign.read(
+        MACHINE / "samples.csv", pouring_robot.RobotModel(robot=str(MACHINE / "robot.yaml")).definition
+    )
+    assert campaign.redundant_drives == 1
+    assert campaign.seen == "closures"
+    assert np.isfinite(campaign.force[:41]).all()

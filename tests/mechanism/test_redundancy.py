@@ -1,0 +1,86 @@
+"""What redundant drives disagree by, against least squares of line lengths written down here again."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from pouring_robot.batch import engine_for
+from pouring_robot.exceptions import BadInputError, DescriptionError
+from pouring_robot.mechanism.parameters import drive_parameters
+from pouring_robot.mechanism.redundancy import redundant_drives
+from pouring_robot.robot.description.definition import RobotDefinition
+from pouring_robot.robot.description.robot_file import RobotFile
+
+MACHINE = Path(__file__).parents[2] / "examples/machines/hangprinter/robot.yaml"
+ANCHORS = np.array([[0.0, -1.5939, -0.1], [1.5521, 0.8961, -0.1], [-1.3677, 0.7897, -0.1], [0.0, 0.0, 2.355]])
+LENGTHS = np.array([1.597, 1.795, 1.5825, 2.355])
+JOINTS = ("anchor_a_X", "anchor_b_X", "anchor_c_X", "anchor_d_X")
+STEP = 1e-5
+
+
+def least(lengths, anchors):
+    """Return the root of the least sum of squared length errors, with the sign of their sum, and the place."""
+
+    def off(place):
+        return np.linalg.norm(place - anchors, axis=1) - lengths
+
+    found = least_squares(off, np.array([0.0, 0.0, 0.3]), xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    return np.sign(found.fun.sum()) * np.linalg.norm(found.fun), found.x
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return RobotDefinition.load(MACHINE)
+
+
+@pytest.fixture(scope="module")
+def closed(robot):
+    rng = np.random.default_rng(3)
+    places = rng.uniform([-0.5, -0.5, 0.0], [0.5, 0.5, 1.2], (12, 3))
+    lengths = np.linalg.norm(places[:, None] - ANCHORS, axis=2) + rng.normal(0.0, 0.02, (12, 4))
+    engine = engine_for(robot.mechanism())
+    return engine, lengths, engine.close(lengths, robot.drawing().starts(lengths))
+
+
+def test_it_is_the_least_correction_of_the_lines(closed):
+    _, lengths, found = closed
+    for row, (own, place) in enumerate(zip(lengths, found.position, strict=True)):
+        expected, at = least(own, ANCHORS)
+        assert abs(found.disagreement[row, 0]) == pytest.approx(abs(expected), abs=1e-9)
+        np.testing.assert_allclose(place, at, atol=1e-7)
+
+
+def test_its_derivative_is_that_of_the_least_squares(closed):
+    engine, lengths, found = closed
+    places = [p for p in engine.parameters if p.joint in JOINTS and p.unit == "m"]
+    drives = drive_parameters(engine.structure.mechanism)
+    matrix = engine.transfer(found, (*drives, *places)).disagreement
+    for row in range(4):
+        sign = np.sign(found.disagreement[row, 0]) * np.sign(least(lengths[row], ANCHORS)[0])
+        for k in range(16):
+            moved = []
+            for step in (STEP, -STEP):
+                own, anchors = lengths[row].copy(), ANCHORS.copy()
+                if k < 4:
+                    own[k] += step
+                else:
+                    anchors[(k - 4) // 3, (k - 4) % 3] += step
+                moved.append(least(own, anchors)[0])
+            slope = sign * (moved[0] - moved[1]) / (2.0 * STEP)
+            assert matrix[row, 0, k] == pytest.approx(slope, abs=2e-6)
+
+
+def test_turning_a_line_about_its_anchor_changes_nothing(closed):
+    engine, _, found = closed
+    turns = [p for p in engine.parameters if p.joint in JOINTS and p.unit == "rad"]
+    assert np.abs(engine.transfer(found, turns).disagreement).max() < 1e-12
+
+
+def test_a_robot_without_redundant_drives_has_none_and_may_not_say_so(robot):
+    arm = RobotDefinition.load(MACHINE.parents[1] / "ur10/robot.yaml")
+    assert redundant_drives(arm.mechanism()) == 0
+    said = RobotFile.load(arm.path).model_copy(update={"redundant_drives": True})
+    with pytest.raises((BadInputError, DescriptionError), match="redundant"):
+        redundant_drives(RobotDefinition(said, arm.path).mechanism())
