@@ -14,7 +14,6 @@ from pouring_robot.exceptions import DescriptionError, closest
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.robot.description.causes import AMBIENT, AxisTilt, CauseEntry, Causes, Placements, Thermometers
 from pouring_robot.robot.description.definition import Drive, RobotDefinition
-from pouring_robot.robot.tolerances import Tolerances
 
 HARMONICS = 30
 """Orders of an error that is bound to a joint's own angle. What makes it (encoder, gear, transmission) is not asked."""
@@ -103,7 +102,7 @@ def chain_joints(mechanism: ClosedChainMechanism) -> tuple[str, ...]:
 
 
 def _placements(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Placements:
-    joints, kinds = chain_joints(mechanism), Tolerances.of(robot).kinds
+    joints = chain_joints(mechanism)
     said = [name.partition(".t") for name in robot.file.places or joints]
     places = tuple(dict.fromkeys(joint for joint, _, _ in said))
     along = {place: "".join(axis for joint, _, axis in said if joint == place) or "xyz" for place in places}
@@ -122,8 +121,7 @@ def _placements(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Plac
         tilts=tuple(tilts),
         centre_words={"joints": "joint places"},
         along=along,
-        place_std_mm=kinds.joint_centre.std,
-        axis_std_mrad=kinds.joint_axis.std,
+        tolerances=robot.tolerances_file,
     )
 
 

@@ -12,6 +12,7 @@ from pouring_robot.effects.drives import Family
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.causes import Placements
+from pouring_robot.robot.tolerances import Tolerances
 
 Parameters = tuple[EffectParameter, ...]
 
@@ -21,7 +22,7 @@ def place_parameters(placements: Placements, one: FloatArray) -> dict[str, Param
 
     They are as large as the tolerance of a part that nobody has measured.
     """
-    std_mm = placements.place_std_mm
+    std_mm = Tolerances.load(placements.tolerances).kinds.joint_centre.std
     return {
         joint: tuple(
             EffectParameter(f"{joint}.t{axis}", "mm", std_mm, {f"{joint}.t{axis}": MM * one})
@@ -36,7 +37,7 @@ def axis_parameters(placements: Placements, one: FloatArray) -> dict[str, Parame
 
     They are as large as the tolerance of a part that nobody has measured.
     """
-    std_mrad = placements.axis_std_mrad
+    std_mrad = Tolerances.load(placements.tolerances).kinds.joint_axis.std
     return {
         tilt.joint: tuple(
             EffectParameter(
@@ -122,7 +123,7 @@ class Tilts(Family):
 
 
 def _twists(placements: Placements, one: FloatArray) -> Parameters:
-    std_mrad = Tolerances.load().kinds.joint_axis.std
+    std_mrad = Tolerances.load(placements.tolerances).kinds.joint_axis.std
     return tuple(
         EffectParameter(name, "mrad", std_mrad, {f"{joint}.rz": MRAD * one})
         for name, joint in placements.twists.items()

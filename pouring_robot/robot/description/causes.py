@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 
@@ -91,7 +92,7 @@ class Placements:
         twists: joint that turns what comes behind it about its own z axis, by the parameter's name.
         twist_words: what they are called together.
         along: axes along which a joint may be displaced, where not all.
-        place_std_mm: usual size of a displacement; ``axis_std_mrad`` of a tilt.
+        tolerances: of the robot; None: the shipped ones.
     """
 
     centres: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -101,8 +102,7 @@ class Placements:
     twists: Mapping[str, str] = field(default_factory=dict)
     twist_words: str = ""
     along: Mapping[str, str] = field(default_factory=dict)
-    place_std_mm: float = 1.0
-    axis_std_mrad: float = 1.0
+    tolerances: Path | None = None
 
     @property
     def places(self) -> tuple[str, ...]:

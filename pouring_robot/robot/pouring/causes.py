@@ -12,7 +12,6 @@ from pouring_robot.robot.description.causes import (
     Words,
 )
 from pouring_robot.robot.pouring.names import CHAIN_JOINTS, DRIVE_JOINTS, LEGS, SEATS
-from pouring_robot.robot.tolerances import Tolerances
 
 _LEGS, _TILT = DRIVE_JOINTS[:3], DRIVE_JOINTS[3:]
 _UPPER = tuple(joints[0] for joints in CHAIN_JOINTS)
@@ -122,8 +121,6 @@ CAUSES = Causes(
         axis_groups={"axes on the platforms": _BORES},
         twists={f"{leg}_twist": f"{leg}_s4" for leg in LEGS},
         twist_words="twist of the legs",
-        place_std_mm=Tolerances.load().kinds.joint_centre.std,
-        axis_std_mrad=Tolerances.load().kinds.joint_axis.std,
     ),
     thermometers=(
         Thermometers(
