@@ -2,6 +2,7 @@
 
 python scripts/reproduce_paper.py geometry [--poses 10000] [--seed 2022] [--layout paper] [--out FOLDER]
 python scripts/reproduce_paper.py thermal [--draws 8] [--seed 2022] [--layout paper] [--out FOLDER]
+python scripts/reproduce_paper.py sections [--seed 2022] [--layout paper] [--out FOLDER]
 python scripts/reproduce_paper.py readings [--seed 2022] [--out FOLDER]
 """
 

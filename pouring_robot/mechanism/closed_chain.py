@@ -25,7 +25,7 @@ from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownFra
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.displacement import displace_model
 from pouring_robot.mechanism.joint_types import Mimic, change_joints, make_spherical, read_mimics
-from pouring_robot.mechanism.loops import LoopsFile
+from pouring_robot.mechanism.loops import LoopsFile, LoopStiffness
 
 IndexArray = NDArray[np.intp]
 
@@ -116,6 +116,13 @@ class ClosedChainMechanism:
             name: self._displacements[name] * new if name in self._displacements else new
             for name, new in displacements.items()
         }
+        return other
+
+    def with_stiffness(self, stiffness: LoopStiffness) -> ClosedChainMechanism:
+        """Return the mechanism with other stiffness of its closures; where joints stand does not depend on it."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other._loops = self._loops.model_copy(update={"stiffness": stiffness})
         return other
 
     def with_drives(self, drives: tuple[str, ...]) -> ClosedChainMechanism:

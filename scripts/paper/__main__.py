@@ -2,6 +2,7 @@
 
     python -m scripts.paper geometry [--poses 10000] [--seed 2022] [--layout paper] [--out FOLDER]
     python -m scripts.paper thermal [--draws 8] [--seed 2022] [--layout paper] [--out FOLDER]
+    python -m scripts.paper sections [--seed 2022] [--layout paper] [--out FOLDER]
     python -m scripts.paper readings [--seed 2022] [--out FOLDER]
 
 Each part prints a table with one row a claim (what the paper says, what we compute, the verdict and why) and writes it
@@ -75,6 +76,22 @@ def thermal(
         return ThermalReport.of(run_thermal_study(layout, seed, draws, progress))
 
     _publish(report, given, out, docs)
+
+
+@app.command()
+def sections(
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the drawing.")] = 2022,
+    layout: Annotated[str, typer.Option(help="Layout of the dimensions file.")] = "paper",
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Where CSV, JSON and Markdown go.")] = Path(
+        "output/paper_sections"
+    ),
+    docs: Annotated[bool, typer.Option("--docs", help="Renew docs/paper_sections.md as well.")] = False,
+) -> None:
+    """Abstract and sections 2, 3, 6, 7: strokes, load, shares of the error, weight, identification."""
+    from scripts.paper.sections import SectionsReport, run_sections_study
+
+    given = {"seed": (seed, 2022), "layout": (layout, "paper")}
+    _publish(lambda progress: SectionsReport.of(run_sections_study(layout, seed, progress)), given, out, docs)
 
 
 @app.command()

@@ -38,7 +38,7 @@ class WarmRobot(PouringRobot):
         self.__dict__.update(vars(robot))
         self.expansion, self.pose = expansion, pose
         passive = passive_lengths_m or passive_lengths(robot, robot.kinematics.joint_values(pose))
-        mechanism = robot.kinematics.mechanism
+        mechanism = robot.kinematics.mechanism.with_stiffness(robot.actual_solver.mechanism.loops.stiffness)
         for errors in (expansion.placements(robot.kinematics, passive), robot.model.placement_errors()):
             mechanism = mechanism.displaced({joint: error.to_se3() for joint, error in errors.items()})
         self.actual_solver = ClosureSolver(mechanism, robot.actual_solver.energy.loads, robot.actual_solver.options)

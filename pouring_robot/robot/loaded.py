@@ -1,0 +1,63 @@
+"""The robot as built under its weight: legs, joints and tilt drive yield as their parts do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.constants import g
+
+from pouring_robot.mechanism.closure import ClosureSolver
+from pouring_robot.mechanism.energy import Loads
+from pouring_robot.mechanism.loops import LoopStiffness, Quantity
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring.stiffness import PartStiffness, StiffnessProperties
+from pouring_robot.robot.robot import PouringRobot
+
+
+def stiffness_at(
+    robot: PouringRobot, pose: PlatformPose, payload_kg: float, properties: StiffnessProperties | None = None
+) -> PartStiffness:
+    """Return the stiffness of the parts at a pose of the drawing, bearings under a quarter of the ladle's weight."""
+    values = robot.kinematics.joint_values(pose)
+    lengths = np.array([values[f"leg{i}_s3"] for i in (1, 2, 3, 4)])
+    carried = 0.25 * g * (payload_kg + robot.layout.ladle.tare_kg)
+    return PartStiffness.of(robot.dimensions, lengths, carried, properties)
+
+
+def under_weight(robot: PouringRobot, stiffness: PartStiffness, payload_kg: float) -> PouringRobot:
+    """Return the robot as built, carrying its own weight and a payload; for one pose, as stiffness depends on it.
+
+    The leg drives yield along their legs and the tilt drive about its axis; each chain's end yields against the
+    platform as its two U joints do along the leg, and turns as the leg's torsion lets it; alike in all directions.
+
+    Args:
+        robot: without loads; not changed.
+        stiffness: of its parts at the pose.
+        payload_kg: melt, its centre in the middle of the ladle's height.
+    """
+    *legs, tilt = robot.nominal_solver.mechanism.loops.drives
+    axial = {f"leg{i}_s3": float(k) for i, k in enumerate(stiffness.leg_axial, start=1)}
+    ladle = robot.layout.ladle
+    loads = Loads(
+        gravity=True,
+        payload_kg=payload_kg,
+        payload_frame="ladle",
+        payload_centre_m=(0.0, 0.0, -0.5 * ladle.height_m),
+        drive_stiffness={name: axial[name] for name in legs} | {tilt: stiffness.tilt_drive},
+    )
+    held = LoopStiffness(
+        translation=Quantity(value=stiffness.joint, unit="N/m", source="assumed"),
+        rotation=Quantity(value=float(stiffness.leg_torsion.mean()), unit="Nm/rad", source="assumed"),
+    )
+    mechanism = robot.actual_solver.mechanism.with_stiffness(held)
+    loaded = object.__new__(type(robot))
+    # Not a new robot: the nominal side is the given one's, and building takes time.
+    loaded.__dict__.update(vars(robot))
+    loaded.actual_solver = ClosureSolver(mechanism, loads, robot.actual_solver.options)
+    return loaded
+
+
+def stiffer(stiffness: PartStiffness, part: str, factor: float) -> PartStiffness:
+    """Return the same with one part (``leg_axial``, ``joint``, ``leg_torsion``, ``tilt_drive``) stiffer by a factor."""
+    return replace(stiffness, **{part: getattr(stiffness, part) * factor})

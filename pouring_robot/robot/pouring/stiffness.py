@@ -1,0 +1,173 @@
+r"""Stiffness of a leg and its joints from their sections, lengths and bearings.
+
+Bars and beams are those of W. Young and R. Budynas, Roark's Formulas for Stress and Strain, 7th ed.: a bar yields by
+:math:`F L / (E A)`, a beam on two supports by :math:`F L^3 / (48 E I)` under its middle, a shaft turns by
+:math:`T L / (G J)`. A roller bearing yields by Palmgren's :math:`\delta = 7.7 \cdot 10^{-5}\, Q^{0.9} / l^{0.8}`
+(mm, N, mm) with :math:`Q = 4.6\, F / Z` on the most loaded of Z rollers (T. Harris, Rolling Bearing Analysis, ch. 6
+and 7), so that its stiffness at a load is :math:`F / (0.9\, \delta)`.
+
+Along a leg lie in series the gimbal (four sides of a square, each loaded in its middle), its trunnions' bearings, the
+housing as a tube, thrust bearing and nut, the spindle as a bar down to the lower joint, and that joint's cross in the
+fork and in the foot, with bearings. About the leg, a U joint passes the spindle's torsion on and frees the other turns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import pydantic
+
+from pouring_robot.exceptions import DescriptionError
+from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.description.urdf import description_folder
+from pouring_robot.robot.pouring.layout_schema import Entry, LayoutEntry, Length, Size
+
+Modulus = Entry[Size, Literal["N/m2"]]
+Axial = Entry[Size, Literal["N/m"]]
+Torsion = Entry[Size, Literal["Nm/rad"]]
+_Positive = Annotated[float, pydantic.Field(gt=0.0)]
+_SHORTEST_SPINDLE_M = 0.05
+
+
+class Steel(StrictModel):
+    """Elastic constants."""
+
+    youngs_modulus: Modulus
+    shear_modulus: Modulus
+
+
+class Bearing(StrictModel):
+    """A needle bearing of a U joint."""
+
+    rollers: Entry[Size, Literal["1"]]
+    roller_length: Length
+
+
+class AxialPart(StrictModel):
+    """A bought part with a stiffness along the leg."""
+
+    axial: Axial
+
+
+class TiltDrive(StrictModel):
+    """The gearbox of the tilt drive."""
+
+    torsion: Torsion
+
+
+class Measured(StrictModel):
+    """Measured stiffness in place of computed ones, in N/m and Nm/rad."""
+
+    leg_axial: _Positive | None = None
+    joint: _Positive | None = None
+    leg_torsion: _Positive | None = None
+    tilt_drive: _Positive | None = None
+
+
+class StiffnessProperties(StrictModel):
+    """The stiffness file.
+
+    Attributes:
+        steel: of all parts.
+        bearing: of the U joints.
+        nut, thrust_bearing: of a leg's drive.
+        tilt_drive: gearbox.
+        measured: what takes the place of computed figures.
+    """
+
+    steel: Steel
+    bearing: Bearing
+    nut: AxialPart
+    thrust_bearing: AxialPart
+    tilt_drive: TiltDrive
+    measured: Measured = Measured()
+
+
+def load_stiffness(path: Path | str | None = None) -> StiffnessProperties:
+    """Read a stiffness file (default: the shipped one).
+
+    Raises:
+        DescriptionError: the file is missing or wrong; names file, line and key.
+    """
+    path = Path(path) if path is not None else description_folder() / "config" / "stiffness.yaml"
+    return validate(StiffnessProperties, read_yaml(path, DescriptionError), path, DescriptionError)
+
+
+@dataclass(frozen=True)
+class PartStiffness:
+    """What holds the platform at a pose; N/m and Nm/rad.
+
+    Attributes:
+        leg_axial: of each leg's drive along it: spindle, housing, nut, thrust bearing; shape (4,).
+        joint: of both U joints of a leg along it.
+        leg_torsion: of each leg about itself, shape (4,).
+        tilt_drive: of θ46.
+        shares: compliance along a leg of middle length by part, in m/N.
+    """
+
+    leg_axial: FloatArray
+    joint: float
+    leg_torsion: FloatArray
+    tilt_drive: float
+    shares: dict[str, float]
+
+    @classmethod
+    def of(
+        cls, layout: LayoutEntry, lengths_m: FloatArray, load_N: float, properties: StiffnessProperties | None = None
+    ) -> PartStiffness:
+        """Compute it.
+
+        Args:
+            layout: sections of the parts.
+            lengths_m: of the legs, shape (4,).
+            load_N: along a leg, for the bearings.
+            properties: steel, bearings and measured figures.
+        """
+        given = properties or load_stiffness()
+        leg, E, G = layout.leg, given.steel.youngs_modulus.value, given.steel.shear_modulus.value
+        spindle_m = np.maximum(lengths_m - leg.housing_below.metres, _SHORTEST_SPINDLE_M)
+        radius = leg.spindle_radius.metres
+        outer, inner = leg.housing_outer_radius.metres, leg.housing_inner_radius.metres
+        drive = {
+            "housing": leg.housing_below.metres / (E * np.pi * (outer**2 - inner**2)),
+            "thrust bearing": 1.0 / given.thrust_bearing.axial.value,
+            "nut": 1.0 / given.nut.axial.value,
+        }
+        spindle = spindle_m / (E * np.pi * radius**2)
+        bearing = _bearing(given.bearing, 0.5 * load_N)
+        cross = 0.25 * np.pi * leg.cross_radius.metres**4
+        joint = {
+            "gimbal": _beam(E, leg.gimbal_bar.metres**4 / 12.0, 2.0 * leg.gimbal_half_width.metres),
+            "cross in the fork": _beam(E, cross, 2.0 * leg.fork_half_gap.metres),
+            "cross in the foot": _beam(E, cross, 2.0 * leg.foot_half_gap.metres),
+            # Two bearings side by side carry the leg at each of four trunnion pairs.
+            "bearings": 4.0 * 0.5 * bearing,
+        }
+        torsion = G * 0.5 * np.pi * radius**4 / spindle_m
+        own = given.measured
+        return cls(
+            leg_axial=np.full(4, own.leg_axial) if own.leg_axial else 1.0 / (spindle + sum(drive.values())),
+            joint=own.joint or 1.0 / sum(joint.values()),
+            leg_torsion=np.full(4, own.leg_torsion) if own.leg_torsion else torsion,
+            tilt_drive=own.tilt_drive or given.tilt_drive.torsion.value,
+            shares=joint | drive | {"spindle": float(spindle.mean())},
+        )
+
+
+def _beam(E: float, inertia: float, span: float) -> float:
+    """Return the compliance of a beam on two supports under its middle, in m/N.
+
+    A gimbal's four sides are two pairs in series, two sides a pair: as soft as one of them.
+    """
+    return float(span**3 / (48.0 * E * inertia))
+
+
+def _bearing(bearing: Bearing, load_N: float) -> float:
+    """Return the compliance of a roller bearing at a load, in m/N."""
+    most = 4.6 * load_N / bearing.rollers.value
+    yields_mm = 7.7e-5 * most**0.9 / (1e3 * bearing.roller_length.metres) ** 0.8
+    return float(0.9 * yields_mm * 1e-3 / load_N)

@@ -1,0 +1,62 @@
+"""The other sections: verdicts that follow from the study, and a study that follows from plain figures."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from scripts.paper.sections import JUDGES, SectionsReport, run_sections_study
+
+
+@pytest.fixture(scope="module")
+def study():
+    patch = pytest.MonkeyPatch()
+    for name, count in {"_POSES": 100, "_WEIGHED": 4, "_HEATED": 2}.items():
+        patch.setattr(f"scripts.paper.sections.{name}", count)
+    try:
+        return run_sections_study("paper", 2022)
+    finally:
+        patch.undo()
+
+
+def verdicts(study):
+    return {claim.key: claim.verdict for claim in (judged(study) for judged in JUDGES)}
+
+
+def test_verdicts(study):
+    said = verdicts(study)
+    assert {key for key, verdict in said.items() if verdict == "cannot be checked"} == {"payload", "three_sources"}
+    assert {"strokes", "one_centimetre", "weight"} <= {key for key, verdict in said.items() if verdict == "differs"}
+    for key in ("wide_influence", "by_least_squares", "by_network", "machining"):
+        assert said[key] == "reproduced", key
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "verdict"),
+    [
+        (lambda s: {"sag_m": 0.01 * s.sag_m}, "weight", "reproduced"),
+        (lambda s: {"left_m": dict.fromkeys(s.left_m, 0.2 * s.before_m)}, "by_network", "differs"),
+        (
+            lambda s: {"shares": np.stack([*s.shares[:2], s.shares[:2].sum(axis=0)])},
+            "additive",
+            "reproduced",
+        ),
+        (lambda s: {"shares": s.shares * np.array([1.0, 20.0, 1.0])[:, None, None]}, "heat_share", "differs"),
+    ],
+)
+def test_other_figures_get_other_verdicts(study, changes, key, verdict):
+    assert verdicts(dataclasses.replace(study, **changes(study)))[key] == verdict
+
+
+def test_least_squares_comes_down_to_the_noise(study):
+    """300 positions of 0.02 mm noise, some 50 directions seen: about 0.02 mm · √(50 / 300) is left."""
+    assert study.left_m["least squares"] < 0.02e-3 < study.left_m["network"] < 0.1 * study.before_m
+
+
+def test_every_claim_has_a_reason_and_is_printed(study):
+    report = SectionsReport.of(study)
+    assert all(claim.why for claim in report.claims)
+    assert all(claim.rule for claim in report.claims if claim.verdict != "cannot be checked")
+    text = " ".join(report.text().split())
+    assert "12 claims" in text and "no measured data" in text
+    assert [row["key"] for row in report.claim_rows()] == [claim.key for claim in report.claims]
