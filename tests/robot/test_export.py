@@ -10,7 +10,7 @@ import pytest
 import trimesh
 from lxml import etree
 
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.io.files import write_together
 from pouring_robot.mechanism.closure import ClosureSolver
 from pouring_robot.mechanism.energy import Loads
@@ -132,7 +132,7 @@ def settled(closed, payload_kg, most=40):
     The file holds the loops' and the servos' stiffness; gravity is switched on with a payload.
     """
     assembly = Assembly.of(closed)
-    bare = etree.fromstring(mjcf(assembly, joined_or_touching(closed, assembly)).encode())
+    bare = etree.fromstring(mjcf(closed, assembly, joined_or_touching(closed, assembly)).encode())
     for mesh in bare.xpath("//asset/mesh | //geom[@mesh]"):
         mesh.getparent().remove(mesh)
     spec = mujoco.MjSpec.from_string(etree.tostring(bare, encoding="unicode"))
@@ -212,6 +212,19 @@ def test_sdf_links_stand_closed_and_weigh_what_they_weigh(crooked, tmp_path):
         found = pin.XYZQUATToSE3(np.array(numbers))
         assert pose_gap(found, closed.result.pose("universe", "moving_platform")) == pytest.approx([0, 0], abs=1e-12)
         assert len(model.findall(loops)) == (4 if form == "drake" else 22 + 2 + 1 + 4)
+
+
+def test_meshes_of_packages_that_are_not_here_stay_addresses(tmp_path):
+    source = ROBOTS / "arm" / "arm.urdf.xacro"
+    urdf = RobotModel.for_robot(source.with_name("robot.yaml")).nominal_urdf()
+    shape = '<collision><geometry><mesh filename="package://elsewhere/cup.stl"/></geometry></collision></link>'
+    (tmp_path / "arm.urdf").write_text(urdf.replace("</link>", shape, 1), encoding="utf-8")
+    file = source.with_name("robot.yaml").read_text(encoding="utf-8").replace("xacro: arm.urdf.xacro", "urdf: arm.urdf")
+    (tmp_path / "robot.yaml").write_text(file, encoding="utf-8")
+    closed = ClosedRobot.of(RobotModel.for_robot(tmp_path / "robot.yaml"))
+    assert "package://elsewhere/cup.stl" in written(closed, tmp_path / "out").read_text(encoding="utf-8")
+    with pytest.raises(DescriptionError, match=r"cup\.stl lies in a package that is not here"):
+        exported_files(closed, tmp_path / "out", "mjcf")
 
 
 def test_robot_wrapper_reads_absolute_meshes_without_a_folder(tmp_path):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -108,8 +108,6 @@ class Assembly:
         loops: frames (bodies here) that coincide, drives, stiffness.
         base: the body that stands still, first of all.
         mimics: ratio by follower and leader.
-        mobilities: how readily a loop's body, all loops open, is moved at its centre of mass, in 1/kg, and turned, in
-            1/(kg m²); mean of the three directions, by name.
     """
 
     name: str
@@ -118,7 +116,6 @@ class Assembly:
     loops: LoopsFile
     base: str
     mimics: Mapping[tuple[str, str], float]
-    mobilities: Mapping[str, tuple[float, float]]
 
     @classmethod
     def of(cls, closed: ClosedRobot) -> Assembly:
@@ -153,8 +150,7 @@ class Assembly:
             if frame not in bodies:
                 raise DescriptionError("URDF", f"the loop's frame '{frame}' is no link, so it cannot be exported")
         mimics = {(m.joint, m.leader): m.ratio for m in mechanism.mimics}
-        found = cls(str(root.get("name")), bodies, joints, mechanism.loops, base, mimics, {})
-        return replace(found, mobilities=_mobilities(closed, found))
+        return cls(str(root.get("name")), bodies, joints, mechanism.loops, base, mimics)
 
     def solid(self, name: str) -> str:
         """Return the body that a frame without mass sits on; a body with mass is its own."""
@@ -182,29 +178,6 @@ class Assembly:
         """One shape of each mesh, by file name."""
         every = (s for body in self.bodies.values() for s in (*body.visuals, *body.collisions))
         return {shape.mesh: shape for shape in every if shape.mesh}
-
-
-def _mobilities(closed: ClosedRobot, assembly: Assembly) -> dict[str, tuple[float, float]]:
-    mechanism, found = closed.mechanism, {}
-    model, data = mechanism.shared_model, mechanism.shared_model.createData()
-    mass = pin.crba(model, data, closed.result.configuration)
-    mass = np.triu(mass) + np.triu(mass, 1).T
-    for joint in assembly.servos:
-        own = mechanism.joint_columns[joint.name].start
-        mass[own, own] += joint.armature
-    pin.computeJointJacobians(model, data, closed.result.configuration)
-    for loop in assembly.loops.loops:
-        for name in (assembly.solid(loop.frame_a), assembly.solid(loop.frame_b)):
-            inertia = assembly.bodies[name].inertia
-            if inertia is None or name == assembly.base:
-                found[name] = (0.0, 0.0)
-                continue
-            frame = model.frames[mechanism.frame_id(name)]
-            centre = frame.placement * pin.SE3(np.eye(3), inertia.lever)
-            jacobian = pin.getFrameJacobian(model, data, frame.parentJoint, centre, pin.LOCAL_WORLD_ALIGNED)
-            shares = np.diag(jacobian @ np.linalg.solve(mass, jacobian.T)) / 3.0
-            found[name] = (float(shares[:3].sum()), float(shares[3:].sum()))
-    return found
 
 
 def _carriers_first(links: Mapping[str, Any], joints: Mapping[str, Joint]) -> list[str]:

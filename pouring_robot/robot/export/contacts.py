@@ -30,7 +30,7 @@ def joined_or_touching(closed: ClosedRobot, assembly: Assembly) -> dict[tuple[st
 
 def _in_contact(closed: ClosedRobot) -> list[tuple[str, str]]:
     model = pin.buildModelFromXML(closed.urdf)
-    shapes = pin.buildGeomFromUrdfString(model, with_mesh_files(closed.urdf), pin.GeometryType.COLLISION)
+    shapes = pin.buildGeomFromUrdfString(model, _with_what_is_here(closed.urdf), pin.GeometryType.COLLISION)
     names = [model.frames[item.parentFrame].name for item in shapes.geometryObjects]
     for i, one in enumerate(names):
         for k in range(i + 1, len(names)):
@@ -48,6 +48,15 @@ def _in_contact(closed: ClosedRobot) -> list[tuple[str, str]]:
         if result.isCollision()
     }
     return sorted(found)
+
+
+def _with_what_is_here(urdf: str) -> str:
+    """Return the URDF without the shapes whose meshes lie in packages that only their owner has."""
+    root = etree.fromstring(with_mesh_files(urdf).encode())
+    for mesh in root.xpath("//mesh[starts-with(@filename, 'package://')]"):
+        shape = mesh.getparent().getparent()
+        shape.getparent().remove(shape)
+    return str(etree.tostring(root, encoding="unicode"))
 
 
 def srdf(assembly: Assembly, pairs: dict[tuple[str, str], str]) -> str:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import trimesh
 from lxml import etree
 
+from pouring_robot.exceptions import DescriptionError
 from pouring_robot.robot.description.urdf import urdf_files
 from pouring_robot.robot.export.assembly import Assembly
 from pouring_robot.robot.export.closed import ClosedRobot
@@ -57,9 +59,11 @@ def exported_files(
     for kind in ("csv", "json"):
         place = folder / f"joints.{kind}"
         files[place] = joints_text([JointRow.of(closed.result)], place)
+    if form != "urdf":
+        _refuse_missing(assembly, files, folder)
     match form:
         case "mjcf":
-            files[folder / f"{name}.xml"] = mjcf(assembly, pairs)
+            files[folder / f"{name}.xml"] = mjcf(closed, assembly, pairs)
         case "sdf" | "drake":
             files[folder / "model.config"] = _model_config(name)
             files[folder / f"{name}.sdf"] = sdf(assembly, "joints" if form == "sdf" else "bushings")
@@ -67,6 +71,13 @@ def exported_files(
             files[urdf.with_suffix(".srdf")] = srdf(assembly, pairs)
             files[urdf] = _absolute(drawn, folder) if absolute_meshes else drawn
     return files
+
+
+def _refuse_missing(assembly: Assembly, files: Mapping[Path, bytes | str], folder: Path) -> None:
+    for mesh in assembly.meshes:
+        if folder / "meshes" / mesh not in files:
+            problem = f"the mesh {mesh} lies in a package that is not here; give its file in the URDF, or export urdf"
+            raise DescriptionError("URDF", problem)
 
 
 def _bytes(content: Any) -> bytes:

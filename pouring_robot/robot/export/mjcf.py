@@ -7,11 +7,12 @@ hangs free between all of its chains, so no chain is preferred.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import Any
 
+import numpy as np
 import pinocchio as pin
 from lxml import etree
 
@@ -19,10 +20,13 @@ from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.mechanism.loops import LoopSpec
 from pouring_robot.robot.export.assembly import Assembly, Body, Joint, Shape
+from pouring_robot.robot.export.closed import ClosedRobot
 
 # Of a loop that is left to itself: how fast it closes, in s. And MuJoCo's largest impedance.
 _TIME_CONSTANT, _LARGEST_IMPEDANCE = 0.02, 0.9999
 _DEFAULT_DAMPING = 1.0
+# Condition of a mass matrix beyond which something in it has no mass.
+_MOST_UNEQUAL = 1e14
 
 
 def text(values: Iterable[float]) -> str:
@@ -30,11 +34,12 @@ def text(values: Iterable[float]) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
-def mjcf(assembly: Assembly, touching: Iterable[tuple[str, str]] = ()) -> str:
+def mjcf(closed: ClosedRobot, assembly: Assembly, touching: Iterable[tuple[str, str]] = ()) -> str:
     """Return the robot as MJCF; meshes are OBJ files in ``meshes``.
 
     Args:
-        assembly: the closed robot.
+        closed: the closed robot.
+        assembly: its bodies.
         touching: pairs of bodies whose contacts are left out.
 
     Raises:
@@ -47,7 +52,9 @@ def mjcf(assembly: Assembly, touching: Iterable[tuple[str, str]] = ()) -> str:
         discardvisual="false", balanceinertia="false", boundmass="0", boundinertia="0",
     )  # fmt: skip
     options = {"integrator": "implicitfast", "iterations": "100", "tolerance": "1e-14"}
-    step = min((0.002, *(0.4 * _Weld.of(loop, assembly).time_constant for loop in assembly.loops.loops)))
+    mobilities = _mobilities(closed, assembly)
+    welds = {loop.name: _Weld.of(loop, assembly, mobilities) for loop in assembly.loops.loops}
+    step = min((0.002, *(0.4 * weld.time_constant for weld in welds.values())))
     etree.SubElement(root, "option", gravity=text((0.0, 0.0, -GRAVITY_M_S2)), timestep=repr(step), **options)
     etree.SubElement(root, "statistic", extent="3")
     asset = etree.SubElement(root, "asset")
@@ -62,7 +69,7 @@ def mjcf(assembly: Assembly, touching: Iterable[tuple[str, str]] = ()) -> str:
     for one, other in touching:
         names = ("world" if body == assembly.base else body for body in (one, other))
         etree.SubElement(contact, "exclude", **dict(zip(("body1", "body2"), names, strict=True)))
-    _close(etree.SubElement(root, "equality"), assembly)
+    _close(etree.SubElement(root, "equality"), welds, assembly)
     actuators = etree.SubElement(root, "actuator")
     for joint in assembly.servos:
         _servo(actuators, joint)
@@ -70,6 +77,35 @@ def mjcf(assembly: Assembly, touching: Iterable[tuple[str, str]] = ()) -> str:
     key.set("ctrl", text(joint.value for joint in assembly.servos))
     etree.indent(root)
     return str(etree.tostring(root, encoding="unicode")) + "\n"
+
+
+def _mobilities(closed: ClosedRobot, assembly: Assembly) -> dict[str, tuple[float, float]]:
+    """Return how readily each loop's body, all loops open, is moved, in 1/kg, and turned, in 1/(kg m²), by name.
+
+    At its centre of mass, mean of the three directions.
+    """
+    mechanism, found = closed.mechanism, {}
+    model, data = mechanism.shared_model, mechanism.shared_model.createData()
+    mass = pin.crba(model, data, closed.result.configuration)
+    mass = np.triu(mass) + np.triu(mass, 1).T
+    for joint in assembly.servos:
+        own = mechanism.joint_columns[joint.name].start
+        mass[own, own] += joint.armature
+    if not np.isfinite(np.linalg.cond(mass)) or np.linalg.cond(mass) > _MOST_UNEQUAL:
+        raise DescriptionError("URDF", "links that move have no mass, which MuJoCo refuses; give them one")
+    pin.computeJointJacobians(model, data, closed.result.configuration)
+    for loop in assembly.loops.loops:
+        for name in (assembly.solid(loop.frame_a), assembly.solid(loop.frame_b)):
+            inertia = assembly.bodies[name].inertia
+            if inertia is None or name == assembly.base:
+                found[name] = (0.0, 0.0)
+                continue
+            frame = model.frames[mechanism.frame_id(name)]
+            centre = frame.placement * pin.SE3(np.eye(3), inertia.lever)
+            jacobian = pin.getFrameJacobian(model, data, frame.parentJoint, centre, pin.LOCAL_WORLD_ALIGNED)
+            shares = np.diag(jacobian @ np.linalg.solve(mass, jacobian.T)) / 3.0
+            found[name] = (float(shares[:3].sum()), float(shares[3:].sum()))
+    return found
 
 
 def _stem(mesh: str) -> str:
@@ -154,8 +190,8 @@ class _Weld:
     torque_scale: float
 
     @classmethod
-    def of(cls, loop: LoopSpec, assembly: Assembly) -> _Weld:
-        ends = (assembly.mobilities[assembly.solid(frame)] for frame in (loop.frame_a, loop.frame_b))
+    def of(cls, loop: LoopSpec, assembly: Assembly, mobilities: Mapping[str, tuple[float, float]]) -> _Weld:
+        ends = (mobilities[assembly.solid(frame)] for frame in (loop.frame_a, loop.frame_b))
         slide, turn = (sum(parts) for parts in zip(*ends, strict=True))
         along, about = assembly.loops.stiffness_si
         time = min(_TIME_CONSTANT, 1.0 / math.sqrt(along * slide * _LARGEST_IMPEDANCE * (1.0 - _LARGEST_IMPEDANCE)))
@@ -163,9 +199,9 @@ class _Weld:
         return cls(time, impedance, 2.0 * math.sqrt(about / along * turn / slide))
 
 
-def _close(equality: Any, assembly: Assembly) -> None:
+def _close(equality: Any, welds: Mapping[str, _Weld], assembly: Assembly) -> None:
     for loop in assembly.loops.loops:
-        weld = _Weld.of(loop, assembly)
+        weld = welds[loop.name]
         softness = {"solref": text((weld.time_constant, 1.0)), "solimp": text((*[weld.impedance] * 2, 1e-3, 0.5, 2.0))}
         kind, scale = ("weld", {"torquescale": repr(weld.torque_scale)}) if loop.type == "6d" else ("connect", {})
         etree.SubElement(equality, kind, name=loop.name, site1=loop.frame_a, site2=loop.frame_b, **scale, **softness)
