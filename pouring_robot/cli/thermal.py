@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
-from pouring_robot.cli.shared import heat_options, options
+from pouring_robot.cli.shared import heat_options, options, progress
 from pouring_robot.cli.shared.tables import plain_table
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.poses import MM, MRAD
@@ -19,6 +19,7 @@ from pouring_robot.robot.pouring.poses import PlatformPose
 
 if TYPE_CHECKING:
     from pouring_robot.robot.heat_section import HeatSection
+    from pouring_robot.thermal.expansion.displacement import DisplacementField
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
     from pouring_robot.thermal.report import PoseHeat, ShiftHeat
 
@@ -59,6 +60,19 @@ def thermal(
         Path | None, typer.Option("--csv", metavar="FILE", help="Write every element, or every row of a shift.")
     ] = None,
     png: options.PngFile = None,
+    under: Annotated[
+        Literal["heat", "weight", "both"] | None,
+        typer.Option("--under", help="Say how far every part moves: truss, platforms, legs, ladle."),
+    ] = None,
+    payload_kg: Annotated[
+        float | None, typer.Option("--payload-kg", min=0.0, help="Melt for --under (default: the layout's largest).")
+    ] = None,
+    ladle_degC: Annotated[
+        float | None, typer.Option("--ladle-degC", help="Ladle's steel for --under (default: computed).")
+    ] = None,
+    html: Annotated[
+        Path | None, typer.Option("--html", metavar="FILE", help="Write a page with every part coloured by --under.")
+    ] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Say how warm legs and platforms get under the melt, and how that alone moves the ladle.
@@ -66,7 +80,11 @@ def thermal(
     A pose is given by --at-mm and held until nothing changes (or --after-min); a shift by --history. Geometric errors
     of a model file take no part; its heat section does.
     """
-    options.refuse_unwritable(csv, png)
+    options.refuse_unwritable(csv, png, html)
+    if under is None and (html is not None or payload_kg is not None or ladle_degC is not None):
+        raise BadInputError("--html, --payload-kg and --ladle-degC belong to --under heat, weight or both")
+    if under is not None and at_mm is None:
+        raise BadInputError("--under is for a pose: give --at-mm and --tilt-deg")
     ladle = options.with_melt(options.robot_of(model, robot, layout, warm=True))
     from pouring_robot.robot.heat_section import HeatSection
 
@@ -103,9 +121,25 @@ def thermal(
 
         picture = pose_picture(drawn, title) if isinstance(drawn, PoseHeat) else shift_picture(drawn, title)
         written.append(write_whole(png, picture))
+    field = None
+    if under is not None and pose is not None:
+        with progress.stage_bars() as show:
+            show("moving every part", 0, 2)
+            field = _field(heated, pose, under, payload_kg, ladle_degC)
+            show("moving every part", 1, 2)
+            if html is not None:
+                from pouring_robot.thermal.scene import displacement_scene
+                from pouring_robot.viewer import write_html
+
+                at = heated.robot.kinematics.configuration(pose)
+                scene = displacement_scene(heated.robot, field, f"How far every part moves under {under}", at)
+                written.append(write_html(scene, html))
+            show("moving every part", 2, 2)
     if as_json:
         content = found.figures()
-        measured = {"measured_degC": heat.measured_degC} if heat.measured_degC else {}
+        measured: dict[str, Any] = {"measured_degC": heat.measured_degC} if heat.measured_degC else {}
+        if field is not None:
+            measured |= {"displacement": {"under": under, **field.figures()}}
         names = {"layout": ladle.model.layout, "radiation": not conduction_only, "written": list(map(str, written))}
         options.print_json(content | measured | names)
         return
@@ -115,11 +149,33 @@ def thermal(
         _print_pose(console, found)
     else:
         console.print(_shift_table(found))
+    if field is not None:
+        rows = [(part.replace("_", " "), *(f"{v / MM:.3f}" for v in moved)) for part, moved in field.by_part.items()]
+        rows.append(("mean of the parts, largest", f"{field.mean_m / MM:.3f}", f"{field.largest_m / MM:.3f}"))
+        console.print(plain_table(("part", "mean", "largest"), rows, title=f"moved under {under}: mm"))
     if heat.measured_degC:
         told = ", ".join(f"{part} {value:g} degC" for part, value in heat.measured_degC.items())
         console.print(f"measured temperatures of the model file take the place of computed ones in growth: {told}")
     for file in written:
         console.print(f"wrote {file}")
+
+
+def _field(
+    heated: HeatedRobot, pose: PlatformPose, under: str, payload_kg: float | None, ladle_degC: float | None
+) -> DisplacementField:
+    """Return how far every part moves, the drawing's parts yielding as their stiffness says where weight acts."""
+    from pouring_robot.robot.loaded import stiffness_at, truss_sag_m, under_weight
+    from pouring_robot.thermal.expansion.displacement import DisplacementField
+    from pouring_robot.thermal.expansion.heated_robot import HeatedRobot as Heated
+
+    drawing, sag = heated.robot, 0.0
+    melt = drawing.layout.ladle.payload_kg if payload_kg is None else payload_kg
+    if under == "heat":
+        return DisplacementField.of(heated.locate(pose), ladle_degC)
+    loaded = under_weight(drawing, stiffness_at(drawing, pose, melt), melt)
+    sag = truss_sag_m(drawing, melt)
+    carried = Heated(loaded, heated.heat, heated.network) if under == "both" else Heated(loaded)
+    return DisplacementField.of(carried.locate(pose), ladle_degC, truss_sag_m=sag)
 
 
 def _shift(

@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 from scipy.constants import g
 
 from pouring_robot.mechanism.closure import ClosureSolver
 from pouring_robot.mechanism.energy import Loads
 from pouring_robot.mechanism.loops import LoopStiffness, Quantity
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.pouring.stiffness import PartStiffness, StiffnessProperties
+from pouring_robot.robot.pouring.stiffness import PartStiffness, StiffnessProperties, load_stiffness
 from pouring_robot.robot.robot import PouringRobot
 
 
@@ -56,6 +57,20 @@ def under_weight(robot: PouringRobot, stiffness: PartStiffness, payload_kg: floa
     loaded.__dict__.update(vars(robot))
     loaded.actual_solver = ClosureSolver(mechanism, loads, robot.actual_solver.options)
     return loaded
+
+
+def truss_sag_m(robot: PouringRobot, payload_kg: float, properties: StiffnessProperties | None = None) -> float:
+    """Return how far the trolley's two girders sag in their middle, as beams on the two rails, in m."""
+    model = robot.nominal_solver.mechanism.shared_model
+    data = model.createData()
+    pin.computeSubtreeMasses(model, data)
+    trolley = robot.nominal_solver.mechanism.joint_id(robot.nominal_solver.mechanism.loops.locked_joints[-1])
+    truss = robot.dimensions.truss
+    width, height, wall = (s.metres for s in (truss.girder_width, truss.girder_height, truss.girder_wall))
+    inertia = (width * height**3 - (width - 2.0 * wall) * (height - 2.0 * wall) ** 3) / 12.0
+    modulus = (properties or load_stiffness()).steel.youngs_modulus.value
+    force = g * (float(data.mass[trolley]) + payload_kg)
+    return float(force * truss.gauge.metres**3 / (48.0 * modulus * 2.0 * inertia))
 
 
 def stiffer(stiffness: PartStiffness, part: str, factor: float) -> PartStiffness:

@@ -1,14 +1,18 @@
 """How far every part moves: rigid motion, growth and weight against closed forms."""
 
+import json
+
 import numpy as np
 import pytest
 
+from pouring_robot.cli.app import main
 from pouring_robot.robot.heat_section import HeatSection
-from pouring_robot.robot.loaded import stiffness_at, under_weight
+from pouring_robot.robot.loaded import stiffness_at, truss_sag_m, under_weight
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.thermal.expansion.displacement import DisplacementField
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+from pouring_robot.thermal.scene import displacement_scene
 
 POSE = PlatformPose.from_mm_deg(-100.0, 20.0, -600.0, 10.0)
 PARTS = ("fixed_platform", *LEGS, "platform", "ladle")
@@ -62,3 +66,39 @@ def test_weight_alone_and_both(drawing, state):
     missed = np.linalg.norm(both.moved_m - weight.moved_m - heat.moved_m, axis=1).max()
     assert missed < 0.15 * both.largest_m
     assert set(both.by_part) == set(PARTS) and len(both.to_frame()) == len(both.parts)
+
+
+def test_the_truss_sags_as_a_beam_and_takes_the_robot_along(drawing):
+    sag = truss_sag_m(drawing, 500.0)
+    # Two box girders of 110 × 150 × 8 mm over 3 m, a force in the middle.
+    inertia = (0.110 * 0.150**3 - 0.094 * 0.134**3) / 12.0
+    force = sag * 48.0 * 2.06e11 * 2.0 * inertia / 3.0**3
+    assert 500.0 * 9.81 < force < 2500.0 * 9.81
+    assert sag - truss_sag_m(drawing, 0.0) == pytest.approx(500.0 * 9.80665 * 27.0 / (96.0 * 2.06e11 * inertia))
+    cold = HeatedRobot(drawing).locate(POSE)
+    field = DisplacementField.of(cold, truss_sag_m=sag)
+    truss = np.array(field.parts) == "truss"
+    assert field.moved_m[~truss] == pytest.approx(np.tile([0.0, 0.0, -sag], (int(np.sum(~truss)), 1)), abs=1e-12)
+    assert field.distance_m[truss].max() == pytest.approx(sag) and field.distance_m[truss].min() == 0.0
+
+
+def test_colours_follow_the_field(drawing, state):
+    field = DisplacementField.of(state)
+    scene = displacement_scene(drawing, field, "heat", drawing.kinematics.configuration(POSE))
+    (robot,) = scene.robots
+    colours = {item.name: item.meshColor for item in robot.visual.geometryObjects}
+    ladle = next(colour for name, colour in colours.items() if name.startswith("ladle_"))
+    fixed = next(colour for name, colour in colours.items() if name.startswith("fixed_platform_"))
+    assert ladle[0] > fixed[0]  # redder
+    assert dict(scene.caption)["ladle"].startswith("mean ")
+
+
+def test_the_command(capsys, tmp_path):
+    at = ["thermal", "--at-mm", "-100", "20", "-600", "--tilt-deg", "10"]
+    page = tmp_path / "field.html"
+    assert main([*at, "--under", "both", "--html", str(page), "--json"]) == 0
+    parts = json.loads(capsys.readouterr().out)["displacement"]["parts"]
+    assert set(parts) == {*PARTS, "truss"} and page.stat().st_size > 1e5
+    assert main([*at, "--under", "weight", "--payload-kg", "0"]) == 0
+    assert "moved under weight: mm" in capsys.readouterr().out
+    assert main([*at, "--html", str(page)]) == 2 and "belong to --under" in capsys.readouterr().err

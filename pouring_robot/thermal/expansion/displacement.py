@@ -1,14 +1,15 @@
 """How far every part of the robot moves at a pose under heat, weight or both: the paper's Fig. 8.
 
 Points of the legs lie on the line between their grown U-joint centres, those of a platform and of the ladle move with
-it and grow from its origin; the ladle grows from the middle of its trunnion axis. All are seen from the fixed platform,
-whose own growth counts and whose carrier, the truss, stands still.
+it and grow from its origin; the ladle grows from the middle of its trunnion axis. All are seen from where the fixed
+platform stands on the drawing. The truss, which the thermal network leaves cold, counts where it sags under weight, as
+beams do, and takes everything down with it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,7 +34,7 @@ class DisplacementField:
 
     Attributes:
         parts: name of the part that each point belongs to, (n,): ``fixed_platform``, ``leg1`` …, ``platform``,
-            ``ladle``.
+            ``ladle``; ``truss`` where it sags.
         points_m: on the drawing, in the fixed platform, shape (n, 3).
         moved_m: displacement, shape (n, 3).
     """
@@ -49,6 +50,7 @@ class DisplacementField:
         ladle_degC: float | None = None,
         *,
         ladle_from_o: bool = False,
+        truss_sag_m: float = 0.0,
     ) -> DisplacementField:
         """Return it for a closed warm robot, or a cold one under loads.
 
@@ -56,6 +58,7 @@ class DisplacementField:
             state: the robot at its pose.
             ladle_degC: temperature of the ladle's steel; by default the network's shell, or the drawing's when cold.
             ladle_from_o: whether the ladle grows from o, which the paper takes for its centre, not from its trunnions.
+            truss_sag_m: how far the girders sag in their middle.
         """
         robot = state.robot
         start = robot.kinematics.configuration(robot.pose)
@@ -65,7 +68,7 @@ class DisplacementField:
             properties = state.field.properties
             shell = state.field.shell_degC if ladle_degC is None else ladle_degC
             growth = properties.steel.expansion.value * (shell - properties.expansion.reference_temperature.value)
-        return cls.between(cold, state.result, robot.expansion, robot.dimensions, growth, ladle_from_o)
+        return cls.between(cold, state.result, robot.expansion, robot.dimensions, growth, ladle_from_o, truss_sag_m)
 
     @classmethod
     def between(
@@ -76,6 +79,7 @@ class DisplacementField:
         layout: LayoutEntry,
         ladle_strain: float = 0.0,
         ladle_from_o: bool = False,
+        truss_sag_m: float = 0.0,
     ) -> DisplacementField:
         """Return it between two closures of the same command.
 
@@ -86,6 +90,7 @@ class DisplacementField:
             layout: sizes of the parts.
             ladle_strain: growth of the ladle per length.
             ladle_from_o: as in :meth:`of`.
+            truss_sag_m: likewise.
         """
         fixed, moving = layout.fixed_centres.metres, layout.moving_centres.metres
         shares = np.linspace(0.0, 1.0, _ON_A_LEG)
@@ -114,6 +119,11 @@ class DisplacementField:
         middle = np.zeros(3) if ladle_from_o else trunnions
         swollen = middle * (1.0 + expansion.platform_strain) + (ladle - middle) * (1.0 + ladle_strain)
         add("ladle", placed(cold, ladle), placed(warm, swollen))
+        if truss_sag_m > 0.0:
+            down = np.array([0.0, 0.0, -truss_sag_m])
+            moved = [shift + down for shift in moved]
+            girders, share = _girder_points(layout)
+            add("truss", girders, girders + share[:, None] * down)
         return cls(tuple(parts), np.concatenate(points), np.concatenate(moved))
 
     @property
@@ -137,6 +147,11 @@ class DisplacementField:
     def largest_m(self) -> float:
         """Largest of all points."""
         return float(self.distance_m.max())
+
+    def figures(self) -> dict[str, Any]:
+        """Return mean and largest of each part in mm, ready for JSON."""
+        parts = {part: {"mean_mm": mean * 1e3, "largest_mm": most * 1e3} for part, (mean, most) in self.by_part.items()}
+        return {"parts": parts, "mean_mm": self.mean_m * 1e3, "largest_mm": self.largest_m * 1e3}
 
     def to_frame(self) -> pd.DataFrame:
         """Return one row a point, in mm."""
@@ -171,3 +186,13 @@ def _ladle_points(layout: LayoutEntry) -> tuple[FloatArray, FloatArray]:
     lip = np.array([[rim[0] + top + ladle.lip_reach.metres, 0.0, rim[2]]])
     middle = np.array(rim) - np.array([0.0, 0.0, layout.moving_platform.trunnion_drop.metres])
     return np.concatenate([*rings, lip]), middle
+
+
+def _girder_points(layout: LayoutEntry) -> tuple[FloatArray, FloatArray]:
+    """Return points along both girders in the fixed platform, and their share of the sag under a load in the middle."""
+    truss = layout.truss
+    along = np.linspace(0.0, 1.0, 2 * _ON_A_BAR + 1)
+    near = np.minimum(along, 1.0 - along)
+    x, side, up = (along - 0.5) * truss.gauge.metres, truss.girder_offset.metres, truss.platform_drop.metres
+    points = np.concatenate([np.column_stack([x, np.full_like(x, y), np.full_like(x, up)]) for y in (side, -side)])
+    return points, np.tile(3.0 * near - 4.0 * near**3, 2)
