@@ -12,11 +12,11 @@ import numpy as np
 
 from pouring_robot.io.quantities import Quantity, QuantityTable
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.description import robot_file
 from pouring_robot.robot.description.definition import RobotDefinition
 
-POSITION = ("x", "y", "z")
-ROTATION = ("rx", "ry", "rz")
-DISTANCE, DISTANCE_FROM = "distance", "distance_from"
+POSITION, ROTATION = robot_file.POSITION, robot_file.ROTATION
+DISTANCE, DISTANCE_FROM = robot_file.DISTANCE
 MEASURED = (*POSITION, *ROTATION, DISTANCE)
 AMBIENT = "ambient"
 

@@ -90,6 +90,11 @@ class FlagCode(enum.StrEnum):
         "reverse the signs of rx, ry and rz, or change the tracker's export",
     )
     MIRRORED_AXES = "mirrored_axes", _ERROR, "check order and signs of x, y and z in the tracker's export"
+    DRIVE_REVERSED = (
+        "drive_reversed",
+        _ERROR,
+        "reverse the sign of the column; if the controller counts so, give the drive a negative ratio in its file",
+    )
     DRIVES_EXCHANGED = "drives_exchanged", _ERROR, "put the headings over the right columns"
     NO_AGREEMENT = (
         "no_agreement",

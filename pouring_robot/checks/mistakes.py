@@ -114,6 +114,7 @@ def position_mistakes(campaign: Campaign, drawing: Drawing, data: Comparison) ->
         reversed_x = functools.partial(_scaled, factor=np.array([-1.0, 1.0, 1.0]))
         yield Mistake(FlagCode.MIRRORED_AXES, message, columns.POSITION, reversed_x)
     yield from _drive_units(campaign, drawing)
+    yield from _drives_reversed(campaign, drawing)
     yield from _drives_exchanged(campaign, drawing)
 
 
@@ -144,6 +145,15 @@ def _drive_units(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
                 scale = np.ones(len(campaign.robot.drives))
                 scale[concerned] = factor
                 yield _drives_changed(campaign, drawing, FlagCode.DRIVE_UNIT, message, np.diag(scale))
+
+
+def _drives_reversed(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
+    """Yield single drives that are counted the other way."""
+    for k, drive in enumerate(campaign.robot.drives):
+        signs = np.ones(len(campaign.robot.drives))
+        signs[k] = -1.0
+        message = f"column '{campaign.heading(drive.column)}' seems to be counted the other way: its sign is reversed"
+        yield _drives_changed(campaign, drawing, FlagCode.DRIVE_REVERSED, message, np.diag(signs))
 
 
 def _drives_exchanged(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:

@@ -286,18 +286,30 @@ class ClosedChainMechanism:
     @functools.cached_property
     def frame_paths(self) -> dict[str, tuple[str, ...]]:
         """Every frame by name: the names of the joints, moving and fixed, from the root down to it, it included."""
-        frames = list(self._model.frames)
+        joints, others = self._paths
+        return joints | others
+
+    @property
+    def joint_paths(self) -> dict[str, tuple[str, ...]]:
+        """The same of every joint, moving and fixed; a link may be called as a joint elsewhere is."""
+        return self._paths[0]
+
+    @functools.cached_property
+    def _paths(self) -> tuple[dict[str, tuple[str, ...]], dict[str, tuple[str, ...]]]:
         paths: list[tuple[str, ...]] = []
-        for i, frame in enumerate(frames):  # Pinocchio lists a frame after its parent
+        joints: dict[str, tuple[str, ...]] = {}
+        others: dict[str, tuple[str, ...]] = {}
+        for i, frame in enumerate(self._model.frames):  # Pinocchio lists a frame after its parent
             before = paths[frame.parentFrame] if i else ()
             is_joint = frame.type in (pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT)
             paths.append((*before, frame.name) if is_joint else before)
-        return {frame.name: path for frame, path in zip(frames, paths, strict=True)}
+            (joints if is_joint else others)[frame.name] = paths[-1]
+        return joints, others
 
     @functools.cached_property
     def path_depths(self) -> dict[str, int]:
         """Number of joints, moving and fixed, before each joint on its way from the root."""
-        return {name: len(path) - 1 for name, path in self.frame_paths.items() if path and path[-1] == name}
+        return {name: len(path) - 1 for name, path in self.joint_paths.items()}
 
     def unit_of(self, joint: str) -> Literal["m", "rad"]:
         """Return the unit of a one-freedom joint: a length or an angle.

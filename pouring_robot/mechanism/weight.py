@@ -60,7 +60,9 @@ class Weight:
             if own_mass > 1e-12:
                 moment = model.inertias[joint].mass * model.inertias[joint].lever
                 lever = (moment - merged[joint].mass * merged[joint].lever) / own_mass
-                bodies.append(_Body(own_mass, data.oMi[joint].act(lever), paths[model.names[joint]]))
+                bodies.append(
+                    _Body(own_mass, data.oMi[joint].act(lever), self._mechanism.joint_paths[model.names[joint]])
+                )
         if self._energy.loads.payload_kg > 0.0:
             bodies.append(self._payload(self._energy.loads.payload_kg))
         return bodies

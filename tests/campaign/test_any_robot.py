@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from pouring_robot.campaign.columns import campaign_columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.campaign.plan import random_plan, read_plan
@@ -11,6 +12,7 @@ from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaig
 from pouring_robot.estimation.frames import OuterFrames
 from pouring_robot.exceptions import CampaignError
 from pouring_robot.robot.base import Robot
+from pouring_robot.robot.description.robot_file import TAKEN
 from tests.robot.test_base import NAMES, ROBOTS
 
 
@@ -39,3 +41,10 @@ def test_a_plan_of_drives_is_read_in_their_units(tmp_path):
     (tmp_path / "p.csv").write_text("q1_deg,q2_deg,q3_deg\n10,20,95\n")
     with pytest.raises(CampaignError, match=r"p\.csv: line 2: the pose is out of reach: joint 'arm3_drive'"):
         read_plan(tmp_path / "p.csv", robot)
+
+
+def test_no_drive_is_called_as_a_column_that_every_campaign_has():
+    robot = Robot.load(ROBOTS / "arm" / "robot.yaml").model.definition
+    own = {*(drive.column for drive in robot.drives), *robot.thermometers, *robot.travels}
+    every = {q.name for q in campaign_columns(robot)}
+    assert {name for name in every - own if name.partition("_")[2] not in own} <= TAKEN

@@ -92,6 +92,7 @@ DAMAGES = {
         c, position_m=c.position_m + np.where(np.arange(len(c)) >= 60, 0.003, 0.0)[:, None]
     ),
     "rotation_unit": lambda c: damaged(c, rotation_vector_rad=c.rotation_vector_rad / DEG),
+    "drive_reversed": lambda c: damaged(c, drives=c.drives * np.where(np.arange(c.drives.shape[1]) == 1, -1.0, 1.0)),
 }
 
 

@@ -57,6 +57,7 @@ def told_of_one_place(campaign):
 
 
 DAMAGES = {
+    "drive_reversed": [lambda c: damaged(c, drives=scaled([3], -1.0))],
     "apart_sessions": [lambda c: told_of_one_place(moved(c, 1))],
     "drive_unit": [
         lambda c: damaged(c, drives=scaled([0, 1, 2], 1000.0)),

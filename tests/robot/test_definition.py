@@ -1,6 +1,7 @@
 """Robot files: what they say, what is refused, and that the pouring robot is one of them."""
 
 import math
+import re
 import shutil
 
 import numpy as np
@@ -200,3 +201,18 @@ def test_limits_of_a_urdf_that_leaves_them_out_bind_nothing(arm):
     turned, slid = np.ptp(drives, axis=0)
     assert turned > 1.0
     assert slid == 0.0  # nobody knows how far it goes
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        ("payload_frame: tipp", "payload_frame 'tipp' is no link of the robot; did you mean 'tip'"),
+        ("home: {reach: 9.0}", "home: 'reach' at 9 is beyond its limits"),
+    ],
+)
+def test_what_the_urdf_contradicts_is_refused(tmp_path, said, words):
+    (tmp_path / "r.urdf").write_text(ARM, encoding="utf-8")
+    text = f"format: pouring_robot/robot/1\nname: r\nurdf: r.urdf\nbase_frame: base\nend_frame: tip\n{said}\n"
+    (tmp_path / "robot.yaml").write_text(text + "drives: [{joint: shoulder}, {joint: reach}]\n", encoding="utf-8")
+    with pytest.raises(DescriptionError, match=re.escape(words)):
+        RobotDefinition.load(tmp_path / "robot.yaml")

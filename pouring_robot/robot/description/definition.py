@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from pouring_robot.robot.dh.table import DHTable
 
 _WORKSPACE_SAMPLES = 200
+_LIMIT_SLACK = 1e-6  # m or rad: a home that was rounded
 ParameterGroups = Mapping[str, tuple[str, tuple[str, ...]]]
 ParameterSets = Mapping[str, tuple[str, ...]]
 _GROUPS: ParameterGroups = {
@@ -120,6 +121,11 @@ class RobotDefinition:
         for name in (*file.travel, *file.home):
             if name not in kinds:
                 raise DescriptionError(path, f"'{name}' is not a joint of the robot{closest(name, kinds)}")
+        frames = (*self._links, *kinds)
+        if file.payload_frame is not None and file.payload_frame not in frames:
+            near = closest(file.payload_frame, frames)
+            raise DescriptionError(path, f"payload_frame '{file.payload_frame}' is no link of the robot{near}")
+        self._check_home(root)
 
     @classmethod
     def load(cls, path: Path | str) -> RobotDefinition:
@@ -166,6 +172,17 @@ class RobotDefinition:
             return etree.fromstring(self.urdf().encode())
         except etree.XMLSyntaxError as problem:
             raise DescriptionError(self.source, f"line {problem.lineno}: {problem.msg}") from problem
+
+    def _check_home(self, root: etree._Element) -> None:
+        """Refuse a home beyond a joint's limits."""
+        for joint in root.iterfind("joint"):
+            name, limit = str(joint.get("name")), joint.find("limit")
+            if name in self.file.home and limit is not None and joint.get("type") in ("revolute", "prismatic"):
+                value = self.file.home[name]
+                lower, upper = (float(limit.get(key, "nan")) for key in ("lower", "upper"))
+                if lower < upper and not lower - _LIMIT_SLACK <= value <= upper + _LIMIT_SLACK:
+                    beyond = f"home: '{name}' at {value:g} is beyond its limits {lower:g} to {upper:g} (m, rad)"
+                    raise DescriptionError(self.path, beyond)
 
     def _drive(self, entry: DriveEntry, kinds: Mapping[str, str]) -> Drive:
         kind = kinds.get(entry.joint)

@@ -13,7 +13,10 @@ from pouring_robot.mechanism.joint_types import JointKind
 from pouring_robot.mechanism.loops import LoopSpec, LoopStiffness
 
 FORMAT = "pouring_robot/robot/1"
-_TAKEN = {"sample", "session", "time", "payload", "ambient", "x", "y", "z", "rx", "ry", "rz", "distance"}
+POSITION, ROTATION = ("x", "y", "z"), ("rx", "ry", "rz")
+DISTANCE = ("distance", "distance_from")
+TAKEN = frozenset({"sample", "session", "time", "payload", "ambient", *POSITION, *ROTATION, *DISTANCE})
+"""What campaigns have columns of, whatever the robot."""
 
 
 class DriveEntry(StrictModel):
@@ -110,7 +113,7 @@ class RobotFile(StrictModel):
         columns = [entry.column or entry.joint for entry in self.drives]
         if len(joints) < len(self.drives):
             raise ValueError("two drives move the same joint")
-        if taken := _TAKEN.intersection(columns):
+        if taken := TAKEN.intersection(columns):
             raise ValueError(f"a drive's column cannot be '{min(taken)}', which campaigns have for something else")
         both = joints.intersection((*self.locked_joints, *self.travel))
         if both:
