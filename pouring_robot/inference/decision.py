@@ -253,11 +253,28 @@ def background_cause(hypothesis: Hypothesis, thresholds: Thresholds) -> list[Cau
     if alone[best].log_evidence < hypothesis.log_evidence - least:
         # It takes several kinds: the one that is missed most is named, the others are there as they usually are.
         missed = {k: hypothesis.with_levels_of([j for j in kinds if j != k]).log_evidence for k in kinds}
-        return [_small(hypothesis, min(kinds, key=lambda k: missed[k]), without, (), thresholds)]
+        kind = min(kinds, key=lambda k: missed[k])
+        return [_small(hypothesis, kind, without, _instead(hypothesis, kind, thresholds), thresholds)]
     likely = alone[best].log_evidence + np.log(thresholds.alternative)
     close = [k for k in kinds if k != best and alone[k].log_evidence > likely]
-    names = tuple(hypothesis.problem.backgrounds[k].effect for k in close)
-    return [_small(alone[best], best, without, names, thresholds)]
+    names = [hypothesis.problem.backgrounds[k].effect for k in close]
+    others = {*names, *_instead(hypothesis, best, thresholds)}
+    return [_small(alone[best], best, without, tuple(sorted(others)), thresholds)]
+
+
+def _instead(hypothesis: Hypothesis, kind: int, thresholds: Thresholds) -> tuple[str, ...]:
+    """Return the effects that explain as well what usual errors do, most of it by themselves."""
+    usual = [background.effect for background in hypothesis.problem.backgrounds]
+    bare, own = hypothesis.with_levels_of(()), hypothesis.background_part(kind)
+    likely = hypothesis.log_evidence + np.log(thresholds.alternative)
+    found = []
+    for effect, (worth, item) in bare.best_forms(hypothesis.rivals - {*usual}).items():
+        if worth.evidence > 0.0:
+            other = bare.with_item(item, worth.scale)
+            index = len(other.items) - 1
+            if other.log_evidence > likely and 4.0 * other.size(index) > own @ own:
+                found.append(effect)
+    return tuple(found)
 
 
 def _small(

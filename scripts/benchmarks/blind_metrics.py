@@ -115,9 +115,9 @@ def figures(trials: Sequence[Trial]) -> list[Figure]:
     outside, confounded = by["outside"], by["confounded"]
     excluded = [t for t in trials if t.excluded]
     gaps = [t for t in (*strong, *pairs) if t.gap[0] > _GAP * t.gap[2]]
-    alarms = sum(t.verdict != "no_gap" for t in by["null"])
+    alarms = sum(not _silent(t) for t in by["null"])
     estimates = [e for t in plain if t.exact for e in t.estimates]
-    worse = [t for t in by["null"] if t.worse > _ALIKE]
+    worse = [t for t in by["null"] if t.worse > _ALIKE and not t.named]
     return [
         _rate("null: false alarm", alarms, len(by["null"]), 0.02, 0.0, up=False),
         rate("single >= 3x: named, nothing false besides", strong, lambda t: t.exact, 0.95, 0.99),
@@ -158,13 +158,18 @@ def failures(trials: Sequence[Trial]) -> list[Trial]:
     return [t for t in trials if not _right(t)]
 
 
+def _silent(t: Trial) -> bool:
+    """Return whether nothing is named of a machine that lacks nothing, or only errors of workmanship that it has."""
+    return t.verdict == "no_gap" or (t.verdict != "unknown" and bool(t.named) and t.named <= {*t.accept})
+
+
 def _right(t: Trial) -> bool:
     if t.refused:
         return False
     if t.excluded or t.kind == "outside":
         return t.verdict == "unknown"
     if t.kind == "null":
-        return t.verdict == "no_gap" and not t.worse > _ALIKE
+        return _silent(t) and not (t.worse > _ALIKE and not t.named)
     if t.kind == "confounded":
         return t.grouped
     return t.in_group if t.kind == "single" and t.ratios[0] < STRONG else t.exact

@@ -18,7 +18,7 @@ from tests.campaign.test_fuzz import damages, spoil
 from tests.diagnosis.hidden import HOT, NOTHING, campaign
 
 FUZZ = settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-FILES = {"diagnosis.json", "model.yaml", "report.html", "ladles.html"}
+FILES = {"diagnosis.json", "model.yaml", "report.html", "ladles.html", "next.csv"}
 TEMPERATURES = ("melt_degC", "ambient_degC", "leg1_degC", "leg2_degC", "leg3_degC", "leg4_degC", "platform_degC")
 
 

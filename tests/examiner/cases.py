@@ -105,7 +105,8 @@ def attempt(rng, kind, index, seed):
     truth = {
         "kind": kind,
         "effects": [describe(f, *reached) for f, reached in zip(rig.faults, found, strict=True)],
-        "accept": accept if kind == "confounded" else [],
+        # A sound machine has errors of workmanship: to name them is no false alarm.
+        "accept": accept if kind == "confounded" else ["joint_axis_tilt", "joint_centre_offset"] if kind == "null" else [],
         "alternatives": [name for name in accept if name not in names],
         "background": True,
         "seed": seed,
