@@ -88,6 +88,8 @@ class FrameChecks:
             low, high, values = self._lower[index], self._upper[index], drives[:, index]
             zero = self.campaign.robot.drives[index].zero
             known = values[np.isfinite(values)] - zero
+            if np.mean((zero - known >= low) & (zero - known <= high)) > 0.9:
+                continue  # counted the other way: that is tried with the frames
             for factor, mistake in DRIVE_MISTAKES[kind]:
                 if np.mean((known * factor + zero >= low) & (known * factor + zero <= high)) > 0.9:
                     self._flag_drive_unit(index, mistake, float(np.median(np.abs(known))), factor)

@@ -94,6 +94,32 @@ def levers(robot: RobotDefinition) -> Mapping[str, tuple[str, FloatArray]]:
     return found
 
 
+def chain_ends(robot: RobotDefinition, places: Collection[str]) -> list[tuple[str, str, FloatArray]]:
+    """Return what the last link of a chain does that ends in a fixed joint, which nothing displaces.
+
+    It moves the loop's frame on the chain as if the seat on the other side moved back: in a closed ``6d`` loop both
+    have the same axes.
+
+    Args:
+        robot: the robot.
+        places: joints that may be displaced.
+
+    Returns:
+        Of each such end the seat's joint, the link that grows, and the place of the seat's displacement, (3,), in m.
+    """
+    known, model = levers(robot), robot.mechanism().shared_model
+
+    def carrier(frame: str) -> pin.Frame:
+        return model.frames[model.frames[model.getFrameId(frame, pin.FrameType.BODY)].parentFrame]
+
+    pairs = [(carrier(loop.frame_a), carrier(loop.frame_b)) for loop in robot.loops.loops if loop.type == "6d"]
+    return [
+        (seat.name, known[end.name][0], -known[end.name][1])
+        for end, seat in pairs
+        if end.type == pin.FrameType.FIXED_JOINT and end.name not in places and seat.name in places
+    ]
+
+
 def _grown(
     places: Mapping[str, FloatArray], courses: Callable[[str], FloatArray], axes: str = "xyz"
 ) -> dict[str, FloatArray]:
@@ -179,17 +205,21 @@ class LinksGrowth(Family):
     def _form(self, name: str, conditions: Conditions, own: Mapping[str, str], other: str) -> Form:
         """Return the form that links follow their own thermometers, and all others another one, if it is there."""
         known, prior_std = levers(conditions.robot), _PRIOR_STD_PPM
-        sites = [joint for joint in conditions.causes.placements.places if known[joint][1].any()]
-        of_link = {known[joint][0]: own.get(known[joint][0], other) for joint in sites}
-        sites = [joint for joint in sites if of_link[known[joint][0]] in conditions.rises]
-        followed = dict.fromkeys(of_link[known[joint][0]] for joint in sites)
+        places = conditions.causes.placements.places
+        carried = [(joint, *known[joint]) for joint in places] + chain_ends(conditions.robot, places)
+        carried = [(joint, own.get(link, other), place) for joint, link, place in carried if place.any()]
+        carried = [(joint, by, place) for joint, by, place in carried if by in conditions.rises]
+        followed = dict.fromkeys(by for _, by, _ in carried)
 
         def changes(wanted: Collection[str], lag_s: float = 0.0) -> dict[str, FloatArray]:
             rises = {thermometer: conditions.rises[thermometer] for thermometer in wanted}
             if lag_s:
                 rises = {name: conditions.behind(rise, lag_s) - rise for name, rise in rises.items()}
-            places = {j: known[j][1] for j in sites if of_link[known[j][0]] in rises}
-            grown = _grown(places, lambda joint: rises[of_link[known[joint][0]]])
+            grown: dict[str, FloatArray] = {}
+            for joint, by, place in carried:
+                if by in rises:
+                    for site, change in _grown({joint: place}, alike(rises[by])).items():
+                        grown[site] = grown.get(site, 0.0) + change
             for k, drive in enumerate(conditions.robot.drives):
                 thermometer = conditions.causes.drive_thermometers.get(drive.joint, "") if own else other
                 rise = rises.get(thermometer if thermometer in followed else other)

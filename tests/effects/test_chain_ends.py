@@ -1,0 +1,27 @@
+"""A chain that ends in a fixed joint: its last link's growth is the seat moved back, against the URDF with it grown."""
+
+import numpy as np
+
+from pouring_robot.effects.defaults import causes_of
+from pouring_robot.effects.heat import chain_ends
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure import ClosureSolver
+from pouring_robot.mechanism.poses import PlacementError
+from pouring_robot.robot.base import Robot
+from pouring_robot.robot.description.urdf import perturb_urdf
+from tests.support import ROOT
+
+
+def test_the_last_link_of_a_five_bar_grows():
+    robot = Robot.load(ROOT / "examples" / "robots" / "five_bar" / "robot.yaml")
+    definition, strain = robot.model.definition, 1e-3
+    ((seat, link, place),) = chain_ends(definition, causes_of(definition).placements.places)
+    assert (seat, link) == ("left_seat_mount", "left_coupler")
+    location, poses = robot.location_at([0.2, -0.1]), []
+    # The URDF's own: the tip's mount stands 0.39 m out on the coupler, along its y.
+    for joint, shift in ((seat, strain * place), ("left_tip_mount", strain * np.array([0.0, 0.39, 0.0]))):
+        moved = perturb_urdf(definition.urdf(), {joint: PlacementError(translation_m=tuple(shift.tolist()))})
+        solver = ClosureSolver(ClosedChainMechanism(moved, definition.loops))
+        poses.append(solver.solve(location.drives, location.nominal.configuration).pose("base", "pen").translation)
+    np.testing.assert_allclose(poses[0], poses[1], rtol=0, atol=1e-9)
+    assert np.linalg.norm(poses[0] - location.poses("pen")[0].translation) > 1e-4
