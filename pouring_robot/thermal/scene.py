@@ -10,6 +10,7 @@ from matplotlib import colormaps
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
+from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.robot.scene import VIEW_DIRECTION, drawn_robot
 from pouring_robot.thermal.expansion.displacement import DisplacementField
@@ -19,7 +20,9 @@ _SCALE = "turbo"
 
 
 def displacement_scene(robot: PouringRobot, field: DisplacementField, title: str, configuration: FloatArray) -> Scene:
-    """Return the drawing, every visual in the colour of the field's point nearest to its middle.
+    """Return the drawing, every visual in the colour of its part's point nearest to its middle.
+
+    What belongs to no part of the field, such as a truss that stands still, keeps its own colour.
 
     Args:
         robot: the drawing.
@@ -35,9 +38,13 @@ def displacement_scene(robot: PouringRobot, field: DisplacementField, title: str
     pin.updateFramePlacements(model, data)
     base = data.oMf[mechanism.frame_id(mechanism.loops.base_frame)]
     largest = max(field.largest_m, 1e-12)
+    parts = np.array(field.parts)
     for item, place in zip(visual.geometryObjects, places.oMg, strict=True):
+        own = np.flatnonzero(parts == _part(model.frames[item.parentFrame].name))
+        if not own.size:
+            continue
         middle = base.actInv(place).act(np.array(_middle(item)))
-        nearest = int(np.linalg.norm(field.points_m - middle, axis=1).argmin())
+        nearest = own[int(np.linalg.norm(field.points_m[own] - middle, axis=1).argmin())]
         item.meshColor = np.array([*colormaps[_SCALE](field.distance_m[nearest] / largest)[:3], 1.0])
     rows = [
         (part.replace("_", " "), f"mean {mean / MM:.2f}, most {most / MM:.2f} mm")
@@ -46,6 +53,16 @@ def displacement_scene(robot: PouringRobot, field: DisplacementField, title: str
     rows.append(("colours", f"blue 0 to red {largest / MM:.2f} mm"))
     scene = Scene(title=title, robots=(drawn,), caption=tuple(rows))
     return dataclasses.replace(scene, camera=camera_on(scene, VIEW_DIRECTION))
+
+
+def _part(link: str) -> str:
+    """Return which part of the field a link belongs to."""
+    leg, _, joint = link.partition("_")
+    if leg in LEGS:
+        return "platform" if joint == "seat" else leg
+    return {"moving_platform": "platform", "trolley": "truss", "truss_bridge": "truss"}.get(
+        link, link.split("_lip", maxsplit=1)[0]
+    )
 
 
 def _middle(item: pin.GeometryObject) -> FloatArray:
