@@ -57,9 +57,9 @@ def displacement_scene(robot: PouringRobot, field: DisplacementField, title: str
 
 def _part(link: str) -> str:
     """Return which part of the field a link belongs to."""
-    leg, _, joint = link.partition("_")
+    leg = link.partition("_")[0]
     if leg in LEGS:
-        return "platform" if joint == "seat" else leg
+        return leg
     return {"moving_platform": "platform", "trolley": "truss", "truss_bridge": "truss"}.get(
         link, link.split("_lip", maxsplit=1)[0]
     )

@@ -15,13 +15,11 @@ from pouring_robot.io.tables import read_table
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.report.result import Result
 from pouring_robot.thermal.regression.joint_model import JointRegression
+from pouring_robot.thermal.regression.lines import ErrorLine, Positions, Remains
 from pouring_robot.thermal.regression.methods import (
     HELPS_BELOW,
     METHODS,
     NONE,
-    ErrorLine,
-    Positions,
-    Remains,
     fit_lines,
     judge,
     left_out,

@@ -39,7 +39,8 @@ from scipy.stats import binomtest
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.thermal.regression.joint_model import JointRegression
-from pouring_robot.thermal.regression.methods import Remains, fit_lines, judge
+from pouring_robot.thermal.regression.lines import Remains
+from pouring_robot.thermal.regression.methods import fit_lines, judge
 from pouring_robot.thermal.regression.table import ErrorTable
 
 AMBIENT_K = 293.15

@@ -26,7 +26,8 @@ from pouring_robot.thermal.expansion.warm_robot import WarmRobot
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.regression.joint_model import JointRegression
-from pouring_robot.thermal.regression.methods import COMPONENTS, MEAN, PAPER, Positions, Remains, fit_lines, judge
+from pouring_robot.thermal.regression.lines import Positions, Remains
+from pouring_robot.thermal.regression.methods import COMPONENTS, MEAN, PAPER, fit_lines, judge
 from pouring_robot.thermal.regression.table import ErrorTable
 from scripts.paper.tables import load_tables
 from scripts.paper.thermal.regression import joint_of
