@@ -37,6 +37,8 @@ SLOW = {
     "diagnose(campaign)": "takes half a minute; see tests/diagnosis",
     'sweep("examples/sweep.yaml"': "takes two minutes; see tests/sweeps",
     "ErrorTable.read_csv(": "needs the paper's thermal study",
+    "pouring-robot regress output/": "needs the paper's thermal study",
+    "--thermal-model law.yaml": "needs the paper's thermal study",
 }
 
 

@@ -121,7 +121,7 @@ def test_everything_is_written_and_says_the_same(report, tmp_path):
     written = report.write(tmp_path / "out")
     names = {path.name for path in written}
     assert {f"paper_fig{n}.png" for n in range(6, 13)} <= names
-    assert {"claims.csv", "claims.json", "paper_thermal.md", "error_sets_x.csv"} <= names
+    assert {"claims.csv", "claims.json", "paper_thermal.md", "error_sets.csv", "poses.csv"} <= names
     page = (tmp_path / "out" / "paper_thermal.md").read_text(encoding="utf-8")
     assert report.text() in page and "reproduce_paper.py thermal`" in page
     assert all(path.stat().st_size > 200 for path in written)

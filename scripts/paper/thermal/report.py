@@ -10,8 +10,10 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from pouring_robot.io.tables import csv_text
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.thermal.regression.methods import METHODS
+from pouring_robot.thermal.regression.table import ErrorTable
 from scripts.paper.claims import COLUMNS, Claim
 from scripts.paper.page import PaperReport, claims_table, tally
 from scripts.paper.thermal import plots
@@ -107,5 +109,12 @@ class ThermalReport(PaperReport):
         return [{name: getattr(claim, name) for name in COLUMNS} for claim in self.claims]
 
     def tables(self) -> dict[str, str]:
-        """Return the error sets as CSV by file name, axis by axis."""
-        return {f"error_sets_{axis.lower()}.csv": table.csv() for axis, table in self.study.tables.items()}
+        """Return the error sets and their poses as CSV by file name, as ``pouring-robot regress`` reads them."""
+        study, tables = self.study, self.study.tables
+        names = tuple(f"{name}_{axis.lower()}" for name in tables["X"].names for axis in AXES)
+        errors = study.moved.reshape(len(study.melts_degC), -1)
+        poses = ([f"P{k}", *(f"{v:.9g}" for v in pose.to_mm_deg())] for k, pose in enumerate(study.poses, start=1))
+        return {
+            "error_sets.csv": ErrorTable(tables["X"].temperatures_K, errors, names).csv(),
+            "poses.csv": csv_text(("set", "x_mm", "y_mm", "z_mm", "tilt_deg"), poses),
+        }
