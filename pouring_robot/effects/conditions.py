@@ -5,12 +5,14 @@ Forces follow from virtual work: a drive that yields by dq under the weight W at
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from pouring_robot.campaign.columns import approach_names, force_names
@@ -25,6 +27,29 @@ from pouring_robot.robot.description.definition import Drive, RobotDefinition
 
 RISE, FORCE = "_rise_k", "_force"
 _TURNED, _STILL = 1e-9, 1e-6
+
+
+@functools.lru_cache(maxsize=16)
+def set_apart(robot: RobotDefinition) -> FloatArray:
+    """Return by how much the joints at both ends of each sliding drive stand further apart than its value, (D,), in m.
+
+    Measured along the slide, from the moving joint before it to the one behind it, or to the loop that it closes.
+    """
+    mechanism, apart = robot.mechanism(), np.zeros(len(robot.drives))
+    model, loops = mechanism.shared_model, mechanism.loops.loops
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    for k, drive in enumerate(robot.drives):
+        joint = model.getJointId(drive.joint)
+        if drive.unit == "rad" or model.parents[joint] == 0:
+            continue
+        axis = pin.getJointJacobian(model, data, joint, pin.LOCAL)[:3, model.idx_vs[joint]]
+        before, placed = model.jointPlacements[joint], model.jointPlacements
+        ends = [placed[after].translation for after in range(1, model.njoints) if model.parents[after] == joint]
+        frames = (model.frames[mechanism.frame_id(name)] for loop in loops for name in (loop.frame_a, loop.frame_b))
+        ends += [frame.placement.translation for frame in frames if frame.parentJoint == joint]
+        apart[k] = axis @ before.rotation.T @ before.translation + (axis @ ends[0] if ends else 0.0)
+    return apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +103,11 @@ class Conditions:
     def __len__(self) -> int:
         """Return the number of rows."""
         return len(self.drives)
+
+    @property
+    def spans(self) -> FloatArray:
+        """Distance of the joints at both ends of each sliding drive, (n, D), in m; of one that turns its value."""
+        return np.asarray(self.drives + set_apart(self.robot))
 
     @property
     def causes(self) -> Causes:

@@ -44,7 +44,7 @@ class DriveGrowth(Family):
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """All of its length, or a rod of its own length; the thermometer may be biased, lag, or see another part."""
         thermometers = conditions.causes.drive_thermometers
-        lengths = conditions.drives[:, conditions.places(self.drives)]
+        lengths = conditions.spans[:, conditions.places(self.drives)]
         rise = np.column_stack([conditions.rises[thermometers[d.joint]] for d in self.drives])
         hot = {"own_temperature": lengths, "own_length": np.broadcast_to(lengths.mean(axis=0), lengths.shape)}
         return tuple(

@@ -38,7 +38,7 @@ class Stretch(Family):
         """Rods (with pull and length), nuts and bearings (with pull), ball contacts (with its power 2/3)."""
         places = conditions.places(self.drives)
         pull = np.asarray(conditions.drive_force)[:, places] / self.force_n
-        rod = pull * conditions.drives[:, places] / self.length_m
+        rod = pull * conditions.spans[:, places] / self.length_m
         courses = {"rod": rod, "nut": pull, "contact": np.sign(pull) * np.abs(pull) ** (2.0 / 3.0)}
         unit = f"mm at {self.force_n / 1e3:g} kN" if self.force_n >= 1e3 else f"mm at {self.force_n:g} N"
 

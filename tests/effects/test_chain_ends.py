@@ -1,7 +1,9 @@
 """A chain that ends in a fixed joint: its last link's growth is the seat moved back, against the URDF with it grown."""
 
 import numpy as np
+import pinocchio as pin
 
+from pouring_robot.effects.conditions import set_apart
 from pouring_robot.effects.defaults import causes_of
 from pouring_robot.effects.heat import chain_ends
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -9,6 +11,7 @@ from pouring_robot.mechanism.closure import ClosureSolver
 from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.base import Robot
 from pouring_robot.robot.description.urdf import perturb_urdf
+from pouring_robot.robot.model import RobotModel
 from tests.support import ROOT
 
 
@@ -25,3 +28,19 @@ def test_the_last_link_of_a_five_bar_grows():
         poses.append(solver.solve(location.drives, location.nominal.configuration).pose("base", "pen").translation)
     np.testing.assert_allclose(poses[0], poses[1], rtol=0, atol=1e-9)
     assert np.linalg.norm(poses[0] - location.poses("pen")[0].translation) > 1e-4
+
+
+def test_a_slide_spans_the_joints_at_its_ends():
+    """Of a hexapod: from its universal joint on the base to its spherical one on the table, by Pinocchio."""
+    robot = Robot.load(ROOT / "examples" / "robots" / "hexapod" / "robot.yaml")
+    drives = robot.model.definition.home_drives + np.linspace(0.0, 0.03, 6)
+    closed = robot.location_at(drives).nominal
+    model = closed.mechanism.shared_model
+    data = model.createData()
+    pin.forwardKinematics(model, data, closed.configuration)
+    spans = drives + set_apart(robot.model.definition)
+    for k in range(6):
+        upper, lower = (data.oMi[model.getJointId(f"leg{k + 1}_{name}")].translation for name in ("s1", "u1"))
+        assert abs(np.linalg.norm(upper - lower) - spans[k]) < 1e-12
+    # The pouring robot's legs are counted from joint to joint.
+    np.testing.assert_allclose(set_apart(RobotModel().definition), 0.0, rtol=0, atol=1e-12)
