@@ -179,7 +179,9 @@ class Planner:
         """Return which parameters to plan for; refuse what may not be left out."""
         flat = rows.reshape(-1, rows.shape[-1])
         if self.request.reduced and self.request.priors is None:
-            sizes = np.array([expected_size(p, Tolerances.load()) * p.shown_factor for p in asked])
+            sizes = np.array(
+                [expected_size(p, Tolerances.of(self.robot.model.definition)) * p.shown_factor for p in asked]
+            )
             # All candidates count as one plan of the wanted size.
             share = math.sqrt(self.request.poses / len(self.poses) / rows.shape[1] / rows.shape[2])
             return telling(flat * share, self.nuisance, sizes)

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.parameters import DriveParameter
+from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.dh.chain import SITES, SYMBOLS, TRANSFORMS
 from pouring_robot.robot.parameters import Parameter, ParameterCatalogue
 from pouring_robot.robot.tolerances import Tolerances
@@ -34,19 +34,19 @@ class SweepParameter(Parameter):
     entry: int = 0
 
 
-def completed(config: SweepConfig, catalogue: ParameterCatalogue, loops: LoopsFile) -> SweepConfig:
+def completed(config: SweepConfig, catalogue: ParameterCatalogue, robot: RobotDefinition) -> SweepConfig:
     """Return a sweep file with what it leaves to the robot: observed frames, and errors by tolerances.
 
-    Every kind of error is an entry of its own, normal with the standard deviation of the tolerances file.
+    Every kind of error is an entry of its own, normal with the standard deviation of its tolerance.
 
     Raises:
         DescriptionError: the tolerances file is wrong.
     """
     said: dict[str, Any] = {}
     if not config.frames:
-        said["frames"] = tuple(dict.fromkeys((loops.working_frame, str(loops.end_frame))))
+        said["frames"] = tuple(dict.fromkeys((robot.loops.working_frame, str(robot.loops.end_frame))))
     if not config.errors:
-        tolerances = Tolerances.load(config.beside(config.tolerances) if config.tolerances else None)
+        tolerances = Tolerances.load(config.beside(config.tolerances)) if config.tolerances else Tolerances.of(robot)
         kinds: dict[str, list[Parameter]] = {}
         for p in catalogue.match("geometry"):
             kinds.setdefault(p.kind, []).append(p)

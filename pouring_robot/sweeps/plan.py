@@ -89,7 +89,7 @@ class SweepPlan:
         definition, nominal = self.model.definition, self.model.nominal_mechanism()
         self.mechanism: ClosedChainMechanism = self.model.mechanism()
         self.catalogue = ParameterCatalogue(definition, nominal)
-        self.config = config = completed(config, self.catalogue, self.mechanism.loops)
+        self.config = config = completed(config, self.catalogue, definition)
         self.parameters = select(self.catalogue, config)
         self.draws = Draws.of(config, self.parameters)
         self._refuse_many_chains()

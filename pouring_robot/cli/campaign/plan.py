@@ -75,13 +75,16 @@ def plan(
     if tolerances is not None and not priors:
         raise BadInputError("--tolerances says how sure the priors are; give --priors too")
     options.refuse_unwritable(out, png)
+    present = options.robot_of(model, robot, layout)
     request = PlanRequest(
         poses=poses,
         parameters=tuple(parameters or ()),
         criterion=criterion.upper(),  # type: ignore[arg-type]  # checked by the request
         noise=NoiseLevel.stated(sigma_mm * 1e-3, None if position_only else sigma_mrad * 1e-3),
         target_m=(target_mm[0] * 1e-3, target_mm[1] * 1e-3, target_mm[2] * 1e-3),
-        priors=Tolerances.load(tolerances) if priors else None,
+        priors=(Tolerances.load(tolerances) if tolerances else Tolerances.of(present.model.definition))
+        if priors
+        else None,
         both_sides=both_sides,
         loads_kg=tuple(loads or ()),
         leg_degC=tuple(temperatures or ()),
@@ -90,7 +93,6 @@ def plan(
         starts=starts,
         seed=seed,
     )
-    present = options.robot_of(model, robot, layout)
     planner = Planner(present, request)
     with progress.stage_bars() as show:
         found = planner.plan(show)
