@@ -125,8 +125,9 @@ def print_sum(console: Console, law: ThermalLaw | None, robot: Robot, command: C
         return
     parts = sum_figures(law, robot, command, full)["paper_sum_mm"]
     rows = [(name.replace("_", " "), *(f"{value:+.3f}" for value in shift)) for name, shift in parts.items()]
-    title = f"the paper's sum for the platform, mm; {law.words}"
-    console.print(plain_table(("", "x", "y", "z"), rows, (0,), title=title))
+    # A title of the table would be broken at the table's width.
+    console.print(f"the paper's sum for the platform, mm; {law.words}", style="italic")
+    console.print(plain_table(("", "x", "y", "z"), rows, (0,)))
 
 
 def sum_figures(law: ThermalLaw | None, robot: Robot, command: Command, full: Location) -> dict[str, Any]:
