@@ -9,7 +9,7 @@ import typer
 
 from pouring_robot.cli.shared import options
 
-Urdf = Annotated[Path, typer.Argument(metavar="URDF", help="The robot's URDF.")]
+Urdf = Annotated[Path, typer.Argument(metavar="URDF", help="The robot's URDF, or a xacro.")]
 Out = Annotated[
     Path | None, typer.Option("--out", metavar="FILE", help="Where to write it (default: robot.yaml beside the URDF).")
 ]
@@ -17,12 +17,15 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace a robot fi
 
 
 def init(urdf: Urdf, out: Out = None, overwrite: Overwrite = False) -> None:
-    """Write a first robot file for a URDF, with comments on what to fill in."""
+    """Write a first robot file for a URDF, with comments on what to fill in.
+
+    What a Gepetto robot.yaml beside it closes is taken over; the file is then called robot_file.yaml.
+    """
     from pouring_robot.io.files import check_outputs, write_whole
     from pouring_robot.robot.description.definition import RobotDefinition
-    from pouring_robot.robot.description.first_file import first_robot_file
+    from pouring_robot.robot.description.first_file import first_robot_file, loops_beside
 
-    path = out or urdf.parent / "robot.yaml"
+    path = out or urdf.parent / ("robot_file.yaml" if loops_beside(urdf) else "robot.yaml")
     check_outputs([path], overwrite=overwrite)
     write_whole(path, first_robot_file(urdf, path.parent))
     found = RobotDefinition.load(path)

@@ -194,7 +194,8 @@ class SweepConfig(StrictModel):
         frames: observed frames, rigid on the end body; by default the working frame and the end frame.
         poses: where the robots are sent. Every robot goes to every pose.
         errors: what may be wrong; by default all of the geometry, by its tolerances.
-        tolerances: a tolerances file for that, relative to the sweep file's folder; by default the robot's, or the shipped one.
+        tolerances: a tolerances file for that, relative to the sweep file's folder (default: the robot's own, or the
+            shipped one).
         samples: number of robots (monte_carlo) or of base samples, a power of two (sobol).
         seed: of the draws.
         chunk: closures computed and written at a time; bounds the memory, changes no number.

@@ -177,3 +177,45 @@ def test_what_an_arm_cannot_be_asked_is_refused_on_one_line(run, arguments, says
     assert code == 2
     assert says in err
     assert err.count("\n") == 1
+
+
+# Two fingers whose tips stand together in the zero pose, their axes a quarter turn apart.
+FINGERS = """<robot name="fingers"><link name="base"/><link name="left"/><link name="right"/><link name="left_tip"/>
+  <link name="right_tip"/>
+  <joint name="a" type="continuous">
+    <parent link="base"/><child link="left"/><origin xyz="-1 0 0"/><axis xyz="0 0 1"/></joint>
+  <joint name="b" type="continuous">
+    <parent link="base"/><child link="right"/><origin xyz="1 0 0"/><axis xyz="0 0 1"/></joint>
+  <joint name="at" type="fixed"><parent link="left"/><child link="left_tip"/><origin xyz="1 0 0"/></joint>
+  <joint name="bt" type="fixed">
+    <parent link="right"/><child link="right_tip"/><origin xyz="-1 0 0" rpy="0 0 1.5"/></joint>
+</robot>"""
+
+
+def test_loops_are_proposed_where_branches_meet(run, tmp_path):
+    (tmp_path / "f.urdf").write_text(FINGERS, encoding="utf-8")
+    assert run("robot", "init", "f.urdf")[0] == 0
+    text = (tmp_path / "robot.yaml").read_text(encoding="utf-8")
+    assert "#     - {name: loop_1, frame_a: left_tip, frame_b: right_tip, type: 3d}" in text
+
+
+def test_a_xacro_is_taken_as_one(run, tmp_path):
+    shutil.copytree(ROBOTS / "arm", tmp_path / "arm")
+    shutil.copy(ROBOTS / "shapes.xacro", tmp_path)
+    code, _, err = run("robot", "init", tmp_path / "arm" / "arm.urdf.xacro", "--out", tmp_path / "arm" / "first.yaml")
+    assert (code, err) == (0, "")
+    found = RobotDefinition.load(tmp_path / "arm" / "first.yaml")
+    assert found.file.xacro == "arm.urdf.xacro"
+    assert len(found.drives) == 6
+
+
+def test_what_a_gepetto_file_closes_is_taken_over(run, tmp_path):
+    (tmp_path / "f.urdf").write_text(FINGERS, encoding="utf-8")
+    said = "closed_loop: [[left_tip, right_tip]]\ntype: [3d]\nname_mot: [a]\n"
+    (tmp_path / "robot.yaml").write_text(said, encoding="utf-8")
+    code, out, err = run("robot", "init", "f.urdf")
+    assert (code, err) == (0, "")
+    assert "1 drives: a (angle)" in out
+    found = RobotDefinition.load(tmp_path / "robot_file.yaml")
+    assert [loop.type for loop in found.loops.loops] == ["3d"]
+    assert (tmp_path / "robot.yaml").read_text(encoding="utf-8") == said

@@ -2,37 +2,43 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import pinocchio as pin
 from lxml import etree
 
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.loops import LoopsFile
+from pouring_robot.mechanism.loops import LoopsFile, load_loops
+from pouring_robot.robot.description.rendering import run_xacro
 from pouring_robot.robot.description.robot_file import FORMAT
 from pouring_robot.robot.description.urdf import read_text
 
 _DRIVABLE = ("revolute", "continuous", "prismatic")
 _TOOLS = ("tool0", "tcp", "tool", "flange", "ee", "end_effector")  # usual names of the last frame, the likeliest first
 
+_TOGETHER = 1e-6  # m and rad
 _WORDS = r"true|false|yes|no|on|off|null|y|n|[.](\d.*|inf|nan)"  # that YAML takes for something else than text
 
 
 class _Tree:
     """Links and joints of a URDF."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, text: str) -> None:
         try:
-            self.root = etree.fromstring(read_text(path).encode())
+            self.root = etree.fromstring(text.encode())
         except etree.XMLSyntaxError as error:
             raise DescriptionError(path, f"line {error.lineno}: {error.msg}") from error
         joints = [joint for joint in self.root.iterfind("joint") if joint.get("type")]
         if self.root.tag != "robot" or not joints:
-            raise DescriptionError(path, "is no URDF with joints; give the URDF, or render the xacro to one first")
+            raise DescriptionError(path, "is no URDF with joints; give the URDF, or a file whose name ends in .xacro")
         self.joints = {str(joint.get("name")): joint for joint in joints}
         self.above = {_link(joint, "child"): joint for joint in joints}
 
@@ -63,7 +69,10 @@ def _link(joint: etree._Element, end: str) -> str:
 
 
 def first_robot_file(urdf: Path, beside: Path) -> str:
-    """Return the text of a robot file for a URDF.
+    """Return the text of a robot file for a URDF or a xacro.
+
+    Loops are taken over from a Gepetto ``robot.yaml`` that lies beside it (see :func:`loops_beside`); else links at
+    which branches end together in the zero pose are proposed in a comment.
 
     Args:
         urdf: the file.
@@ -72,7 +81,9 @@ def first_robot_file(urdf: Path, beside: Path) -> str:
     Raises:
         DescriptionError: the URDF cannot be read, Pinocchio cannot build it, or nothing moves in it.
     """
-    tree = _Tree(urdf)
+    rendered = urdf.suffix == ".xacro"
+    text = run_xacro(urdf, {}) if rendered else read_text(urdf)
+    tree = _Tree(urdf, text)
     ends = tree.ends()
     if not ends:
         raise DescriptionError(urdf, "no joint of it moves a link at the end of the tree")
@@ -80,6 +91,9 @@ def first_robot_file(urdf: Path, beside: Path) -> str:
     path = tree.moving(end)
     mimics = {name for name, joint in tree.joints.items() if joint.find("mimic") is not None}
     drives = [name for name in path if tree.joints[name].get("type") in _DRIVABLE and name not in mimics]
+    closed = loops_beside(urdf)
+    if closed is not None:
+        drives = list(load_loops(closed).drives) or drives
     if not drives:
         raise DescriptionError(urdf, f"no joint on the way to '{end}' slides or turns by itself; a drive must")
     aside = [name for link in others for name in tree.moving(link) if name not in path and name not in mimics]
@@ -89,17 +103,42 @@ def first_robot_file(urdf: Path, beside: Path) -> str:
         "base": _link(tree.joints[path[0]], "parent"),
         "end": end,
     }
-    locked = tuple(dict.fromkeys(aside))
-    loops = LoopsFile(
-        mechanism=names["name"],
-        base_frame=names["base"],
-        end_frame=end,
-        loops=(),
-        drives=tuple(drives),
-        locked_joints=locked,
-    )
-    ClosedChainMechanism(read_text(urdf), loops, urdf)  # whether Pinocchio takes it shows before a file is written
-    return _text(names, drives, locked, others)
+    locked = () if closed else tuple(dict.fromkeys(aside))
+    said: dict[str, Any] = {
+        "mechanism": names["name"],
+        "base_frame": names["base"],
+        "end_frame": end,
+        "drives": tuple(drives),
+    }
+    file = load_loops(closed) if closed else LoopsFile(loops=(), locked_joints=locked, **said)
+    mechanism = ClosedChainMechanism(text, file.model_copy(update=said), urdf)  # before a file is written
+    names |= {"drawing": "xacro" if rendered else "urdf", "loops": os.path.relpath(closed, beside) if closed else ""}
+    return _text(names, drives, locked, others, () if closed else _meetings(mechanism, (end, *others)))
+
+
+def loops_beside(urdf: Path) -> Path | None:
+    """Return Gepetto's ``robot.yaml`` beside a URDF, which says what it closes; None where there is none."""
+    path = urdf.parent / "robot.yaml"
+    if path.is_file() and re.search(
+        r"^closed_loop\s*:", path.read_text(encoding="utf-8", errors="replace"), re.MULTILINE
+    ):
+        return path
+    return None
+
+
+def _meetings(mechanism: ClosedChainMechanism, ends: Sequence[str]) -> list[tuple[str, str, str]]:
+    """Return links that end branches and stand together in the zero pose: two names, and 6d where their axes do too."""
+    model, data = mechanism.shared_model, mechanism.thread_data()
+    pin.framesForwardKinematics(model, data, mechanism.neutral_configuration())
+    apart = {
+        (a, b): pin.log6(data.oMf[mechanism.frame_id(a)].actInv(data.oMf[mechanism.frame_id(b)]))
+        for a, b in itertools.combinations(ends, 2)
+    }
+    return [
+        (a, b, "6d" if np.linalg.norm(motion.angular) < _TOGETHER else "3d")
+        for (a, b), motion in apart.items()
+        if np.linalg.norm(motion.linear) < _TOGETHER
+    ]
 
 
 def _quoted(name: str) -> str:
@@ -108,13 +147,19 @@ def _quoted(name: str) -> str:
     return name if plain else json.dumps(name)
 
 
-def _text(names: Mapping[str, str], drives: Sequence[str], aside: Sequence[str], others: Sequence[str]) -> str:
+def _text(
+    names: Mapping[str, str],
+    drives: Sequence[str],
+    aside: Sequence[str],
+    others: Sequence[str],
+    meetings: Sequence[tuple[str, str, str]],
+) -> str:
     quoted = {key: _quoted(value) for key, value in names.items()}
     lines = [
         "# A first robot file, read from the URDF. What a URDF cannot say is to be filled in or struck out.",
         f"format: {FORMAT}",
         f"name: {quoted['name']}",
-        f"urdf: {quoted['urdf']}",
+        f"{names['drawing']}: {quoted['urdf']}",
         "# Poses are seen from base_frame; end_frame is the body whose pose is measured.",
         f"base_frame: {quoted['base']}",
         f"end_frame: {quoted['end']}" + (f"  # or: {', '.join(others[:6])}" if others else ""),
@@ -123,8 +168,9 @@ def _text(names: Mapping[str, str], drives: Sequence[str], aside: Sequence[str],
         "# What is closed: pairs of frames that coincide on the real machine (6d: wholly, 3d: their origins).",
         "#   loops:",
         "#     - {name: left, frame_a: left_foot, frame_b: left_seat, type: 6d}",
+        *_proposed(meetings),
         "#   cut_joints: [mount]   # fixed joints that carry the end body in the tree only, if all chains carry it",
-        "loops: []",
+        f"loops: {quoted['loops'] if names['loops'] else '[]'}",
         "cut_joints: []",
     ]
     if aside:
@@ -148,3 +194,16 @@ def _text(names: Mapping[str, str], drives: Sequence[str], aside: Sequence[str],
         "#   home: {elbow: 0.5}",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _proposed(meetings: Sequence[tuple[str, str, str]]) -> list[str]:
+    """Return comments on loops that there may be."""
+    if not meetings:
+        return []
+    return [
+        "# In the zero pose these ends of branches stand together; what is joined on the machine is a loop:",
+        *(
+            f"#     - {{name: loop_{k}, frame_a: {_quoted(a)}, frame_b: {_quoted(b)}, type: {kind}}}"
+            for k, (a, b, kind) in enumerate(meetings, start=1)
+        ),
+    ]
