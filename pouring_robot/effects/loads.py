@@ -12,8 +12,10 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 
 _LATER = 0.2
-_ORDERS = 4
-"""Of a beam's line under one load: two more than its ends leave."""
+_OWN = 0.5
+"""By how much one drive may be softer than the others."""
+_ORDERS = 6
+"""Of a beam's line under a load that moves along it: x^3 (1 - x)^3 where its ends are built in."""
 
 
 class Stretch(Family):
@@ -51,7 +53,7 @@ class Stretch(Family):
                 together("stiffening", _LATER, pull * np.abs(pull)),
                 together("rod_share", 0.3, rod - pull),
                 *(
-                    EffectParameter(f"{d.symbol}_difference", unit, 0.1, {channel(d): MM * course[:, k]}, main=False)
+                    EffectParameter(f"{d.symbol}_difference", unit, _OWN, {channel(d): MM * course[:, k]}, main=False)
                     for k, d in enumerate(self.drives)
                 ),
             ]

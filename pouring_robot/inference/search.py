@@ -69,9 +69,7 @@ def search(problem: Problem, options: SearchOptions = DEFAULT_SEARCH, start: Hyp
         wrong = [k for k, item in enumerate(current.items) if item.cause and not credible(current, k, options)]
         if not wrong:
             break
-        worst = current.items[max(wrong, key=current.shape_excess)].effect
-        # Its other forms that may be shaped would be bent in the same way.
-        bent = frozenset(e.key for e in current.problem.explanations if e.effect == worst and not e.main.all())
+        bent = frozenset({current.items[max(wrong, key=current.shape_excess)].key})
         rest = current.without_items(wrong)
         current = _ascended(replace(rest, barred=rest.barred | bent), options)
     return current
