@@ -26,6 +26,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.displacement import displace_model
 from pouring_robot.mechanism.joint_types import Mimic, change_joints, make_spherical, read_mimics
 from pouring_robot.mechanism.loops import LoopsFile, LoopStiffness
+from pouring_robot.mechanism.parsing import parsed
 
 IndexArray = NDArray[np.intp]
 
@@ -153,15 +154,10 @@ class ClosedChainMechanism:
             key = "cut_joints" if problem.name in self._loops.cut_joints else "joint_types"
             raise DescriptionError(self._source, f"{key}: {problem}") from problem
         except etree.XMLSyntaxError as problem:
-            raise DescriptionError("URDF", f"not valid XML: {problem}") from problem
+            raise DescriptionError(f"URDF of {self._source}", f"not valid XML: {problem}") from problem
         except BadInputError as problem:
-            raise DescriptionError("URDF", str(problem)) from problem
-        try:
-            model = pin.buildModelFromXML(self._tree_urdf)
-        except (ValueError, RuntimeError) as problem:
-            raise DescriptionError(
-                "URDF", f"Pinocchio cannot build it, for what its parser says above: {problem}"
-            ) from problem
+            raise DescriptionError(f"URDF of {self._source}", str(problem)) from problem
+        model = parsed(self._tree_urdf, self._source)
         spherical = {name for name, kind in kinds.items() if kind == "spherical"}
         if spherical:
             model = make_spherical(model, spherical)
@@ -175,7 +171,7 @@ class ClosedChainMechanism:
         for mimic in self._mimics:
             if any(len(self.joint_columns.get(name, ())) != 1 for name in (mimic.joint, mimic.leader)):
                 problem = f"joint '{mimic.joint}' mimics '{mimic.leader}': both must be joints of one freedom"
-                raise DescriptionError("URDF", problem)
+                raise DescriptionError(f"URDF of {self._source}", problem)
             if mimic.joint in self._loops.drives:
                 raise DescriptionError(
                     self._source, f"drive '{mimic.joint}' mimics '{mimic.leader}' in the URDF; drive that one instead"

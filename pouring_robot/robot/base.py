@@ -179,7 +179,7 @@ class Robot:
     @property
     def name(self) -> dict[str, str]:
         """Which robot it is, for figures."""
-        return {"robot": self.model.definition.name}
+        return self.model.named
 
     @property
     def accuracy_m(self) -> float | None:

@@ -252,6 +252,11 @@ class RobotModel(StrictModel):
         return self._defined[1]
 
     @property
+    def named(self) -> dict[str, str]:
+        """Which robot it is, for figures: by name, or by the layout of the pouring robot."""
+        return {"robot": self.definition.name} if self.robot else {"layout": self.layout}
+
+    @property
     def is_drawing(self) -> bool:
         """Whether the model says nothing that makes the robot as built differ from the drawing."""
         told = {"format", "description", "robot", "layout", "layouts_file", "heat", "effects"}
@@ -323,7 +328,7 @@ class RobotModel(StrictModel):
                     f"joint '{joint}' only carries the end body in the URDF tree; displace the joints that place the "
                     f"chains' seats on it ({self._seat_joint()} ...) instead"
                 )
-        return perturb_urdf(self.nominal_urdf(), self.placement_errors())
+        return perturb_urdf(self.nominal_urdf(), self.placement_errors(), self.definition.source)
 
     def _seat_joint(self) -> str:
         seat, root = self.loops().loops[0].frame_b, etree.fromstring(self.nominal_urdf().encode())

@@ -139,11 +139,6 @@ class PouringRobot(Robot):
         return self.locate(self.kinematics.forward(self._named(drives)))
 
     @property
-    def name(self) -> dict[str, str]:
-        """Its layout, for figures."""
-        return {"layout": self.model.layout}
-
-    @property
     def accuracy_m(self) -> float:
         """Required accuracy of the pouring lip, in m."""
         return self.layout.accuracy_m

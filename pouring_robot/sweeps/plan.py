@@ -117,11 +117,6 @@ class SweepPlan:
         return {name: value for name, value in self.__dict__.items() if name not in {"evaluator", "error_map"}}
 
     @property
-    def name(self) -> dict[str, str]:
-        """Which robot it is, for figures."""
-        return {"robot": self.model.definition.name} if self.model.robot else {"layout": self.model.layout}
-
-    @property
     def tilts(self) -> bool:
         """Whether it commands a tilt."""
         return self.model.definition.command_columns[-1].name == "tilt"

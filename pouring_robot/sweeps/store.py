@@ -327,7 +327,7 @@ def _write_empty(path: Path, plan: SweepPlan) -> None:
             "study": config.study,
             "kind": config.kind,
             "seed": config.seed,
-            **plan.name,
+            **plan.model.named,
             "version": plan.content["version"],
             "config": config.model_dump_json(),
             "content": json.dumps(plan.content, sort_keys=True),

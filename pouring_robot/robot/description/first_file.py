@@ -119,11 +119,8 @@ def first_robot_file(urdf: Path, beside: Path) -> str:
 def loops_beside(urdf: Path) -> Path | None:
     """Return Gepetto's ``robot.yaml`` beside a URDF, which says what it closes; None where there is none."""
     path = urdf.parent / "robot.yaml"
-    if path.is_file() and re.search(
-        r"^closed_loop\s*:", path.read_text(encoding="utf-8", errors="replace"), re.MULTILINE
-    ):
-        return path
-    return None
+    text = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
+    return path if re.search(r"^closed_loop\s*:", text, re.MULTILINE) else None
 
 
 def _meetings(mechanism: ClosedChainMechanism, ends: Sequence[str]) -> list[tuple[str, str, str]]:

@@ -47,7 +47,7 @@ def read_text(path: Path) -> str:
         raise DescriptionError(path, f"cannot be read: {reason}") from error
 
 
-def perturb_urdf(urdf: str, placements: Mapping[str, PlacementError]) -> str:
+def perturb_urdf(urdf: str, placements: Mapping[str, PlacementError], source: Path | str = "URDF") -> str:
     """Return the URDF with single joints displaced.
 
     Each joint's origin M becomes M · SE3(exp3(rotation_rad), translation_m); all else stays as it is. Numbers
@@ -56,6 +56,7 @@ def perturb_urdf(urdf: str, placements: Mapping[str, PlacementError]) -> str:
     Args:
         urdf: the nominal URDF.
         placements: displacement by joint name.
+        source: the file that it comes from, for what is said of it.
 
     Raises:
         UnknownJointError: the URDF has no joint of that name.
@@ -64,12 +65,12 @@ def perturb_urdf(urdf: str, placements: Mapping[str, PlacementError]) -> str:
     try:
         root = etree.fromstring(urdf.encode())
     except etree.XMLSyntaxError as error:
-        raise DescriptionError("URDF", f"line {error.lineno}: {error.msg}") from error
+        raise DescriptionError(source, f"line {error.lineno}: {error.msg}") from error
     joints = {joint.get("name", ""): joint for joint in root.iterfind("joint")}
     for name, placement in placements.items():
         if name not in joints:
             raise UnknownJointError(name, joints)
-        _displace(joints[name], placement)
+        _displace(joints[name], placement, source)
     text: str = etree.tostring(root, encoding="unicode")
     return text + "\n"
 
@@ -161,26 +162,26 @@ def _keep_for_mujoco(root: etree._Element) -> None:
         etree.SubElement(etree.SubElement(root, "mujoco"), "compiler", settings)
 
 
-def _displace(joint: etree._Element, placement: PlacementError) -> None:
+def _displace(joint: etree._Element, placement: PlacementError, source: Path | str) -> None:
     """Move one joint's origin in place."""
     origin = joint.find("origin")
     if origin is None:
         origin = etree.SubElement(joint, "origin")
-    xyz, rpy = _numbers(joint, origin, "xyz"), _numbers(joint, origin, "rpy")
+    xyz, rpy = (_numbers(joint, origin, key, source) for key in ("xyz", "rpy"))
     nominal = pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
     actual = nominal * placement.to_se3()
     origin.set("xyz", " ".join(repr(float(v)) for v in actual.translation))
     origin.set("rpy", " ".join(repr(float(v)) for v in pin.rpy.matrixToRpy(actual.rotation)))
 
 
-def _numbers(joint: etree._Element, origin: etree._Element, attribute: str) -> NDArray[np.float64]:
+def _numbers(joint: etree._Element, origin: etree._Element, attribute: str, source: Path | str) -> NDArray[np.float64]:
     text = origin.get(attribute, "0 0 0")
     try:
         x, y, z = (float(part) for part in text.split())
     except ValueError as error:
         name = joint.get("name")
         problem = f"joint {name}: origin {attribute}='{text}' is not three numbers"
-        raise DescriptionError("URDF", problem) from error
+        raise DescriptionError(source, problem) from error
     return np.array([x, y, z])
 
 

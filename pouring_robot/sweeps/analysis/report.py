@@ -71,7 +71,7 @@ class SweepReport(Result):
         return {
             "study": config.study,
             "kind": config.kind,
-            **self.store.plan.name,
+            **self.store.plan.model.named,
             "content_hash": self.store.plan.content_hash,
             "version": self.store.plan.content["version"],
             "seed": config.seed,
