@@ -42,14 +42,18 @@ def test_it_says_that_the_rows_are_few_and_what_lines_cannot_tell(found):
     from pouring_robot.diagnosis.report.sentences import note_lines
 
     notes = "\n".join(note_lines(found))
+    assert (found.campaign.redundant_drives, found.campaign.seen) == (1, "closures")
     assert "44 rows are few" in notes
     assert "only in proportion" in notes
 
 
-def test_a_camera_beside_the_lines_is_one_more_instrument():
-    campaign = pouring_robot.Campaign.read(
-        MACHINE / "samples.csv", pouring_robot.RobotModel(robot=str(MACHINE / "robot.yaml")).definition
-    )
-    assert campaign.redundant_drives == 1
-    assert campaign.seen == "closures"
-    assert np.isfinite(campaign.force[:41]).all()
+def test_a_few_places_beside_the_lines_say_the_same_and_predict_better():
+    """Nine poses seen by a camera, eight of them in two coordinates: rows of two instruments in one fit."""
+    model = pouring_robot.RobotModel(robot=str(MACHINE / "robot.yaml"))
+    found = pouring_robot.diagnose(MACHINE / "with_camera.csv", model)
+    assert [effect.cause.effect for effect in found.effects] == ["joint_placement", "drive_scale"]
+    assert found.spare["drive_compliance"] < 0.0
+    closure = 7
+    assert 1e3 * found.held_out.after[closure] < 0.75
+    assert 1e3 * found.train.position("after") < 1.0
+    assert not np.isfinite(found.held_out.after[:closure]).any()
