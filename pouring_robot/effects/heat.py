@@ -46,7 +46,7 @@ class DriveGrowth(Family):
         thermometers = conditions.causes.drive_thermometers
         lengths = conditions.spans[:, conditions.places(self.drives)]
         rise = np.column_stack([conditions.rises[thermometers[d.joint]] for d in self.drives])
-        hot = {"own_temperature": lengths, "own_length": np.broadcast_to(lengths.mean(axis=0), lengths.shape)}
+        hot = {"own_temperature": lengths, "own_length": np.full_like(lengths, lengths.mean())}
         return tuple(
             Form(name, self._parameters(conditions, rise, length, [o for n, o in hot.items() if n != name]))
             for name, length in hot.items()

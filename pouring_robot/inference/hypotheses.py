@@ -19,7 +19,7 @@ BACKGROUND_LEVELS = (0.0, *(2.0**-k for k in range(9, 4, -1)))
 Of parts of 0.3 to 1 m, ISO 286 grades IT3 to IT7, ground to milled, are tolerances of 5 to 80 um, some four standard
 deviations wide. Larger ones are an effect, and a cause if they are larger than what coarse machining leaves."""
 _USUAL_LEVEL, _LEVEL_SPREAD = 4, 1.5
-"""The likely one, a 64th (IT6), and its standard deviation in steps of two."""
+"""The likely one, a 64th (IT6), and its standard deviation in steps of two; none that shows is as likely as that."""
 _SWEEPS = 3
 _WIDE = 40
 """An item of more columns is taken out once for all hypotheses that share it."""
@@ -131,8 +131,8 @@ class Hypothesis:
 
     @functools.cached_property
     def _log_likelihood(self) -> float:
-        steps = (np.array(self.levels) - _USUAL_LEVEL) / _LEVEL_SPREAD
-        return self.everything.log_likelihood - 0.5 * float((steps**2).mean() if steps.size else 0.0)
+        steps = [(level - _USUAL_LEVEL) / _LEVEL_SPREAD for level in self.levels if level]
+        return self.everything.log_likelihood - 0.5 * float(np.square(steps).sum()) / max(len(self.levels), 1)
 
     @functools.cached_property
     def _bayes_factors(self) -> tuple[BayesFactor, ...]:
@@ -305,13 +305,14 @@ class Hypothesis:
 
 
 def _neighbours(levels: tuple[int, ...]) -> list[tuple[int, ...]]:
-    """Return the levels a step away, all together or one alone.
+    """Return the levels a step away, all together or one alone, none, and the likely ones.
 
     A machine is made with one care: its kinds of errors are at most a step apart, a factor of two.
     """
     if not levels:
         return []
+    alike = [level * np.ones(len(levels), dtype=int) for level in (0, _USUAL_LEVEL)]
     moves = np.unique(np.vstack([np.ones((1, len(levels)), dtype=int), np.eye(len(levels), dtype=int)]), axis=0)
-    found = [np.array(levels) + sign * move for move in moves for sign in (-1, 1)]
+    found = [*alike, *(np.array(levels) + sign * move for move in moves for sign in (-1, 1))]
     last = len(BACKGROUND_LEVELS) - 1
     return [tuple(new.tolist()) for new in found if new.min() >= 0 and new.max() <= last and np.ptp(new) <= 1]

@@ -65,4 +65,4 @@ def test_without_a_platform_thermometer_legs_can_still_be_tested(bench):
     form = EFFECTS["leg_thermal_expansion"].form("own_temperature", bench.without("platform"))
     names = {p.name for p in form.parameters}
     assert "platform_share" not in names
-    assert {"expansion", "barrel", "lag", "l3_thermometer_gain"} <= names
+    assert {"expansion", "other_length", "lag_600_s", "l3_thermometer_gain"} <= names

@@ -106,7 +106,7 @@ def attempt(rng, kind, index, seed):
         "kind": kind,
         "effects": [describe(f, *reached) for f, reached in zip(rig.faults, found, strict=True)],
         # A sound machine has errors of workmanship: to name them is no false alarm.
-        "accept": accept if kind == "confounded" else ["joint_axis_tilt", "joint_centre_offset"] if kind == "null" else [],
+        "accept": {"confounded": accept, "null": ["joint_axis_tilt", "joint_centre_offset"]}.get(kind, []),
         "alternatives": [name for name in accept if name not in names],
         "background": True,
         "seed": seed,
