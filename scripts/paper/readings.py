@@ -33,8 +33,8 @@ from scripts.paper.thermal.claims import judge_all
 from scripts.paper.thermal.study import ThermalStudy, run_thermal_study
 
 M, N, m, n = 374.0, 680.0, 330.0, 365.0
-_POSES, _LEFT_OUT, _BOX = 2000, 5, 60
-_LIMITS = {"s1": [-1.5, 1.5], "s2": [-1.5, 1.5], "s4": [-1.5, 1.5], "s5": [-1.57, 1.9]}  # wide enough for every reading
+_POSES, _LEFT_OUT, _BOX = 2000, 5, 40
+_LIMITS = {"s1": [-2.0, 2.0], "s2": [-1.55, 1.55], "s4": [-1.55, 1.55], "s5": [-2.9, 2.9]}  # wide enough for every reading
 NORMALS = ("one rule", "turned over below")
 STATISTICS = ("largest", "mean")
 COLDEST_DEGC = (600.0, 1100.0, 1400.0)
