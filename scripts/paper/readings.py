@@ -34,7 +34,7 @@ from scripts.paper.thermal.study import ThermalStudy, run_thermal_study
 
 M, N, m, n = 374.0, 680.0, 330.0, 365.0
 _POSES, _LEFT_OUT, _BOX = 2000, 5, 40
-_LIMITS = {"s1": [-2.0, 2.0], "s2": [-1.55, 1.55], "s4": [-1.55, 1.55], "s5": [-2.9, 2.9]}  # wide enough for every reading
+_LIMITS = {"s1": [-2.0, 2.0], "s2": [-1.55, 1.55], "s4": [-1.55, 1.55], "s5": [-2.9, 2.9]}
 NORMALS = ("one rule", "turned over below")
 STATISTICS = ("largest", "mean")
 COLDEST_DEGC = (600.0, 1100.0, 1400.0)
