@@ -52,7 +52,7 @@ class Campaign(Result):
             campaign of positions only.
         distance_m: (n, 1) measured distance of the target from a fixed point, the origin of the tracker frame, or
             from where it was in the row whose sample :attr:`distance_from` names, in m; None where none was measured.
-        distance_from: (n,) that sample; "" for the fixed point.
+        distance_from: (n,) that sample; "" for the fixed point, as are all where it is empty.
         force: (n, drives) what was measured of the force or moment on each drive along its motion, in N and Nm,
             tension positive.
         approach: (n, drives) +1 where the drive was rising when it stopped, -1 falling.
@@ -95,8 +95,6 @@ class Campaign(Result):
             values = getattr(self, name)
             if values is not None:
                 object.__setattr__(self, name, _checked(name, values, (rows, width)))
-        if not self.distance_from:
-            object.__setattr__(self, "distance_from", ("",) * rows)
         unknown = next((name for name in self.conditions if name not in self._condition_names), None)
         if unknown is not None:
             raise BadInputError(f"'{unknown}' is no condition of {self.robot.name}{closest(unknown, self._quantities)}")
@@ -252,7 +250,8 @@ class Campaign(Result):
     def distance_start(self) -> NDArray[np.intp]:
         """Row from which each distance is measured, (n,); -1 for the fixed point, -2 for a row that is left out."""
         rows = {sample: row for row, sample in enumerate(self.samples)}
-        return np.array([rows.get(name, -2) if name else -1 for name in self.distance_from], dtype=np.intp)
+        starts = self.distance_from or ("",) * len(self)
+        return np.array([rows.get(name, -2) if name else -1 for name in starts], dtype=np.intp)
 
     def _check_starts(self) -> None:
         """Raise CampaignError if a distance starts at a sample that is not there, stands twice or is the row itself."""
@@ -367,7 +366,7 @@ class Campaign(Result):
         changed["conditions"] = {name: values[chosen] for name, values in self.conditions.items()}
         changed["lines"] = self.lines[chosen]
         changed["samples"] = tuple(self.samples[i] for i in chosen)
-        changed["distance_from"] = tuple(self.distance_from[i] for i in chosen)
+        changed["distance_from"] = tuple(self.distance_from[i] for i in chosen) if self.distance_from else ()
         changed["sessions"] = tuple(self.sessions[i] for i in chosen)
         return dataclasses.replace(self, **changed)
 

@@ -280,6 +280,5 @@ def _together(campaign: Campaign, possible: Candidates, diagnosis: Findings) -> 
         lines=np.append(campaign.lines, int(campaign.lines.max()) + 1 + np.arange(n)),
         samples=(*campaign.samples, *(f"next_{k + 1}" for k in range(n))),
         sessions=(*campaign.sessions, *((SESSION,) * n)),
-        distance_from=(*campaign.distance_from, *(("",) * n)),
         **joined,
     )
