@@ -224,18 +224,20 @@ def _cause(hypothesis: Hypothesis, effect: str, thresholds: Thresholds) -> Cause
 
 
 def _rivals(hypothesis: Hypothesis, indices: Sequence[int], close: float = 12.0) -> dict[str, float]:
-    """Return by how much other effects in the place of one change the log evidence, best form of each, in nats."""
-    own, rest = hypothesis.worth(indices), hypothesis.without_items(indices)
-    tried = {
-        effect: rest.with_item(item, worth.scale)
-        for effect, (worth, item) in hypothesis.without(indices).best_forms(hypothesis.rivals).items()
-        if worth.evidence > own - close
-    }
-    return {
-        effect: other.log_evidence - hypothesis.log_evidence
-        for effect, other in tried.items()
-        if credible(other, len(other.items) - 1)
-    }
+    """Return by how much other effects in the place of one change the log evidence, best form of each, in nats.
+
+    A form counts only as long as it is the effect it is called: where the best one is bent, the next is tried.
+    """
+    own, bare, rest = hypothesis.worth(indices), hypothesis.without(indices), hypothesis.without_items(indices)
+    choices = [e for e in hypothesis.problem.explanations if e.cause and e.effect in hypothesis.rivals]
+    worths = sorted(((bare.candidate_bayes_factor(item), item) for item in choices), key=lambda w: -w[0].evidence)
+    found: dict[str, float] = {}
+    for worth, item in worths:
+        if worth.evidence > own - close and item.effect not in found:
+            other = rest.with_item(item, worth.scale)
+            if credible(other, len(other.items) - 1):
+                found[item.effect] = other.log_evidence - hypothesis.log_evidence
+    return found
 
 
 def background_cause(hypothesis: Hypothesis, thresholds: Thresholds) -> list[Cause]:
