@@ -78,7 +78,7 @@ def smooth_terms(campaign: Campaign, poses: PoseStack, *, with_time: bool = True
     conditions = [campaign.conditions[name] for name in kept]
     conditions += [] if campaign.approach is None else list(campaign.approach.T)
     terms = [np.ones(len(campaign)), *pose_terms]
-    terms += [_scaled(_filled(values)) for values in conditions if np.nanmax(values) > np.nanmin(values)]
+    terms += [_scaled(_filled(values)) for values in conditions if np.unique(values[np.isfinite(values)]).size > 1]
     squares = [a * b for i, a in enumerate(pose_terms) for b in pose_terms[i:]]
     rows, first = int(campaign.usable.sum()), 1 + len(pose_terms)
     if rows < _ROWS_PER_TERM * len(terms):

@@ -607,7 +607,7 @@ def test_missing_description_is_named(tmp_path: Path, monkeypatch: pytest.Monkey
 
 def test_folder_is_a_ros_package() -> None:
     package = etree.parse(str(description_folder() / "package.xml")).getroot()
-    assert package.findtext("name") == description_folder().name == "robot_description"
+    assert package.findtext("name") == "pouring_robot_description"  # the folder keeps the short name
     assert package.findtext("license") == "Apache-2.0"
     installed = (description_folder() / "CMakeLists.txt").read_text(encoding="utf-8")
-    assert "install(DIRECTORY urdf config meshes DESTINATION share/${PROJECT_NAME})" in installed
+    assert "install(DIRECTORY config launch meshes rviz urdf DESTINATION share/${PROJECT_NAME})" in installed
