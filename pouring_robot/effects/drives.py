@@ -89,8 +89,7 @@ class Scale(Family):
         id_: as of :class:`Family`.
         story: likewise.
         drives: likewise.
-        homes: lengths at which a drive may have been homed, in m, beside none.
-        middle_m: of the stroke.
+        middle_m: of the stroke; at 0 it counts from there.
         half_stroke_m: to either side.
         build_up: whether a lead that changes along the stroke makes the effect, too, as on a spool whose line lies in
             layers; if not, it only shapes it.
@@ -103,14 +102,13 @@ class Scale(Family):
         id_: str,
         story: str,
         drives: Drives,
-        homes: Sequence[float] = (),
         middle_m: float = 0.0,
         half_stroke_m: float = 1.0,
         build_up: bool = False,
     ) -> None:
         """Keep the stroke."""
         super().__init__(id_, story, drives)
-        self.homes, self.middle_m, self.half_stroke_m, self.build_up = homes, middle_m, half_stroke_m, build_up
+        self.middle_m, self.half_stroke_m, self.build_up = middle_m, half_stroke_m, build_up
 
     def in_words(self, values: Mapping[str, float]) -> tuple[str, ...]:
         """Of leads that change along the stroke: each drive's lead where it counts from, and how it changes."""
@@ -127,24 +125,25 @@ class Scale(Family):
         return tuple(lines)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """In proportion to the length, or to the stroke from a home position; the lead may change along the stroke.
+        """In proportion to the length, or to the stroke from wherever it was homed; the lead may change along it.
 
         Lengths count from where the controller's count is zero.
         """
         lengths = conditions.drives[:, conditions.places(self.drives)] - [drive.zero for drive in self.drives]
-        found, size = [], 1.0 if self.build_up else 0.5
-        for home_m in (0.0, *self.homes):
-            name = f"stroke_from_{1e3 * home_m:.0f}_mm" if home_m else "whole_length"
-            stroke = lengths - home_m
-            bent = (lengths - self.middle_m) ** 2 - self.half_stroke_m**2 / 3.0
-            if home_m:
-                bent = stroke * np.abs(stroke)
-            lead = [of_drive(d, "scale", 1.0, stroke[:, k], per="/m") for k, d in enumerate(self.drives)]
-            progressive = [
-                of_drive(d, "progression", size, bent[:, k], main=self.build_up, per="/m²")
-                for k, d in enumerate(self.drives)
-            ]
-            found.append(Form(name, (*lead, *progressive)))
+        size = 1.0 if self.build_up else 0.5
+        one = np.ones(len(conditions))
+        bent = (lengths - self.middle_m) ** 2 - self.half_stroke_m**2 / 3.0
+        lead = [of_drive(d, "scale", 1.0, lengths[:, k], per="/m") for k, d in enumerate(self.drives)]
+        progressive = [
+            of_drive(d, "progression", size, bent[:, k], main=self.build_up, per="/m²")
+            for k, d in enumerate(self.drives)
+        ]
+        home = [of_drive(d, "home", self.middle_m, one, main=False) for d in self.drives] if self.middle_m else []
+        found = [Form("whole_length", (*lead, *progressive))]
+        if home:
+            centred = lengths - self.middle_m
+            stroke = [of_drive(d, "scale", 1.0, centred[:, k], per="/m") for k, d in enumerate(self.drives)]
+            found.append(Form("from_home", (*stroke, *home, *progressive)))
         return tuple(found)
 
 

@@ -42,7 +42,7 @@ _ENTRIES = (
         "drive_scale",
         "scale",
         "the screws have another lead than the controller believes",
-        {"drives": _LEGS, "homes": (0.3, 0.4, 0.5), **_STROKE},
+        {"drives": _LEGS, **_STROKE},
     ),
     CauseEntry(
         "drive_cyclic",
