@@ -22,7 +22,6 @@ _OWN = 0.3
 """Share by which a part may grow otherwise than the others: another steel, another length that is hot."""
 _LAGS_S = (150.0, 600.0, 2400.0)
 """Time constants of a part behind its thermometer, from thin to thick: three span all between them."""
-_SHORT_M = 1e-9
 
 
 class DriveGrowth(Family):

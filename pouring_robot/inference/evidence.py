@@ -18,6 +18,7 @@ and is averaged over both, spread evenly in their logarithm, so that a group pay
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -98,19 +99,25 @@ class Beside:
 
     Args:
         gram: of all columns.
-        places: which columns are in the groups, (k,).
+        places: which columns are in the groups, (k,), kept as :attr:`places`.
         weights: standard deviation of the coefficient of each, (k,).
     """
 
     def __init__(self, gram: Gram, places: Places, weights: FloatArray) -> None:
         """Decompose."""
-        self._gram, self._places, self._weights = gram, places, weights
+        self._gram, self.places, self._weights = gram, places, weights
         inner = weights[:, None] * gram.columns[places[:, None], places] * weights
         inner.flat[:: len(places) + 1] += 1.0
         self._factor = np.linalg.cholesky(inner)
         self._pulled = self._solved(weights * gram.projected[places])
         self.squared = gram.squared - float(self._pulled @ self._pulled)
         self.log_determinant = gram.log_determinant + 2.0 * float(np.log(np.diag(self._factor)).sum())
+
+    @classmethod
+    def groups(cls, gram: Gram, groups: Sequence[tuple[Places, FloatArray]]) -> Beside:
+        """Return what is to be seen beside groups of columns, each with its places and weights."""
+        places = np.concatenate([np.zeros(0, dtype=np.intp), *(where for where, _ in groups)])
+        return cls(gram, places, np.concatenate([np.zeros(0), *(weights for _, weights in groups)]))
 
     def _solved(self, values: FloatArray) -> FloatArray:
         if not len(self._weights):
@@ -121,7 +128,7 @@ class Beside:
 
     def _seen(self, places: Places) -> FloatArray:
         """Return the factor's inverse times what the groups have in common with other columns, (k, a)."""
-        return self._solved(self._weights[:, None] * self._gram.columns[self._places[:, None], places])
+        return self._solved(self._weights[:, None] * self._gram.columns[self.places[:, None], places])
 
     @property
     def log_likelihood(self) -> float:

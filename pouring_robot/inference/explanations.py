@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pouring_robot.inference.evidence import Beside, BoolArray, Gram, Places, shaping_unit
+from pouring_robot.inference.evidence import BoolArray, Gram, Places, shaping_unit
 from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.mechanism.arrays import FloatArray
 
@@ -104,11 +104,6 @@ class Problem:
         return frozenset(item.effect for item in self.explanations if item.cause)
 
     @functools.cached_property
-    def keys(self) -> frozenset[tuple[str, str]]:
-        """Effects and forms of all explanations."""
-        return frozenset(item.key for item in self.explanations)
-
-    @functools.cached_property
     def log_priors(self) -> dict[str, float]:
         """Log probability of a form of each effect, given the effect: all its forms are as likely, in nats."""
         effects = [item.effect for item in self.explanations]
@@ -151,11 +146,6 @@ class Problem:
     def worked_out(self) -> dict[Hashable, Any]:
         """What hypotheses worked out once for all that share it."""
         return {}
-
-    def beside(self, groups: Sequence[tuple[Places, FloatArray]]) -> Beside:
-        """Return everything beside some groups of columns, each with its places and weights."""
-        places = np.concatenate([np.zeros(0, dtype=np.intp), *(where for where, _ in groups)])
-        return Beside(self.gram, places, np.concatenate([np.zeros(0), *(weights for _, weights in groups)]))
 
     def and_also(self, items: Sequence[Explanation]) -> Problem:
         """Return the problem with more explanations."""

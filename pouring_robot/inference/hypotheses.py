@@ -103,25 +103,23 @@ class Hypothesis:
     @functools.cached_property
     def everything(self) -> Beside:
         """What is to be seen beside everything fitted."""
-        return self.problem.beside(self._groups)
+        return Beside.groups(self.problem.gram, self._groups)
 
     def _gram(self) -> tuple[Gram, tuple[int, ...]]:
         """Return all inner products beside the usual errors and the widest item, and which items are left."""
         wide = [k for k, item in enumerate(self.items) if item.columns.shape[1] > _WIDE][:1]
         key = self.levels, tuple((self.items[k].key, self.scales[k]) for k in wide)
         if key not in self.problem.worked_out:
-            groups = [*self.usual(), *(self._group(k) for k in wide)]
-            self.problem.worked_out[key] = self.problem.beside(groups).gram if groups else self.problem.gram
-        gram: Gram = self.problem.worked_out[key]
-        return gram, tuple(k for k in range(len(self.items)) if k not in wide)
+            groups, gram = [*self.usual(), *(self._group(k) for k in wide)], self.problem.gram
+            self.problem.worked_out[key] = Beside.groups(gram, groups).gram if groups else gram
+        found: Gram = self.problem.worked_out[key]
+        return found, tuple(k for k in range(len(self.items)) if k not in wide)
 
     @functools.cached_property
     def _beside(self) -> Beside:
         """The same as :attr:`everything`, from what other hypotheses have in common with this one."""
         gram, narrow = self._gram()
-        groups = [self._group(k) for k in narrow]
-        places = np.concatenate([np.zeros(0, dtype=np.intp), *(where for where, _ in groups)])
-        return Beside(gram, places, np.concatenate([np.zeros(0), *(weights for _, weights in groups)]))
+        return Beside.groups(gram, [self._group(k) for k in narrow])
 
     @functools.cached_property
     def log_evidence(self) -> float:
@@ -299,9 +297,8 @@ class Hypothesis:
 
     def seen(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the inner products of any columns (m, a) with each other and the residual, beside everything."""
-        own, residual = self.problem.columns, self.problem.residual
-        places = np.concatenate([np.zeros(0, dtype=np.intp), *(where for where, _ in self._groups)])
-        return self.everything.outside(own[:, places].T @ columns, columns.T @ columns, columns.T @ residual)
+        own, residual = self.problem.columns[:, self.everything.places], self.problem.residual
+        return self.everything.outside(own.T @ columns, columns.T @ columns, columns.T @ residual)
 
 
 def _neighbours(levels: tuple[int, ...]) -> list[tuple[int, ...]]:

@@ -10,7 +10,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-PACKAGE, STATE = "pouring_robot_description", "robot_state_publisher"
+PACKAGE = "pouring_robot_description"
 
 
 def generate_launch_description():

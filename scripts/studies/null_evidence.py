@@ -32,12 +32,10 @@ def largest_by_chance(null: Hypothesis, draws: int, seed: int) -> FloatArray:
     for columns in null.groups():
         residuals = residuals + columns @ random.normal(size=(columns.shape[1], draws))
     causes = [item for item in problem.explanations if item.cause]
-    usual = np.concatenate([np.zeros(0, dtype=np.intp), *(places for places, _ in null.usual())])
-    weights = np.concatenate([np.zeros(0), *(weights for _, weights in null.usual())])
     found = np.empty(draws)
     for k, residual in enumerate(residuals.T):
         gram = Gram(problem.gram.columns, problem.columns.T @ residual, float(residual @ residual))
-        beside = Beside(gram, usual, weights)
+        beside = Beside.groups(gram, null.usual())
         found[k] = max(
             bayes_factor(*beside.of(problem.places(item)), item.main, item.largest, problem.shaping_unit(item)).evidence
             + problem.log_priors[item.effect]
