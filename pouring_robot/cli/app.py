@@ -1,7 +1,7 @@
 """The ``pouring-robot`` command: its subcommands, and how errors reach the user.
 
-Exit codes: 0 done, 2 bad input, 3 no solution. An error is one line on standard error; a traceback never reaches
-a user of a sound installation.
+Exit codes: 0 done, 2 bad input, 3 no solution, 70 a fault of the program. An error is one line on standard error; a
+traceback never reaches a user.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import typer
 from typer.core import TyperGroup
 
 from pouring_robot import __version__
+from pouring_robot.cli.last_net import EXIT_CODE, caught
 from pouring_robot.cli.shared.options import group_of
 from pouring_robot.exceptions import PouringRobotError
 from pouring_robot.io.threads import one_blas_thread_from_the_start
@@ -99,9 +100,17 @@ def _complain(message: str) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code (0 done, 2 bad input, 3 no solution)."""
+    """Run the command line and return its exit code (0 done, 2 bad input, 3 no solution, 70 a fault of the program)."""
     one_blas_thread_from_the_start()
     given = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        return _run(given)
+    except Exception as error:
+        _complain(caught(error, given))
+        return EXIT_CODE
+
+
+def _run(given: list[str]) -> int:
     try:
         outcome = app(args=given or ["--help"], prog_name="pouring-robot", standalone_mode=False)
         sys.stdout.flush()
