@@ -7,12 +7,13 @@ import os
 import re
 import threading
 import xml.parsers.expat
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import xacro
 
 from pouring_robot.exceptions import DescriptionError
+from pouring_robot.robot.description.strangers import confined
 from pouring_robot.robot.description.urdf import read_text
 
 # How xacro begins to complain about the way a macro is called.
@@ -22,13 +23,18 @@ _CALLERS_FAULTS = ("Invalid parameter", "Undefined parameters", "Not enough bloc
 _lock = threading.Lock()
 
 
-def run_xacro(path: Path, arguments: Mapping[str, str]) -> str:
+def run_xacro(path: Path, arguments: Mapping[str, str], also: Iterable[Path] = ()) -> str:
     """Return what xacro makes of a file; safe to call from several threads.
+
+    Args:
+        path: the file, which may be a stranger's: see :mod:`pouring_robot.robot.description.strangers`.
+        arguments: its mappings.
+        also: files that it may read wherever they are.
 
     Raises:
         DescriptionError: the file, or one it includes, is wrong; names the one at fault.
     """
-    with _lock:
+    with _lock, confined(path.parent, also):
         return _run_xacro(path, arguments)
 
 
@@ -37,6 +43,8 @@ def _run_xacro(path: Path, arguments: Mapping[str, str]) -> str:
         document = xacro.process_file(str(path), mappings=dict(arguments), verbosity=0)
     except xml.parsers.expat.ExpatError as error:
         raise DescriptionError(_file_at_fault(path, ""), f"not valid XML: {error}") from error
+    except DescriptionError:
+        raise
     except Exception as error:  # xacro evaluates expressions, so a broken file can raise anything
         raise DescriptionError(_file_at_fault(path, str(error)), f"xacro: {error or type(error).__name__}") from error
     # The banner names the path of this machine; the same description must give the same text anywhere.

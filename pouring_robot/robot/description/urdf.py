@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pouring_robot.exceptions import DescriptionError, UnknownJointError
 from pouring_robot.io.files import write_together
 from pouring_robot.mechanism.poses import PlacementError
+from pouring_robot.robot.description.strangers import readable
 
 MESH_PACKAGE = "package://pouring_robot_description/meshes"
 
@@ -81,7 +82,11 @@ def with_mesh_files(urdf: str) -> str:
 
 
 def meshes_from(urdf: str, folder: Path) -> str:
-    """Return the URDF with the addresses of meshes that are relative to its folder made absolute."""
+    """Return the URDF with the addresses of meshes that are files made absolute.
+
+    Raises:
+        DescriptionError: it is not readable XML, or a mesh lies where a description may not read.
+    """
     if "<mesh" not in urdf:
         return urdf
     try:
@@ -90,8 +95,8 @@ def meshes_from(urdf: str, folder: Path) -> str:
         raise DescriptionError("URDF", f"line {error.lineno}: {error.msg}") from error
     for mesh in root.iter("mesh"):
         address = mesh.get("filename", "")
-        if "://" not in address:
-            mesh.set("filename", str((folder / address).resolve()))
+        if "://" not in address or address.startswith("file://"):
+            mesh.set("filename", str(readable(address.removeprefix("file://"), folder)))
     return str(etree.tostring(root, encoding="unicode")) + "\n"
 
 
@@ -188,7 +193,8 @@ def _numbers(joint: etree._Element, origin: etree._Element, attribute: str, sour
 def _mesh_path(address: str) -> Path:
     """Return the file a mesh address stands for: our own package, or a plain path."""
     if address.startswith(MESH_PACKAGE):
-        path = description_folder() / "meshes" / address.removeprefix(MESH_PACKAGE).lstrip("/")
+        meshes = description_folder() / "meshes"
+        path = readable(address.removeprefix(MESH_PACKAGE).lstrip("/"), meshes)
     else:
         path = Path(address.removeprefix("file://"))
     if not path.is_file():

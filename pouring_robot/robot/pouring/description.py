@@ -63,10 +63,8 @@ def _rendered(key: str, dimensions: str, folder: Path, arguments: tuple[tuple[st
     def render() -> str:
         from pouring_robot.robot.description.rendering import run_xacro
 
-        urdf, path = (
-            run_xacro(folder / "pouring_robot.urdf.xacro", dict(arguments)),
-            Path(dict(arguments)["layouts_file"]),
-        )
+        path = Path(dict(arguments)["layouts_file"])
+        urdf = run_xacro(folder / "pouring_robot.urdf.xacro", dict(arguments), [path])
         if read_text(path) != dimensions:  # xacro read it by itself: do not keep its answer under the other's name
             raise DescriptionError(path, "changed while it was read; run the command again")
         return urdf

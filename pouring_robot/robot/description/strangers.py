@@ -1,0 +1,102 @@
+"""What a robot description from somebody else may do: no code runs, and nothing far from it is read.
+
+xacro evaluates Python expressions. Its own guard looks only at the outermost of them, and ``$(eval …)`` gives them all
+of Python; both would run a stranger's code. So expressions are looked through to the last part before they are
+evaluated, ``$(eval …)`` and the environment are refused, and files are read from the folder above the description
+down, and from those that the environment variable :data:`FOLDERS_VARIABLE` names. How long an expression takes is not
+limited.
+"""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import os
+import re
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import IO, Any, NoReturn
+
+from pouring_robot.exceptions import DescriptionError
+
+FOLDERS_VARIABLE = "POURING_ROBOT_DESCRIPTIONS"
+"""Environment variable with further folders that descriptions may read, parted as in ``PATH``."""
+_LONGEST = 10_000  # characters of an expression
+_REFUSED = {
+    "_eval": "$(eval …): write ${…}",
+    "_env": "$(env …): pass it as a mapping",
+    "_optenv": "$(optenv …): pass it as a mapping",
+}
+_INTROSPECTION = re.compile(
+    r"_|(gi|cr|ag)_(frame|code|yieldfrom|await|origin)$|f_(back|globals|locals|builtins|code)$|tb_(frame|next)$"
+    r"|(mro|format|format_map|type|vars)$"
+)
+
+
+def readable(path: Path | str, folder: Path, also: Iterable[Path] = ()) -> Path:
+    """Return a path that a description in a folder may read.
+
+    Args:
+        path: the file, absolute or relative to the folder.
+        folder: of the description; it may read from the folder above it down.
+        also: files that it may read wherever they are.
+
+    Raises:
+        DescriptionError: it lies elsewhere.
+    """
+    target = Path(os.path.realpath(folder / path))
+    own = Path(os.path.realpath(folder))
+    # A folder at the top of the disk does not open all of it.
+    above = own if own.parent == Path(own.anchor) else own.parent
+    named = filter(None, os.environ.get(FOLDERS_VARIABLE, "").split(os.pathsep))
+    if any(target.is_relative_to(place.resolve()) for place in (above, *map(Path, named), *also)):
+        return target
+    problem = f"lies outside the folder above {folder}, and a description reads nothing there; put it beside the others"
+    raise DescriptionError(path, f"{problem}, or name its folder in {FOLDERS_VARIABLE}")
+
+
+@contextlib.contextmanager
+def confined(folder: Path, also: Iterable[Path] = ()) -> Iterator[None]:
+    """Keep xacro, which works in module globals, from running code and reading elsewhere, while the context lasts."""
+    import xacro.substitution_args  # heavy, and for this only
+
+    evaluate: Callable[..., Any] = xacro.safe_eval
+
+    def careful(expression: str, *names: Any) -> Any:
+        _check(expression)
+        return evaluate(expression, *names)
+
+    def opened(path: str) -> IO[str]:
+        return readable(Path.cwd() / path, folder, also).open(encoding="utf-8")
+
+    stand_ins = [(xacro, "safe_eval", careful), (xacro, "open", opened)]
+    for name, said in _REFUSED.items():
+        stand_ins.append((xacro.substitution_args, name, _refusal(said)))
+    kept = [(module, name, vars(module).get(name)) for module, name, _ in stand_ins]
+    try:
+        for module, name, stand_in in stand_ins:
+            setattr(module, name, stand_in)
+        yield
+    finally:
+        for module, name, own in kept:
+            if own is None:
+                delattr(module, name)
+            else:
+                setattr(module, name, own)
+
+
+def _refusal(said: str) -> Callable[..., NoReturn]:
+    def refuse(*_: Any, **__: Any) -> NoReturn:
+        raise ValueError(f"descriptions may not use {said}")
+
+    return refuse
+
+
+def _check(expression: str) -> None:
+    """Raise ValueError for an expression by which one could get at more than numbers, words and lists."""
+    if len(expression) > _LONGEST:
+        raise ValueError("an expression is too long")
+    for node in ast.walk(ast.parse(expression.strip(), mode="eval")):
+        name = node.attr if isinstance(node, ast.Attribute) else ""
+        if _INTROSPECTION.match(name) or (isinstance(node, ast.Name) and (name := node.id).startswith("__")):
+            raise ValueError(f"descriptions may not use '{name}'")

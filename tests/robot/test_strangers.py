@@ -1,0 +1,112 @@
+"""A description from somebody else runs no code and reads nothing far from it."""
+
+import pytest
+
+from pouring_robot.exceptions import DescriptionError
+from pouring_robot.robot.description.first_file import first_robot_file
+from pouring_robot.robot.description.rendering import run_xacro
+from pouring_robot.robot.description.strangers import FOLDERS_VARIABLE
+from pouring_robot.robot.description.urdf import meshes_from, urdf_files
+
+HEAD = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+CODE = (
+    "$(eval exec(&quot;open('MARK','w')&quot;))",
+    "${().__class__}",
+    "${[x.__class__.__base__.__subclasses__() for x in [1]]}",
+    "${(lambda: ().__class__)()}",
+    "${[g.gi_frame.f_back for g in [(i for i in [1])]]}",
+    "${python.vars(python.type)['_' + '_subclasses_' + '_'](int)}",
+    "${'%s'.format(1)}",
+    "${__builtins__}",
+    "$(env HOME)",
+    "$(optenv HOME x)",
+)
+READS = (
+    "<xacro:include filename='SECRET'/>",
+    "<xacro:include filename='../../secret.xml'/>",
+    "<xacro:include filename='../../secret.x?l'/>",
+    "<xacro:include filename='SECRET' optional='true'/>",
+    "<xacro:include filename='link.xml'/>",
+    "<xacro:property name='a' value=\"${xacro.load_yaml('SECRET')}\"/><link name='${a}'/>",
+)
+ENDLESS = (
+    "<xacro:include filename='r.xacro'/>",
+    "<xacro:macro name='m'><xacro:m/><xacro:m/></xacro:macro><xacro:m/>",
+    "<xacro:property name='a' value='${b}'/><xacro:property name='b' value='${a}'/><link name='${a}'/>",
+)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "secret.xml").write_text("<robot><link name='treasure'/></robot>", encoding="utf-8")
+    inner = tmp_path / "shared" / "robot"
+    inner.mkdir(parents=True)
+    (inner / "link.xml").symlink_to(tmp_path / "secret.xml")
+    return inner
+
+
+def refused(folder, body):
+    secret = folder.parents[1] / "secret.xml"
+    path = folder / "r.xacro"
+    text = body.replace("SECRET", str(secret)).replace("MARK", str(folder / "mark"))
+    path.write_text(f"{HEAD}{text}</robot>", encoding="utf-8")
+    with pytest.raises(DescriptionError) as error:
+        run_xacro(path, {})
+    assert "\n" not in str(error.value)
+    assert "treasure" not in str(error.value)
+    return str(error.value)
+
+
+@pytest.mark.parametrize("expression", CODE)
+def test_no_code_runs(folder, expression):
+    assert "may not use" in refused(folder, f'<link name="{expression}"/>')
+    assert not (folder / "mark").exists()
+
+
+@pytest.mark.parametrize("body", READS)
+def test_nothing_is_read_outside(folder, body):
+    assert FOLDERS_VARIABLE in refused(folder, body)
+
+
+@pytest.mark.parametrize("body", ENDLESS)
+def test_what_never_ends_is_refused(folder, body):
+    refused(folder, body)
+
+
+def test_a_named_folder_and_a_sister_folder_are_read(folder, monkeypatch):
+    sister = folder.parent / "sister"
+    sister.mkdir()
+    (sister / "part.xacro").write_text("<robot><link name='part'/></robot>", encoding="utf-8")
+    secret = folder.parents[1] / "secret.xml"
+    body = f"<xacro:include filename='{secret}'/><xacro:include filename='../sister/part.xacro'/>"
+    body += "<xacro:property name='f_max' value='${[i * 2 for i in python.range(3)][-1]}'/><link name='l${f_max}'/>"
+    (folder / "r.xacro").write_text(f"{HEAD}{body}</robot>", encoding="utf-8")
+    monkeypatch.setenv(FOLDERS_VARIABLE, f":{folder.parents[1]}")
+    text = run_xacro(folder / "r.xacro", {})
+    assert all(name in text for name in ("treasure", "part", '"l4"'))
+
+
+@pytest.mark.parametrize("address", ["/etc/hostname", "file:///etc/hostname", "../../secret.xml", "link.xml"])
+def test_meshes_from_outside_are_refused(folder, address):
+    with pytest.raises(DescriptionError, match="outside"):
+        meshes_from(f"<robot><link name='a'><mesh filename='{address}'/></link></robot>", folder)
+
+
+def test_a_package_address_cannot_climb_out(folder):
+    address = "package://pouring_robot_description/meshes/../../../../etc/hostname"
+    with pytest.raises(DescriptionError, match="outside"):
+        urdf_files(f"<robot><link name='a'><mesh filename='{address}'/></link></robot>", folder)
+
+
+def test_entities_neither_multiply_nor_read_files(folder):
+    ten = "".join(f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in zip("abcdefghi", "bcdefghij", strict=True))
+    body = "<robot name='r'><link name='&j;'/><joint name='j' type='fixed'/>&f;</robot>"
+    for entities in (
+        f'<!ENTITY a "aaaaaaaaaa">{ten}<!ENTITY f "">',
+        '<!ENTITY j ""><!ENTITY f SYSTEM "../../secret.xml">',
+    ):
+        path = folder / "r.urdf"
+        path.write_text(f"<!DOCTYPE r [{entities}]>{body}", encoding="utf-8")
+        with pytest.raises(DescriptionError) as error:
+            first_robot_file(path, folder)
+        assert "treasure" not in str(error.value)
