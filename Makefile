@@ -67,7 +67,7 @@ $(INSTALLED): $(LOCKED) pyproject.toml
 demo: $(INSTALLED)  ## where the ladle is at five poses: a table, and the page and picture in demo/
 	$(call say,pouring-robot path examples/poses.csv --model examples/actual.yaml --html … --png …)
 	@mkdir -p $(DEMO)
-	@$(BIN)/pouring-robot path examples/poses.csv --model examples/actual.yaml \
+	@$(BIN)/pouring-robot path examples/poses.csv --model examples/actual.yaml --overwrite \
 	  --html $(DEMO)/ladle.html --png $(DEMO)/ladle.png
 
 test: lint typecheck  ## lint, types and all tests

@@ -17,28 +17,28 @@ from typer.core import TyperGroup
 
 from pouring_robot import __version__
 from pouring_robot.cli.last_net import EXIT_CODE, caught
-from pouring_robot.cli.shared.options import group_of
+from pouring_robot.cli.shared.bundles import HELP_PAGE, group_of
 from pouring_robot.exceptions import PouringRobotError
 from pouring_robot.io.threads import one_blas_thread_from_the_start
 
-# In the order of the help page. Each stands in the module of its name, which is imported when it is asked for.
+# In the order of use, as on the help page. Each stands in the module of its name, imported when it is asked for.
 _COMMANDS = (
-    "pose",
-    "path",
+    "examples",
     "robots",
     "robot",
+    "pose",
+    "path",
     "view",
-    "export",
-    "sensitivity",
-    "sweep",
-    "calibrate",
+    "campaign",
     "diagnose",
     "effects",
+    "calibrate",
+    "compensate",
+    "sensitivity",
+    "sweep",
     "thermal",
     "regress",
-    "compensate",
-    "campaign",
-    "examples",
+    "export",
 )
 
 EXTRAS = {
@@ -73,10 +73,10 @@ app = typer.Typer(
     name="pouring-robot",
     help="Says where the ladle of a hybrid truss pouring robot really is.",
     cls=_Subcommands,
-    add_completion=False,
+    add_completion=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings=HELP_PAGE,
 )
 
 

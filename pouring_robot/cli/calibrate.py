@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from pouring_robot.report.page import Table
 
 OutFolder = Annotated[
-    Path,
-    typer.Option("--out", metavar="DIR", help="Folder for model file, URDF, calibration.json and report.html."),
+    Path, options.results_folder("calibrated.yaml", "calibration.json", "report.html", what="URDF with meshes")
 ]
 Parameters = Annotated[
     list[str] | None,
@@ -51,10 +50,8 @@ def calibrate(
     from pouring_robot.calibration.summary import calibration_metrics
     from pouring_robot.campaign.data import Campaign
     from pouring_robot.estimation.solver import FitOptions
-    from pouring_robot.io.files import check_folder
     from pouring_robot.robot.tolerances import Tolerances
 
-    check_folder(out)
     present = options.model_of(model, robot)
     options.say_left_out(present, model, warm=True)
     data = Campaign.read(campaign, present.definition)

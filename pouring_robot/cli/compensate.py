@@ -2,30 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
-from rich.table import Table
 
-from pouring_robot.cli.shared import heat_options, options, progress
-from pouring_robot.cli.shared.tables import plain_table
+from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseError, UnknownFrameError
-from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.robot.metrics import decimals
-from pouring_robot.robot.pouring.poses import PlatformPose
 
 if TYPE_CHECKING:
+    from pouring_robot.cli.shared.heat import ThermalLaw
     from pouring_robot.compensation.result import Compensation
     from pouring_robot.robot.base import Command, Robot
     from pouring_robot.robot.heat_section import HeatSection
+    from pouring_robot.robot.pouring.poses import PlatformPose
     from pouring_robot.robot.robot import PouringRobot
 
 Found = TypeVar("Found")
 PosesFile = Annotated[
     Path | None,
-    typer.Argument(metavar="POSES.csv", help="Wanted poses, as 'path' reads them. Or --at-mm, or --drives."),
+    typer.Argument(
+        metavar="POSES.csv", callback=options.there, help="Wanted poses, as 'path' reads them. Or --at-mm, or --drives."
+    ),
 ]
 Frame = Annotated[
     str | None,
@@ -35,56 +34,50 @@ Frame = Annotated[
         help="What shall be right: moving_platform (default), ladle or ladle_lip; of another robot its tool.",
     ),
 ]
-OutFile = Annotated[Path | None, typer.Option("--out", metavar="FILE.csv", help="Write the commands, one row a pose.")]
+OutFile = Annotated[
+    Path | None, options.output("--out", metavar="FILE.csv", help="Write the commands, one row a pose.")
+]
 HeaderFile = Annotated[
     Path | None,
-    typer.Option("--header", metavar="FILE.h", help="Write a C function that compensates, in place of poses."),
+    options.output("--header", metavar="FILE.h", help="Write a C function that compensates, in place of poses."),
 ]
 
 
 def compensate(
+    *,
     poses: PosesFile = None,
-    at_mm: options.AtMm = None,
-    tilt_deg: options.TiltDeg = None,
-    rotation_deg: options.RotationDeg = None,
-    drives: options.Drives = None,
-    model: options.ModelFile = None,
-    robot: options.RobotFile = None,
-    layout: options.LayoutName = None,
+    commanded: bundles.Commanded,
+    which: bundles.Which,
     frame: Frame = None,
     out: OutFile = None,
     at_once: options.AtOnce = False,
     header: HeaderFile = None,
     as_json: options.AsJson = False,
-    melt_degC: heat_options.MeltDegC = None,
-    ambient_degC: heat_options.AmbientDegC = None,
-    steady: heat_options.Steady = False,
-    after_min: heat_options.AfterMin = None,
-    cold: heat_options.Cold = False,
-    thermal_model: heat_options.ThermalModelFile = None,
+    heat: bundles.Heat,
+    thermal_model: options.ThermalModelFile = None,
 ) -> None:
     """Find drive values that bring the actual ladle, or tool, to wanted poses, and say what they cannot cancel.
 
     With --after-min every pose is taken by itself: held so long from cold.
     """
-    options.refuse_unwritable(out, header)
-    one = (at_mm, tilt_deg, rotation_deg, drives)
-    if poses is not None and any(option is not None for option in one):
+    from pouring_robot.cli.shared.heat import thermal_law
+
+    if poses is not None and commanded.given:
         raise BadInputError("give a file of poses or one command by options, one of the two")
-    present = options.robot_of(model, robot, layout, warm=True)
+    present = which.built(warm=True)
     from pouring_robot.robot.robot import PouringRobot
 
     _check_frame(present.nominal_solver.mechanism.loops.reported_frames, frame)
-    heat = heat_options.heat_of(present, melt_degC, ambient_degC, steady, after_min, cold)
+    warmth = heat.of(present)
     if at_once or header:
         if not isinstance(present, PouringRobot):
             raise BadInputError("--at-once and --header know the pouring robot only")
-        _in_bulk(present, heat, frame, poses, out, header, as_json)
+        _in_bulk(present, warmth, frame, poses, out, header, as_json)
         return
-    wanted = {0: options.command_of(present, *one)} if poses is None else present.read_commands(poses)
+    wanted = {0: commanded.of(present)} if poses is None else present.read_commands(poses)
     if isinstance(present, PouringRobot):
-        law = heat_options.thermal_law(thermal_model, present, heat)
-        _ladle(present, law.heat if law else heat, wanted, frame, poses, out, as_json, law)
+        law = thermal_law(thermal_model, present, warmth)
+        _ladle(present, law.heat if law else warmth, wanted, frame, poses, out, as_json, law)
     elif thermal_model is not None:
         raise BadInputError("--thermal-model is for the pouring robot")
     else:
@@ -99,11 +92,14 @@ def _ladle(
     poses: Path | None,
     out: Path | None,
     as_json: bool,
-    law: heat_options.ThermalLaw | None,
+    law: ThermalLaw | None,
 ) -> None:
+    from pouring_robot.cli.shared import heat as warm
+    from pouring_robot.cli.shared.compensated import commands_table, compensation_lines
     from pouring_robot.compensation.result import commands_csv
     from pouring_robot.compensation.search import compensate as compensated
     from pouring_robot.io.files import write_whole
+    from pouring_robot.robot.pouring.poses import PlatformPose
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 
     heated = HeatedRobot(robot, heat)
@@ -116,16 +112,17 @@ def _ladle(
     found = _each(wanted, bring, poses)
     written = [write_whole(out, commands_csv(found))] if out else []
     if as_json:
-        rows = [one.figures() | {"heat": heat_options.heat_figures(heated, one.state)} for one in found]
+        rows = [one.figures() | {"heat": warm.heat_figures(heated, one.state)} for one in found]
         options.print_figures({**robot.name, "poses": rows}, written)
         return
     console = options.console()
-    console.print(_commands_table(found))
-    console.print(heat_options.heat_line(heated, found[0].state) + (" (first pose)" if len(found) > 1 else ""))
+    for k, sentence in enumerate(compensation_lines(found, closed=law is None)):
+        console.print(sentence, style="" if k else "bold")
+    if not out:
+        console.print(commands_table(found), markup=False, soft_wrap=True)
+    console.print(warm.heat_line(heated, found[0].state) + (" (first pose)" if len(found) > 1 else ""))
     if heat is not None and len(found) > 1:
-        console.print(heat_options.alone_line(heat))
-    for sentence in _lines(found, closed=law is None):
-        console.print(sentence)
+        console.print(warm.alone_line(heat))
     if law is not None:
         console.print(f"{law.words}; the drives follow from the paper's sum, what is left is that of the full closure")
     if robot.model.is_drawing and heat is None:
@@ -146,6 +143,7 @@ def _in_bulk(
     as_json: bool,
 ) -> None:
     """Compensate a whole path, or make the function that does it elsewhere."""
+    from pouring_robot.cli.shared.tables import few_rows
     from pouring_robot.compensation.controller import make_controller
     from pouring_robot.compensation.path import compensate_path
     from pouring_robot.io.files import write_whole
@@ -173,9 +171,13 @@ def _in_bulk(
         options.print_figures({**robot.name, "headline": headline, "rows": rows}, written)
         return
     console = options.console()
+    console.print(headline, style="bold", markup=False)
     if not written:
-        console.print(table.to_string(index=False), markup=False, soft_wrap=True)
-    console.print(headline, markup=False)
+        cells = [
+            [f"{value:.4f}" if isinstance(value, float) else str(value) for value in row]
+            for row in table.to_numpy().tolist()
+        ]
+        console.print(few_rows(list(table.columns), cells, "--out FILE.csv writes all"), markup=False, soft_wrap=True)
     options.print_written(console, written)
 
 
@@ -183,6 +185,7 @@ def _tool(
     robot: Robot, wanted: Mapping[int, Command], frame: str | None, poses: Path | None, out: Path | None, as_json: bool
 ) -> None:
     """Compensate a robot that is commanded by drive values."""
+    from pouring_robot.cli.shared.tables import few_rows
     from pouring_robot.compensation.drives import compensate_drives, drives_csv
     from pouring_robot.io.files import write_whole
 
@@ -194,9 +197,11 @@ def _tool(
     console = options.console()
     rows = [[f"{value:.4f}" for value in one.row().values()] for one in found]
     head = [name.replace("_", " ") for name in found[0].row()]
-    console.print(plain_table(head, rows, (), title="drives to command; how far off without and with it"))
     if len(found) == 1:
-        console.print(found[0].headline, markup=False)
+        console.print(found[0].headline, style="bold", markup=False)
+    if not out:
+        console.print("drives to command; how far off without and with it", style="italic")
+        console.print(few_rows(head, rows, "--out FILE.csv writes all"), markup=False, soft_wrap=True)
     if robot.model.is_drawing:
         console.print("note: the drawing needs no compensation; give --model")
     options.print_written(console, written)
@@ -225,41 +230,3 @@ def _check_frame(known: Sequence[str], frame: str | None) -> None:
 def _is_outside(robot: PouringRobot, pose: PlatformPose) -> bool:
     shift_m, turn_rad = robot.outside_workspace(pose)
     return bool(shift_m.any()) or turn_rad > 0.0
-
-
-def _commands_table(found: Sequence[Compensation]) -> Table:
-    """Return one row a pose: what is wanted, what to command, how far off it was and what is left."""
-    rows = []
-    for one in found:
-        *legs, tilt_drive = one.drives.values()
-        *place, angle = one.command.to_mm_deg()
-        wanted = [f"{value:.1f}" for value in one.wanted.to_mm_deg()]
-        drives = [*(f"{value / MM:.4f}" for value in legs), f"{tilt_drive:.7f}"]
-        rows.append([*wanted, *drives, *(f"{value:.3f}" for value in place), f"{angle:.4f}"])
-    head = ("x", "y", "z", "tilt °", "q1 mm", "q2 mm", "q3 mm", "q4 rad", "x'", "y'", "z'", "tilt' °")
-    title = "wanted pose, drives to command, pose to command instead (to a controller that knows the drawing)"
-    return plain_table(head, rows, (), title=title)
-
-
-def _lines(found: Sequence[Compensation], *, closed: bool) -> Iterator[str]:
-    """Say how far off the ladle was, what is left, and what cannot be cancelled; the largest over all poses."""
-    word = "" if len(found) == 1 else "largest: "
-    before = max(one.before.distance_m for one in found) / MM
-    left = max(one.left.distance_m for one in found) / MM
-    tilt = max(abs(one.left_tilt_rad) for one in found) / MRAD
-    frame = found[0].frame
-    yield f"{word}'{frame}' without compensation {before:.3f} mm off, with it {left:.1e} mm and {tilt:.1e} mrad of tilt"
-    roll, yaw = (max((one.uncontrolled_rad[k] for one in found), key=abs) / MRAD for k in (0, 1))
-    lip = max(one.left_at_lip.distance_m for one in found) / MM
-    yield (
-        f"{word}not in the drives' power: roll {decimals(roll, 3, sign=True)} mrad about x, yaw "
-        f"{decimals(yaw, 3, sign=True)} mrad about z; the lip is left {lip:.3f} mm off"
-        + ("" if frame == "ladle_lip" else "; --frame ladle_lip puts the lip right instead")
-    )
-    moved = max(one.state.unsettled_m for one in found) / MM
-    turns = max(one.state.turns for one in found)
-    if turns > 1 and closed:
-        yield (
-            f"{word}temperatures were held inside each Newton solve and taken anew where the ladle then was, {turns} "
-            f"times; the last time moved it by {moved:.1e} mm{heat_options.unsettled_words(moved * MM)}"
-        )

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from pouring_robot.diagnosis.diagnose import Diagnosis
 
 OutFolder = Annotated[
-    Path,
-    typer.Option("--out", metavar="DIR", help="Folder for diagnosis.json, model.yaml, report.html and ladles.html."),
+    Path, options.results_folder("diagnosis.json", "model.yaml", "report.html", "ladles.html", "next.csv")
 ]
 Exclude = Annotated[
     list[str] | None,
@@ -58,9 +57,7 @@ def diagnose(
     from pouring_robot.diagnosis.diagnose import DiagnosisOptions
     from pouring_robot.diagnosis.diagnose import diagnose as run
     from pouring_robot.diagnosis.report.export import METRICS, MODEL, diagnosis_metrics
-    from pouring_robot.io.files import check_folder
 
-    check_folder(out)
     present = options.model_of(model, robot)
     chosen = DiagnosisOptions(
         exclude=tuple(dict.fromkeys(exclude or ())), hold_out=hold_out, false_names=false_names, next_count=next_count

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from pouring_robot.cli.shared import options
+from pouring_robot.cli.shared.bundles import group_of
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder to make; it must not be there yet.")]
 
@@ -25,4 +26,4 @@ def copy(folder: Folder) -> None:
     )
 
 
-examples = options.group_of("The examples that come with the package.", [copy])
+examples = group_of("The examples that come with the package.", [copy])

@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 
 import typer
 
-from pouring_robot.cli.shared import options
+from pouring_robot.cli.shared import bundles, options
 
-OutFolder = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the description and its meshes.")]
+OutFolder = Annotated[Path, options.results_folder(what="the description and its meshes")]
 Form = Annotated[
     Literal["urdf", "mjcf", "sdf", "drake"],
     typer.Option("--format", help="drake: SDF whose loops are bushings; sdf: loops are joints."),
@@ -17,17 +17,13 @@ Form = Annotated[
 
 
 def export(
+    *,
     out: OutFolder,
     form: Form = "urdf",
-    at_mm: options.AtMm = None,
-    tilt_deg: options.TiltDeg = None,
-    rotation_deg: options.RotationDeg = None,
-    drives: options.Drives = None,
+    commanded: bundles.Commanded,
     zero_here: Annotated[bool, typer.Option("--zero-here", help="URDF: count all joints from this pose.")] = False,
     absolute_meshes: Annotated[bool, typer.Option("--absolute-meshes", help="URDF: address meshes from /.")] = False,
-    model: options.ModelFile = None,
-    robot: options.RobotFile = None,
-    layout: options.LayoutName = None,
+    which: bundles.Which,
 ) -> None:
     """Write the robot as built, closed at a pose: description, meshes, joint values, and how the tree closes.
 
@@ -41,12 +37,11 @@ def export(
     from pouring_robot.robot.pouring.layout import load_layout
     from pouring_robot.robot.robot import robot_of
 
-    built = options.model_of(model, robot, layout)
-    options.say_left_out(built, model)
-    pose = (at_mm, tilt_deg, rotation_deg, drives)
-    asked = any(option is not None for option in pose)
-    closed = ClosedRobot.of(built, options.command_of(robot_of(built), *pose) if asked else None)
+    built = which.read()
+    options.say_left_out(built, which.model)
+    closed = ClosedRobot.of(built, commanded.of(robot_of(built)) if commanded.given else None)
     files = exported_files(closed, out, form, zero_here=zero_here, absolute_meshes=absolute_meshes)
+    options.refuse_present([file for file in files if file.exists()])
     console = options.console()
     options.print_written(console, reversed(write_together(files)))
     result, gap = closed.result, closed.over_workspace() if form == "urdf" else None

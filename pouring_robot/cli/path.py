@@ -4,99 +4,93 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pouring_robot.cli.shared import heat_options, options, progress
+from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseError
-from pouring_robot.robot.pouring.poses import PlatformPose
 
 if TYPE_CHECKING:
     from pouring_robot.robot.base import Command, Robot
     from pouring_robot.robot.heat_section import HeatSection
+    from pouring_robot.robot.location import Location
 
 PosesFile = Annotated[
     Path,
     typer.Argument(
         metavar="POSES.csv",
+        callback=options.there,
         help="Columns x_mm, y_mm, z_mm, tilt_deg; of another robot its drives, or x, y, z and rx, ry, rz.",
     ),
 ]
+Row = dict[str, Any]
 
 
 def path(
+    *,
     poses: PosesFile,
-    model: options.ModelFile = None,
-    robot: options.RobotFile = None,
-    layout: options.LayoutName = None,
+    which: bundles.Which,
     as_json: options.AsJson = False,
-    html: options.HtmlFile = None,
-    png: options.PngFile = None,
-    exaggerate: options.Exaggeration = None,
-    joints: options.JointsFile = None,
+    out: Annotated[Path | None, options.output("--out", metavar="FILE.csv", help="Write the table.")] = None,
+    drawing: bundles.Drawing,
     at_once: options.AtOnce = False,
-    melt_degC: heat_options.MeltDegC = None,
-    ambient_degC: heat_options.AmbientDegC = None,
-    steady: heat_options.Steady = False,
-    after_min: heat_options.AfterMin = None,
-    cold: heat_options.Cold = False,
+    heat: bundles.Heat,
 ) -> None:
     """Say where the ladle, or another robot, is for every command of a table, one row each.
 
     A warm robot is taken by itself at every pose: held until nothing changes, or so long from cold (--after-min).
     """
-    from pouring_robot.cli.shared import locations as lines
-    from pouring_robot.mechanism.poses import MM
+    from pouring_robot.cli.shared import heat as warm
+    from pouring_robot.cli.shared import locations as places
     from pouring_robot.robot.location import LadleLocation
     from pouring_robot.robot.metrics import location_figures
 
-    options.refuse_unwritable(html, png, joints)
-    present = options.robot_of(model, robot, layout, warm=True)
+    present = which.built(warm=True)
     commanded = present.read_commands(poses)
-    heat = heat_options.heat_of(present, melt_degC, ambient_degC, steady, after_min, cold)
+    warmth = heat.of(present)
     if at_once:
-        if html or png:
+        if drawing.html or drawing.png:
             raise BadInputError("--at-once draws nothing; leave out --html and --png, or --at-once")
-        _at_once(present, heat, commanded, joints, as_json)
+        _at_once(present, warmth, commanded, drawing.joints, out, as_json)
         return
-    heated = heat_options.heated_of(present, heat)
-    found: list[heat_options.Warmth] = []
-    rows = []
+    heated = warm.heated_of(present, warmth)
+    found: list[warm.Warmth] = []
+    figures = []
     with progress.stage_bars() as show:
         for line, command in commanded.items():
             try:
-                one = heat_options.Warmth.of(present, heated, command)
+                one = warm.Warmth.of(present, heated, command)
                 found.append(one)
                 if as_json:  # may find a singular pose: before anything is written
-                    rows.append(location_figures(one.location, one.robot.dexterity(one.location)) | one.figures())
+                    figures.append(location_figures(one.location, one.robot.dexterity(one.location)) | one.figures())
             except NoSolutionError as error:
                 raise PathPoseError(poses, line, error) from error
             show("closing", len(found), len(commanded))
     locations = [one.location for one in found]
-    notes = lines.location_notes(present, html, png, model_file=model is not None)
-    written = lines.write_drawings(locations, html, png, exaggerate, warm=heated is not None)
-    written += lines.write_joints(locations, present.model, joints)
+    notes = places.location_notes(present, drawing.html, drawing.png, model_file=which.model is not None)
+    rows = [_row(location) for location in locations]
+    written = _write(out, rows) + drawing.write(locations, present.model, warm=heated is not None)
     if as_json:
-        options.print_figures({**present.name, "poses": rows, "notes": notes}, written)
+        options.print_figures({**present.name, "poses": figures, "notes": notes}, written)
         return
-    console = options.console()
-    console.print(lines.path_table(locations), markup=False, soft_wrap=True)
     if found[0].heated and found[0].state:
-        console.print(f"{heat_options.heat_line(found[0].heated, found[0].state)} (first pose)")
-        if heat is not None and len(found) > 1:
-            console.print(heat_options.alone_line(heat))
-    worst = max(location.difference().distance_m for location in locations) / MM
-    console.print(f"largest error {worst:.3f} mm{_verdict(worst * MM, present.accuracy_m)}")
-    options.print_notes(console, notes)
+        notes.append(f"{warm.heat_line(found[0].heated, found[0].state)} (first pose)")
+        if warmth is not None and len(found) > 1:
+            notes.append(warm.alone_line(warmth))
     outside = [i for i, one in enumerate(locations, start=1) if isinstance(one, LadleLocation) and not one.in_workspace]
     if outside:
-        console.print(f"note: outside the workspace box: pose {', '.join(map(str, outside))}")
-    options.print_written(console, written)
+        notes.append(f"outside the workspace box: pose {', '.join(map(str, outside))}")
+    _print(present, rows, notes, written, in_file=out is not None)
 
 
 def _at_once(
-    robot: Robot, heat: HeatSection | None, commanded: Mapping[int, Command], joints: Path | None, as_json: bool
+    robot: Robot,
+    heat: HeatSection | None,
+    commanded: Mapping[int, Command],
+    joints: Path | None,
+    out: Path | None,
+    as_json: bool,
 ) -> None:
     """Say where the ladle is for all poses by the compiled engine."""
     import numpy as np
@@ -104,6 +98,7 @@ def _at_once(
     from pouring_robot.cli.shared.locations import write_joint_rows
     from pouring_robot.mechanism.poses import MM, MRAD
     from pouring_robot.robot.export.joints import JointRow
+    from pouring_robot.robot.pouring.poses import PlatformPose
     from pouring_robot.robot.robot import PouringRobot
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
     from pouring_robot.thermal.expansion.warm_path import locate_path
@@ -115,31 +110,83 @@ def _at_once(
     with progress.stage_bars() as show:
         found, closed = locate_path(HeatedRobot(robot, heat), wanted, show=show)
     lip = found.sel(frame=robot.model.loops().working_frame)
-    columns = {
-        **dict(zip(("x_mm", "y_mm", "z_mm", "tilt_deg"), np.transpose([p.to_mm_deg() for p in poses]), strict=True)),
-        **{f"error_{a}_mm": lip.error_position.values[:, k] / MM for k, a in enumerate("xyz")},
-        **{f"error_r{a}_mrad": lip.error_rotation.values[:, k] / MRAD for k, a in enumerate("xyz")},
-    }
     status = found.status.values.tolist()
-    numbers = np.transpose(list(columns.values())).tolist()
     if set(status) == {status[0]} and status[0] != "closed":
         raise NoSolutionError(f"no pose has an answer; the first is '{status[0]}'")
-    written = write_joint_rows(JointRow.of_many(robot.engine().structure, closed, robot.model), joints)
+    errors = zip(lip.error_position.values / MM, lip.error_rotation.values / MRAD, status, strict=True)
+    rows = [
+        _posed(pose) | (_error(shift, turn) if np.isfinite(shift).all() else {}) | {"status": one}
+        for pose, (shift, turn, one) in zip(poses, errors, strict=True)
+    ]
+    written = _write(out, rows)
+    written += write_joint_rows(JointRow.of_many(robot.engine().structure, closed, robot.model), joints)
     if as_json:
-        rows = [{n: v for n, v in zip(columns, row, strict=True) if np.isfinite(v)} for row in numbers]
-        rows = [row | {"status": one} for row, one in zip(rows, status, strict=True)]
         options.print_figures({**robot.name, "frame": str(lip.frame.values), "poses": rows}, written)
         return
-    console = options.console()
-    print("".join(f"{name:>15}" for name in columns))
-    for row, one in zip(numbers, status, strict=True):
-        print("".join(f"{value:15.3f}" for value in row) if one == "closed" else f"{one:>15}")
-    worst = float(np.nanmax(np.linalg.norm(lip.error_position.values, axis=1)))
-    console.print(f"largest error {worst / MM:.3f} mm{_verdict(worst, robot.accuracy_m)}")
+    _print(robot, rows, [], written, in_file=out is not None)
+
+
+def _row(location: Location) -> Row:
+    """Return the pose that was commanded, or where the drawing puts the working frame, and the error there."""
+    from pouring_robot.mechanism.poses import MM, MRAD
+    from pouring_robot.robot.location import LadleLocation
+
+    if isinstance(location, LadleLocation):
+        posed = _posed(location.commanded)
+    else:
+        nominal, _ = location.poses(location.loops.working_frame)
+        posed = dict(zip(("x_mm", "y_mm", "z_mm"), nominal.translation / MM, strict=True))
+    opened = {"open_um": location.actual.gap_m * 1e6, "open_mrad": location.actual.gap_rad / MRAD}
+    return posed | _error(*location.difference().to_mm_mrad()) | opened
+
+
+def _posed(pose: Any) -> Row:
+    return dict(zip(("x_mm", "y_mm", "z_mm", "tilt_deg"), pose.to_mm_deg(), strict=True))
+
+
+def _error(shift: Any, turn: Any) -> Row:
+    return {
+        **{f"error_{axis}_mm": float(value) for axis, value in zip("xyz", shift, strict=True)},
+        "error_mm": float(sum(shift**2) ** 0.5),
+        **{f"error_r{axis}_mrad": float(value) for axis, value in zip("xyz", turn, strict=True)},
+    }
+
+
+def _write(out: Path | None, rows: list[Row]) -> list[Path]:
+    from pouring_robot.io.files import write_whole
+    from pouring_robot.io.tables import csv_text
+
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    return [write_whole(out, csv_text(names, ([row.get(name) for name in names] for row in rows)))] if out else []
+
+
+def _print(robot: Robot, rows: list[Row], notes: list[str], written: list[Path], *, in_file: bool) -> None:
+    from pouring_robot.cli.shared.tables import few_rows
+    from pouring_robot.robot.metrics import decimals
+
+    console, worst = options.console(), max(row.get("error_mm", 0.0) for row in rows)
+    verdict, required = "", robot.accuracy_m
+    if required is not None:
+        verdict = f": {'within' if worst <= required * 1e3 else 'BEYOND'} the required {required * 1e3:g} mm"
+    lost = sum("error_mm" not in row for row in rows)
+    verdict += f"; {lost} without an answer" if lost else ""
+    console.print(f"largest error {worst:.3f} mm{verdict}", style="bold")
+    if not in_file:
+        rows = [{name: value for name, value in row.items() if value != "closed"} for row in rows]
+        names = list(dict.fromkeys(name for row in rows for name in row))
+
+        def cell(name: str, value: Any) -> str:
+            signed = name.startswith("error_") and name != "error_mm"
+            return value if isinstance(value, str) else decimals(value, 3, sign=signed)
+
+        short = [
+            name.replace("error_mm", "|Δ| mm").replace("error_", "Δ").replace("_", " ").replace("open um", "open µm")
+            for name in names
+        ]
+        cells = [[cell(name, row[name]) if name in row else "" for name in names] for row in rows]
+        tip = robot.model.loops().working_frame
+        beside = "" if robot.name.get("layout") else ", beside where it should be"
+        console.print(f"error of {tip}{beside}: mm, mrad", style="italic", markup=False)
+        console.print(few_rows(short, cells, "--out FILE.csv writes all"), markup=False, soft_wrap=True)
+    options.print_notes(console, notes)
     options.print_written(console, written)
-
-
-def _verdict(error_m: float, accuracy_m: float | None) -> str:
-    if accuracy_m is None:
-        return ""
-    return f": {'within' if error_m <= accuracy_m else 'BEYOND'} the required {accuracy_m * 1e3:g} mm"

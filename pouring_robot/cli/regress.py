@@ -18,12 +18,19 @@ if TYPE_CHECKING:
 TableFile = Annotated[
     Path,
     typer.Argument(
-        metavar="TABLE.csv", help="A row a temperature: melt_degC, then a column a pose: P1_mm …, or P1_x_mm P1_y_mm …"
+        metavar="TABLE.csv",
+        callback=options.there,
+        help="A row a temperature: melt_degC, then a column a pose: P1_mm …, or P1_x_mm P1_y_mm …",
     ),
 ]
 PosesFile = Annotated[
     Path | None,
-    typer.Option("--poses", metavar="FILE.csv", help="Where: columns set, x_mm y_mm z_mm (or drives of any robot)."),
+    typer.Option(
+        "--poses",
+        metavar="FILE.csv",
+        callback=options.there,
+        help="Where: columns set, x_mm y_mm z_mm (or drives of any robot).",
+    ),
 ]
 Method = Annotated[
     Literal["none", "paper", "components", "mean", "pose"] | None,
@@ -42,7 +49,9 @@ def regress(
     similarity: Annotated[
         Similarity, typer.Option("--similarity", help="Whether sets of opposite sign are alike (absolute) or not.")
     ] = "absolute",
-    out: Annotated[Path | None, typer.Option("--out", metavar="FILE.yaml", help="Write a thermal-model file.")] = None,
+    out: Annotated[
+        Path | None, options.output("--out", metavar="FILE.yaml", help="Write a thermal-model file.")
+    ] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Group error sets, pick sensitive ones, and predict the error from the melt's temperature as the paper does.
@@ -54,7 +63,6 @@ def regress(
     from pouring_robot.thermal.regression.report import regress as regressed
     from pouring_robot.thermal.regression.table import ErrorTable
 
-    options.refuse_unwritable(out)
     errors = ErrorTable.read_csv(table)
     names = next(iter(by_axis(errors, axis or "").values())).names
     positions = read_positions(poses, names) if poses is not None else None
@@ -65,9 +73,9 @@ def regress(
         options.print_figures(found.figures(), written)
         return
     console = options.console()
+    console.print(found.headline, style="bold", markup=False)
     for direction, one in found.axes.items():
         _print_axis(console, direction, one)
-    console.print(found.headline)
     options.print_notes(console, _warnings(found.axes))
     options.print_written(console, written)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, Literal
 
-from pouring_robot.cli.shared import options
+from pouring_robot.cli.shared import bundles, options
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -39,6 +39,7 @@ def robot_figures(robot: Robot) -> dict[str, Any]:
             name: _at_the_edge(limits.get(name, (-math.inf, math.inf)), mechanism.unit_of(name))
             for name in loops.drives
         },
+        "campaign_columns": {drive.joint: drive.column for drive in robot.model.definition.drives},
         "displaced_joints": sorted(robot.model.joint_placements),
         "unseen_displacements": list(robot.unseen_displacements),
         **workspace,
@@ -68,9 +69,8 @@ def _rounded(values: Iterable[float]) -> list[float]:
 
 
 def robots(
-    model: options.ModelFile = None,
-    robot: options.RobotFile = None,
-    layout: options.LayoutName = None,
+    *,
+    which: bundles.Which,
     as_json: options.AsJson = False,
 ) -> None:
     """List the robots that are loaded: freedoms, rank, drives, workspace."""
@@ -78,9 +78,9 @@ def robots(
     from pouring_robot.robot.pouring.layout import layout_names
     from pouring_robot.robot.robot import robot_of
 
-    if model is not None or robot is not None or layout is not None:
-        chosen = [options.model_of(model, robot, layout)]
-        options.say_left_out(chosen[0], model)
+    if which.given:
+        chosen = [which.read()]
+        options.say_left_out(chosen[0], which.model)
     else:
         chosen = [RobotModel(layout=name) for name in layout_names()]
     figures = [robot_figures(robot_of(one)) for one in chosen]
@@ -109,7 +109,9 @@ def _print(console: Console, robot: dict[str, Any]) -> None:
         console.print(f"  {unseen_note(joint)}")
     for name, drive in robot["drives"].items():
         edges = [f"{edge:.6g}" if edge is not None else "any" for edge in (drive["lower"], drive["upper"])]
-        console.print(f"  drive {name}: {' … '.join(edges)} {drive['unit']}")
+        column = robot["campaign_columns"][name]
+        called = "" if column == name else f"; {column} in campaigns"
+        console.print(f"  drive {name}: {' … '.join(edges)} {drive['unit']}{called}")
     if workspace := robot.get("workspace"):
         limits = zip("xyz", workspace["position_lower_mm"], workspace["position_upper_mm"], strict=True)
         box = ", ".join(f"{axis} {low:g} … {high:g}" for axis, low, high in limits)

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pouring_robot.cli.shared import options, progress
+from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.cli.shared.tables import plain_table
-from pouring_robot.mechanism.poses import MM, MRAD
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -17,13 +16,15 @@ if TYPE_CHECKING:
     from pouring_robot.sensitivity.report import ErrorRow, SensitivityReport
 
 Limits = tuple[float, float] | None
+OutFolder = Annotated[
+    Path | None, options.results_folder("sensitivity.csv", "sensitivity.json", "report.html", what="pictures")
+]
 _SHOWN = 25
 
 
 def sensitivity(
-    robot: options.RobotFile = None,
-    model: options.ModelFile = None,
-    layout: options.LayoutName = None,
+    *,
+    which: bundles.Which,
     poses: Annotated[int, typer.Option(min=2, max=200_000, help="Poses all over the workspace.")] = 10_000,
     seed: Annotated[int, typer.Option(min=0, help="Seed of their drawing.")] = 2022,
     length_mm: Annotated[float, typer.Option("--length-mm", help="Size of every length error.")] = 0.2,
@@ -37,7 +38,7 @@ def sensitivity(
         list[str] | None, typer.Option("--parameters", metavar="NAME", help="Set, group, name or pattern; repeatable.")
     ] = None,
     frame: Annotated[str | None, typer.Option("--frame", metavar="NAME", help="Whose displacement counts.")] = None,
-    out: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Write CSV, JSON and pictures.")] = None,
+    out: OutFolder = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Say what each geometric error of the drawing does alone: in the closed robot and in the paper's open branch.
@@ -46,6 +47,7 @@ def sensitivity(
     """
     import math
 
+    from pouring_robot.mechanism.poses import MM, MRAD
     from pouring_robot.sensitivity.analysis import sensitivity as studied
     from pouring_robot.sensitivity.request import Request
 
@@ -63,16 +65,16 @@ def sensitivity(
         limit_m=limit_mm * MM,
     )
     with progress.stage_bars() as show:
-        found = studied(options.model_of(model, robot, layout), request, show)
+        found = studied(which.read(), request, show)
         written = found.save(out) if out is not None else []
     if as_json:
         options.print_figures(found.figures(), written)
         return
     console = options.console()
-    console.print(found.headline)
+    console.print(found.headline, style="bold", markup=False)
     console.print(_errors_table(found))
     if len(found.parameters) > _SHOWN:
-        console.print(f"… and {len(found.parameters) - _SHOWN} weaker ones (--out FOLDER, --json)")
+        console.print(f"… and {len(found.parameters) - _SHOWN} weaker ones (--out DIR, --json)")
     for control in found.controls:
         options.print_indented(
             console,
@@ -98,5 +100,7 @@ def _errors_table(found: SensitivityReport) -> Table:
 
 
 def _cells(row: ErrorRow) -> list[str]:
+    from pouring_robot.mechanism.poses import MM, MRAD
+
     order = "none" if row.class_mm is None else f"1e{row.class_mm}"
     return [f"{row.distance_m / MM:.3f}", order, f"{row.angle_rad / MRAD:.2f}", row.main]

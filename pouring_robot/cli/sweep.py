@@ -21,7 +21,9 @@ _SHOWN = 15
 
 
 def sweep(
-    config: Annotated[Path, typer.Argument(metavar="CONFIG.yaml", help="Sweep file; see examples/sweep.yaml.")],
+    config: Annotated[
+        Path, typer.Argument(metavar="CONFIG.yaml", callback=options.there, help="Sweep file; see examples/sweep.yaml.")
+    ],
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the results; made if it is absent.")],
     resume: Annotated[bool, typer.Option("--resume", help="Go on with a sweep that was stopped.")] = False,
     workers: Annotated[

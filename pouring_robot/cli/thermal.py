@@ -6,33 +6,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
-from pouring_robot.cli.shared import heat_options, options, progress
-from pouring_robot.cli.shared.tables import plain_table
+from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.robot.metrics import decimals
-from pouring_robot.robot.pouring.names import LEGS
-from pouring_robot.robot.pouring.poses import PlatformPose
 
 if TYPE_CHECKING:
     from pouring_robot.robot.heat_section import HeatSection
+    from pouring_robot.robot.pouring.poses import PlatformPose
     from pouring_robot.thermal.expansion.displacement import DisplacementField
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
     from pouring_robot.thermal.report import PoseHeat, ShiftHeat
 
 _MOST_ROWS, _DRAWN = 2000, 121
-AtMm = Annotated[
-    tuple[float, float, float] | None,
-    typer.Option("--at-mm", metavar="X Y Z", help="Commanded position of the platform."),
-]
 History = Annotated[
     Path | None,
     typer.Option(
         "--history",
         metavar="FILE.csv",
+        callback=options.there,
         help="A shift: columns time_min (or _s, _h), melt_degC, if wanted ambient_degC, and x_mm y_mm z_mm tilt_deg "
         "where the pose changes.",
     ),
@@ -40,25 +31,19 @@ History = Annotated[
 
 
 def thermal(
-    at_mm: AtMm = None,
-    tilt_deg: Annotated[float | None, typer.Option("--tilt-deg", metavar="T", help="Commanded tilt about y.")] = None,
+    *,
+    at_mm: options.AtMm = None,
+    tilt_deg: options.TiltDeg = None,
     history: History = None,
     every_min: Annotated[
         float | None, typer.Option("--every-min", metavar="MIN", help="Rows of a shift (default: those of its file).")
     ] = None,
-    model: options.ModelFile = None,
-    robot: options.RobotFile = None,
-    layout: options.LayoutName = None,
-    melt_degC: heat_options.MeltDegC = None,
-    ambient_degC: heat_options.AmbientDegC = None,
-    steady: heat_options.Steady = False,
-    after_min: heat_options.AfterMin = None,
+    which: bundles.Which,
+    melt: bundles.Melt,
     conduction_only: Annotated[
         bool, typer.Option("--conduction-only", help="Leave radiation out, as the paper's first analysis does.")
     ] = False,
-    csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="FILE", help="Write every element, or every row of a shift.")
-    ] = None,
+    csv: Annotated[Path | None, options.output("--csv", help="Write every element, or every row of a shift.")] = None,
     png: options.PngFile = None,
     under: Annotated[
         Literal["heat", "weight", "both"] | None,
@@ -71,7 +56,7 @@ def thermal(
         float | None, typer.Option("--ladle-degC", help="Ladle's steel for --under (default: computed).")
     ] = None,
     html: Annotated[
-        Path | None, typer.Option("--html", metavar="FILE", help="Write a page with every part coloured by --under.")
+        Path | None, options.output("--html", help="Write a page with every part coloured by --under.")
     ] = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -80,15 +65,20 @@ def thermal(
     A pose is given by --at-mm and held until nothing changes (or --after-min); a shift by --history. Geometric errors
     of a model file take no part; its heat section does.
     """
-    options.refuse_unwritable(csv, png, html)
+    from pouring_robot.cli.shared.tables import plain_table
+    from pouring_robot.cli.shared.temperatures import print_pose_heat, shift_table
+    from pouring_robot.io.files import write_whole
+    from pouring_robot.mechanism.poses import MM
+    from pouring_robot.robot.heat_section import HeatSection
+    from pouring_robot.robot.pouring.poses import PlatformPose
+    from pouring_robot.thermal.report import PoseHeat, heated_drawing
+
     if under is None and (html is not None or payload_kg is not None or ladle_degC is not None):
         raise BadInputError("--html, --payload-kg and --ladle-degC belong to --under heat, weight or both")
     if under is not None and at_mm is None:
         raise BadInputError("--under is for a pose: give --at-mm and --tilt-deg")
-    ladle = options.with_melt(options.robot_of(model, robot, layout, warm=True))
-    from pouring_robot.robot.heat_section import HeatSection
-
-    if history is not None and (melt_degC is not None or steady or after_min is not None):
+    ladle = options.with_melt(which.built(warm=True))
+    if history is not None and (melt.melt_degC is not None or melt.steady or melt.after_min is not None):
         raise BadInputError(
             "--history tells the melt's temperature and the time; leave out --melt-degC, --steady and --after-min"
         )
@@ -96,12 +86,10 @@ def thermal(
         raise BadInputError("--every-min gives the rows of a shift; give the shift by --history")
     if tilt_deg is not None and at_mm is None:
         raise BadInputError("--tilt-deg belongs to a pose; give its position by --at-mm")
-    heat = heat_options.heat_of(ladle, melt_degC, ambient_degC, steady, after_min, False) or HeatSection()
+    heat = melt.of(ladle) or HeatSection()
     pose = None if at_mm is None else PlatformPose.from_mm_deg(*at_mm, tilt_deg or 0.0)
     if history is None and pose is None:
         raise BadInputError("say where the robot stands: --at-mm X Y Z and --tilt-deg T")
-    from pouring_robot.io.files import write_whole
-    from pouring_robot.thermal.report import PoseHeat, heated_drawing
 
     heated = heated_drawing(ladle, heat, radiation=not conduction_only)
     kind = "conduction alone" if conduction_only else "conduction and radiation"
@@ -112,9 +100,9 @@ def thermal(
         title = f"{history.name}: {kind}, layout {ladle.model.layout}"
     else:
         found = drawn = PoseHeat.of(heated, pose or PlatformPose((0.0, 0.0, 0.0), 0.0))
-        melt, ambient = heated.temperatures_degC
+        temperature, ambient = heated.temperatures_degC
         when = "steady" if heat.after_min is None else f"after {heat.after_min:g} min"
-        title = f"melt {melt:g}, surroundings {ambient:g} °C, {when}; {kind}; layout {ladle.model.layout}"
+        title = f"melt {temperature:g}, surroundings {ambient:g} °C, {when}; {kind}; layout {ladle.model.layout}"
     written = [found.save(csv)] if csv else []
     if png:
         from pouring_robot.thermal.plots import pose_picture, shift_picture
@@ -146,9 +134,9 @@ def thermal(
     console = options.console()
     console.print(title)
     if isinstance(found, PoseHeat):
-        _print_pose(console, found)
+        print_pose_heat(console, found)
     else:
-        console.print(_shift_table(found))
+        console.print(shift_table(found))
     if field is not None:
         rows = [(part.replace("_", " "), *(f"{v / MM:.3f}" for v in moved)) for part, moved in field.by_part.items()]
         rows.append(("mean of the parts, largest", f"{field.mean_m / MM:.3f}", f"{field.largest_m / MM:.3f}"))
@@ -156,8 +144,7 @@ def thermal(
     if heat.measured_degC:
         told = ", ".join(f"{part} {value:g} degC" for part, value in heat.measured_degC.items())
         console.print(f"measured temperatures of the model file take the place of computed ones in growth: {told}")
-    for file in written:
-        console.print(f"wrote {file}")
+    options.print_written(console, written)
 
 
 def _field(
@@ -213,59 +200,3 @@ def _shift(
     shown = np.union1d(times, np.linspace(past.start_s, past.end_s, _DRAWN)) if picture else times
     drawn = ShiftHeat.of(heated.robot, heated.network, past, schedule, shown, heat.measured_degC)
     return drawn.only(times), drawn
-
-
-def _print_pose(console: Console, found: PoseHeat) -> None:
-    # A title of the table would be broken at the table's width.
-    console.print("temperatures: degC; across: K from side to side, settled; growth: mm", style="italic")
-    rows = []
-    for row in found.parts:
-        across = "" if row.across_K is None else f"{row.across_K:.1f}"
-        growth = "" if row.growth_m is None else f"{row.growth_m / MM:.3f}"
-        rows.append((row.part.replace("_", " "), f"{row.mean_degC:.1f}", f"{row.hottest_degC:.1f}", across, growth))
-    console.print(plain_table(("part", "mean", "hottest", "across", "grows by"), rows))
-    moves = []
-    for frame, difference in found.moved.items():
-        shift, turn = ([decimals(v, 3, sign=True) for v in part] for part in difference.to_mm_mrad())
-        moves.append((frame, *shift, f"{difference.distance_m / MM:.3f}", *turn))
-    head = ("frame", "x", "y", "z", "|xyz|", "rx", "ry", "rz")
-    console.print(plain_table(head, moves, title="moved by heat alone: mm, mrad"))
-    balance = found.field.balance
-    gains = balance.melt_radiation_W + balance.melt_conduction_W
-    losses = balance.ambient_film_W + balance.ambient_radiation_W
-    console.print(
-        f"heat: {gains / 1e3:.2f} kW from the melt ({balance.melt_radiation_W / 1e3:.2f} by radiation, "
-        f"{balance.melt_conduction_W / 1e3:.2f} through the lining), {losses / 1e3:.2f} kW to the surroundings "
-        f"({balance.ambient_film_W / 1e3:.2f} by air), {abs(balance.stored_W) / 1e3:.2f} kW stored"
-    )
-    bending = found.bending
-    matters = "MATTERS" if found.bending_matters else "does not matter"
-    at_lip = abs(bending.tilt_error_rad) * found.lever_m / MM
-    console.print(
-        f"bending: legs bow up to {float(bending.bow_m.max()) / MM:.2f} mm; not in the figures above: leg 4 would tilt "
-        f"the ladle by {bending.tilt_error_rad / MRAD:+.2f} mrad, {at_lip:.2f} mm at the lip: {matters} against a "
-        f"tenth of the required {found.accuracy_m / MM:g} mm"
-    )
-
-
-def _shift_table(found: ShiftHeat) -> Table:
-    end, lip = found.moved
-    shown = {
-        "min": "time_min",
-        "melt": "melt_degC",
-        **{f"leg {i}": f"{leg}_degC" for i, leg in enumerate(LEGS, start=1)},
-        "platform": "platform_degC",
-        "fixed pl.": "fixed_platform_degC",
-        "shell": "ladle_shell_degC",
-        "x": f"{end}_moved_x_mm",
-        "y": f"{end}_moved_y_mm",
-        "z": f"{end}_moved_z_mm",
-        "|o|": f"{end}_moved_mm",
-        "|lip|": f"{lip}_moved_mm",
-    }
-    digits = {column: 3 if column.endswith("_mm") else 1 for column in shown.values()} | {"melt_degC": 0}
-    rows = [
-        [decimals(row[name], digits[name]) for name in shown.values()] for row in found.to_frame().to_dict("records")
-    ]
-    title = "means: degC; the platform's origin o and the lip, moved by heat alone: mm"
-    return plain_table(list(shown), rows, (), title=title)

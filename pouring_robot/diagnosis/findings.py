@@ -69,7 +69,7 @@ class Findings:
     train: Gap
     held_out: Gap | None
     notes: tuple[str, ...]
-    next_count: int = 10
+    next_count: int
 
     @property
     def verdict(self) -> Verdict:

@@ -169,7 +169,7 @@ def check_outputs(paths: Sequence[Path], *, overwrite: bool = True) -> None:
     """
     for path in paths:
         check_writable(path)
-        if path.exists() and not overwrite:
+        if path.is_file() and not overwrite:
             raise OutputError(path, "it is there already; choose another name, or say --overwrite")
     if len({path.resolve() for path in paths}) < len(paths):
         raise OutputError(paths[-1], "two outputs have the same file name; give each its own")

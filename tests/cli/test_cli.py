@@ -382,7 +382,7 @@ def test_an_export_that_fails_leaves_the_folder_as_it_was(run, tmp_path):
 
 def test_an_older_output_survives_a_failure(run, tmp_path):
     (tmp_path / "view.png").write_bytes(b"older")
-    refused(run, tmp_path, 3, "out of reach", "pose", "--at-mm", "0", "0", "-2000", "--png", "view.png")
+    refused(run, tmp_path, 3, "out of reach", "pose", "--at-mm", "0", "0", "-2000", "--png", "view.png", "--overwrite")
     assert (tmp_path / "view.png").read_bytes() == b"older"
 
 

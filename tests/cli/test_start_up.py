@@ -28,6 +28,20 @@ def test_a_pose_loads_no_heavy_library(tmp_path, monkeypatch):
     assert not loaded_after(run).intersection(HEAVY)
 
 
+def test_a_mistyped_file_is_told_before_anything_is_loaded():
+    commands = [
+        *("calibrate no.csv --out x", "campaign check no.csv", "campaign simulate --plan no.csv --out x", "view"),
+        *("compensate no.csv", "diagnose no.csv --out x", "effects", "export --out x", "path no.csv", "pose", "robots"),
+        *("campaign plan --out x", "regress no.csv", "robot init no.urdf", "sensitivity", "sweep no.yaml --out x"),
+        "thermal --history no.csv",
+    ]
+    code = "from pouring_robot.cli.app import main\n"
+    for command in commands:
+        given = command.split() if "no." in command else [*command.split(), "--robot", "no.yaml"]
+        code += f"assert main({given}) == 2\n"
+    assert not loaded_after(code).intersection((*HEAVY, "numpy", "pinocchio"))
+
+
 def test_every_name_of_the_library_is_there():
     code = "import pouring_robot, importlib\nassert len(pouring_robot.__all__) > 20\n"
     code += "for room in ('', '.batch', '.mechanism', '.robot'):\n"

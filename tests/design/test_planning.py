@@ -430,7 +430,7 @@ def test_command_line(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "pouring lip" in printed and "drive.leg1_s3" in printed
     assert len(out.read_text().splitlines()) == 9
-    assert main(["campaign", "plan", "--out", str(out), "--json", *small]) == 0
+    assert main(["campaign", "plan", "--out", str(out), "--json", "--overwrite", *small]) == 0
     figures = json.loads(capsys.readouterr().out)
     assert figures["random_plans"]["ratio_mm"] < 0.8
     measured = tmp_path / "measured.csv"

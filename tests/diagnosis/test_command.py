@@ -244,7 +244,7 @@ def test_a_model_whose_effects_the_campaign_cannot_feed_is_refused(hot, run, tmp
 
 def test_a_folder_that_cannot_be_is_told_before_the_work(hot, tmp_path, capsys):
     (tmp_path / "file").write_text("x")
-    assert main(["diagnose", "nothing.csv", "--out", str(tmp_path / "file")]) == 2
+    assert main(["diagnose", "--out", str(tmp_path / "file"), "nothing.csv"]) == 2
     assert "give a folder" in capsys.readouterr().err
 
 

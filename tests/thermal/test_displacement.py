@@ -101,4 +101,4 @@ def test_the_command(capsys, tmp_path):
     assert set(parts) == {*PARTS, "truss"} and page.stat().st_size > 1e5
     assert main([*at, "--under", "weight", "--payload-kg", "0"]) == 0
     assert "moved under weight: mm" in capsys.readouterr().out
-    assert main([*at, "--html", str(page)]) == 2 and "belong to --under" in capsys.readouterr().err
+    assert main([*at, "--html", str(page), "--overwrite"]) == 2 and "belong to --under" in capsys.readouterr().err

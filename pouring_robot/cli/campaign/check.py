@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from pouring_robot.cli.shared import options
+from pouring_robot.cli.shared import bundles, options
 from pouring_robot.cli.shared.tables import plain_table
 
 if TYPE_CHECKING:
@@ -26,10 +26,9 @@ _STYLES = {"error": "bold red", "warning": "yellow", "note": "cyan"}
 
 
 def check(
+    *,
     file: options.CampaignFile,
-    model: options.ModelFile = None,
-    robot: options.RobotFile = None,
-    layout: options.LayoutName = None,
+    which: bundles.Which,
     as_json: options.AsJson = False,
     png: options.PngFile = None,
 ) -> None:
@@ -39,8 +38,7 @@ def check(
     from pouring_robot.checks.plots import write_picture
     from pouring_robot.checks.summary import campaign_metrics
 
-    options.refuse_unwritable(png)
-    definition = options.model_of(model, robot, layout).definition
+    definition = which.read().definition
     campaign = Campaign.read(file, definition)
     found = examine(campaign, definition.drawing())
     figures = campaign_metrics(campaign, found)

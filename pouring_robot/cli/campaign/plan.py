@@ -7,19 +7,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pouring_robot.cli.shared import options, progress
+from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.cli.shared.tables import plain_table
 from pouring_robot.exceptions import BadInputError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-_COMPARED = 25
+_COMPARED, _SHOWN = 25, 25
 
 
 def plan(
+    *,
     out: Annotated[
-        Path, typer.Option("--out", metavar="FILE.csv", help="Plan to write; 'campaign simulate' reads it.")
+        Path, options.output("--out", metavar="FILE.csv", help="Plan to write; 'campaign simulate' reads it.")
     ],
     poses: Annotated[int, typer.Option("--poses", metavar="N", help="How many poses.")] = 30,
     parameters: Annotated[
@@ -32,9 +33,7 @@ def plan(
         ),
     ] = None,
     criterion: Annotated[str, typer.Option("--criterion", metavar="D|O1..O5", help="What the plan is best in.")] = "D",
-    model: options.ModelFile = None,
-    robot: options.RobotFile = None,
-    layout: options.LayoutName = None,
+    which: bundles.Which,
     sigma_mm: Annotated[float, typer.Option("--sigma-mm", help="Noise of a measured coordinate.")] = 0.05,
     sigma_mrad: Annotated[float, typer.Option("--sigma-mrad", help="Noise of a rotation component.")] = 0.05,
     position_only: Annotated[bool, typer.Option("--position-only", help="No rotations will be measured.")] = False,
@@ -74,8 +73,7 @@ def plan(
 
     if tolerances is not None and not priors:
         raise BadInputError("--tolerances says how sure the priors are; give --priors too")
-    options.refuse_unwritable(out, png)
-    present = options.robot_of(model, robot, layout)
+    present = which.built()
     request = PlanRequest(
         poses=poses,
         parameters=tuple(parameters or ()),
@@ -103,27 +101,19 @@ def plan(
         options.print_figures(figures, written)
         return
     console = options.console()
-    console.print(plain_table(*found.table(), left=(0,), title="poses, in the order to measure them", wrap=True))
     _print_expected(console, figures, present.model.definition.tool_words[1].removeprefix("the "))
     options.print_written(console, written)
 
 
 def _print_expected(console: Console, figures: dict[str, Any], tip: str) -> None:
     ladle, compared = figures["ladle"], figures["random_plans"]
-    rows = [[p["name"], f"{p['std']:.4g}", p["unit"]] for p in figures["parameters"]]
-    console.print(
-        plain_table(["parameter", "std", "unit"], rows, left=(0,), title="expected standard deviation", wrap=True)
-    )
-    if figures["left_out"]:
-        left = figures["left_out"]
-        named = ", ".join(left[:8]) + (f" and {len(left) - 8} more (--json has all)" if len(left) > 8 else "")
-        console.print(f"left out, because those above show the same: {named}", markup=False)
     sides = ", ".join(f"{axis} {value:.3f}" for axis, value in ladle["rms_by_axis_mm"].items())
     worst = ladle["worst_at"]
     at = " ".join(f"{name} {value:.1f}" for name, value in worst.items())
     console.print(
         f"{tip}, seen by the tracker: known to {ladle['rms_mm']:.4f} mm and {ladle['rms_mrad']:.4f} mrad RMS "
         f"over the workspace ({sides} mm), {ladle['worst_mm']:.4f} mm at worst, at {at}",
+        style="bold",
         markup=False,
         soft_wrap=True,
     )
@@ -134,3 +124,12 @@ def _print_expected(console: Console, figures: dict[str, Any], tip: str) -> None
     )
     indices = ", ".join(f"{name} {value:.4g}" for name, value in figures["indices"].items())
     console.print(f"observability (per mm, mrad; larger is better): {indices}")
+    rows = [[p["name"], f"{p['std']:.4g}", p["unit"]] for p in figures["parameters"]]
+    head = ["parameter", "std", "unit"]
+    console.print(plain_table(head, rows[:_SHOWN], left=(0,), title="expected standard deviation", wrap=True))
+    if len(rows) > _SHOWN:
+        console.print(f"… and {len(rows) - _SHOWN} more (--json has all)")
+    if figures["left_out"]:
+        left = figures["left_out"]
+        named = ", ".join(left[:8]) + (f" and {len(left) - 8} more (--json has all)" if len(left) > 8 else "")
+        console.print(f"left out, because those above show the same: {named}", markup=False)

@@ -8,27 +8,27 @@ from typing import Annotated, Any
 
 import typer
 
-from pouring_robot.cli.shared import options, progress
+from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.exceptions import BadInputError
 
 Frame = tuple[float, float, float, float, float, float]
 
 
 def simulate(
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Table to write, .csv or .parquet; YAML beside.")],
+    *,
+    out: Annotated[Path, options.output("--out", help="Table to write, .csv or .parquet; YAML beside.")],
     plan: Annotated[
         Path | None,
         typer.Option(
             "--plan",
             metavar="FILE",
+            callback=options.there,
             help="Poses as 'path' reads them, and any condition columns.",
         ),
     ] = None,
     random: Annotated[int | None, typer.Option("--random", metavar="N", help="N poses all over the workspace.")] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")] = 0,
-    model: options.ModelFile = None,
-    robot: options.RobotFile = None,
-    layout: options.LayoutName = None,
+    which: bundles.Which,
     noise_mm: Annotated[float, typer.Option("--noise-mm", help="Noise of a coordinate.")] = 0.05,
     noise_mrad: Annotated[float, typer.Option("--noise-mrad", help="Noise of a rotation component.")] = 0.05,
     position_only: Annotated[bool, typer.Option("--position-only", help="Measure no rotations.")] = False,
@@ -48,20 +48,18 @@ def simulate(
         ),
     ] = None,
     truth: Annotated[
-        Path | None, typer.Option("--truth", metavar="FILE", help="Write what was hidden (frames, outliers) as JSON.")
+        Path | None, options.output("--truth", help="Write what was hidden (frames, outliers) as JSON.")
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that are there.")] = False,
 ) -> None:
     """Measure a robot as built without having it: a campaign with noise, outliers and unknown frames."""
     from pouring_robot.campaign.plan import random_plan, read_plan
     from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
-    from pouring_robot.io.files import check_outputs, write_together
+    from pouring_robot.io.files import write_together
 
     if (plan is None) == (random is None):
         raise BadInputError("give the poses by --plan FILE or by --random N, one of the two")
-    outputs = [out, out.with_suffix(".yaml"), *([truth] if truth else [])]
-    check_outputs(outputs, overwrite=overwrite)
-    present = options.robot_of(model, robot, layout)
+    options.refuse_present([out, out.with_suffix(".yaml"), *([truth] if truth else [])])
+    present = which.built()
     poses = read_plan(plan, present) if plan is not None else random_plan(present, random or 0, seed)
     settings = MeasurementOptions(
         sigma_position_m=noise_mm * 1e-3,
@@ -77,7 +75,7 @@ def simulate(
         measured = simulate_campaign(present, poses, settings, path=out, progress=show)
     files = measured.campaign.contents(out)
     if truth:
-        files[truth] = measured.truth_text(model).encode()
+        files[truth] = measured.truth_text(which.model).encode()
     write_together(files)
     options.print_written(options.console(), files)
 

@@ -44,42 +44,6 @@ def location_table(location: Location) -> Table:
     return table
 
 
-def path_table(locations: Sequence[Location]) -> str:
-    """Return one line a pose, with a heading: the command, and the error at the lip.
-
-    Text and no rich table: that would take twice as long to set as thousands of poses take to close.
-    """
-    posed = isinstance(locations[0], LadleLocation)
-    command = ("x", "y", "z", "tilt °") if posed else ("x", "y", "z")
-    rows: list[tuple[str, ...]] = [(*command, "Δx", "Δy", "Δz", "|Δ|", "rx", "ry", "rz", "open µm", "open mrad")]
-    for location in locations:
-        difference = location.difference()
-        translation, rotation = difference.to_mm_mrad()
-        rows.append(
-            (
-                *_commanded(location),
-                *_cells(translation, sign=True),
-                f"{difference.distance_m / MM:.3f}",
-                *_cells(rotation, sign=True),
-                f"{location.actual.gap_m * 1e6:.3f}",
-                f"{location.actual.gap_rad / MRAD:.3f}",
-            )
-        )
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
-    tip = locations[0].loops.working_frame
-    word = "the pouring lip" if posed else f"{tip}, beside where it should be"
-    return "\n".join([f"error of {word}: mm, mrad", *lines])
-
-
-def _commanded(location: Location) -> list[str]:
-    """Return the pose that was commanded, or where the drawing puts the working frame."""
-    if isinstance(location, LadleLocation):
-        return _cells(location.commanded.to_mm_deg(), 1)
-    nominal, _ = location.poses(location.loops.working_frame)
-    return _cells(nominal.translation / MM)
-
-
 def _seen_from(location: Location) -> str:
     seen = "the fixed platform" if isinstance(location, LadleLocation) else location.loops.base_frame
     return f"in {seen}'s frame"

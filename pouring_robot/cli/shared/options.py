@@ -1,12 +1,18 @@
-"""Options that several subcommands share, the robot they name, and printing."""
+"""The options that subcommands share, the robot they name, and printing.
+
+A file that is read is looked for, and a file or folder that is written to is refused if it would be replaced, while the
+command line is taken apart: before anything is imported for the work.
+"""
 
 from __future__ import annotations
 
-import inspect
+import errno
 import json
+import os
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -20,6 +26,81 @@ if TYPE_CHECKING:
     from pouring_robot.robot.base import Command, Robot
     from pouring_robot.robot.model import RobotModel
     from pouring_robot.robot.robot import PouringRobot
+
+_QUIET, _OVERWRITE = ContextVar("quiet", default=False), ContextVar("overwrite", default=False)
+_OUTPUTS = f"{__name__}.outputs"
+
+
+def _be_quiet(wanted: bool) -> bool:
+    _QUIET.set(wanted)
+    return wanted
+
+
+def _may_overwrite(wanted: bool) -> bool:
+    _OVERWRITE.set(wanted)
+    return wanted
+
+
+def there(path: Path | None) -> Path | None:
+    """Return the path of a file to read, which must be there."""
+    if path is not None and not path.exists():
+        raise BadInputError(f"{path}: cannot be read: {os.strerror(errno.ENOENT)}")
+    return path
+
+
+def _new(context: typer.Context, path: Path | None) -> Path | None:
+    """Return the path of a file to write, which must not be there yet unless ``--overwrite`` is given."""
+    if path is not None:
+        files = context.meta.setdefault(_OUTPUTS, [])
+        files.append(path)
+        refuse_present(files)
+    return path
+
+
+_WRITES: set[Callable[..., Path | None]] = {_new}
+
+
+def output(*names: str, metavar: str = "FILE", help: str) -> Any:
+    """Return the option of a file to write; one that is there is only replaced with ``--overwrite``."""
+    return typer.Option(*names, metavar=metavar, help=help, callback=_new)
+
+
+def results_folder(*files: str, what: str = "") -> Any:
+    """Return the option ``--out`` of a folder to write files into; those that are there are only so replaced.
+
+    Args:
+        files: their names, as far as they are known before the work.
+        what: more that is written, in words.
+    """
+
+    def fresh(folder: Path | None) -> Path | None:
+        from pouring_robot.io.files import check_folder
+
+        if folder is not None:
+            check_folder(folder)
+            refuse_present([folder / name for name in files] if folder.exists() else [])
+        return folder
+
+    _WRITES.add(fresh)
+    named = ", ".join([*([what] if what else []), *files])
+    return typer.Option("--out", metavar="DIR", help=f"Folder, made if need be, for {named}.", callback=fresh)
+
+
+def is_output(annotation: Any) -> bool:
+    """Return whether an option's annotation is that of a file or folder to write."""
+    return any(getattr(info, "callback", None) in _WRITES for info in getattr(annotation, "__metadata__", ()))
+
+
+def refuse_present(files: Iterable[Path]) -> None:
+    """Find out before the work whether the outputs can be written, and replace nothing without ``--overwrite``.
+
+    Raises:
+        OutputError: one of the places cannot be written to or is taken, or two outputs have the same place.
+    """
+    from pouring_robot.io.files import check_outputs
+
+    check_outputs(list(files), overwrite=_OVERWRITE.get())
+
 
 AtMm = Annotated[
     tuple[float, float, float] | None,
@@ -38,11 +119,18 @@ Drives = Annotated[
 ]
 ModelFile = Annotated[
     Path | None,
-    typer.Option("--model", metavar="FILE", help="Model file of the robot as built (default: the drawing)."),
+    typer.Option(
+        "--model", metavar="FILE", callback=there, help="Model file of the robot as built (default: the drawing)."
+    ),
 ]
 RobotFile = Annotated[
     Path | None,
-    typer.Option("--robot", metavar="FILE", help="Robot file, robot.yaml, of another robot than the pouring robot."),
+    typer.Option(
+        "--robot",
+        metavar="FILE",
+        callback=there,
+        help="Robot file, robot.yaml, of another robot than the pouring robot.",
+    ),
 ]
 LayoutName = Annotated[
     str | None,
@@ -50,36 +138,59 @@ LayoutName = Annotated[
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 CampaignFile = Annotated[
-    Path, typer.Argument(metavar="CAMPAIGN", help="CSV or Parquet table; the YAML of the same stem lies beside it.")
+    Path,
+    typer.Argument(
+        metavar="CAMPAIGN", callback=there, help="CSV or Parquet table; the YAML of the same stem lies beside it."
+    ),
 ]
 TolerancesFile = Annotated[
-    Path | None, typer.Option("--tolerances", metavar="FILE", help="Tolerances of the parts (default: the shipped).")
+    Path | None,
+    typer.Option(
+        "--tolerances", metavar="FILE", callback=there, help="Tolerances of the parts (default: the shipped)."
+    ),
 ]
 HoldOutBy = Annotated[
     Literal["auto", "session", "time", "region"],
     typer.Option("--hold-out", help="What block takes no part in the fit."),
 ]
-HtmlFile = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write a self-contained meshcat page.")]
-PngFile = Annotated[Path | None, typer.Option("--png", metavar="FILE", help="Write a picture; no screen is needed.")]
+HtmlFile = Annotated[Path | None, output("--html", help="Write a self-contained meshcat page.")]
+PngFile = Annotated[Path | None, output("--png", help="Write a picture; no screen is needed.")]
 AtOnce = Annotated[
     bool, typer.Option("--at-once", help="All poses at once, hundreds of times faster; temperatures are taken once.")
 ]
 JointsFile = Annotated[
     Path | None,
-    typer.Option("--joints", metavar="FILE", help="Write the values of all joints, m and rad, as .csv or .json."),
+    output("--joints", help="Write the values of all joints, m and rad, as .csv or .json."),
 ]
 Exaggeration = Annotated[
     float | None, typer.Option("--exaggerate", metavar="FACTOR", help="Draw errors this many times larger.")
 ]
-
-
-def group_of(about: str, commands: Iterable[Callable[..., None]]) -> typer.Typer:
-    """Return subcommands as a group; its help page shows the first sentence of each as a whole."""
-    group = typer.Typer(help=about, short_help=about, add_completion=False, rich_markup_mode=None)
-    for command in commands:
-        summary, *_ = (inspect.getdoc(command) or "").split("\n\n")
-        group.command(command.__name__, short_help=" ".join(summary.split()))(command)
-    return group
+MeltDegC = Annotated[
+    float | None,
+    typer.Option("--melt-degC", metavar="T", help="Temperature of the melt; makes the robot warm."),
+]
+AmbientDegC = Annotated[
+    float | None,
+    typer.Option("--ambient-degC", metavar="T", help="Temperature of the surroundings; makes the robot warm."),
+]
+Steady = Annotated[bool, typer.Option("--steady", help="Warm, after so long that nothing changes any more.")]
+AfterMin = Annotated[
+    float | None,
+    typer.Option("--after-min", metavar="MIN", help="Warm, so long after the melt came to the cold robot."),
+]
+ThermalModelFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--thermal-model", metavar="FILE", callback=there, help="What heat adds by a regression, from 'regress --out'."
+    ),
+]
+Cold = Annotated[bool, typer.Option("--cold", help="Leave out the heat that the model file tells of.")]
+Overwrite = Annotated[
+    bool, typer.Option("--overwrite", is_eager=True, callback=_may_overwrite, help="Replace files that are there.")
+]
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", is_eager=True, callback=_be_quiet, help="Print nothing but errors and JSON.")
+]
 
 
 def robot_of(model: Path | None, robot: Path | None, layout: str | None, *, warm: bool = False) -> Robot:
@@ -176,19 +287,8 @@ def say_left_out(model: RobotModel, file: Path | str | None, *, warm: bool = Fal
 
     A drawing (no file) has neither.
     """
-    for line in model.left_out("this command", str(file), warm=warm):
+    for line in () if _QUIET.get() else model.left_out("this command", str(file), warm=warm):
         print(f"note: {line}", file=sys.stderr)
-
-
-def refuse_unwritable(*paths: Path | None) -> None:
-    """Find out before the work whether the outputs can be written.
-
-    Raises:
-        OutputError: one of the places cannot be written to, or two outputs have the same place.
-    """
-    from pouring_robot.io.files import check_outputs
-
-    check_outputs([path for path in paths if path is not None])
 
 
 def print_json(content: Any) -> None:
@@ -202,13 +302,17 @@ def print_figures(figures: Mapping[str, Any], written: Iterable[Path] = ()) -> N
     print_json({**figures, "written": [str(path) for path in written]})
 
 
+def is_quiet() -> bool:
+    """Return whether nothing but errors and JSON is to be printed."""
+    return _QUIET.get()
+
+
 def console() -> Console:
     """Return the console that tables and notes are printed on."""
     from rich.console import Console
 
     # A figure must never be cut: on a narrow terminal long rows wrap instead.
-    found = Console(highlight=False, soft_wrap=False)
-    return Console(width=max(found.width, 120), highlight=False, soft_wrap=False)
+    return Console(width=max(Console().width, 120), highlight=False, soft_wrap=False, quiet=_QUIET.get())
 
 
 def print_notes(console: Console, notes: Iterable[str]) -> None:

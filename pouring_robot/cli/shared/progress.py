@@ -2,13 +2,30 @@
 
 from __future__ import annotations
 
-import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from pouring_robot.cli.shared.options import is_quiet
+
 if TYPE_CHECKING:
     from pouring_robot.io.progress import Progress, Status
+
+
+def time_left(done: float, total: float | None, elapsed_s: float, since_s: float) -> str:
+    """Return how long it may take yet, counted down between steps too; nothing before the first step.
+
+    Args:
+        done: steps done.
+        total: steps in all; None if they cannot be counted.
+        elapsed_s: since the start.
+        since_s: since the last step was done.
+    """
+    if not done or not total or done >= total:
+        return ""
+    left = max(0, round((elapsed_s - since_s) * (total - done) / done - since_s))
+    return f"about {left // 60}:{left % 60:02d} left" if left else "nearly there"
 
 
 @contextmanager
@@ -20,39 +37,46 @@ def stage_bars() -> Iterator[Progress]:
     """
     from rich import progress
     from rich.console import Console
+    from rich.text import Text
 
+    class Left(progress.ProgressColumn):
+        def render(self, task: progress.Task) -> Text:
+            since = time.monotonic() - task.fields["stepped"]
+            return Text(time_left(task.completed, task.total, task.elapsed or 0.0, since))
+
+    errors = Console(stderr=True)
     columns = (
         progress.TextColumn("{task.description}"),
         progress.BarColumn(),
         progress.MofNCompleteColumn(),
         progress.TimeElapsedColumn(),
-        progress.TextColumn("gone,"),
-        progress.TimeRemainingColumn(),
-        progress.TextColumn("left"),
+        Left(),
     )
-    errors = Console(stderr=True)
-    with progress.Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bars:
+    hidden = is_quiet() or not errors.is_terminal
+    with progress.Progress(*columns, console=errors, transient=True, disable=hidden) as bars:
         tasks: dict[str, progress.TaskID] = {}
 
         def show(stage: str, done: int, total: int) -> None:
             if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=total)
-            bars.update(tasks[stage], completed=done, total=total)
+                tasks[stage] = bars.add_task(stage, total=total, stepped=time.monotonic())
+            bars.update(tasks[stage], completed=done, total=total, stepped=time.monotonic())
 
         yield show
 
 
 @contextmanager
 def status() -> Iterator[Status]:
-    """Show in words what is being done.
+    """Show in words what is being done, and for how long.
 
     Yields:
         A function that says what is being done now.
     """
-    if not sys.stderr.isatty():
-        yield lambda text: None
-        return
+    from rich import progress
     from rich.console import Console
 
-    with Console(stderr=True, highlight=False).status("reading") as shown:
-        yield lambda text: shown.update(text[:100])
+    errors = Console(stderr=True, highlight=False)
+    columns = (progress.SpinnerColumn(), progress.TextColumn("{task.description}"), progress.TimeElapsedColumn())
+    hidden = is_quiet() or not errors.is_terminal
+    with progress.Progress(*columns, console=errors, transient=True, disable=hidden) as bars:
+        task = bars.add_task("reading", total=None)
+        yield lambda text: bars.update(task, description=text[:100])

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
+from typing import TYPE_CHECKING
 
-from rich.table import Table
+if TYPE_CHECKING:
+    from rich.table import Table
+
+_MOST_ROWS = 40
 
 
 def plain_table(
@@ -24,9 +28,28 @@ def plain_table(
         title: above it.
         wrap: whether long cells may go on in the next line.
     """
+    from rich.table import Table
+
     table = Table(title=title, title_justify="left", box=None, pad_edge=False)
     for k, name in enumerate(head):
         table.add_column(name, justify="left" if k in left else "right", no_wrap=not wrap)
     for row in rows:
         table.add_row(*row)
     return table
+
+
+def few_rows(head: Sequence[str], rows: Sequence[Sequence[str]], where: str) -> str:
+    """Return a table of figures as text, all set to the right, and of a long one its beginning.
+
+    Text and no rich table: that would take twice as long to set as thousands of poses take to close.
+
+    Args:
+        head: headings.
+        rows: one text a column.
+        where: the others are, in words.
+    """
+    shown = [head, *rows[: _MOST_ROWS if len(rows) > _MOST_ROWS else None]]
+    widths = [max(map(len, column)) for column in zip(*shown, strict=True)]
+    lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in shown]
+    more = [f"… and {len(rows) - _MOST_ROWS} more; {where}"] if len(rows) > _MOST_ROWS else []
+    return "\n".join([*lines, *more])

@@ -1,13 +1,12 @@
-"""The options that say how warm the robot is, and the robot they make."""
+"""How warm the robot is by the command line, and what is printed of it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import typer
 
 from pouring_robot.cli.shared.options import with_melt
 from pouring_robot.cli.shared.tables import plain_table
@@ -26,25 +25,6 @@ if TYPE_CHECKING:
     from pouring_robot.robot.location import Location
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, PoseShares, WarmState
     from pouring_robot.thermal.regression.model_file import ThermalModel
-
-MeltDegC = Annotated[
-    float | None,
-    typer.Option("--melt-degC", metavar="T", help="Temperature of the melt; makes the robot warm."),
-]
-AmbientDegC = Annotated[
-    float | None,
-    typer.Option("--ambient-degC", metavar="T", help="Temperature of the surroundings; makes the robot warm."),
-]
-Steady = Annotated[bool, typer.Option("--steady", help="Warm, after so long that nothing changes any more.")]
-AfterMin = Annotated[
-    float | None,
-    typer.Option("--after-min", metavar="MIN", help="Warm, so long after the melt came to the cold robot."),
-]
-ThermalModelFile = Annotated[
-    Path | None,
-    typer.Option("--thermal-model", metavar="FILE", help="What heat adds by a regression, from 'regress --out'."),
-]
-Cold = Annotated[bool, typer.Option("--cold", help="Leave out the heat that the model file tells of.")]
 
 
 def heat_of(

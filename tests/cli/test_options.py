@@ -1,0 +1,118 @@
+"""What all subcommands have in common: help, overwriting, quiet, completion, the time left, a reader that goes."""
+
+import subprocess
+import sys
+
+import pytest
+
+from pouring_robot.cli.app import _COMMANDS
+from pouring_robot.cli.shared.progress import time_left
+from tests.support import ACTUAL, ROOT
+
+POSES, AT = ROOT / "examples" / "poses.csv", ["--at-mm", "-100", "20", "-600"]
+
+
+def test_help_has_whole_summaries_in_the_order_of_use(run):
+    code, out, err = run("-h")
+    assert (code, err) == (0, "") and "…" not in out and "..." not in out.replace("[ARGS]...", "")
+    places = [out.index(f"\n  {command} ") for command in _COMMANDS]
+    assert places == sorted(places) and _COMMANDS.index("pose") < _COMMANDS.index("diagnose") < _COMMANDS.index(
+        "regress"
+    )
+    assert run("campaign", "simulate", "-h")[0] == 0
+
+
+# Every option that names a file or folder to write; what stands in a folder is one of the files written there.
+OUTPUTS = [
+    ("pose --at-mm 0 0 -600", "--html"), ("pose --at-mm 0 0 -600", "--png"), ("pose --at-mm 0 0 -600", "--joints"),
+    ("path {poses}", "--out"), ("path {poses}", "--html"), ("path {poses}", "--png"), ("path {poses}", "--joints"),
+    ("thermal --at-mm 0 0 -600", "--csv"), ("thermal --at-mm 0 0 -600", "--png"),
+    ("thermal --at-mm 0 0 -600 --under heat", "--html"), ("compensate {poses}", "--out"), ("compensate", "--header"),
+    ("regress {poses}", "--out"), ("campaign plan", "--out"), ("campaign simulate --random 3", "--out"),
+    ("campaign simulate --random 3 --out c.csv", "--truth"), ("campaign check {poses}", "--png"),
+    ("robot init {poses}", "--out"), ("calibrate {poses}", "--out report.html"), ("sensitivity", "--out report.html"),
+    ("diagnose {poses}", "--out diagnosis.json"), ("export", "--out loops.yaml"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("command", "option"), OUTPUTS, ids=[" ".join(one) for one in OUTPUTS])
+def test_nothing_is_replaced_unasked(run, tmp_path, command, option):
+    option, _, inside = option.partition(" ")
+    there = tmp_path / "there" / inside if inside else tmp_path / "there.csv"
+    there.parent.mkdir(exist_ok=True)
+    there.write_text("mine")
+    given = [*command.format(poses=POSES).split(), option, there.parent if inside else there]
+    code, out, err = run(*given)
+    assert (code, out) == (2, "") and "it is there already; choose another name, or say --overwrite" in err
+    assert there.read_text() == "mine"
+
+
+def test_overwrite_replaces(run, tmp_path):
+    (tmp_path / "p.csv").write_text("old")
+    assert run("path", POSES, "--out", "p.csv", "--overwrite")[0] == 0
+    rows = (tmp_path / "p.csv").read_text().splitlines()
+    assert rows[0].startswith("x_mm,y_mm,z_mm,tilt_deg,error_x_mm") and len(rows) == 6
+    assert run("path", POSES, "--out", "/dev/null")[0] == 0  # nothing is lost there
+
+
+def test_a_quiet_command_says_errors_and_figures_only(run):
+    assert run("pose", *AT, "--quiet") == (0, "", "")
+    assert run("path", POSES, "-q", "--out", "p.csv") == (0, "", "")
+    assert run("pose", *AT, "-q", "--json")[1].startswith("{")
+    assert run("pose", "--at-mm", "0", "0", "0", "-q")[2].startswith("pouring-robot: ")
+    assert run("pose", *AT)[1]  # and the next one speaks again
+
+
+def test_the_line_that_matters_comes_first(run, as_built, tmp_path):
+    first = run("pose", *AT, "--model", ACTUAL)[1].splitlines()[0]
+    assert first.startswith("ladle_lip is ") and first.endswith(" off at -100, 20, -600 mm, 0 deg")
+    out = run("path", POSES, "--model", ACTUAL)[1]
+    assert out.startswith("largest error 6.553 mm")
+    assert run("compensate", POSES, "--model", ACTUAL)[1].startswith("largest: 'moving_platform' without compensation")
+
+
+def test_a_long_table_is_shown_in_part_and_written_as_a_whole(run, tmp_path):
+    lines = ["x_mm,y_mm,z_mm,tilt_deg", *(f"{x},0,-600,10" for x in range(-60, 0))]
+    (tmp_path / "long.csv").write_text("\n".join(lines))
+    for more in ([], ["--at-once"]):
+        out = run("path", "long.csv", *more)[1]
+        assert "… and 20 more; --out FILE.csv writes all" in out and out.count("-600.000") == 40
+    out = run("path", "long.csv", "--out", "all.csv")[1]
+    assert "-600.000" not in out and len((tmp_path / "all.csv").read_text().splitlines()) == 61
+
+
+def test_drives_have_one_set_of_names_and_the_tilt_one_unit(run):
+    posed = run("pose", *AT)[1]
+    assert "leg1_s3 " in posed and "leg4_s5 " in posed and " deg" in posed
+    head = next(line for line in run("compensate", *AT, "--model", ACTUAL)[1].splitlines() if "tilt °" in line)
+    assert "leg1_s3 mm" in head and "leg4_s5 °" in head and "q4" not in head and "rad" not in head
+    assert "drive leg4_s5: " in (listed := run("robots")[1]) and "deg; q4 in campaigns" in listed
+
+
+@pytest.mark.parametrize(
+    ("done", "total", "elapsed", "since", "words"),
+    [
+        (0, 10, 5.0, 0.0, ""),
+        (5, None, 5.0, 0.0, ""),
+        (2, 10, 10.0, 0.0, "about 0:40 left"),
+        (2, 10, 13.0, 3.0, "about 0:37 left"),  # counted down while a step takes its time
+        (1, 100, 10.0, 0.0, "about 16:30 left"),
+        (9, 10, 30.0, 20.0, "nearly there"),
+        (10, 10, 30.0, 0.0, ""),
+    ],
+)
+def test_the_time_left_moves(done, total, elapsed, since, words):
+    assert time_left(done, total, elapsed, since) == words
+
+
+def test_the_shell_completes(tmp_path):
+    env = {"PYTHONPATH": str(ROOT), "_POURING_ROBOT_COMPLETE": "complete_bash", "HOME": str(tmp_path)}
+    env |= {"COMP_WORDS": "pouring-robot ca", "COMP_CWORD": "1"}
+    done = subprocess.run([sys.executable, "-m", "pouring_robot"], env=env, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr, done.stdout.split()) == (0, "", ["campaign", "calibrate"])
+
+
+def test_a_reader_that_reads_one_line_is_no_failure():
+    command = f"{sys.executable} -m pouring_robot path {POSES} | head -1; exit ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "") and done.stdout.startswith("largest error")
