@@ -56,7 +56,7 @@ def thermal(
         float | None, typer.Option("--ladle-degC", help="Ladle's steel for --under (default: computed).")
     ] = None,
     html: Annotated[
-        Path | None, options.output("--html", help="Write a page with every part coloured by --under.")
+        Path | None, options.output("--html", help="Write a page: the shift, to play, or parts coloured by --under.")
     ] = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -73,8 +73,10 @@ def thermal(
     from pouring_robot.robot.pouring.poses import PlatformPose
     from pouring_robot.thermal.report import PoseHeat, heated_drawing
 
-    if under is None and (html is not None or payload_kg is not None or ladle_degC is not None):
-        raise BadInputError("--html, --payload-kg and --ladle-degC belong to --under heat, weight or both")
+    if under is None and (payload_kg is not None or ladle_degC is not None):
+        raise BadInputError("--payload-kg and --ladle-degC belong to --under heat, weight or both")
+    if under is None and history is None and html is not None:
+        raise BadInputError("--html draws a shift or what --under asks for: give --history, or --under heat")
     if under is not None and at_mm is None:
         raise BadInputError("--under is for a pose: give --at-mm and --tilt-deg")
     ladle = options.with_melt(which.built(warm=True))
@@ -96,7 +98,7 @@ def thermal(
     found: PoseHeat | ShiftHeat
     drawn: PoseHeat | ShiftHeat
     if history is not None:
-        found, drawn = _shift(heated, heat, history, pose, every_min, picture=png is not None)
+        found, drawn = _shift(heated, heat, history, pose, every_min, picture=bool(png or html))
         title = f"{history.name}: {kind}, layout {ladle.model.layout}"
     else:
         found = drawn = PoseHeat.of(heated, pose or PlatformPose((0.0, 0.0, 0.0), 0.0))
@@ -109,6 +111,12 @@ def thermal(
 
         picture = pose_picture(drawn, title) if isinstance(drawn, PoseHeat) else shift_picture(drawn, title)
         written.append(write_whole(png, picture))
+    if html is not None and history is not None and not isinstance(drawn, PoseHeat):
+        from pouring_robot.thermal.scene import shift_scene
+        from pouring_robot.viewer import write_html
+
+        scene = shift_scene(heated.robot, drawn, f"How the melt of {history.name} warms the robot")
+        written.append(write_html(scene, html))
     field = None
     if under is not None and pose is not None:
         with progress.stage_bars() as show:

@@ -23,6 +23,7 @@ from pouring_robot.effects.registry import all_effects
 from pouring_robot.estimation.frames import FRAMES, OuterFrames
 from pouring_robot.estimation.measurement import MeasurementModel, Prediction
 from pouring_robot.estimation.noise_level import NoiseLevel
+from pouring_robot.estimation.priors import FRAME_STD
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.estimation.solver import first_frames
 from pouring_robot.exceptions import BadInputError, DiagnosisError, closest
@@ -37,6 +38,7 @@ from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterCatalogue
 
 SCALE = "metrology.scale"
+_FRAME_STEPS = 3
 
 
 def local_parameters(model: RobotModel) -> tuple[GeometricParameter, ...]:
@@ -212,6 +214,18 @@ class CampaignRows:
                     total.placements[:, self._sites[name]] += value * change
         return total
 
+    def refined_frames(self, fitted: NDArray[np.bool_]) -> OuterFrames:
+        """Return the frames by least squares, with the effects that the model has, to some rows, by a mask (n,).
+
+        Raises:
+            DiagnosisError: a row does not close.
+        """
+        frames = self.frames
+        for _ in range(_FRAME_STEPS):
+            linear = self.linearise(self.unchanged(), frames).of(fitted)
+            frames = frames.moved(least_squares(linear.free, linear.residual))
+        return frames
+
     def linearise(self, changes: RowChanges, frames: OuterFrames) -> LinearRows:
         """Close the loops with changes put in, and differentiate.
 
@@ -281,3 +295,14 @@ def _check_parameter(entry: EffectEntry, name: str, form: Mapping[str, EffectPar
     if entry.parameters[name].unit != form[name].unit:
         given, wanted = entry.parameters[name].unit, form[name].unit
         raise BadInputError(f"the model's '{name}' of '{entry.effect}' is in '{given}'; it must be in '{wanted}'")
+
+
+def least_squares(columns: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the least-squares step of the frames, in m and rad.
+
+    Moving tracker and target along the tilt axis against each other shows nearly nothing. That the frames are found to
+    :data:`FRAME_STD` from the start picks one answer, as in calibration.
+    """
+    prior = np.eye(columns.shape[1]) / FRAME_STD
+    stacked = np.vstack([columns, prior])
+    return np.asarray(np.linalg.lstsq(stacked, np.concatenate([values, np.zeros(len(prior))]), rcond=None)[0])

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from pouring_robot.diagnosis.parameters import FoundParameter, found_parameters
 from pouring_robot.diagnosis.problem import Library, problem_at
-from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
+from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, least_squares
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.estimation.frames import OuterFrames
-from pouring_robot.estimation.priors import FRAME_STD
 from pouring_robot.exceptions import DiagnosisError
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.hypotheses import Hypothesis
@@ -25,7 +24,6 @@ _SETTLED, _EXACT = 0.02, 1e-3
 _HALVINGS = 6
 _TRUST = 0.25
 """Share of a step's square that it may be off from its linear prediction."""
-_FRAME_STEPS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +66,7 @@ class Diagnoser:
     @functools.cached_property
     def at_rest(self) -> State:
         """The state without any change, its frames refined."""
-        frames = self.rows.frames
-        for _ in range(_FRAME_STEPS):
-            linear = self.rows.linearise(self.rows.unchanged(), frames).of(self.fitted)
-            frames = frames.moved(_least_squares(linear.free, linear.residual))
-        return self._state((), np.zeros(0), frames)
+        return self._state((), np.zeros(0), self.rows.refined_frames(self.fitted))
 
     def _state(self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: OuterFrames) -> State:
         every_row = self.rows.linearise(self.rows.changes(parameters, values), frames)
@@ -136,7 +130,7 @@ class Diagnoser:
         for k, item in enumerate(whole.items):
             if item.key not in self.library.forms:  # it has no parameters of the robot
                 left -= whole.part(k)
-        step = _least_squares(state.linear.free, left)
+        step = least_squares(state.linear.free, left)
         share = 1.0
         for _ in range(_HALVINGS):
             values = from_here + share * (wanted - from_here)
@@ -159,14 +153,3 @@ class Diagnoser:
         if not parameters:
             return np.zeros(linear.residual.size)
         return np.column_stack([self.rows.column(p, linear) / p.prior_std for p in parameters]) @ values
-
-
-def _least_squares(columns: FloatArray, values: FloatArray) -> FloatArray:
-    """Return the least-squares step of the frames, in m and rad.
-
-    Moving tracker and target along the tilt axis against each other shows nearly nothing. That the frames are found to
-    :data:`FRAME_STD` from the start picks one answer, as in calibration.
-    """
-    prior = np.eye(columns.shape[1]) / FRAME_STD
-    stacked = np.vstack([columns, prior])
-    return np.asarray(np.linalg.lstsq(stacked, np.concatenate([values, np.zeros(len(prior))]), rcond=None)[0])

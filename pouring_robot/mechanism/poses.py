@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,6 +50,15 @@ class PoseDifference:
     def to_mm_mrad(self) -> tuple[FloatArray, FloatArray]:
         """Return the translation in mm and the rotation vector in mrad; shape (3,) each."""
         return self.translation_m / MM, self.rotation_rad / MRAD
+
+
+def bodies_at(model: pin.Model, configurations: Sequence[FloatArray]) -> FloatArray:
+    """Return where the joints of a model stand in the world, shape (k, joints, 4, 4), for k configurations (nq,)."""
+    data, places = model.createData(), []
+    for configuration in configurations:
+        pin.forwardKinematics(model, data, np.array(configuration))
+        places.append([pose.homogeneous for pose in data.oMi])
+    return np.array(places)
 
 
 def pose_figures(pose: pin.SE3) -> dict[str, list[float]]:

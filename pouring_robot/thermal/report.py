@@ -14,7 +14,7 @@ import numpy as np
 
 from pouring_robot.io.files import write_whole
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
+from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference, bodies_at
 from pouring_robot.report.result import Result
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.metrics import difference_figures
@@ -206,6 +206,7 @@ class ShiftHeat(Result):
         fields: temperatures.
         poses: the pose held at each time.
         moved: by how much heat alone moves end frame and lip, at the pose held, by frame.
+        bodies: where the joints of the cold and of the warm drawing stand in the world, (k, 2, joints, 4, 4), in m.
     """
 
     times_s: FloatArray
@@ -213,6 +214,7 @@ class ShiftHeat(Result):
     fields: list[TemperatureField]
     poses: list[PlatformPose]
     moved: dict[str, list[PoseDifference]]
+    bodies: FloatArray
 
     @classmethod
     def of(
@@ -243,20 +245,23 @@ class ShiftHeat(Result):
         loops = robot.nominal_solver.mechanism.loops
         frames = (loops.end_frame or "", loops.working_frame)
         moved: dict[str, list[PoseDifference]] = {frame: [] for frame in frames}
+        bodies = []
         for pose, field in zip(held, found, strict=True):
             warm = WarmRobot(robot, ThermalExpansion.from_field(field, measured_degC), pose).solve()
             cold = robot.nominal_solver.solve(robot.kinematics.inverse(pose), robot.kinematics.configuration(pose))
             for frame in frames:
                 nominal, actual = (result.pose(loops.base_frame, frame) for result in (cold, warm))
                 moved[frame].append(PoseDifference.between(nominal, actual))
-        return cls(times_s, history, list(found), held, moved)
+            bodies.append([bodies_at(one.mechanism.shared_model, [one.configuration])[0] for one in (cold, warm)])
+        return cls(times_s, history, list(found), held, moved, np.array(bodies))
 
     def only(self, times_s: FloatArray) -> ShiftHeat:
         """Return the same at some of its times."""
         kept = np.flatnonzero(np.isin(self.times_s, times_s))
         fields, poses = [self.fields[k] for k in kept], [self.poses[k] for k in kept]
         moved = {frame: [values[k] for k in kept] for frame, values in self.moved.items()}
-        return replace(self, times_s=self.times_s[kept], fields=fields, poses=poses, moved=moved)
+        bodies = self.bodies[kept]
+        return replace(self, times_s=self.times_s[kept], fields=fields, poses=poses, moved=moved, bodies=bodies)
 
     @property
     def headline(self) -> str:

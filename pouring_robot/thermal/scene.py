@@ -1,4 +1,4 @@
-"""The robot coloured by how far each of its parts moves: the paper's Fig. 8 as a page or a picture."""
+"""The robot in colours: how far each of its parts moves (the paper's Fig. 8), or how warm it is over a shift."""
 
 from __future__ import annotations
 
@@ -6,17 +6,18 @@ import dataclasses
 
 import numpy as np
 import pinocchio as pin
-from matplotlib import colormaps
 
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM
+from pouring_robot.mechanism.poses import MM, bodies_at
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.robot import PouringRobot
-from pouring_robot.robot.scene import VIEW_DIRECTION, drawn_robot
+from pouring_robot.robot.scene import VIEW_DIRECTION, drawn_robot, exaggeration_for
 from pouring_robot.thermal.expansion.displacement import DisplacementField
-from pouring_robot.viewer import Scene, camera_on
+from pouring_robot.thermal.network.field import TemperatureField
+from pouring_robot.thermal.report import ShiftHeat
+from pouring_robot.viewer import ColourScale, Curve, Scene, SceneArrows, SceneRobot, Step, camera_on
 
-_SCALE = "turbo"
+_LEG_INKS = ((0.0, 0.45, 0.70), (0.35, 0.70, 0.90), (0.0, 0.62, 0.45), (0.60, 0.65, 0.10))
 
 
 def displacement_scene(robot: PouringRobot, field: DisplacementField, title: str, configuration: FloatArray) -> Scene:
@@ -31,28 +32,112 @@ def displacement_scene(robot: PouringRobot, field: DisplacementField, title: str
         configuration: of the pose, shape (nq,).
     """
     mechanism = robot.nominal_solver.mechanism
-    drawn = drawn_robot(mechanism, configuration, "robot", "coloured by displacement")
-    model, visual = drawn.model, drawn.visual
-    data, places = model.createData(), pin.GeometryData(visual)
-    pin.updateGeometryPlacements(model, data, visual, places, configuration)
-    pin.updateFramePlacements(model, data)
-    base = data.oMf[mechanism.frame_id(mechanism.loops.base_frame)]
-    largest = max(field.largest_m, 1e-12)
-    parts = np.array(field.parts)
-    for item, place in zip(visual.geometryObjects, places.oMg, strict=True):
-        own = np.flatnonzero(parts == _part(model.frames[item.parentFrame].name))
-        if not own.size:
-            continue
-        middle = base.actInv(place).act(np.array(_middle(item)))
-        nearest = own[int(np.linalg.norm(field.points_m[own] - middle, axis=1).argmin())]
-        item.meshColor = np.array([*colormaps[_SCALE](field.distance_m[nearest] / largest)[:3], 1.0])
+    places = bodies_at(mechanism.shared_model, [configuration])
+    drawn = drawn_robot(mechanism, places, "robot", "coloured by displacement")
+    parts, world = np.array(field.parts), _world_to_base(robot, drawn.bodies)[0]
+    values = np.full(drawn.visual.ngeoms, np.nan)
+    for k, (link, place) in enumerate(zip(drawn.links, _middles(drawn)[0], strict=True)):
+        own = np.flatnonzero(parts == _part(link))
+        if own.size:
+            middle = world[:3, :3].T @ (place - world[:3, 3])
+            nearest = own[int(np.linalg.norm(field.points_m[own] - middle, axis=1).argmin())]
+            values[k] = field.distance_m[nearest] / MM
     rows = [
         (part.replace("_", " "), f"mean {mean / MM:.2f}, most {most / MM:.2f} mm")
         for part, (mean, most) in field.by_part.items()
     ]
-    rows.append(("colours", f"blue 0 to red {largest / MM:.2f} mm"))
-    scene = Scene(title=title, robots=(drawn,), caption=tuple(rows))
+    scale = ColourScale("displacement", "mm", 0.0, field.largest_m / MM)
+    scene = Scene(title, (_coloured(drawn, scale, values[None]),), steps=(Step("", tuple(rows)),), scale=scale)
     return dataclasses.replace(scene, camera=camera_on(scene, VIEW_DIRECTION))
+
+
+def shift_scene(robot: PouringRobot, shift: ShiftHeat, title: str) -> Scene:
+    """Return a shift as it goes: parts in the colours of their temperatures, the ladle moved by heat alone.
+
+    Args:
+        robot: the drawing.
+        shift: at the times to be shown.
+        title: of the page.
+    """
+    mechanism = robot.nominal_solver.mechanism
+    drawn = drawn_robot(mechanism, shift.bodies[:, 1], "robot", "as warm as its colours", reference=shift.bodies[:, 0])
+    values = _temperatures(drawn, mechanism.shared_model, shift.fields)
+    scale = ColourScale("temperature", "°C", float(np.nanmin(values)), float(np.nanmax(values)))
+    frame, moved = list(shift.moved.items())[-1]
+    lip, words = mechanism.shared_model.frames[mechanism.frame_id(frame)], frame.replace("_", " ")
+    starts = (shift.bodies[:, 0, lip.parentJoint] @ lip.placement.homogeneous)[:, :3, 3]
+    shifts = np.array([difference.translation_m for difference in moved])
+    turned = np.einsum("kij,kj->ki", _world_to_base(robot, shift.bodies[:, 0])[:, :3, :3], shifts)
+    table = shift.to_frame()
+    minutes, melt = table["time_min"].to_numpy(), table["melt_degC"].to_numpy()
+    distances = np.linalg.norm(shifts, axis=1)
+    legs = np.array([field.leg_degC for field in shift.fields])
+    steps = [
+        Step(
+            f"{minute:.1f} min",
+            (
+                ("melt", f"{melt[k]:.0f} °C"),
+                *((f"leg {n}, mean", f"{value:.0f} °C") for n, value in enumerate(legs[k], start=1)),
+                ("platform", f"{shift.fields[k].platform_degC:.0f} °C"),
+                (f"{words} moved by heat, x y z", " ".join(f"{v / MM:+.2f}" for v in shifts[k]) + " mm"),
+            ),
+        )
+        for k, minute in enumerate(minutes.tolist())
+    ]
+    scene = Scene(
+        title=title,
+        robots=(_coloured(drawn, scale, values),),
+        arrows=(SceneArrows("moved", starts[:, None], turned[:, None], label=f"{words}, by heat alone"),),
+        steps=tuple(steps),
+        at=minutes,
+        axis="time, min",
+        curves=(
+            Curve(f"{words} moved", "mm", distances / MM),
+            *(Curve(f"leg {n + 1}", "°C", legs[:, n], ink) for n, ink in enumerate(_LEG_INKS)),
+        ),
+        scale=scale,
+        first=int(distances.argmax()),
+        exaggeration=exaggeration_for(float(distances.max())),
+    )
+    return dataclasses.replace(scene, camera=camera_on(scene, VIEW_DIRECTION))
+
+
+def _coloured(drawn: SceneRobot, scale: ColourScale, values: FloatArray) -> SceneRobot:
+    """Return the robot with visuals in the colours of values (k, visuals); its own colours where there is none."""
+    own = np.array([item.meshColor[:3] for item in drawn.visual.geometryObjects])
+    colours = np.where(np.isfinite(values)[..., None], scale.colours(np.nan_to_num(values)), own)
+    return dataclasses.replace(drawn, colours=colours)
+
+
+def _temperatures(drawn: SceneRobot, model: pin.Model, fields: list[TemperatureField]) -> FloatArray:
+    """Return the temperature of every visual's part, rods at the element nearest to its middle, (k, visuals), in °C."""
+    values = np.full((len(fields), drawn.visual.ngeoms), np.nan)
+    middles = _middles(drawn)
+    for v, link in enumerate(drawn.links):
+        part = _part(link)
+        if part in LEGS:
+            leg = LEGS.index(part)
+            centre = drawn.bodies[:, model.getJointId(f"{part}_s1"), :3, 3]
+            away = np.linalg.norm(middles[:, v] - centre, axis=1)
+            for k, field in enumerate(fields):
+                fixed = "fixed_rod" in link or "upper" in link
+                rod = slice(field.grid.moving, None) if fixed else slice(0, field.grid.moving)
+                nearest = np.abs(field.exposure.from_upper_joint_m[leg, rod] - away[k]).argmin()
+                values[k, v] = field.leg_elements_degC[leg, rod][nearest]
+        elif part == "platform":
+            values[:, v] = [field.platform_degC for field in fields]
+        elif part == "fixed_platform":
+            values[:, v] = [field.fixed_platform_degC for field in fields]
+        elif part == "ladle":
+            values[:, v] = [field.shell_degC for field in fields]
+    return values
+
+
+def _world_to_base(robot: PouringRobot, bodies: FloatArray) -> FloatArray:
+    """Return the fixed platform's pose in the world, (k, 4, 4), from those of all joints."""
+    mechanism = robot.nominal_solver.mechanism
+    base = mechanism.shared_model.frames[mechanism.frame_id(mechanism.loops.base_frame)]
+    return np.asarray(bodies[:, base.parentJoint] @ base.placement.homogeneous)
 
 
 def _part(link: str) -> str:
@@ -65,8 +150,11 @@ def _part(link: str) -> str:
     )
 
 
-def _middle(item: pin.GeometryObject) -> FloatArray:
-    """Return the middle of a visual in its own frame, shape (3,), in m."""
-    item.geometry.computeLocalAABB()
-    middle: FloatArray = np.asarray(item.geometry.aabb_center) * np.asarray(item.meshScale)
-    return middle
+def _middles(drawn: SceneRobot) -> FloatArray:
+    """Return the middle of every visual in the world, shape (k, visuals, 3), in m."""
+    places = []
+    for item in drawn.visual.geometryObjects:
+        item.geometry.computeLocalAABB()
+        middle = np.array([*(np.asarray(item.geometry.aabb_center) * np.asarray(item.meshScale)), 1.0])
+        places.append((drawn.bodies[:, item.parentJoint] @ item.placement.homogeneous @ middle)[:, :3])
+    return np.stack(places, axis=1)

@@ -10,7 +10,8 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from pouring_robot.viewer.raycast import View
-from pouring_robot.viewer.scene import Colour, Scene, exaggeration_text, labelled_arrows, legend
+from pouring_robot.viewer.scene import Colour, Scene, at_step, exaggeration_text, legend, length_text
+from pouring_robot.viewer.solids import arrow_ends
 
 _INK = (29, 39, 51)
 _SOFT_INK = (81, 96, 111)
@@ -19,18 +20,21 @@ _WHITE = (255, 255, 255)
 
 
 def label_arrows(picture: Image.Image, scene: Scene, view: View) -> None:
-    """Write the label of each arrow beside its tip, rimmed in white to be readable over anything."""
+    """Write its length beside the tip of each arrow that stands alone, rimmed in white to be readable over anything."""
     sheet = ImageDraw.Draw(picture, "RGBA")
     unit = _unit(picture.size)
-    for arrow in labelled_arrows(scene):
-        tail, tip = view.project(np.stack([arrow.start_m, arrow.end_m]))
+    for item in scene.arrows:
+        tails, tips = arrow_ends(scene, item, scene.first)
+        if len(tails) > 1:
+            continue
+        tail, tip = view.project(np.concatenate([tails, tips]))
         right = max(float(tail[0]), float(tip[0]))
-        if arrow.label and np.isfinite(right):
+        if np.isfinite(right):
             sheet.text(
                 (right + 1.3 * unit, float(tip[1])),
-                arrow.label,
+                length_text(at_step(item.vectors_m, scene.first)),
                 font=_font(round(1.1 * unit), True),
-                fill=_bytes(tuple(0.8 * value for value in arrow.colour)),
+                fill=_bytes(tuple(0.8 * value for value in item.colour)),
                 anchor="lm",
                 stroke_width=max(2, unit // 5),
                 stroke_fill=_WHITE,
@@ -46,13 +50,13 @@ class Panel:
 
     def __init__(self, scene: Scene, size: tuple[int, int]) -> None:
         """Measure the words; letters grow with the picture, so that it can be shown at any size."""
-        self._scene, self._unit = scene, _unit(size)
+        self._caption, self._unit = scene.steps[scene.first].caption, _unit(size)
         self._legend, self._scale = legend(scene), exaggeration_text(scene)
         self._title = _font(round(1.1 * self._unit), True)
         self._plain, self._bold = _font(self._unit), _font(self._unit, True)
         self._swatch_width = round(1.9 * self._unit)
-        what = max((self._plain.getlength(row[0]) for row in scene.caption), default=0.0)
-        figure = max((self._plain.getlength(row[1]) for row in scene.caption), default=0.0)
+        what = max((self._plain.getlength(row[0]) for row in self._caption), default=0.0)
+        figure = max((self._plain.getlength(row[1]) for row in self._caption), default=0.0)
         narrow = max(
             0.3 * size[0],
             self._bold.getlength(self._scale),
@@ -69,7 +73,7 @@ class Panel:
         """Draw the box and its words."""
         self._sheet = ImageDraw.Draw(picture, "RGBA")
         unit, pad, line, rule = self._unit, self._pad, round(1.5 * self._unit), round(0.55 * self._unit)
-        caption = self._scene.caption
+        caption = self._caption
         rows = 1 + len(self._lines) + len(self._legend) + len(caption)
         height = 2 * pad + rows * line + rule * (2 if caption else 1)
         self._sheet.rounded_rectangle((unit, unit, self.right, unit + height), radius=pad // 2, fill=(*_WHITE, 219))

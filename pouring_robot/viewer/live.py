@@ -7,10 +7,11 @@ a second port for commands. This one is a thread of the program: it ends with th
 from __future__ import annotations
 
 import asyncio
+import json
 import socket
 import threading
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import tornado.httpserver
 import tornado.netutil
@@ -18,8 +19,7 @@ import tornado.web
 import tornado.websocket
 
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.viewer.commands import clear_command, drawing_commands
-from pouring_robot.viewer.page import overlay, page
+from pouring_robot.viewer.page import page
 from pouring_robot.viewer.scene import Scene
 
 LOOPBACK = "127.0.0.1"
@@ -27,12 +27,23 @@ _PATIENCE_S = 10.0
 """Longest time the server's thread may take to start or to end."""
 
 
-def serve(scene: Scene, port: int = 0) -> LiveView:
+class Bench(Protocol):
+    """What moves a live scene. Its methods are called by the server's thread, one at a time."""
+
+    def sliders(self) -> dict[str, Any]:
+        """Return what the page offers: what it is, its limits, its value, ready for JSON."""
+
+    def answer(self, wanted: dict[str, Any]) -> dict[str, Any]:
+        """Return what the page shows for values its user chose, ready for JSON; a refusal has the key ``refused``."""
+
+
+def serve(scene: Scene, port: int = 0, bench: Bench | None = None) -> LiveView:
     """Show a scene in the browser for as long as the returned view is open.
 
     Args:
         scene: what to show.
         port: TCP port on the loopback address; 0 takes a free one.
+        bench: what its sliders move; None: it has none.
 
     Returns:
         The view; use it in a ``with`` statement. After that nothing listens and no thread is left.
@@ -41,7 +52,7 @@ def serve(scene: Scene, port: int = 0) -> LiveView:
         BadInputError: the port is taken or not allowed, or the server does not start.
         DescriptionError: a visual of a robot cannot be drawn.
     """
-    return LiveView(scene, port)
+    return LiveView(scene, port, bench)
 
 
 class LiveView:
@@ -51,9 +62,9 @@ class LiveView:
         url: address of the page.
     """
 
-    def __init__(self, scene: Scene, port: int = 0) -> None:
+    def __init__(self, scene: Scene, port: int = 0, bench: Bench | None = None) -> None:
         """Start listening; see :func:`serve`."""
-        self._contents = _Contents(scene)
+        self._contents = _Contents(scene, bench)
         self._sockets = _listen_on(port)
         self.url = f"http://{LOOPBACK}:{self._sockets[0].getsockname()[1]}/"
         self._loop = asyncio.new_event_loop()
@@ -78,17 +89,6 @@ class LiveView:
             one.close()
         reason = self._failure or f"its server did not start within {_PATIENCE_S:g} s"
         raise BadInputError(f"cannot show the page at {self.url}: {reason}; try again, or write it with --html")
-
-    def show(self, scene: Scene) -> None:
-        """Replace what every open page shows; the place of the camera is set anew too."""
-        contents = _Contents(scene)
-
-        def swap() -> None:
-            self._contents.take(contents)
-            for client in tuple(self._contents.clients):
-                client.send_all()
-
-        self._loop.call_soon_threadsafe(swap)
 
     def wait(self, timeout_s: float | None = None) -> bool:
         """Block until the view is closed, the time is over (s) or Ctrl-C; return whether it was closed."""
@@ -129,7 +129,7 @@ class LiveView:
         # to point at this machine gets no answer.
         application.add_handlers(
             r"127\.0\.0\.1|localhost",
-            [(r"/(?:static/)?", _Page, options), (r"/commands", _Commands, options)],
+            [(r"/(?:static/)?", _Page, options), (r"/bench", _Words, options)],
         )
         server = tornado.httpserver.HTTPServer(application)
         server.add_sockets(self._sockets)
@@ -157,14 +157,10 @@ def _listen_on(port: int) -> list[socket.socket]:
 class _Contents:
     """What the server hands out, and to whom; touched by the server's thread alone once that runs."""
 
-    def __init__(self, scene: Scene) -> None:
-        self.page = page(scene, live=True)
-        self.overlay = overlay(scene)
-        self.commands = drawing_commands(scene)
-        self.clients: set[_Commands] = set()
-
-    def take(self, other: _Contents) -> None:
-        self.page, self.overlay, self.commands = other.page, other.overlay, other.commands
+    def __init__(self, scene: Scene, bench: Bench | None) -> None:
+        self.page = page(scene, live=True, bench=bench.sliders() if bench else None)
+        self.bench = bench
+        self.clients: set[_Words] = set()
 
 
 class _Page(tornado.web.RequestHandler):
@@ -178,24 +174,19 @@ class _Page(tornado.web.RequestHandler):
         self.write(self.contents.page)
 
 
-class _Commands(tornado.websocket.WebSocketHandler):
-    """The drawing commands; tornado itself refuses pages of other origins."""
+class _Words(tornado.websocket.WebSocketHandler):
+    """What the page asks and hears; tornado itself refuses pages of other origins."""
 
     def initialize(self, contents: _Contents) -> None:
         self.contents = contents
 
     def open(self, *args: Any, **kwargs: Any) -> None:
+        self.set_nodelay(True)
         self.contents.clients.add(self)
-        self.send_all()
-
-    def send_all(self) -> None:
-        self.write_message(clear_command(), binary=True)
-        self.write_message(self.contents.overlay)
-        for command in self.contents.commands:
-            self.write_message(command, binary=True)
 
     def on_message(self, message: str | bytes) -> None:
-        """Pages have nothing to say."""
+        if self.contents.bench is not None:
+            self.write_message(json.dumps(self.contents.bench.answer(json.loads(message)), allow_nan=False))
 
     def on_close(self) -> None:
         self.contents.clients.discard(self)

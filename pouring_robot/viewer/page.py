@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import base64
 import json
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from pouring_robot.io.files import write_whole
 from pouring_robot.report.page import templates
-from pouring_robot.viewer.commands import ROOT, drawing_commands
-from pouring_robot.viewer.scene import Scene, exaggeration_text, labelled_arrows, legend
+from pouring_robot.viewer.packing import page_content, ramp
+from pouring_robot.viewer.scene import Scene, legend
 
 
 def write_html(scene: Scene, path: Path | str) -> Path:
-    """Write a scene as a self-contained meshcat page.
+    """Write a scene as a self-contained meshcat page, with a time bar where it has several steps.
 
-    The viewer's script takes 0.9 MB of it, surfaces and edges the rest: about 3 MB for both robots in all.
+    The viewer's script takes 0.9 MB of it, the robot about 1 MB, and each hundred steps some 0.2 MB.
 
     Args:
         scene: what to show.
@@ -32,39 +32,32 @@ def write_html(scene: Scene, path: Path | str) -> Path:
     return write_whole(path, page(scene))
 
 
-def page(scene: Scene, *, live: bool = False) -> str:
+def page(scene: Scene, *, live: bool = False, bench: dict[str, Any] | None = None) -> str:
     """Return the page of a scene as HTML.
 
     Args:
         scene: what to show.
-        live: True leaves the drawing commands out and lets the page fetch them from where it came from
-            (:func:`pouring_robot.viewer.serve`). The page may reach nothing else in either form: its content
-            policy forbids it.
+        live: whether a program serves it (:func:`pouring_robot.viewer.serve`), whose end the page then tells.
+        bench: what sliders the page has, as :class:`pouring_robot.viewer.live.Bench` says. The page may reach nothing
+            but the program that serves it: its content policy forbids it.
 
     Raises:
         DescriptionError: a visual of a robot cannot be drawn.
     """
-    commands = () if live else drawing_commands(scene)
-    packed = [base64.b64encode(command).decode("ascii") for command in commands]
-    return _filled(
-        "page.html.j2",
-        scene,
-        connect="'self'" if live else "'none'",
-        commands=json.dumps(packed),
-        viewer=_viewer_script(),
-        root=ROOT,
-        live="true" if live else "false",
+    content = page_content(scene) | {"live": live, "bench": bench}
+    return (
+        templates("pouring_robot.viewer")
+        .get_template("page.html.j2")
+        .render(
+            scene=scene,
+            legend=legend(scene),
+            ramp=ramp(scene.scale) if scene.scale else (),
+            bench=bench,
+            connect="'self'" if live else "'none'",
+            content=json.dumps(content, allow_nan=False).replace("<", r"\u003c"),
+            viewer=_viewer_script(),
+        )
     )
-
-
-def overlay(scene: Scene) -> str:
-    """Return the words of a page as an HTML fragment: title, legend with switches, table, scale, labels of arrows."""
-    return _filled("overlay.html.j2", scene)
-
-
-def _filled(template: str, scene: Scene, **more: str) -> str:
-    words = {"legend": legend(scene), "scale": exaggeration_text(scene), "arrows": labelled_arrows(scene)}
-    return templates("pouring_robot.viewer").get_template(template).render(scene=scene, **words, **more)
 
 
 def _viewer_script() -> str:

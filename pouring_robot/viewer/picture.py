@@ -58,8 +58,8 @@ def write_png(scene: Scene, path: Path | str, size: tuple[int, int] = PICTURE_SI
 def draw(scene: Scene, size: tuple[int, int] = PICTURE_SIZE) -> Image.Image:
     """Return the picture of a scene, title, legend and table included.
 
-    Solid bodies are shaded; of each translucent robot the surface nearest to the eye is laid over them, its
-    hidden edges are hinted at; arrows come last.
+    Solid bodies are shaded; of each translucent robot the surface nearest to the eye is laid over them; arrows come
+    last.
 
     Args:
         scene: what to show.
@@ -150,9 +150,7 @@ def _lay_ghost(samples: Floats, layer: Layer, directions: Floats, nearest: Float
     lit = lit_colours(layer.camera, directions, hits, *_daylight_everywhere(hits))
     in_front = hits.mask & (hits.depth < nearest - np.float32(_TOUCHING_M))
     _over(samples, 0.5 * (lit + hits.colour), in_front, layer.bodies[0].opacity)
-    edges = edge_mask(hits)
-    _over(samples, 0.5 * hits.colour, edges & in_front, 0.75)
-    _over(samples, 0.7 * hits.colour, edges & ~in_front, 0.25)
+    _over(samples, 0.5 * hits.colour, edge_mask(hits) & in_front, 0.75)
 
 
 def _shaded(layer: Layer, directions: Floats, hits: Hits) -> Floats:

@@ -1,4 +1,8 @@
-"""What is to be seen, as plain data: robots in a configuration, arrows, frames, words and a camera."""
+"""What is to be seen, as plain data: robots at one or more steps, arrows, words, curves and a camera.
+
+Everything is given as it is. How many times differences are enlarged is one number of the scene, and pages let their
+reader change it.
+"""
 
 from __future__ import annotations
 
@@ -24,96 +28,133 @@ SKY_BOTTOM: Colour = (0.97, 0.98, 0.99)
 BACKGROUND_LINKS = ("world", "truss_bridge", "trolley")
 """The truss that carries the mechanism."""
 
-_ARROWS_NAMED = 3
-"""More arrows than this are not named one by one."""
-
 STEEL: Colour = (0.55, 0.58, 0.62)
 """What the legend shows for a robot in its own colours."""
 
 ARROW_RED: Colour = (0.86, 0.10, 0.10)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SceneRobot:
-    """One robot in one configuration.
+    """One robot, at every step of the scene or, if there is one entry only, in the same place throughout.
 
     Attributes:
         name: what the legend calls it; unique in the scene.
-        model: Pinocchio model whose frames the visuals hang on.
         visual: its visual geometry, from :func:`pouring_robot.viewer.visual_model`.
-        configuration: shape (model.nq,), m and rad, as Pinocchio orders it.
+        bodies: where the bodies stand that the visuals hang on (their ``parentJoint``), shape (k, bodies, 4, 4), m.
+        reference: where the same bodies would stand without error, likewise; the difference is what the scene
+            enlarges. None: nothing is enlarged.
+        colours: of every visual, shape (k, visuals, 3), 0 to 1; None keeps ``tint``.
         opacity: 1 is solid; below 1 the robot is drawn translucent.
         tint: colour of every part; None keeps the colours of the URDF.
         label: a few words for the legend after the name.
+        choice: it is one of several states, of which a page shows one at a time, the first to begin with.
     """
 
     name: str
-    model: pin.Model
     visual: pin.GeometryModel
-    configuration: Vector
+    bodies: Vector
+    reference: Vector | None = None
+    colours: Vector | None = None
     opacity: float = 1.0
     tint: Colour | None = None
     label: str = ""
+    choice: bool = False
 
     def __post_init__(self) -> None:
         """Refuse what cannot be drawn."""
         _check_name(self.name)
-        configuration = np.array(self.configuration, dtype=np.float64)
-        if configuration.shape != (self.model.nq,):
-            raise BadInputError(
-                f"robot '{self.name}': the configuration has shape {configuration.shape}, "
-                f"its model needs ({self.model.nq},)"
-            )
-        if not np.all(np.isfinite(configuration)):
-            raise BadInputError(f"robot '{self.name}': the configuration holds a value that is not finite")
+        least = max((item.parentJoint for item in self.visual.geometryObjects), default=0) + 1
+        for field in ("bodies", "reference"):
+            if (places := getattr(self, field)) is not None:
+                if places.ndim != 4 or places.shape[1] < least or places.shape[2:] != (4, 4):
+                    wanted = f"(k, {least} or more, 4, 4)"
+                    raise BadInputError(f"robot '{self.name}': {field} have the shape {places.shape}, not {wanted}")
+                if not np.all(np.isfinite(places)):
+                    raise BadInputError(f"robot '{self.name}': {field} hold a value that is not finite")
         if not 0.0 < self.opacity <= 1.0:
             raise BadInputError(f"robot '{self.name}': opacity {self.opacity:g} is not in (0, 1]")
-        configuration.setflags(write=False)
-        object.__setattr__(self, "configuration", configuration)
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """The link of every visual; Pinocchio calls a visual by its link and a number."""
+        return tuple(item.name.rpartition("_")[0] for item in self.visual.geometryObjects)
 
 
-@dataclass(frozen=True)
-class SceneArrow:
-    """A solid arrow, drawn in front of everything.
+@dataclass(frozen=True, eq=False)
+class SceneArrows:
+    """Arrows that are drawn in front of everything, at every step or the same throughout; one alone says its length.
 
     Attributes:
         name: unique in the scene.
-        start_m: tail in the world frame, shape (3,), m.
-        end_m: tip in the world frame, shape (3,), m; already exaggerated when the scene is.
+        starts_m: tails in the world, shape (k, arrows, 3), m.
+        vectors_m: true lengths and directions, likewise; they are drawn enlarged.
         colour: red, green, blue, 0 to 1.
-        label: a few words, such as the true length; written beside the tip and in the legend.
+        label: a few words for the legend after the name.
+        shown_with: the state (a robot with ``choice``) that they belong to; "" for all.
     """
 
     name: str
-    start_m: Vector
-    end_m: Vector
+    starts_m: Vector
+    vectors_m: Vector
     colour: Colour = ARROW_RED
     label: str = ""
+    shown_with: str = ""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be drawn."""
         _check_name(self.name)
-        for field in ("start_m", "end_m"):
-            object.__setattr__(self, field, _point(getattr(self, field), f"arrow '{self.name}': {field}"))
+        for field in ("starts_m", "vectors_m"):
+            points = getattr(self, field)
+            if points.ndim != 3 or points.shape[2] != 3 or not np.all(np.isfinite(points)):
+                raise BadInputError(f"arrows '{self.name}': {field} must be finite numbers of the shape (k, arrows, 3)")
 
 
 @dataclass(frozen=True)
-class SceneFrame:
-    """A coordinate frame, drawn as three axes: x red, y green, z blue.
+class Step:
+    """One moment, or one row, of what a scene shows.
 
     Attributes:
-        name: unique in the scene.
-        pose_world_to_frame: where the frame stands in the world, m and rad.
-        axis_length_m: length of each axis, m.
+        label: a few words; "" where there is one step only.
+        caption: rows of a small table, each (what, figure with its unit).
+    """
+
+    label: str = ""
+    caption: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A figure over all steps.
+
+    Attributes:
+        name: what it is.
+        unit: of its values; curves of one unit have one scale.
+        values: shape (k,).
+        colour: red, green, blue, 0 to 1.
     """
 
     name: str
-    pose_world_to_frame: pin.SE3
-    axis_length_m: float = 0.1
+    unit: str
+    values: Vector
+    colour: Colour = ARROW_RED
 
-    def __post_init__(self) -> None:
-        """Refuse what cannot be drawn."""
-        _check_name(self.name)
+
+@dataclass(frozen=True)
+class ColourScale:
+    """What colours mean: matplotlib's map ``turbo`` from one value to another, with their unit."""
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+
+    def colours(self, values: Vector) -> Vector:
+        """Return the colours of values, shape (..., 3), 0 to 1."""
+        from matplotlib import colormaps
+
+        share = (values - self.lower) / max(self.upper - self.lower, 1e-12)
+        return np.asarray(colormaps["turbo"](share), dtype=np.float64)[..., :3]
 
 
 @dataclass(frozen=True)
@@ -149,18 +190,21 @@ class Camera:
         return np.stack([right, np.cross(right, forward), forward])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scene:
-    """Everything a picture shows.
+    """Everything a picture or a page shows.
 
     Attributes:
         title: one line above the picture.
         robots: the robots; names unique.
         arrows: error arrows.
-        frames: coordinate frames.
-        caption: rows of a small table, each (what, figure with its unit).
-        exaggeration: how many times the differences between the robots are drawn larger than they are. The
-            caller has already moved robots and arrows; this is what the picture says about it.
+        steps: what is shown one after the other; a picture shows the step ``first``.
+        at: where the steps lie on their axis, increasing, shape (k,); None numbers them from 1.
+        axis: what that axis is, with its unit; "" where steps follow no order, and a page has a button for each.
+        curves: figures over the steps.
+        scale: what colours mean.
+        first: the step that is shown first.
+        exaggeration: how many times the differences between the robots are drawn larger than they are.
         camera: None looks at the mechanism (:func:`pouring_robot.viewer.camera_on`).
         background_links: links far larger than the mechanism. They are drawn pale, and the camera does not
             try to show them whole.
@@ -168,24 +212,43 @@ class Scene:
 
     title: str
     robots: tuple[SceneRobot, ...]
-    arrows: tuple[SceneArrow, ...] = ()
-    frames: tuple[SceneFrame, ...] = ()
-    caption: tuple[tuple[str, str], ...] = ()
+    arrows: tuple[SceneArrows, ...] = ()
+    steps: tuple[Step, ...] = (Step(),)
+    at: Vector | None = None
+    axis: str = ""
+    curves: tuple[Curve, ...] = ()
+    scale: ColourScale | None = None
+    first: int = 0
     exaggeration: float = 1.0
     camera: Camera | None = None
     background_links: tuple[str, ...] = BACKGROUND_LINKS
 
     def __post_init__(self) -> None:
-        """Refuse an empty scene, a name used twice and a meaningless factor."""
+        """Refuse an empty scene, a name used twice, a wrong number of steps and a meaningless factor."""
         if not self.robots:
             raise BadInputError("the scene has no robot to draw")
-        items: tuple[SceneRobot | SceneArrow | SceneFrame, ...] = (*self.robots, *self.arrows, *self.frames)
-        names = [item.name for item in items]
+        names = [*(robot.name for robot in self.robots), *(item.name for item in self.arrows)]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise BadInputError(f"the scene uses the name '{twice[0]}' twice; rename one")
         if not (np.isfinite(self.exaggeration) and self.exaggeration > 0.0):
             raise BadInputError(f"exaggeration {self.exaggeration:g} must be a number above 0")
+        over_steps = [
+            *((r.name, field) for r in self.robots for field in (r.bodies, r.reference, r.colours)),
+            *((a.name, field) for a in self.arrows for field in (a.starts_m, a.vectors_m)),
+            *((curve.name, curve.values) for curve in self.curves),
+            ("at", self.at),
+        ]
+        for name, values in over_steps:
+            if values is not None and len(values) not in (1, len(self.steps)):
+                raise BadInputError(f"'{name}' has {len(values)} entries, the scene {len(self.steps)} steps")
+        if not 0 <= self.first < len(self.steps):
+            raise BadInputError(f"the scene has no step {self.first}")
+
+
+def at_step(values: Vector, step: int) -> Vector:
+    """Return the entry of one step; there may be one for all."""
+    return np.asarray(values[step if len(values) > 1 else 0])
 
 
 def exaggeration_text(scene: Scene) -> str:
@@ -200,40 +263,35 @@ class LegendEntry:
     """One line of the legend.
 
     Attributes:
+        name: the robot or the arrows it stands for.
         words: what it says.
         colour: colour of the sign before the words.
         opacity: opacity of that sign.
         is_arrow: whether the sign is an arrow.
-        names: robots or arrows of the scene that the line stands for.
+        choice: it is one of several, of which one is seen at a time.
     """
 
+    name: str
     words: str
     colour: Colour
     opacity: float
-    is_arrow: bool
-    names: tuple[str, ...]
+    is_arrow: bool = False
+    choice: bool = False
 
 
 def legend(scene: Scene) -> tuple[LegendEntry, ...]:
-    """Return a line for each robot and each arrow; more than a few arrows share one."""
-    robots = tuple(
-        LegendEntry(_words(robot), robot.tint or STEEL, robot.opacity, False, (robot.name,)) for robot in scene.robots
-    )
-    arrows = scene.arrows
-    if len(arrows) > _ARROWS_NAMED:
-        names = tuple(arrow.name for arrow in arrows)
-        return (*robots, LegendEntry(f"errors at {len(arrows)} places", arrows[0].colour, 1.0, True, names))
-    return robots + tuple(LegendEntry(_words(arrow), arrow.colour, 1.0, True, (arrow.name,)) for arrow in arrows)
+    """Return a line for each robot and for arrows of each kind; what belongs to a state has no line of its own."""
+    robots = [LegendEntry(r.name, _words(r), r.tint or STEEL, r.opacity, choice=r.choice) for r in scene.robots]
+    arrows = [LegendEntry(a.name, _words(a), a.colour, 1.0, is_arrow=True) for a in scene.arrows if not a.shown_with]
+    return (*robots, *arrows)
 
 
-def labelled_arrows(scene: Scene) -> tuple[SceneArrow, ...]:
-    """Return the arrows with a label at their tip: all of a few, the longest of many."""
-    if len(scene.arrows) <= _ARROWS_NAMED:
-        return scene.arrows
-    return (max(scene.arrows, key=lambda arrow: float(np.linalg.norm(arrow.end_m - arrow.start_m))),)
+def length_text(vector_m: Vector) -> str:
+    """Return the length of an arrow in mm."""
+    return f"{float(np.linalg.norm(vector_m)) * 1e3:.2f} mm"
 
 
-def _words(item: SceneRobot | SceneArrow) -> str:
+def _words(item: SceneRobot | SceneArrows) -> str:
     return f"{item.name}: {item.label}" if item.label else item.name
 
 

@@ -1,23 +1,32 @@
-"""A scene as a flat list of coloured solids in the world: the one list that every output draws."""
+"""One step of a scene as a flat list of coloured solids in the world: what a picture draws, and a camera looks at."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 import trimesh
 
-from pouring_robot.viewer.scene import SKY_TOP, Camera, Colour, Scene, SceneArrow, SceneFrame, SceneRobot, Vector
+from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors
+from pouring_robot.viewer.scene import (
+    SKY_TOP,
+    Camera,
+    Colour,
+    Scene,
+    SceneArrows,
+    SceneRobot,
+    Vector,
+    at_step,
+)
 from pouring_robot.viewer.shapes import Shape, cylinder, shape_of, smooth
 
-SHARED = "shared"
-"""Group of the bodies that stand in the same place in a solid and in a translucent robot: drawn once."""
 _DIRECTION = (0.60, -1.0, 0.50)
 """From the mechanism towards the camera by default: between the rails, the pouring lip to the right."""
 _HAZE = 0.45
 """Share of the sky's colour in what stands in the background."""
+_LOOKED_AT = 5
+"""Steps of which a camera takes account."""
 _SAME_PLACE = 1e-4
 """Two placements closer than this (m, and rad as matrix entries) cannot be told apart in a picture."""
 
@@ -27,9 +36,9 @@ class Solid:
     """One body of a picture.
 
     Attributes:
-        group: the robot, arrow or frame it belongs to, or :data:`SHARED`.
+        group: the robot or the arrows it belongs to.
         name: unique within the group.
-        link: the link it hangs on; empty for arrows and frames.
+        link: the link it hangs on; empty for arrows.
         shape: its triangles in its own frame, m.
         pose_world_to_solid: homogeneous matrix, shape (4, 4), m.
         colour: red, green, blue, 0 to 1.
@@ -56,19 +65,35 @@ class Solid:
         return self.shape.normals @ self.pose_world_to_solid[:3, :3].T
 
 
-def solids(scene: Scene) -> tuple[Solid, ...]:
-    """Return every solid of a scene: robots in their order, then frames, then arrows.
+def enlarged(bodies: Vector, reference: Vector, factor: float) -> Vector:
+    """Return poses that stand ``factor`` times as far from a reference as they do, shape (..., 4, 4).
+
+    Shift and rotation vector are each multiplied, body by body, in the axes of the world.
+    """
+    turn = bodies[..., :3, :3] @ np.swapaxes(reference[..., :3, :3], -1, -2)
+    moved = reference.copy()
+    moved[..., :3, :3] = rotation_matrices(factor * rotation_vectors(turn)) @ reference[..., :3, :3]
+    moved[..., :3, 3] += factor * (bodies - reference)[..., :3, 3]
+    return moved
+
+
+def solids(scene: Scene, step: int | None = None) -> tuple[Solid, ...]:
+    """Return every solid of one step: robots in their order, then arrows; of several states only the first.
+
+    Args:
+        scene: what to show.
+        step: which; None takes the first to be shown.
 
     Raises:
         DescriptionError: a visual of a robot cannot be drawn.
     """
-    camera = scene.camera or camera_on(scene)
-    bodies = [_hazy(body, scene) for robot in scene.robots for body in _robot_solids(robot)]
-    thickness = 0.005 * view_height(camera)
-    for frame in scene.frames:
-        bodies.extend(_frame_solids(frame, thickness))
-    shared = _draw_once(bodies)
-    return (*shared, *(body for arrow in scene.arrows for body in _arrow_solids(arrow, thickness)))
+    step = scene.first if step is None else step
+    thickness = 0.005 * view_height(scene.camera or camera_on(scene))
+    choices = [robot.name for robot in scene.robots if robot.choice]
+    robots = [robot for robot in scene.robots if robot.name not in choices[1:]]
+    bodies = [body for robot in robots for body in robot_solids(scene, robot, step)]
+    arrows = [item for item in scene.arrows if item.shown_with in ("", *choices[:1])]
+    return (*_draw_once(bodies), *(s for item in arrows for s in _arrow_solids(scene, item, step, thickness)))
 
 
 def camera_on(scene: Scene, direction: Sequence[float] = _DIRECTION, vertical_view_deg: float = 30.0) -> Camera:
@@ -82,9 +107,10 @@ def camera_on(scene: Scene, direction: Sequence[float] = _DIRECTION, vertical_vi
     Raises:
         DescriptionError: a visual of a robot cannot be drawn.
     """
-    bodies = [body for robot in scene.robots for body in _robot_solids(robot)]
+    steps = sorted({*np.linspace(0, len(scene.steps) - 1, _LOOKED_AT).astype(int).tolist(), scene.first})
+    bodies = [body for step in steps for robot in scene.robots for body in robot_solids(scene, robot, step)]
     chosen = [body for body in bodies if body.link not in scene.background_links] or bodies
-    ends = [np.stack([arrow.start_m, arrow.end_m]) for arrow in scene.arrows]
+    ends = [end for item in scene.arrows for step in steps for end in arrow_ends(scene, item, step)]
     points = np.concatenate([np.zeros((0, 3)), *ends, *(body.vertices_in_world() for body in chosen)])
     if not len(points):
         return Camera(3.0 * np.asarray(direction), np.zeros(3), vertical_view_deg)
@@ -110,52 +136,40 @@ def view_height(camera: Camera) -> float:
     return 2.0 * distance * float(np.tan(np.radians(camera.vertical_view_deg) / 2.0))
 
 
-def _hazy(body: Solid, scene: Scene) -> Solid:
-    """Return the body paler when it stands in the background."""
-    if body.link not in scene.background_links:
-        return body
-    red, green, blue = ((1.0 - _HAZE) * own + _HAZE * sky for own, sky in zip(body.colour, SKY_TOP, strict=True))
-    return replace(body, colour=(red, green, blue))
-
-
-def _robot_solids(robot: SceneRobot) -> list[Solid]:
-    """Place every visual of a robot by forward kinematics."""
-    data, placed = robot.model.createData(), robot.visual.createData()
-    pin.forwardKinematics(robot.model, data, np.array(robot.configuration))
-    pin.updateGeometryPlacements(robot.model, data, robot.visual, placed)
+def robot_solids(scene: Scene, robot: SceneRobot, step: int) -> list[Solid]:
+    """Return every visual of a robot at a step, enlarged as the scene wants it; paler what stands in the background."""
+    places = at_step(robot.bodies, step)
+    if robot.reference is not None:
+        places = enlarged(places, at_step(robot.reference, step), scene.exaggeration)
     return [
         Solid(
             group=robot.name,
             name=item.name,
-            link=robot.model.frames[item.parentFrame].name,
+            link=link,
             shape=shape_of(item),
-            pose_world_to_solid=np.array(pose.homogeneous),
-            colour=robot.tint or _urdf_colour(item),
+            pose_world_to_solid=places[item.parentJoint] @ item.placement.homogeneous,
+            colour=(red, green, blue),
             opacity=robot.opacity,
         )
-        for item, pose in zip(robot.visual.geometryObjects, placed.oMg, strict=True)
+        for item, link, (red, green, blue) in zip(
+            robot.visual.geometryObjects, robot.links, colours_at(scene, robot, step).tolist(), strict=True
+        )
     ]
 
 
-def _urdf_colour(item: pin.GeometryObject) -> Colour:
-    red, green, blue = (float(value) for value in item.meshColor[:3])
-    return red, green, blue
+def colours_at(scene: Scene, robot: SceneRobot, step: int) -> Vector:
+    """Return the colours of a robot's visuals at a step, shape (visuals, 3), 0 to 1."""
+    own = np.array([robot.tint or item.meshColor[:3] for item in robot.visual.geometryObjects]).reshape(-1, 3)
+    colours = own if robot.colours is None else at_step(robot.colours, step).copy()
+    hazy = np.isin(robot.links, scene.background_links)
+    colours[hazy] = (1.0 - _HAZE) * colours[hazy] + _HAZE * np.array(SKY_TOP)
+    return colours
 
 
 def _draw_once(bodies: list[Solid]) -> list[Solid]:
-    """Drop translucent bodies that stand exactly where the solid robot has the same one.
-
-    Two surfaces in one place would flicker in a browser, and the part of the machine that no error moves
-    belongs to both robots alike: it goes into a group of its own and stays when either robot is hidden.
-    """
-    solid = {body.name: number for number, body in enumerate(bodies) if body.opacity == 1.0 and body.link}
-    kept: list[Solid | None] = list(bodies)
-    for number, body in enumerate(bodies):
-        twin = solid.get(body.name) if body.opacity < 1.0 else None
-        if twin is not None and _coincide(body, bodies[twin]):
-            kept[number] = None
-            kept[twin] = replace(bodies[twin], group=SHARED)
-    return [body for body in kept if body is not None]
+    """Drop translucent bodies that stand exactly where a solid robot has the same one: no gap looks like no gap."""
+    solid = {body.name: body for body in bodies if body.opacity == 1.0}
+    return [b for b in bodies if b.opacity == 1.0 or b.name not in solid or not _coincide(b, solid[b.name])]
 
 
 def _coincide(one: Solid, other: Solid) -> bool:
@@ -163,44 +177,36 @@ def _coincide(one: Solid, other: Solid) -> bool:
     return same_shape and np.allclose(one.pose_world_to_solid, other.pose_world_to_solid, rtol=0.0, atol=_SAME_PLACE)
 
 
-def _frame_solids(frame: SceneFrame, thickness_m: float) -> list[Solid]:
-    """Three rods along the axes of a frame."""
-    pose = frame.pose_world_to_frame
-    axes = zip("xyz", np.eye(3), ((0.85, 0.15, 0.15), (0.15, 0.62, 0.2), (0.15, 0.3, 0.85)), strict=True)
-    return [
-        Solid(
-            group=frame.name,
-            name=axis,
-            link="",
-            shape=cylinder(0.5 * thickness_m, frame.axis_length_m),
-            pose_world_to_solid=_along_z(
-                pose.translation, pose.translation + frame.axis_length_m * (pose.rotation @ direction)
-            ),
-            colour=colour,
-        )
-        for axis, direction, colour in axes
-    ]
+def arrow_ends(scene: Scene, item: SceneArrows, step: int) -> tuple[Vector, Vector]:
+    """Return tails and tips of arrows as they are drawn, shape (arrows, 3) each, m."""
+    tails = at_step(item.starts_m, step)
+    return tails, tails + scene.exaggeration * at_step(item.vectors_m, step)
 
 
-def _arrow_solids(arrow: SceneArrow, thickness_m: float) -> list[Solid]:
-    """A shaft and a head; an arrow shorter than its head is all head, one of no length is a ball."""
-    length = float(np.linalg.norm(arrow.end_m - arrow.start_m))
+def _arrow_solids(scene: Scene, item: SceneArrows, step: int, thickness_m: float) -> list[Solid]:
+    """A shaft and a head each; an arrow shorter than its head is all head, one of no length is a ball."""
+    made = []
+    tails, tips = arrow_ends(scene, item, step)
+    slim = thickness_m if len(tails) == 1 else 0.4 * thickness_m
+    for number, (start, end) in enumerate(zip(tails, tips, strict=True)):
+        for part, shape, pose in _arrow_parts(start, end, slim):
+            made.append(Solid(item.name, f"{part} {number}", "", shape, pose, item.colour, on_top=True))
+    return made
 
-    def solid(name: str, shape: Shape, pose: Vector) -> Solid:
-        return Solid(arrow.name, name, "", shape, pose, arrow.colour, on_top=True)
 
+def _arrow_parts(start: Vector, end: Vector, thickness_m: float) -> list[tuple[str, Shape, Vector]]:
+    length = float(np.linalg.norm(end - start))
     if length < 0.5 * thickness_m:
-        ball = smooth(trimesh.creation.icosphere(subdivisions=2, radius=1.2 * thickness_m))
         pose = np.eye(4)
-        pose[:3, 3] = arrow.end_m
-        return [solid("ball", ball, pose)]
+        pose[:3, 3] = end
+        return [("ball", smooth(trimesh.creation.icosphere(subdivisions=2, radius=1.2 * thickness_m)), pose)]
     head = min(7.0 * thickness_m, 0.75 * length)
-    neck = arrow.end_m - (arrow.end_m - arrow.start_m) * (head / length)
+    neck = end - (end - start) * (head / length)
     cone = smooth(trimesh.creation.cone(radius=head / 2.6, height=head, sections=32))
-    pose_head = _along_z(neck, arrow.end_m)
+    pose_head = _along_z(neck, end)
     pose_head[:3, 3] = neck  # a cone stands on its frame, a cylinder is centred on it
     shaft = cylinder(min(thickness_m, head / 7.0), length - head)
-    return [solid("shaft", shaft, _along_z(arrow.start_m, neck)), solid("head", cone, pose_head)]
+    return [("shaft", shaft, _along_z(start, neck)), ("head", cone, pose_head)]
 
 
 def _along_z(start: Vector, end: Vector) -> Vector:

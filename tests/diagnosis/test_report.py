@@ -16,9 +16,8 @@ from pouring_robot.diagnosis.gap import Gap, in_base
 from pouring_robot.diagnosis.report.export import described, write_diagnosis
 from pouring_robot.diagnosis.report.page import html_report
 from pouring_robot.diagnosis.report.plots import evidence_steps, plots, rival_margins
-from pouring_robot.diagnosis.report.scene import ladle_scene, seen_rows
+from pouring_robot.diagnosis.report.scene import campaign_scene, ladle_scene, seen_states
 from pouring_robot.exceptions import OutputError
-from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.viewer import solids
 from tests.diagnosis.hidden import HOT, STEP_M, campaign, stepped
@@ -91,28 +90,55 @@ def test_no_rival_is_better_than_the_cause(hot):
     assert min(margins.values()) > 5.0
 
 
-def test_measured_ladles_lie_at_the_model_and_off_the_drawing(hot):
-    lip = hot.model.nominal_mechanism().T_end_tool
-    rows = seen_rows(hot)
-    assert len({item.row for item in rows}) == len(rows) == 3
-    sigma = hot.noise.position_m
-    off = [item.off(item.measured, lip).distance_m for item in rows]
-    left = [PoseDifference.between(item.model * lip, item.measured * lip).distance_m for item in rows]
-    assert max(left) < 8.0 * sigma
-    assert off[0] == max(off) > 3.0 * max(left)
+def test_each_state_leaves_the_gap_that_the_report_tells(hot):
+    drawing, amended = seen_states(hot)
+    assert (drawing.name, amended.name) == ("drawing", "amended model")
+    # The target's origin, through the frames of each state: whitened residuals, told twice.
+    for state, seen in ((drawing, hot.before), (amended, hot.after)):
+        target = seen.frames.T_end_target.homogeneous
+        gap = ((state.measured - state.model) @ target)[:, :3, 3] @ seen.frames.T_tracker_base.rotation.T
+        residual = np.full((len(gap), 6), np.nan)
+        residual[seen.every_row.row, seen.every_row.component] = seen.every_row.residual * seen.every_row.tracker
+        np.testing.assert_allclose(gap, residual[:, :3], atol=1e-6)
 
 
-def test_the_scene_draws_each_ladle_where_it_is_enlarged_to(hot):
-    scene = ladle_scene(hot)
-    assert [robot.name for robot in scene.robots] == ["measured", "model", "nominal", "legs"]
-    rows, lip = seen_rows(hot), hot.model.nominal_mechanism().T_end_tool
-    for arrow, item in zip(scene.arrows, rows, strict=True):
-        length = np.linalg.norm(arrow.end_m - arrow.start_m)
-        # The lip turns with the enlarged rotation, which is not quite linear.
-        assert length == pytest.approx(scene.exaggeration * item.off(item.measured, lip).distance_m, rel=0.1)
-    bodies = solids(scene)
-    assert len([b for b in bodies if b.group == "measured"]) % len(rows) == 0
-    assert not [b for b in bodies if b.link == "truss_bridge"]
+def test_the_gap_is_drawn_from_where_the_ladle_was_measured(hot):
+    scene, (drawing, amended) = ladle_scene(hot), seen_states(hot)
+    assert [robot.name for robot in scene.robots] == ["measured", "drawing", "amended model", "robot"]
+    assert [robot.choice for robot in scene.robots] == [False, True, True, False]
+    lip = hot.model.nominal_mechanism().T_end_tool.homogeneous
+    sizes = {state.name: np.linalg.norm(state.gaps_m(lip), axis=1) for state in (drawing, amended)}
+    samples = hot.rows.campaign.samples
+    rows = [samples.index(step.label.rpartition("sample ")[2]) for step in scene.steps]
+    assert [step.label.partition(":")[0] for step in scene.steps] == ["worst", "median", "best"]
+    assert sizes["drawing"][rows[0]] == sizes["drawing"].max()
+    assert sizes["drawing"][rows[2]] == sizes["drawing"].min()
+    assert sizes["amended model"].max() < 0.5 * sizes["drawing"].max()
+    one = {arrows.shown_with: arrows for arrows in scene.arrows if arrows.starts_m.shape[1] == 1}
+    every = {arrows.shown_with: arrows for arrows in scene.arrows if arrows.starts_m.shape[1] > 1}
+    measured = scene.robots[0].bodies[:, 0]
+    for robot in scene.robots[1:3]:
+        np.testing.assert_allclose(robot.reference[:, 0], measured)
+        lengths = np.linalg.norm(one[robot.name].vectors_m[:, 0], axis=1)
+        np.testing.assert_allclose(lengths, sizes[robot.name][rows], rtol=1e-9)
+        np.testing.assert_allclose(one[robot.name].starts_m[:, 0], (measured @ lip)[:, :3, 3], atol=1e-12)
+        # From the measured lip to the lip of the state: the same gap, drawn as a body.
+        drawn = ((robot.bodies[:, 0] - measured) @ lip)[:, :3, 3]
+        np.testing.assert_allclose(drawn, one[robot.name].vectors_m[:, 0], atol=2e-6)
+    assert np.median(np.linalg.norm(every["amended model"].vectors_m, axis=-1)) < 0.2 * np.median(
+        np.linalg.norm(every["drawing"].vectors_m, axis=-1)
+    )
+    assert not [body for body in solids(scene) if body.link == "truss_bridge"]
+
+
+def test_a_model_given_is_a_state_of_its_own(hot):
+    scene = campaign_scene(hot.campaign, hot.amended)
+    assert [robot.name for robot in scene.robots] == ["measured", "drawing", "model given", "robot"]
+    assert len(scene.steps) == len(hot.rows.campaign)
+    drawing, given = (curve.values for curve in scene.curves)
+    assert np.median(given) < 0.2 * np.median(drawing)
+    sigma = 1e3 * hot.noise.position_m
+    assert np.sqrt(np.mean(given**2)) < 3.0 * np.sqrt(3.0) * sigma
 
 
 def test_turning_residuals_into_the_fixed_platform_keeps_their_length():

@@ -12,7 +12,9 @@ from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.thermal.expansion.displacement import DisplacementField
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
-from pouring_robot.thermal.scene import displacement_scene
+from pouring_robot.thermal.network.history import HeatHistory, PoseSchedule
+from pouring_robot.thermal.report import ShiftHeat, heated_drawing
+from pouring_robot.thermal.scene import displacement_scene, shift_scene
 
 POSE = PlatformPose.from_mm_deg(-100.0, 20.0, -600.0, 10.0)
 PARTS = ("fixed_platform", *LEGS, "platform", "ladle")
@@ -86,11 +88,37 @@ def test_colours_follow_the_field(drawing, state):
     field = DisplacementField.of(state)
     scene = displacement_scene(drawing, field, "heat", drawing.kinematics.configuration(POSE))
     (robot,) = scene.robots
-    colours = {item.name: item.meshColor for item in robot.visual.geometryObjects}
+    colours = {item.name: colour for item, colour in zip(robot.visual.geometryObjects, robot.colours[0], strict=True)}
     ladle = next(colour for name, colour in colours.items() if name.startswith("ladle_"))
     fixed = next(colour for name, colour in colours.items() if name.startswith("fixed_platform_"))
     assert ladle[0] > fixed[0]  # redder
-    assert dict(scene.caption)["ladle"].startswith("mean ")
+    assert dict(scene.steps[0].caption)["ladle"].startswith("mean ")
+
+
+def test_a_shift_plays_in_the_colours_of_its_temperatures(drawing):
+    heated = heated_drawing(drawing, HeatSection())
+    history = HeatHistory.constant(1700.0, 20.0, 3600.0)
+    times = np.array([0.0, 1800.0, 3600.0])
+    shift = ShiftHeat.of(heated.robot, heated.network, history, PoseSchedule.of(POSE, 0.0), times)
+    scene = shift_scene(drawing, shift, "a shift")
+    (robot,), (arrow,) = scene.robots, scene.arrows
+    names = [item.name for item in robot.visual.geometryObjects]
+    assert scene.scale is not None
+    for step, field in enumerate(shift.fields):
+        colours = dict(zip(names, robot.colours[step], strict=True))
+        for link, value in (("moving_platform_0", field.platform_degC), ("ladle_0", field.shell_degC)):
+            np.testing.assert_allclose(colours[link], scene.scale.colours(np.array(value)))
+        lip = shift.moved["ladle_lip"][step]
+        assert np.linalg.norm(arrow.vectors_m[step, 0]) == pytest.approx(lip.distance_m)
+        body = robot.visual.geometryObjects[names.index("ladle_0")].parentJoint
+        nominal, warm = robot.reference[step, body], robot.bodies[step, body]
+        at_lip = np.linalg.inv(nominal) @ np.append(arrow.starts_m[step, 0], 1.0)
+        # The ladle's own growth, of less than a tenth of a millimetre, moves its lip but not its body.
+        np.testing.assert_allclose(((warm - nominal) @ at_lip)[:3], arrow.vectors_m[step, 0], atol=1e-4)
+    hottest = max(field.leg_elements_degC.max() for field in shift.fields)
+    assert 0.8 * hottest < scene.scale.upper <= hottest
+    assert [curve.unit for curve in scene.curves] == ["mm", *["°C"] * 4]
+    assert scene.at.tolist() == [0.0, 30.0, 60.0]
 
 
 def test_the_command(capsys, tmp_path):
@@ -101,4 +129,5 @@ def test_the_command(capsys, tmp_path):
     assert set(parts) == {*PARTS, "truss"} and page.stat().st_size > 1e5
     assert main([*at, "--under", "weight", "--payload-kg", "0"]) == 0
     assert "moved under weight: mm" in capsys.readouterr().out
-    assert main([*at, "--html", str(page), "--overwrite"]) == 2 and "belong to --under" in capsys.readouterr().err
+    refused = main([*at, "--html", str(page), "--overwrite"])
+    assert refused == 2 and "give --history, or --under heat" in capsys.readouterr().err

@@ -1,10 +1,13 @@
 """A small robot with every kind of visual, and a scene with it; used by the tests of the drawing part."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import trimesh
 
-from pouring_robot.viewer import GHOST_TINT, Scene, SceneArrow, SceneFrame, SceneRobot, visual_model
+from pouring_robot.mechanism.poses import bodies_at
+from pouring_robot.viewer import GHOST_TINT, Curve, Scene, SceneArrows, SceneRobot, Step, visual_model
 
 URDF = """<robot name="small">
   <link name="world"/>
@@ -34,15 +37,37 @@ def small_scene(folder, **changes):
     nominal, actual = pin.neutral(model), pin.neutral(model)
     actual[0] = 0.2
     actual[1:4] = (0.01, 0.1, -0.05)
+    places, reference = bodies_at(model, [actual]), bodies_at(model, [nominal])
+    tail, vector = np.array([1.0, 2.0, -0.4]), np.array([0.005, 0.005, 0.0])
     settings = {
         "title": "Where is <the> cup?",
         "robots": (
-            SceneRobot("nominal", model, visual, nominal, opacity=0.35, tint=GHOST_TINT),
-            SceneRobot("actual", model, visual, actual, label="closed & checked"),
+            SceneRobot("actual", visual, places, label="closed & checked"),
+            SceneRobot("nominal", visual, reference, opacity=0.35, tint=GHOST_TINT),
         ),
-        "arrows": (SceneArrow("error", np.array([1.0, 2.0, -0.4]), np.array([1.1, 2.1, -0.4]), label="7.1 mm"),),
-        "frames": (SceneFrame("lip", pin.SE3(np.eye(3), np.array([1.0, 2.0, -0.4])), 0.1),),
-        "caption": (("gap", "7.1 mm"),),
+        "arrows": (SceneArrows("error", tail[None, None], vector[None, None], label="of the cup"),),
+        "steps": (Step("", (("gap", "7.1 mm"),)),),
         "exaggeration": 20.0,
     }
     return Scene(**(settings | changes))
+
+
+def film(folder, count=4, **changes):
+    """Return the small robot moving its cup over some steps, its actual self off by a little more at each."""
+    still = small_scene(folder)
+    actual, nominal = still.robots
+    reference = np.repeat(nominal.bodies, count, axis=0)
+    reference[:, 2, 0, 3] += 0.1 * np.arange(count)
+    places = reference.copy()
+    places[:, 2, :3, 3] += 1e-3 * np.arange(count)[:, None] * np.array([0.0, 1.0, 1.0])
+    places[:, 2, :3, :3] = places[:, 2, :3, :3] @ pin.utils.rotate("x", 2e-3)
+    vectors = (places - reference)[:, 2, None, :3, 3]
+    settings = {
+        "robots": (replace(actual, bodies=places, reference=reference), replace(nominal, bodies=reference)),
+        "arrows": (SceneArrows("error", reference[:, 2, None, :3, 3], vectors),),
+        "steps": tuple(Step(f"step {k}", (("number", str(k)),)) for k in range(count)),
+        "at": np.arange(count) ** 2.0,
+        "axis": "time, s",
+        "curves": (Curve("error", "mm", 1e3 * np.linalg.norm(vectors[:, 0], axis=1)),),
+    }
+    return replace(still, **(settings | changes))

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from pouring_robot.exceptions import BadInputError, OutputError
-from pouring_robot.viewer import Camera, SceneArrow, camera_on, draw, solids, write_png
+from pouring_robot.viewer import Camera, SceneArrows, Step, camera_on, draw, solids, write_png
 from pouring_robot.viewer.raycast import Layer, View
 from tests.viewer.scenes import small_scene
 
@@ -33,14 +33,13 @@ def test_png_has_its_size_and_is_the_same_every_time(tmp_path):
 
 def test_each_part_of_the_scene_changes_the_picture(tmp_path):
     scene = small_scene(tmp_path)
-    nominal, actual = scene.robots
+    actual, nominal = scene.robots
     full = _pixels(scene)
     for less in (
         replace(scene, robots=(nominal,)),
         replace(scene, robots=(actual,)),
         replace(scene, arrows=()),
-        replace(scene, frames=()),
-        replace(scene, caption=()),
+        replace(scene, steps=(Step(),)),
         replace(scene, exaggeration=1.0),
     ):
         # The camera must not move with what is left out.
@@ -51,15 +50,15 @@ def test_the_arrow_lies_over_what_hides_it(tmp_path):
     scene = small_scene(tmp_path)
     middle = np.array([1.0, 2.0, 0.05])  # inside the arm
     camera = Camera(middle + np.array([0.2, -2.0, 0.3]), middle)
-    inside = SceneArrow("error", middle - np.array([0.02, 0, 0]), middle + np.array([0.02, 0, 0]))
-    pixels = _pixels(replace(scene, robots=(scene.robots[0],), arrows=(inside,), camera=camera, caption=()))
+    inside = SceneArrows("error", (middle - np.array([0.02, 0, 0]))[None, None], np.array([[[0.002, 0.0, 0.0]]]))
+    pixels = _pixels(replace(scene, robots=(scene.robots[1],), arrows=(inside,), camera=camera, steps=(Step(),)))
     red = (pixels[..., 0] > 140) & (pixels[..., 1] < 90) & (pixels[..., 2] < 90)
     assert red[:, SIZE[0] // 2 :].sum() > 10
 
 
 def test_translucent_bodies_let_the_background_through(tmp_path):
-    scene = small_scene(tmp_path, arrows=(), frames=(), caption=())
-    nominal = scene.robots[0]
+    scene = small_scene(tmp_path, arrows=(), steps=(Step(),))
+    nominal = scene.robots[1]
     camera = camera_on(scene)
     empty = _pixels(replace(scene, robots=(replace(nominal, opacity=0.02),), camera=camera))
     faint = _pixels(replace(scene, robots=(replace(nominal, opacity=0.3),), camera=camera))

@@ -1,7 +1,8 @@
-"""Nominal, modelled and measured ladles of a few rows in one scene, differences enlarged.
+"""Measured against drawn and modelled ladles: one ladle in one place, and the states that can be held against it.
 
-A measured pose is taken through the two frames of the amended model into the fixed platform. The rows stand side
-by side, though all were measured in one place; the legs are drawn for the first only.
+Each state is a robot with its own two outer frames, fitted to the campaign: the drawing, the model given, the amended
+model. What it leaves unexplained is drawn, enlarged, from where the ladle was measured; where nothing is left, the two
+are one.
 """
 
 from __future__ import annotations
@@ -12,187 +13,236 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
+from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.conclusions import Conclusions
-from pouring_robot.diagnosis.rows import CampaignRows
+from pouring_robot.diagnosis.rows import CampaignRows, RowChanges
 from pouring_robot.estimation.frames import OuterFrames
+from pouring_robot.estimation.noise import stated_noise
+from pouring_robot.estimation.solver import seen_from_one_place
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM, PoseDifference
-from pouring_robot.robot.robot import PouringRobot
-from pouring_robot.robot.scene import VIEW_DIRECTION, drawn_robot, enlarged_pose, exaggeration_for
-from pouring_robot.viewer import GHOST_TINT, Scene, SceneArrow, SceneRobot, camera_on
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.poses import MM, bodies_at
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.robot import robot_of
+from pouring_robot.robot.scene import VIEW_DIRECTION, drawn_robot, exaggeration_for
+from pouring_robot.viewer import GHOST_TINT, Curve, Scene, SceneArrows, SceneRobot, Step, camera_on
 from pouring_robot.viewer.scene import BACKGROUND_LINKS, Colour
 
-_SHOWN, _APART_M = 3, 1.4
-# To the right for who looks along the scene's view direction.
-_ASIDE = np.array([-VIEW_DIRECTION[1], VIEW_DIRECTION[0], 0.0]) / np.hypot(*VIEW_DIRECTION[:2])
-_MODEL_TINT, _MEASURED_TINT = (0.0, 0.45, 0.70), (0.84, 0.37, 0.0)
+_MEASURED_TINT: Colour = (0.84, 0.37, 0.0)
+_STATE_TINTS: dict[str, Colour] = {
+    "drawing": (0.45, 0.45, 0.50),
+    "model given": (0.55, 0.35, 0.75),
+    "amended model": (0.0, 0.45, 0.70),
+}
+_MOST_ARROWS = 150
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class SeenRow:
-    """One row in the fixed platform.
+class SeenState:
+    """A robot held against what was measured; poses of the end body in the base, NaN where a row has none.
 
     Attributes:
-        row: index among the inliers.
-        nominal: moving platform by the drawing.
-        model: moving platform by the amended model.
-        measured: moving platform as measured; its rotation is the model's where only the position was measured.
+        name: what it is.
+        model: by this robot, (n, 4, 4).
+        measured: as measured, through its frames, likewise; the model's rotation where only a position was measured.
     """
 
-    row: int
-    nominal: pin.SE3
-    model: pin.SE3
-    measured: pin.SE3
+    name: str
+    model: FloatArray
+    measured: FloatArray
 
-    def off(self, which: pin.SE3, at_platform: pin.SE3) -> PoseDifference:
-        """Return how far a pose is from the drawing, at a frame fixed on the moving platform."""
-        return PoseDifference.between(self.nominal * at_platform, which * at_platform)
+    @classmethod
+    def of(cls, name: str, rows: CampaignRows, changes: RowChanges, frames: OuterFrames) -> SeenState:
+        """See the rows of a campaign with changes put into the robot."""
+        seen = rows.predicted(changes, frames)
+        turned = np.where(np.isfinite(rows.measured.rotation), rows.measured.rotation, seen.rotation)
+        both = [
+            _inside(frames, rotation, position)
+            for rotation, position in ((seen.rotation, seen.position_m), (turned, rows.measured.position_m))
+        ]
+        return cls(name, *both)
 
-
-def seen_rows(diagnosis: Conclusions) -> list[SeenRow]:
-    """Return representative rows, the one farthest from the drawing first."""
-    rows, state = diagnosis.rows, diagnosis.before if diagnosis.refused else diagnosis.after
-    here = OuterFrames(pin.SE3.Identity(), pin.SE3.Identity())
-    drawing = _drawing(diagnosis).predicted(rows.unchanged(), here)
-    model = rows.predicted(rows.changes(state.parameters, state.values), here)
-    whole = np.isfinite(rows.measured.position_m).all(axis=1) & drawing.closed & model.closed
-    return _chosen(
-        [
-            SeenRow(
-                row,
-                pin.SE3(drawing.rotation[row], drawing.position_m[row]),
-                pin.SE3(model.rotation[row], model.position_m[row]),
-                _measured(rows, state.frames, row, model.rotation[row]),
-            )
-            for row in np.flatnonzero(whole).tolist()
-        ],
-        diagnosis.model.nominal_mechanism().T_end_tool,
-        rows.conditions.position_m,
-    )
+    def gaps_m(self, tool: FloatArray) -> FloatArray:
+        """Return how far the robot's working frame is from where it was measured, (n, 3), in the base's axes."""
+        return ((self.model - self.measured) @ tool)[:, :3, 3]
 
 
-def _drawing(diagnosis: Conclusions) -> CampaignRows:
+def _inside(frames: OuterFrames, rotation: FloatArray, position_m: FloatArray) -> FloatArray:
+    """Return poses of the end body in the base, (n, 4, 4), from what the tracker sees of the target."""
+    seen = np.tile(np.eye(4), (len(position_m), 1, 1))
+    seen[:, :3, :3], seen[:, :3, 3] = rotation, position_m
+    inner, outer = (frame.inverse().homogeneous for frame in (frames.T_end_target, frames.T_tracker_base))
+    return np.asarray(outer @ seen @ inner)
+
+
+def seen_states(diagnosis: Conclusions) -> list[SeenState]:
+    """Return the drawing, the model given where it is another, and the amended model where there is one."""
+    rows, before, after = diagnosis.rows, diagnosis.before, diagnosis.after
+    given = SeenState.of("model given", rows, rows.changes(before.parameters, before.values), before.frames)
+    states = _drawing_and(given, rows)
+    if diagnosis.effects and not diagnosis.refused:
+        changes = rows.changes(after.parameters, after.values)
+        states.append(SeenState.of("amended model", rows, changes, after.frames))
+    return states
+
+
+def _drawing_and(given: SeenState, rows: CampaignRows) -> list[SeenState]:
+    """Return the drawing before a given model, or the drawing alone where the model is no more than that."""
+    if rows.model.is_drawing and not rows.model.effects:
+        return [dataclasses.replace(given, name="drawing")]
     bare: dict[str, Any] = {"joint_placements": {}, "drive_offsets": {}, "effects": []}
-    if diagnosis.model.is_drawing and not diagnosis.model.effects:
-        return diagnosis.rows
-    return CampaignRows(diagnosis.rows.campaign, diagnosis.model.model_copy(update=bare), diagnosis.noise)
+    drawn = CampaignRows(rows.campaign, rows.model.model_copy(update=bare), rows.noise)
+    return [_as_given("drawing", drawn), given]
 
 
-def _measured(rows: CampaignRows, frames: OuterFrames, row: int, rotation: FloatArray) -> pin.SE3:
-    """Return the moving platform as measured, in the fixed platform."""
-    outer, inner = frames.T_tracker_base, frames.T_end_target
-    turned = rows.measured.rotation[row]
-    seen_turn = turned if np.isfinite(turned).all() else outer.rotation @ rotation @ inner.rotation
-    seen = pin.SE3(seen_turn, rows.measured.position_m[row])
-    return outer.inverse() * seen * inner.inverse()
-
-
-def _chosen(found: list[SeenRow], lip: pin.SE3, places: FloatArray) -> list[SeenRow]:
-    """Return the row farthest from the drawing and then, one by one, the row farthest in space from those chosen."""
-    if not found:
-        return []
-    sizes = np.array([item.off(item.measured, lip).distance_m for item in found])
-    where = places[[item.row for item in found]]
-    picked = [int(np.argmax(sizes))]
-    while len(picked) < min(_SHOWN, len(found)):
-        apart = np.linalg.norm(where[:, None] - where[picked][None], axis=2).min(axis=1)
-        picked.append(int(np.argmax(apart)))
-    return [found[k] for k in picked]
+def _as_given(name: str, rows: CampaignRows) -> SeenState:
+    """See the rows through frames that fit all of them best."""
+    return SeenState.of(name, rows, rows.unchanged(), rows.refined_frames(np.ones(len(rows), dtype=bool)))
 
 
 def ladle_scene(diagnosis: Conclusions) -> Scene | None:
-    """Return the scene; None where no row has a measured position, and for robots that carry no ladle."""
-    if diagnosis.model.robot is not None:
+    """Return the rows with the largest, the median and the smallest gap to the model given, each with every state.
+
+    None where no row has a measured position, or the robot's end body has nothing to be drawn.
+    """
+    states, campaign = seen_states(diagnosis), diagnosis.rows.campaign
+    reference = states[-2 if diagnosis.effects and not diagnosis.refused else -1]
+    gaps = np.linalg.norm(reference.gaps_m(_tool(diagnosis.model)), axis=1)
+    order = np.flatnonzero(np.isfinite(_everywhere(states)))
+    order = order[np.argsort(gaps[order])]
+    if not order.size:
         return None
-    found = seen_rows(diagnosis)
-    if not found:
-        return None
-    lip = diagnosis.model.nominal_mechanism().T_end_tool
-    factor = exaggeration_for(max(item.off(item.measured, lip).distance_m for item in found))
-    robot = PouringRobot(diagnosis.model)
+    chosen = {"worst": order[-1], "median": order[order.size // 2], "best": order[0]}
+    labels = {int(row): f"{word}: {_sample(campaign, int(row))}" for word, row in reversed(chosen.items())}
+    labels = dict(reversed(labels.items()))  # of a row that is two of them, the first word stays
+    return _scene(campaign, diagnosis.model, states, labels)
+
+
+def campaign_scene(campaign: Campaign, model: RobotModel) -> Scene | None:
+    """Return every measured row of a campaign against a model and the drawing, one after the other.
+
+    Raises:
+        CampaignError: the data do not fit the robot.
+        FrameFitError: too few rows have a pose and a position.
+    """
+    one_place = seen_from_one_place(campaign, model)
+    usable = one_place.subset(np.flatnonzero(one_place.usable))
+    rows = CampaignRows(usable, model, stated_noise(usable, np.arange(len(usable))))
+    states = _drawing_and(_as_given("model given", rows), rows)
+    shown = np.flatnonzero(np.isfinite(_everywhere(states))).tolist()
+    labels = {row: _sample(usable, row) for row in shown}
+    return _scene(usable, model, states, labels, axis="row") if shown else None
+
+
+def _everywhere(states: Sequence[SeenState]) -> FloatArray:
+    """Return numbers (n,), finite where every state has a measured and a modelled pose."""
+    return np.asarray(np.sum([np.sum(s.model + s.measured, axis=(1, 2)) for s in states], axis=0))
+
+
+def _tool(model: RobotModel) -> FloatArray:
+    return np.asarray(model.nominal_mechanism().T_end_tool.homogeneous)
+
+
+def _sample(campaign: Campaign, row: int) -> str:
+    return f"sample {campaign.samples[row]}" if campaign.samples[row] else f"line {campaign.lines[row]}"
+
+
+def _scene(
+    campaign: Campaign, model: RobotModel, states: Sequence[SeenState], labels: dict[int, str], axis: str = ""
+) -> Scene | None:
+    """Return a scene of some rows, by their labels; None where nothing hangs on the end body."""
+    robot = robot_of(model)
     mechanism, loops = robot.nominal_solver.mechanism, robot.nominal_solver.mechanism.loops
-    commanded = diagnosis.rows.campaign.drive_values(found[0].row)
-    configuration = robot.kinematics.configuration(robot.kinematics.forward(commanded))
-    whole = drawn_robot(mechanism, configuration, "legs", "as drawn", opacity=0.25, tint=GHOST_TINT)
-    data = whole.model.createData()
-    pin.framesForwardKinematics(whole.model, data, configuration)
-    base = data.oMf[mechanism.frame_id(loops.base_frame)]
-    ladle = _Ladle(whole, mechanism.frame_id(str(loops.end_frame)), data)
-    slots = [pin.SE3(np.eye(3), k * _APART_M * _ASIDE) * base for k in range(len(found))]
-    whole = dataclasses.replace(whole, visual=ladle.others(BACKGROUND_LINKS))
-
-    def drawn(name: str, label: str, tint: Colour, opacity: float, poses: list[pin.SE3]) -> SceneRobot:
-        placed = [slot * pose for slot, pose in zip(slots, poses, strict=True)]
-        return SceneRobot(name, pin.Model(), ladle.at(placed), np.zeros(0), opacity=opacity, tint=tint, label=label)
-
-    def enlarged(nominal: pin.SE3, pose: pin.SE3) -> pin.SE3:
-        return enlarged_pose(nominal, PoseDifference.between(nominal, pose), factor)
-
-    model = [enlarged(item.nominal, item.model) for item in found]
-    measured = [enlarged(item.nominal, item.measured) for item in found]
-    assumed = [("measured", "rotations are the model's: only positions were measured")]
-    assumed = [] if diagnosis.campaign.full_pose else assumed
-    said = "as the given model says" if diagnosis.refused else "as the amended model says"
-    scene = Scene(
-        title=f"Nominal, modelled and measured ladles of {diagnosis.campaign.path.name}",
-        robots=(
-            drawn("measured", "as measured", _MEASURED_TINT, 1.0, measured),
-            drawn("model", said, _MODEL_TINT, 0.55, model),
-            drawn("nominal", "as drawn", GHOST_TINT, 0.35, [item.nominal for item in found]),
-            whole,
-        ),
-        arrows=tuple(
-            SceneArrow(
-                f"line {_line(diagnosis, item)}",
-                (slot * item.nominal * lip).translation,
-                (slot * end * lip).translation,
-                label=f"{item.off(item.measured, lip).distance_m / MM:.2f} mm",
+    configurations = [robot.drawing.configuration_at(campaign.drives[row]) for row in labels]
+    places = bodies_at(mechanism.shared_model, configurations)
+    legs = drawn_robot(mechanism, places, "robot", "as drawn", opacity=0.25, tint=GHOST_TINT)
+    world = _world_to_base(robot.nominal_solver.mechanism, configurations[0])
+    ladle, rest = _taken_apart(legs.visual, mechanism, str(loops.end_frame))
+    if not ladle.ngeoms:
+        return None
+    rows, tool = np.array(list(labels)), _tool(model)
+    shown = states[-1].measured  # where it was measured is best known through the frames of the best robot
+    measured = world @ shown[rows]
+    gaps = {state.name: state.gaps_m(tool) for state in states}
+    sizes = {name: np.linalg.norm(gap, axis=1) for name, gap in gaps.items()}
+    body = (measured[:, None], _MEASURED_TINT)
+    robots = [SceneRobot("measured", ladle, body[0], tint=body[1])]
+    arrows = []
+    everywhere = _spread(np.flatnonzero(np.isfinite(_everywhere(states))))
+    words = loops.working_frame.replace("_", " ")
+    for state in states:
+        moved = shown.copy()
+        moved[:, :3, 3] += (state.model - state.measured)[:, :3, 3]
+        moved[:, :3, :3] = state.model[:, :3, :3] @ np.swapaxes(state.measured[:, :3, :3], 1, 2) @ shown[:, :3, :3]
+        said = f"{_median(sizes[state.name]):.2f} mm off, in the median"
+        robots.append(
+            SceneRobot(
+                state.name, ladle, (world @ moved[rows])[:, None], measured[:, None], opacity=0.6,
+                tint=_STATE_TINTS[state.name], label=said, choice=True,
             )
-            for slot, item, end in zip(slots, found, measured, strict=True)
-        ),
-        caption=(*(_caption(diagnosis, item, lip) for item in found), *assumed),
-        exaggeration=factor,
+        )  # fmt: skip
+        tips, vectors = (world @ shown @ tool)[:, :3, 3], gaps[state.name] @ world[:3, :3].T
+        arrows += [
+            SceneArrows(f"gap to the {state.name}", tips[rows, None], vectors[rows, None], shown_with=state.name),
+            SceneArrows(
+                f"gaps to the {state.name}", tips[None, everywhere], vectors[None, everywhere], shown_with=state.name
+            ),
+        ]
+    robots.append(dataclasses.replace(legs, visual=rest))
+    scene = Scene(
+        title=f"{campaign.path.name}: what was measured, against {' and '.join(state.name for state in states)}",
+        robots=tuple(robots),
+        arrows=tuple(arrows),
+        steps=tuple(Step(label, _caption(words, campaign, row, sizes)) for row, label in labels.items()),
+        axis=axis,
+        curves=tuple(
+            Curve(f"{words} off the {name}", "mm", size[rows] / MM, _STATE_TINTS[name]) for name, size in sizes.items()
+        )
+        if axis
+        else (),
+        exaggeration=exaggeration_for(max(float(size[rows].max()) for size in sizes.values())),
     )
     return dataclasses.replace(scene, camera=camera_on(scene, VIEW_DIRECTION))
 
 
-class _Ladle:
-    """What moves with the platform, cut out of a drawn robot."""
-
-    def __init__(self, robot: SceneRobot, frame: int, data: pin.Data) -> None:
-        """Keep the parts that hang on the joint of a frame, placed in that frame."""
-        joint = robot.model.frames[frame].parentJoint
-        self._robot = robot
-        self._parts = [part for part in robot.visual.geometryObjects if part.parentJoint == joint]
-        self._pose_platform_to_joint = data.oMf[frame].actInv(data.oMi[joint])
-
-    def others(self, left_out: Sequence[str]) -> pin.GeometryModel:
-        """Return what does not move with the platform, some links left out."""
-        own, visual = {part.name for part in self._parts}, pin.GeometryModel()
-        for part in self._robot.visual.geometryObjects:
-            if part.name not in own and self._robot.model.frames[part.parentFrame].name not in left_out:
-                visual.addGeometryObject(part.copy())
-        return visual
-
-    def at(self, poses: Sequence[pin.SE3]) -> pin.GeometryModel:
-        """Return one ladle for each pose of the platform in the world, fixed there."""
-        visual = pin.GeometryModel()
-        for k, pose in enumerate(poses):
-            for part in self._parts:
-                copy = part.copy()
-                copy.name, copy.parentJoint, copy.parentFrame = f"{part.name} {k}", 0, 0
-                copy.placement = pose * self._pose_platform_to_joint * part.placement
-                visual.addGeometryObject(copy)
-        return visual
+def _world_to_base(mechanism: ClosedChainMechanism, configuration: FloatArray) -> FloatArray:
+    """Return the pose of the base in the world, (4, 4): rails stand at home."""
+    model, data = mechanism.shared_model, mechanism.thread_data()
+    pin.framesForwardKinematics(model, data, configuration)
+    return np.asarray(data.oMf[mechanism.frame_id(mechanism.loops.base_frame)].homogeneous)
 
 
-def _line(diagnosis: Conclusions, item: SeenRow) -> int:
-    return int(diagnosis.rows.campaign.lines[item.row])
+def _taken_apart(
+    visual: pin.GeometryModel, mechanism: ClosedChainMechanism, frame: str
+) -> tuple[pin.GeometryModel, pin.GeometryModel]:
+    """Return what moves with a frame, hung on it as the one body there is, and the rest without the truss."""
+    end = mechanism.shared_model.frames[mechanism.frame_id(frame)]
+    ladle, rest = pin.GeometryModel(), pin.GeometryModel()
+    for part in visual.geometryObjects:
+        if part.parentJoint == end.parentJoint:
+            copy = part.copy()
+            copy.parentJoint, copy.parentFrame = 0, 0
+            copy.placement = end.placement.inverse() * part.placement
+            ladle.addGeometryObject(copy)
+        elif part.name.rpartition("_")[0] not in BACKGROUND_LINKS:
+            rest.addGeometryObject(part.copy())
+    return ladle, rest
 
 
-def _caption(diagnosis: Conclusions, item: SeenRow, lip: pin.SE3) -> tuple[str, str]:
-    """Return what a row says: measured against the drawing and against the model, at the pouring lip."""
-    drawn = item.off(item.measured, lip).distance_m / MM
-    left = float(np.linalg.norm((item.measured * lip).translation - (item.model * lip).translation)) / MM
-    return f"line {_line(diagnosis, item)}", f"{drawn:.2f} mm off drawing, {left:.2f} off model"
+def _spread(rows: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return all rows, or as many as a picture can bear."""
+    return rows[:: -(-rows.size // _MOST_ARROWS)] if rows.size else rows
+
+
+def _median(sizes_m: FloatArray) -> float:
+    return float(np.nanmedian(sizes_m)) / MM
+
+
+def _caption(words: str, campaign: Campaign, row: int, sizes_m: dict[str, FloatArray]) -> tuple[tuple[str, str], ...]:
+    """Return what a row says of every state, at the working frame."""
+    where = (f"{_sample(campaign, row)}", f"line {campaign.lines[row]} of the file")
+    off = [(f"{words} off the {name}", f"{size[row] / MM:.2f} mm") for name, size in sizes_m.items()]
+    held = "" if campaign.full_pose else "rotations are the model's: only positions were measured"
+    return (where, *off, *([("measured", held)] if held else []))
