@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from pouring_robot.calibration.findings import CalibrationFindings
-from pouring_robot.calibration.report import headline, html_report
+from pouring_robot.calibration.report import FIGURES, MODEL, headline, html_report
 from pouring_robot.calibration.summary import calibration_metrics, notes_of, warnings_of
 from pouring_robot.exceptions import DescriptionError, OutputError
 from pouring_robot.io.files import check_folder, write_together
@@ -14,7 +14,7 @@ from pouring_robot.robot.description.urdf import urdf_files
 from pouring_robot.robot.export.closed import ClosedRobot
 from pouring_robot.robot.model import RobotModel
 
-MODEL, FIGURES, REPORT = "calibrated.yaml", "calibration.json", "report.html"
+REPORT = "report.html"
 
 
 def write_calibration(calibration: CalibrationFindings, folder: Path | str) -> list[Path]:

@@ -8,13 +8,13 @@ from pouring_robot.calibration.findings import CalibrationFindings
 from pouring_robot.calibration.lines import SEEN, parameter_lines
 from pouring_robot.estimation.frames import FRAMES
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.report.plots import AFTER, BEFORE, GREY, HELD_OUT, new_figure, png_of
+from pouring_robot.report.plots import AFTER, BEFORE, GREY, HELD_OUT, new_figure, svg_of, tell
 
 _MOST_NAMES = 60
 
 
-def plots(calibration: CalibrationFindings) -> list[tuple[str, bytes]]:
-    """Return titles and PNG files."""
+def plots(calibration: CalibrationFindings) -> list[tuple[str, str]]:
+    """Return titles and SVG."""
     drawn = [
         ("Error of every row before and after; the held-out block is shaded", _residuals(calibration)),
         ("How well the calibrated model knows the pouring lip (95 % half width)", _ladle(calibration)),
@@ -29,7 +29,7 @@ def _plain(value: float, _place: object) -> str:
     return f"{value:g}"
 
 
-def _residuals(calibration: CalibrationFindings) -> bytes:
+def _residuals(calibration: CalibrationFindings) -> str:
     from matplotlib.ticker import FuncFormatter, NullFormatter
 
     figure = new_figure(10.0, 5.6)
@@ -42,7 +42,10 @@ def _residuals(calibration: CalibrationFindings) -> bytes:
     ):
         for values, colour, name in ((calibration.before, BEFORE, "before"), (calibration.after, AFTER, "after")):
             length = np.linalg.norm(values[kept, columns], axis=1) / unit
-            axes.semilogy(kept, np.maximum(length, 1e-6), ".", color=colour, markersize=4, label=name)
+            (dots,) = axes.semilogy(kept, np.maximum(length, 1e-6), ".", color=colour, markersize=4, label=name)
+            lines = calibration.campaign.lines[kept][np.isfinite(length)]
+            found = zip(lines, length[np.isfinite(length)], strict=True)
+            tell(dots, [f"line {line}: {value:.4f} {label.split()[-1].strip('[]')} {name}" for line, value in found])
         for row in calibration.split.test:
             axes.axvspan(row - 0.5, row + 0.5, color=HELD_OUT, alpha=0.12, linewidth=0)
         axes.axhline(np.sqrt(3.0) * sigma / unit, color=GREY, linestyle="--", label="noise")
@@ -52,10 +55,10 @@ def _residuals(calibration: CalibrationFindings) -> bytes:
         axes.grid(alpha=0.25)
     axes.set_xlabel("row of the campaign")
     figure.legend(*axes.get_legend_handles_labels(), ncols=3, loc="outside upper right")
-    return png_of(figure)
+    return svg_of(figure)
 
 
-def _parameters(calibration: CalibrationFindings) -> bytes:
+def _parameters(calibration: CalibrationFindings) -> str:
     lines = parameter_lines(calibration)
     lines = [line for line in lines if line.learnt >= SEEN] or lines
     order = sorted(lines, key=lambda line: -line.surprise)[:_MOST_NAMES]
@@ -72,10 +75,10 @@ def _parameters(calibration: CalibrationFindings) -> bytes:
     axes.set_xlabel("in standard deviations of the tolerance")
     axes.grid(axis="x", alpha=0.25)
     axes.legend(loc="lower right", fontsize=8)
-    return png_of(figure)
+    return svg_of(figure)
 
 
-def _correlation(calibration: CalibrationFindings) -> bytes:
+def _correlation(calibration: CalibrationFindings) -> str:
     matrix = calibration.correlation[FRAMES:, FRAMES:]
     names = calibration.unknown_names[FRAMES:]
     figure = new_figure(8.0, 7.2)
@@ -85,10 +88,10 @@ def _correlation(calibration: CalibrationFindings) -> bytes:
         axes.set_xticks(range(len(names)), names, rotation=90, fontsize=5)
         axes.set_yticks(range(len(names)), names, fontsize=5)
     figure.colorbar(image, ax=axes, shrink=0.8)
-    return png_of(figure)
+    return svg_of(figure)
 
 
-def _ladle(calibration: CalibrationFindings) -> bytes:
+def _ladle(calibration: CalibrationFindings) -> str:
     figure = new_figure(9.0, 3.8)
     left, right = figure.subplots(1, 2)
     ladle = calibration.ladle
@@ -100,9 +103,17 @@ def _ladle(calibration: CalibrationFindings) -> bytes:
         figure.colorbar(shown, ax=left, label="± mm, the worst y and tilt there")
         left.margins(0.2)
         across = np.arange(half.size) if ladle.tilt_rad is None else np.degrees(ladle.tilt_rad)
-        right.scatter(across, half, s=8, color=AFTER)
+        dots = right.scatter(across, half, s=8, color=AFTER)
+        tell(
+            dots,
+            [
+                f"x {x:.0f}, y {y:.0f}, z {z:.0f} mm: ± {h:.4f} mm"
+                for (x, y, z), h in zip(ladle.position_m / MM, half, strict=True)
+            ],
+        )
+        tell(shown, [f"x {x:.0f}, z {z:.0f} mm: ± {w:.4f} mm" for (x, z), w in zip(places / MM, worst, strict=True)])
     left.set(xlabel="x [mm]", ylabel="z [mm]")
     right.set(xlabel="pose" if ladle.tilt_rad is None else "tilt [°]", ylabel="± mm")
     for axes in (left, right):
         axes.grid(alpha=0.25)
-    return png_of(figure)
+    return svg_of(figure)

@@ -20,6 +20,7 @@ from pouring_robot.calibration.summary import next_measurements, noise_floor, no
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Row, Table, html_page
 
+MODEL, FIGURES = "calibrated.yaml", "calibration.json"
 SHOWN, WIDTH = 6, 60
 """Combinations, and letters of each, shown on a terminal; the page shows all."""
 
@@ -196,7 +197,7 @@ def html_report(calibration: CalibrationFindings) -> str:
         Heading("What to measure next"),
         Lines(next_measurements(calibration)),
         Heading("Pictures"),
-        *(Plot(title, png) for title, png in plots(calibration)),
+        *(Plot(title, svg) for title, svg in plots(calibration)),
         Heading("Which combinations this campaign can tell apart"),
         Lines(group_lines(calibration), mono=True),
         Heading("How groups were chosen"),
@@ -204,4 +205,8 @@ def html_report(calibration: CalibrationFindings) -> str:
         Heading("Findings of the data checks"),
         Lines([str(flag) for flag in calibration.flags]),
     ]
-    return html_page("Calibration report", "Calibration report", blocks)
+    title, links = (
+        f"Calibration with {calibration.campaign.path.name}",
+        {"the calibrated model": MODEL, "all figures": FIGURES},
+    )
+    return html_page(title, title, blocks, links=links, data=[calibration.campaign.path])

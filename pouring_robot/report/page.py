@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import base64
+import datetime
 import functools
-from collections.abc import Iterable, Sequence
+import hashlib
+import math
+import os
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
+
+from pouring_robot import __version__
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -47,6 +54,12 @@ class Table:
     folded: str = ""
     kind: ClassVar[str] = "table"
 
+    @property
+    def left(self) -> set[int]:
+        """Columns that are set to the left with their headings: those in which something is no figure."""
+        columns = zip(*self.rows, strict=True)
+        return {k for k, cells in enumerate(columns) if not all(_is_figure(cell) for cell in cells)}
+
 
 @dataclass(frozen=True)
 class Lines:
@@ -57,28 +70,59 @@ class Lines:
     kind: ClassVar[str] = "lines"
 
 
+def _is_figure(cell: str) -> bool:
+    text = cell.strip(" ±%×–").replace("−", "-")
+    try:
+        return not text or math.isfinite(float(text.split()[0]))
+    except ValueError:
+        return False
+
+
 @dataclass(frozen=True)
 class Plot:
-    """A plot with its title below."""
+    """A plot with its title below; ``svg`` is of :func:`pouring_robot.report.plots.svg_of`, which escapes its texts."""
 
     title: str
-    png: bytes
+    svg: str
     kind: ClassVar[str] = "plot"
 
 
 Block = Heading | Paragraph | Table | Lines | Plot
 
 
-def html_page(title: str, heading: str, blocks: Iterable[Block]) -> str:
+def html_page(
+    title: str,
+    heading: str,
+    blocks: Iterable[Block],
+    *,
+    links: Mapping[str, str] | None = None,
+    data: Sequence[Path] = (),
+) -> str:
     """Return a page; every text of it may hold anything, for it is escaped.
 
     Args:
         title: of the window.
         heading: of the page.
         blocks: its content, from top to bottom.
+        links: files beside it by what they are.
+        data: the files it is about; their hashes stand at its end, with the version and the time.
     """
     template = templates("pouring_robot.report").get_template("report.html.j2")
-    return template.render(title=title, heading=heading, blocks=list(blocks))
+    return template.render(title=title, heading=heading, blocks=list(blocks), links=links or {}, origin=origin(data))
+
+
+def origin(data: Iterable[Path]) -> list[str]:
+    """Return when and with what a page was made, and of which files (SHA-256); ``SOURCE_DATE_EPOCH`` sets the time."""
+    stamp = os.environ.get("SOURCE_DATE_EPOCH")
+    now = (
+        datetime.datetime.now(datetime.UTC)
+        if stamp is None
+        else datetime.datetime.fromtimestamp(int(stamp), datetime.UTC)
+    )
+    lines = [f"Made {now:%Y-%m-%d %H:%M} UTC by pouring_robot {__version__}."]
+    return lines + [
+        f"{path}: SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in data if path.is_file()
+    ]
 
 
 @functools.cache

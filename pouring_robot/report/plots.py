@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import io
+import re
+from collections.abc import Iterable
 from typing import Any
 
 # Okabe and Ito's colours, told apart by colour-blind readers too.
@@ -13,6 +17,8 @@ BEFORE, AFTER, HELD_OUT = VERMILION, BLUE, GREEN
 
 # Quieter ones for temperatures and the paper's plots.
 STEEL, MOSS, BRICK, ASH = "#2f6690", "#5b8e55", "#c8553d", "#8a8a8a"
+
+_SVG, _TELL = "{http://www.w3.org/2000/svg}", "tell-"
 
 
 def new_figure(width: float, height: float, dpi: float = 110.0) -> Any:
@@ -43,3 +49,65 @@ def png_of(figure: Any) -> bytes:
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi="figure", metadata={"Software": None})
     return stream.getvalue()
+
+
+def tell(artist: Any, texts: Iterable[str]) -> None:
+    """Say what each point or bar of an artist is when a reader of the SVG points at it.
+
+    Args:
+        artist: a line of markers, a scatter, or one patch; points that are not finite are not drawn and have no text.
+        texts: one for each point drawn.
+    """
+    artist.set_gid(_TELL + base64.urlsafe_b64encode("\n".join(texts).encode()).decode())
+
+
+def svg_of(figure: Any) -> str:
+    """Return a figure as an SVG element to stand in a page: real letters, colours that follow the page's, no date."""
+    import matplotlib as mpl
+    from lxml import etree
+
+    stream, unsaid = io.BytesIO(), dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "pouring_robot"}):
+        figure.savefig(stream, format="svg", transparent=True, metadata=unsaid)
+    root = etree.fromstring(stream.getvalue())
+    root.set("style", "stroke-linejoin: round; stroke-linecap: butt; fill: currentColor")
+    for style in root.iter(f"{_SVG}style"):
+        style.getparent().remove(style)  # it would be the whole page's
+    for group in root.iter(f"{_SVG}g"):
+        words = group.attrib.pop("id", "")
+        if words.startswith(_TELL):
+            _put_titles(group, base64.urlsafe_b64decode(words.removeprefix(_TELL)).decode().split("\n"))
+        _shorten(group)
+    text = _trimmed(root)
+    for clip in root.iter(f"{_SVG}clipPath"):  # named after places in memory, some of them
+        shape = hashlib.md5(_trimmed(clip[0]).encode(), usedforsecurity=False).hexdigest()[:10]
+        text = text.replace(clip.get("id"), f"clip{shape}")
+    # Black is what the page writes with and white what it writes on, be it bright or dark.
+    return re.sub(r"(stroke|fill): #000000", r"\1: currentColor", text).replace("#ffffff", "var(--paper)")
+
+
+def _trimmed(element: Any) -> str:
+    """Return an element as text, its figures with two decimals."""
+    from lxml import etree
+
+    return re.sub(r"(\d\.\d\d)\d+", r"\1", etree.tostring(element, encoding="unicode"))
+
+
+def _put_titles(group: Any, texts: list[str]) -> None:
+    from lxml import etree
+
+    marks = list(group.iter(f"{_SVG}use")) or group.findall(f"{_SVG}path")
+    for mark, words in zip(marks, texts, strict=False):  # what lies outside its panel is not drawn
+        etree.SubElement(mark, f"{_SVG}title").text = words
+
+
+def _shorten(group: Any) -> None:
+    """Say once what all points of a group look like, and where they are to a tenth of a point: there are thousands."""
+    marks = group.findall(f"{_SVG}use")
+    if len({mark.get("style") for mark in marks}) == 1:
+        group.set("style", marks[0].get("style", ""))
+        for mark in marks:
+            mark.attrib.pop("style", None)
+    for mark in marks:
+        mark.set("x", f"{float(mark.get('x', 0.0)):.1f}")
+        mark.set("y", f"{float(mark.get('y', 0.0)):.1f}")

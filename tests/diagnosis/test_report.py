@@ -1,6 +1,5 @@
 """The pages of a diagnosis: whole, self-contained, and they say what the figures say."""
 
-import io
 import os
 import re
 from dataclasses import replace
@@ -8,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from PIL import Image
+from lxml import etree
 
 from pouring_robot.diagnosis.diagnose import DiagnosisOptions, diagnose
 from pouring_robot.diagnosis.discrepancy import discrepancies
@@ -57,17 +56,32 @@ def test_the_page_of_a_refused_model_shows_no_after(refused):
 def test_text_of_a_campaign_cannot_break_the_page(hot):
     data = hot.campaign
     evil = replace(data, path=data.path.with_name("<script>alert(1).csv"))
-    assert "<script>" not in html_report(replace(hot, campaign=evil))
+    assert "<script>alert" not in html_report(replace(hot, campaign=evil))
 
 
 def test_plots_are_pictures(hot, refused):
     for diagnosis in (hot, refused):
         drawn = plots(diagnosis)
         assert len({title for title, _ in drawn}) == len(drawn) == 5
-        for _, png in drawn:
-            image = Image.open(io.BytesIO(png))
-            assert min(image.size) > 200
-            assert np.asarray(image.convert("L")).std() > 5.0
+        for title, svg in drawn:
+            marks = etree.fromstring(svg).iter("{http://www.w3.org/2000/svg}use", "{http://www.w3.org/2000/svg}path")
+            assert sum(1 for _ in marks) > 20, title
+
+
+def test_every_point_of_the_residuals_says_its_line_and_value(hot):
+    shown = dict(plots(hot))[next(title for title, _ in plots(hot) if title.startswith("Residuals"))]
+    told = re.findall(r"<title>line (\d+): ([+-][\d.]+) mm (before|after)</title>", shown)
+    assert {int(line) for line, _, _ in told} == set(hot.campaign.lines[np.isfinite(hot.campaign.position_m).all(1)])
+
+
+def test_measurements_stand_with_the_most_telling_first(hot):
+    table = re.search("Measurements that tell most.*?</table>", html_report(hot), re.DOTALL)[0]
+    nats = [float(cell) for cell in re.findall(r"<tr><td>([\d.]+)</td>", table)]
+    assert nats == sorted(nats, reverse=True) and len(nats) == len(hot.suggestion.measurements) > 0
+
+
+def test_the_report_does_not_send_to_the_report(hot):
+    assert "more in the report" not in html_report(hot)
 
 
 def test_a_picture_is_the_same_twice(hot):

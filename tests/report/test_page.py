@@ -1,8 +1,14 @@
 """One page for every report: whole, without outside files, and safe whatever its texts hold."""
 
+import hashlib
+import re
 from html.parser import HTMLParser
 
+import numpy as np
+
+from pouring_robot import __version__
 from pouring_robot.report.page import Heading, Lines, Paragraph, Plot, Table, html_page
+from pouring_robot.report.plots import new_figure, svg_of, tell
 
 EVIL = "<script>alert('&')</script>"
 BLOCKS = [
@@ -13,7 +19,7 @@ BLOCKS = [
     Table(("a",), [("1",), ("2",)], folded=EVIL),
     Lines(["first", "  below it", EVIL]),
     Lines([EVIL], mono=True),
-    Plot(EVIL, b"\x89PNG"),
+    Plot(EVIL, "<svg></svg>"),
 ]
 
 
@@ -36,7 +42,7 @@ def test_every_tag_is_closed_and_no_text_is_taken_for_one():
     reader = Reader()
     reader.feed(page)
     assert not reader.open
-    assert "script" not in reader.seen and "link" not in reader.seen
+    assert reader.seen.count("script") == 1 and "link" not in reader.seen  # the page's own
     assert [reader.seen.count(tag) for tag in ("h1", "h2", "table", "tr", "li", "details", "figure")] == [
         *(1, 1, 2, 5, 4, 1, 1)
     ]
@@ -47,4 +53,42 @@ def test_blocks_stand_in_their_order_and_look_as_asked():
     page = html_page("t", "h", BLOCKS)
     assert page.index('class="warn"') < page.index('class="lead"') < page.index("<details>") < page.index("<figure>")
     assert '<li class="sub">below it</li>' in page and page.count('class="mono"') == 1
-    assert 'src="data:image/png;base64,iVBORw=="' in page
+    assert "<svg></svg>" in page and 'name="viewport"' in page and "prefers-color-scheme:dark" in page
+    assert "http" not in page.replace("http://www.w3.org/2000/svg", "")
+
+
+def test_headings_stand_over_their_cells():
+    table = Table(("name", "a", "b", "c", "d"), [("x", "1.0", "+3 ± 2", "mm", ""), ("y", "−2", "4 %", "", "–")])
+    assert table.left == {0, 3}
+    page = html_page("t", "h", [table])
+    rows = [re.findall(r'<t[hd]( class="l")?>', row) for row in re.findall("<tr>.*</tr>", page)]
+    assert len(rows) == 3 and rows[0] == rows[1] == rows[2] == [' class="l"', "", "", ' class="l"', ""]
+
+
+def test_a_page_says_when_and_of_what_it_was_made(tmp_path, monkeypatch):
+    data = tmp_path / "<campaign>.csv"
+    data.write_bytes(b"q1_mm\n1\n")
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "86400")
+    page = html_page("t", "h", [], links={"the model": "model.yaml"}, data=[data, tmp_path / "gone.csv"])
+    assert f"Made 1970-01-02 00:00 UTC by pouring_robot {__version__}." in page
+    assert hashlib.sha256(b"q1_mm\n1\n").hexdigest() in page and "&lt;campaign&gt;.csv: SHA-256" in page
+    assert "gone" not in page and '<a href="model.yaml">the model</a>' in page
+
+
+def test_points_of_a_plot_say_what_they_are():
+    figure = new_figure(4.0, 3.0)
+    panel = figure.subplots()
+    (dots,) = panel.plot([1.0, np.nan, 2.0], [1.0, 2.0, 3.0], ".", color="black", label=EVIL)
+    tell(dots, [EVIL, "second"])
+    tell(panel.scatter([1.0, 2.0], [2.0, 2.0], c=[0.0, 1.0]), ["s1", "s2"])
+    tell(panel.bar([3.0], [1.0])[0], ["a bar"])
+    panel.legend()
+    svg = svg_of(figure)
+    assert svg == svg_of(figure)  # no date, no random names
+    found = re.findall("<(use|path)[^>]*><title>(.*?)</title></", svg)
+    words = "&lt;script&gt;alert('&amp;')&lt;/script&gt;"
+    assert sorted(found) == sorted([("use", words), ("use", "second"), ("use", "s1"), ("use", "s2"), ("path", "a bar")])
+    # The first point stands left of and below the second, as drawn.
+    x, y = (np.array(re.findall(rf'{a}="([\d.]+)"[^>]*><title>(?:&lt;|second)', svg), dtype=float) for a in "xy")
+    assert x[0] < x[1] and y[0] > y[1]
+    assert "#000000" not in svg and "currentColor" in svg and "<style" not in svg and EVIL not in svg

@@ -51,7 +51,14 @@ def write_diagnosis(diagnosis: Conclusions, folder: Path | str) -> list[Path]:
     files[folder / MODEL] = described(diagnosis).file_text(folder)
     if diagnosis.suggestion.measurements:
         files[folder / NEXT] = diagnosis.suggestion.plan_text()
-    files[folder / REPORT] = html_report(diagnosis)
+    beside = {
+        LADLES: "the ladles in 3-D",
+        MODEL: "the amended model",
+        NEXT: "measurements to make",
+        METRICS: "all figures",
+    }
+    links = {words: name for name, words in beside.items() if folder / name in files or name == METRICS}
+    files[folder / REPORT] = html_report(diagnosis, links)
     metrics = diagnosis_metrics(diagnosis, str(folder / MODEL))
     files[folder / METRICS] = json.dumps(metrics, indent=1, allow_nan=False) + "\n"
     return write_together(files)

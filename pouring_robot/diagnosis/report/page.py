@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.parameters import NamedEffect
 from pouring_robot.diagnosis.report.plots import plots
@@ -12,6 +14,7 @@ from pouring_robot.diagnosis.report.sentences import (
     measurement_text,
     plain,
     sections,
+    tells_most,
     value_and_half_width,
 )
 from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
@@ -22,9 +25,9 @@ _PARAMETER_HEAD = ("parameter", "value", "± 95 %", "unit", "")
 _MOST_OPEN = 14
 
 
-def html_report(diagnosis: Conclusions) -> str:
-    """Return the report as one page without any outside file."""
-    first, *others = [Plot(title, png) for title, png in plots(diagnosis)]
+def html_report(diagnosis: Conclusions, links: Mapping[str, str] | None = None) -> str:
+    """Return the report as one page without any outside file; ``links``: files beside it by what they are."""
+    first, *others = [Plot(title, svg) for title, svg in plots(diagnosis)]
     blocks: list[Block] = [
         Paragraph(headline(diagnosis), "headline"),
         Paragraph(gap_sentence(diagnosis), "lead"),
@@ -40,11 +43,12 @@ def html_report(diagnosis: Conclusions) -> str:
     for effect in effects:
         blocks += _effect(diagnosis, effect)
     blocks += [Heading("Pictures"), *others]
-    suggested = sorted(diagnosis.suggestion.measurements, key=lambda m: m.rank)
+    suggested = tells_most(diagnosis)
     if suggested:
         blocks += [Heading("Measurements that tell most"), _measurements(suggested)]
     blocks += [Heading("Findings of the data checks"), Lines([str(f) for f in diagnosis.flags] or ["nothing"])]
-    return html_page(f"Diagnosis of {diagnosis.campaign.path.name}", "Diagnosis", blocks)
+    title = f"Diagnosis of {diagnosis.campaign.path.name}"
+    return html_page(title, title, blocks, links=links, data=[diagnosis.campaign.path])
 
 
 def _rows_used(diagnosis: Conclusions) -> str:
@@ -96,9 +100,9 @@ def _effect(diagnosis: Conclusions, effect: NamedEffect) -> list[Block]:
 def _measurements(suggested: list[SuggestedMeasurement]) -> Table:
     """Return what to measure next."""
     return Table(
-        ("rank", "pose and conditions", "hours later", "nats", "tells apart"),
+        ("nats", "pose and conditions", "hours later", "tells apart", "if only some are made"),
         [
-            (str(m.rank), measurement_text(m), f"{m.hours_later:.1f}", f"{m.nats:.1f}", " / ".join(m.separates))
+            (f"{m.nats:.1f}", measurement_text(m), f"{m.hours_later:.1f}", " / ".join(m.separates), f"number {m.rank}")
             for m in suggested
         ],
     )

@@ -21,14 +21,14 @@ from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.report.plots import AFTER, BEFORE, COLOURS, GREY, HELD_OUT, new_figure, png_of
+from pouring_robot.report.plots import AFTER, BEFORE, COLOURS, GREY, HELD_OUT, new_figure, svg_of, tell
 
 _MOST_EFFECTS, _FEW_VALUES = 4, 6
 _NARROW = 4.0
 
 
-def plots(diagnosis: Conclusions) -> list[tuple[str, bytes]]:
-    """Return titles and PNG files, most important first."""
+def plots(diagnosis: Conclusions) -> list[tuple[str, str]]:
+    """Return titles and SVG, most important first."""
     words = diagnosis.rows.conditions.causes.words
     drawn = [
         ("The gap of each component, before and after (RMS, tracker's axes; logarithmic)", _gap(diagnosis)),
@@ -45,7 +45,7 @@ def plots(diagnosis: Conclusions) -> list[tuple[str, bytes]]:
     return drawn
 
 
-def _gap(diagnosis: Conclusions) -> bytes:
+def _gap(diagnosis: Conclusions) -> str:
     gaps = diagnosis.gaps
     known = np.flatnonzero(np.any([np.isfinite(gap.before) for gap in gaps.values()], axis=0))
     parts = (known[(known >= low) & (known < high)] for low, high in ((0, 3), (3, 6), (6, known[-1] + 1)))
@@ -54,7 +54,7 @@ def _gap(diagnosis: Conclusions) -> bytes:
     for part, axes in zip(panels, np.atleast_1d(figure.subplots(1, len(panels))), strict=True):
         _gap_panel(axes, gaps, part, amended=not diagnosis.refused)
     figure.legend(*axes.get_legend_handles_labels(), ncols=4, loc="outside upper center", fontsize=8)
-    return png_of(figure)
+    return svg_of(figure)
 
 
 def _gap_panel(axes: Any, gaps: dict[str, Gap], part: NDArray[np.intp], *, amended: bool) -> None:
@@ -67,7 +67,9 @@ def _gap_panel(axes: Any, gaps: dict[str, Gap], part: NDArray[np.intp], *, amend
         shown = ((before, BEFORE, "before"), (after, AFTER, "after")) if amended else ((before, BEFORE, "before"),)
         for values, colour, label in shown:
             face = colour if filled or len(gaps) == 1 else "white"
-            axes.plot(values, place, "o", color=colour, markerfacecolor=face, label=f"{label}, {words}")
+            (dots,) = axes.plot(values, place, "o", color=colour, markerfacecolor=face, label=f"{label}, {words}")
+            of = "mm" if unit == MM else "mrad"
+            tell(dots, [f"{label}, {words}: {value:.4f} {of}" for value in values if np.isfinite(value)])
         if name == next(iter(gaps)):
             axes.vlines(floor, places - 0.35, places + 0.35, color="black", linestyle="--", label="noise")
     axes.set_xscale("log")
@@ -82,7 +84,7 @@ def _gap_panel(axes: Any, gaps: dict[str, Gap], part: NDArray[np.intp], *, amend
     axes.grid(axis="x", which="both", alpha=0.2)
 
 
-def _residuals(diagnosis: Conclusions) -> bytes:
+def _residuals(diagnosis: Conclusions) -> str:
     given = diagnosis.rows.conditions
     drawn = residual_axes(given, diagnosis.diagnoser.library.effects.values())
     shown = [axis for axis in (axis_over((name,), given) for name in drawn) if not axis.of_rows]
@@ -96,7 +98,9 @@ def _residuals(diagnosis: Conclusions) -> bytes:
     for k, row in zip(lengths.tolist(), grid, strict=True):
         for axis, axes in zip(shown, row, strict=True):
             for table, (label, colour) in zip(tables, kinds, strict=True):
-                axes.plot(axis.values, table[:, k] / MM, ".", color=colour, markersize=3, label=label)
+                values = table[:, k] / MM
+                (dots,) = axes.plot(axis.values, values, ".", color=colour, markersize=3, label=label)
+                tell(dots, _row_words(diagnosis, values, label, np.isfinite(axis.values)))
             held = ~diagnosis.fitted
             if held.any():
                 words = f"held out, {kinds[-1][0]}"
@@ -109,7 +113,14 @@ def _residuals(diagnosis: Conclusions) -> bytes:
     for axis, axes in zip(shown, grid[-1], strict=True):
         axes.set_xlabel(axis.label, fontsize=7)
     figure.legend(*grid[0, 0].get_legend_handles_labels(), ncols=3, loc="outside upper right", fontsize=8)
-    return png_of(figure)
+    return svg_of(figure)
+
+
+def _row_words(diagnosis: Conclusions, values: FloatArray, label: str, drawn: NDArray[np.bool_]) -> list[str]:
+    """Return what the points of rows are, those left out that are not drawn."""
+    campaign = diagnosis.campaign
+    named = zip(campaign.lines, values, drawn, strict=True)
+    return [f"line {line}: {value:+.3f} mm {label}" for line, value, there in named if there and np.isfinite(value)]
 
 
 def residual_axes(given: Conditions, effects: Iterable[Effect]) -> list[str]:
@@ -129,7 +140,7 @@ def _residual_table(diagnosis: Conclusions, *, of_after: bool) -> FloatArray:
     return in_base(table, state.frames.T_tracker_base.rotation)
 
 
-def _signatures(diagnosis: Conclusions) -> bytes:
+def _signatures(diagnosis: Conclusions) -> str:
     shown = diagnosis.firm[:_MOST_EFFECTS]
     given, known = diagnosis.rows.conditions, diagnosis.diagnoser.library.effects
     figure = new_figure(9.5, 0.3 + 2.6 * len(shown))
@@ -138,7 +149,8 @@ def _signatures(diagnosis: Conclusions) -> bytes:
         moved = diagnosis.moved[name] / MM
         axis = known[name].axis(given)
         for k, colour in enumerate(COLOURS[:3]):
-            axes.plot(axis.values, moved[:, k], ".", color=colour, markersize=5, label="xyz"[k])
+            (dots,) = axes.plot(axis.values, moved[:, k], ".", color=colour, markersize=5, label="xyz"[k])
+            tell(dots, _row_words(diagnosis, moved[:, k], f"in {'xyz'[k]}", np.isfinite(axis.values)))
         axes.axhline(0.0, color="black", linewidth=0.5)
         axes.set(
             xlabel=axis.label,
@@ -150,10 +162,10 @@ def _signatures(diagnosis: Conclusions) -> bytes:
             axes.set_xticks(np.unique(axis.values))
         axes.grid(alpha=0.2)
         axes.legend(fontsize=8, loc="best")
-    return png_of(figure)
+    return svg_of(figure)
 
 
-def _evidence(diagnosis: Conclusions) -> bytes:
+def _evidence(diagnosis: Conclusions) -> str:
     hypothesis = diagnosis.hypothesis
     causes = [cause for cause in diagnosis.judgement.causes if cause.indices][:_MOST_EFFECTS]
     steps = evidence_steps(hypothesis)
@@ -171,7 +183,7 @@ def _evidence(diagnosis: Conclusions) -> bytes:
     axes.set_xlabel("log evidence over usual small errors alone [nats]", fontsize=8)
     for k, cause in enumerate(causes):
         _rival_panel(figure.add_subplot(grid[1 + k // 2, k % 2]), hypothesis, cause)
-    return png_of(figure)
+    return svg_of(figure)
 
 
 def _rival_panel(axes: Any, hypothesis: Hypothesis, cause: Cause) -> None:
@@ -186,7 +198,8 @@ def _rival_panel(axes: Any, hypothesis: Hypothesis, cause: Cause) -> None:
     axes.margins(x=0.15)
     axes.tick_params(axis="x", labelsize=7)
     axes.set_title(f"instead of {cause.effect}", fontsize=9)
-    axes.set_xlabel("log evidence lost [nats]; orange: cannot be told apart", fontsize=7)
+    orange = "; orange: cannot be told apart" if BEFORE in colours else ""
+    axes.set_xlabel(f"log evidence lost [nats]{orange}", fontsize=7)
 
 
 def evidence_steps(hypothesis: Hypothesis) -> list[tuple[str, float]]:
@@ -205,7 +218,7 @@ def rival_margins(hypothesis: Hypothesis, cause: Cause) -> dict[str, float]:
     return {effect: own - worth.evidence for effect, (worth, _) in best.items()}
 
 
-def _discrepancy(diagnosis: Conclusions) -> bytes:
+def _discrepancy(diagnosis: Conclusions) -> str:
     linear = diagnosis.before.every_row if diagnosis.refused else diagnosis.after.every_row
     figure = new_figure(9.5, 3.6)
     left, right = figure.subplots(1, 2, width_ratios=(2.0, 1.0))
@@ -235,4 +248,4 @@ def _discrepancy(diagnosis: Conclusions) -> bytes:
     right.set(xlabel="as noise would be", ylabel="residual / noise, sorted")
     for axes in (left, right):
         axes.grid(alpha=0.2)
-    return png_of(figure)
+    return svg_of(figure)

@@ -109,8 +109,8 @@ def gap_table(diagnosis: Conclusions) -> tuple[tuple[str, ...], list[tuple[str, 
     return tuple(head[k] for k in kept), [tuple(row[k] for k in kept) for row in table]
 
 
-def effect_lines(diagnosis: Conclusions, effect: NamedEffect) -> list[str]:
-    """Return an effect in sentences: what happens, how large it is, its parameters."""
+def effect_lines(diagnosis: Conclusions, effect: NamedEffect, *, short: bool = True) -> list[str]:
+    """Return an effect in sentences: what happens, how large it is, its parameters; if short, the clearest of them."""
     cause = effect.cause
     moved = np.linalg.norm(diagnosis.moved[cause.effect], axis=1) / MM
     largest = float(np.nanmax(moved)) if np.isfinite(moved).any() else math.nan
@@ -133,7 +133,7 @@ def effect_lines(diagnosis: Conclusions, effect: NamedEffect) -> list[str]:
     form = "" if cause.form in ("background", "all") else f"form '{plain(cause.form)}': "
     lines.append(
         f"{form}{', '.join(parameter_text(*item) for item in shown)} (95 %)"
-        + (f"; {more} more in the report" if more else "")
+        + (f"; {more} more {'in the report' if short else 'below'}" if more else "")
     )
     return lines
 
@@ -255,12 +255,17 @@ def _measurement_lines(diagnosis: Conclusions) -> list[str]:
     more = f" and {len(pairs) - _SHOWN_PAIRS} more" if len(pairs) > _SHOWN_PAIRS else ""
     gain = suggestion.expected_nats
     by_chance = float(np.median(suggestion.random_nats)) if suggestion.random_nats.size else math.nan
-    best = sorted(suggestion.measurements, key=lambda m: m.rank)
+    best = tells_most(diagnosis)
     lines = [
         f"{len(best)} measurements to tell {', '.join(pairs[:_SHOWN_PAIRS])}{more}: {gain:.1f} nats expected, "
         f"{by_chance:.1f} from as many at random (3 nats: odds of 20); the best of them:"
     ]
     return lines + [f"  {measurement_text(m)}" for m in best[:_SHOWN_MEASUREMENTS]]
+
+
+def tells_most(diagnosis: Conclusions) -> list[SuggestedMeasurement]:
+    """Return the suggested measurements, that which adds most first."""
+    return sorted(diagnosis.suggestion.measurements, key=lambda m: (-m.nats, m.rank))
 
 
 def measurement_text(measurement: SuggestedMeasurement) -> str:
@@ -352,7 +357,7 @@ def sections(diagnosis: Conclusions, *, short: bool = True) -> list[tuple[str, l
     where = list(diagnosis.where.sentences)
     if short and len(where) > _SHOWN_SENTENCES:
         where = [*where[:_SHOWN_SENTENCES], f"{len(where) - _SHOWN_SENTENCES} more in the report"]
-    told = [effect_lines(diagnosis, effect) for effect in diagnosis.firm]
+    told = [effect_lines(diagnosis, effect, short=short) for effect in diagnosis.firm]
     which = [line if k == 0 else f"  {line}" for lines in told for k, line in enumerate(lines)]
     found = [
         ("where they disagree", [] if diagnosis.verdict == "no_gap" and short else where),
