@@ -16,6 +16,7 @@ from pouring_robot.checks.flags import DataFlag, outlier_rows
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.descriptions import descriptions
 from pouring_robot.diagnosis.gap import Gap
+from pouring_robot.diagnosis.in_turn import few, held_out_in_turn
 from pouring_robot.diagnosis.parameters import named_effects
 from pouring_robot.diagnosis.problem import Library
 from pouring_robot.diagnosis.report.export import write_diagnosis
@@ -28,7 +29,7 @@ from pouring_robot.estimation.instruments import are
 from pouring_robot.estimation.noise import stated_noise
 from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.solver import seen_from_one_place
-from pouring_robot.estimation.splits import HoldOut, split
+from pouring_robot.estimation.splits import HoldOut, Split, split
 from pouring_robot.exceptions import BadInputError, CalibrationError, CampaignError
 from pouring_robot.inference.decision import DEFAULT_THRESHOLDS, Thresholds, judge
 from pouring_robot.inference.hypotheses import Hypothesis
@@ -152,7 +153,7 @@ class _Searched:
     outliers: NDArray[np.intp]
     inliers: NDArray[np.intp]
     fitted: NDArray[np.bool_]
-    held_out_name: str
+    parts: Split | None
     notes: tuple[str, ...]
     noise: NoiseLevel
     diagnoser: Diagnoser
@@ -190,7 +191,10 @@ class _Work:
                 f"only {inliers.size} rows can be used and {FEWEST_ROWS} are needed; measure more poses",
             )
         campaign = self.campaign.subset(inliers)
-        fitted, name, notes = _held_out(campaign, self.options.hold_out)
+        parts, notes = _held_out(campaign, self.options.hold_out)
+        fitted = np.ones(len(campaign), dtype=bool)
+        if parts:
+            fitted[parts.test] = False
         noise = stated_noise(campaign, np.flatnonzero(fitted))
         for turn in itertools.count(1):
             self.say("searching for effects")
@@ -208,7 +212,7 @@ class _Work:
                 "the noise is not stated and comes from what is left over: whether a gap is left cannot be said"
             )
         outliers = np.asarray(wrong, dtype=np.intp)
-        return _Searched(outliers, inliers, fitted, name, tuple(notes), noise, diagnoser, after, hypothesis)
+        return _Searched(outliers, inliers, fitted, parts, tuple(notes), noise, diagnoser, after, hypothesis)
 
     def judged(self, found: _Searched, flags: tuple[DataFlag, ...]) -> Diagnosis:
         """Say what may be said of what was found."""
@@ -221,6 +225,11 @@ class _Work:
         before = diagnoser.at_rest
         if not judgement.causes:  # nothing is named, so nothing is added: the model stays as it was given
             after = before
+        in_turn = None
+        if found.parts and judgement.causes and few(before.every_row, fitted):
+            self.say("holding out each block in turn")
+            names = frozenset(item.effect for item in hypothesis.items if item.cause)
+            in_turn = held_out_in_turn(diagnoser, before, after, (*found.parts.folds, found.parts.test), names)
         given, notes = rows.conditions, list(found.notes)
         notes += [
             f"single missing cells of {name} were filled in from their neighbours in time" for name in given.filled
@@ -237,7 +246,7 @@ class _Work:
             flags=flags,
             noise=found.noise,
             fitted=fitted,
-            held_out_name=found.held_out_name,
+            held_out_name=found.parts.test_name if found.parts else "",
             diagnoser=diagnoser,
             before=before,
             after=after,
@@ -247,22 +256,20 @@ class _Work:
             untestable={e.id: e.missing(given) for e in self.effects.values() if e.missing(given)},
             train=gaps[0],
             held_out=gaps[1] if len(gaps) > 1 else None,
+            in_turn=in_turn,
             notes=tuple(notes),
             next_count=self.options.next_count,
         )
 
 
-def _held_out(campaign: Campaign, kind: HoldOut) -> tuple[NDArray[np.bool_], str, list[str]]:
-    """Return which rows are fitted, the name of the block held out, and what is to be noted."""
-    fitted = np.ones(len(campaign), dtype=bool)
+def _held_out(campaign: Campaign, kind: HoldOut) -> tuple[Split | None, list[str]]:
+    """Return which rows are held out, None where they are too few for that, and what is to be noted."""
     try:
-        parts = split(campaign, np.zeros(0, dtype=np.intp), kind)
+        return split(campaign, np.zeros(0, dtype=np.intp), kind), []
     except CalibrationError as problem:
         if kind != "auto":
             raise
-        return fitted, "", [f"no rows are held out: {problem.problem}"]
-    fitted[parts.test] = False
-    return fitted, parts.test_name, []
+        return None, [f"no rows are held out: {problem.problem}"]
 
 
 def _noise_from(noise: NoiseLevel, after: State, hypothesis: Hypothesis) -> NoiseLevel | None:

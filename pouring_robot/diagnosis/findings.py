@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag
 from pouring_robot.diagnosis.gap import Gap
+from pouring_robot.diagnosis.in_turn import InTurn
 from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser, State
@@ -46,6 +47,7 @@ class Findings:
         untestable: effects that the campaign cannot test, with the conditions it lacks.
         train: gap of the fitted rows.
         held_out: gap of the held-out rows; None where there are none.
+        in_turn: gap of every block held out in turn, where the rows held out are few; else None.
         notes: what limits the answer, one line each.
         next_count: how many measurements to suggest.
     """
@@ -68,6 +70,7 @@ class Findings:
     untestable: dict[str, tuple[str, ...]]
     train: Gap
     held_out: Gap | None
+    in_turn: InTurn | None
     notes: tuple[str, ...]
     next_count: int
 

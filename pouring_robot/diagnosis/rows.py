@@ -9,7 +9,7 @@ effect are the product of the Jacobian by local parameters with the changes that
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from pouring_robot.estimation.measurement import MeasurementModel, Prediction
 from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.priors import FRAME_STD
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
+from pouring_robot.estimation.session_frames import base_displacements, session_parameters
 from pouring_robot.estimation.solver import first_frames
 from pouring_robot.exceptions import BadInputError, DiagnosisError, closest
 from pouring_robot.mechanism.arrays import FloatArray
@@ -79,6 +80,22 @@ class RowChanges:
 
 
 @dataclass(frozen=True, eq=False)
+class SeenFrom(OuterFrames):
+    """The two frames, and where sessions that have frames of their own see the base beside them.
+
+    Attributes:
+        sessions: displacement of the base for each session but the largest, (6 s,), in m and rad.
+    """
+
+    sessions: FloatArray
+
+    def moved(self, values: FloatArray) -> SeenFrom:
+        """Return them displaced by the twelve unknowns, then six a session, (12 + 6 s,), in m and rad."""
+        outer = super().moved(values[:FRAMES])
+        return SeenFrom(outer.T_tracker_base, outer.T_end_target, self.sessions + values[FRAMES:])
+
+
+@dataclass(frozen=True, eq=False)
 class LinearRows:
     """Residuals and their derivatives at one state.
 
@@ -89,6 +106,7 @@ class LinearRows:
         component: component 0 to 5 of each equation, (m,).
         scale: derivative of the prediction by the device's scale, (m,).
         tracker: sigma of each equation's component, (m,), in m or rad.
+        own: whether an equation is of a session with frames of its own, (m, s).
     """
 
     residual: FloatArray
@@ -97,6 +115,7 @@ class LinearRows:
     component: NDArray[np.intp]
     scale: FloatArray
     tracker: FloatArray
+    own: NDArray[np.bool_]
 
     def of(self, rows: NDArray[np.bool_]) -> LinearRows:
         """Return the equations of some rows, by a mask (n,)."""
@@ -105,8 +124,9 @@ class LinearRows:
 
     @property
     def free(self) -> FloatArray:
-        """Columns of the frames, (m, 12), in units of 1/m and 1/rad."""
-        return self.jacobian[:, :FRAMES]
+        """Columns of the frames, then of the base as sessions see it, (m, 12 + 6 s), in units of 1/m and 1/rad."""
+        base = (self.jacobian[:, :6] * own[:, None] for own in self.own.T)
+        return np.hstack([self.jacobian[:, :FRAMES], *base])
 
 
 class CampaignRows:
@@ -140,7 +160,10 @@ class CampaignRows:
         modelled = self.measurement.at(campaign.drives)
         self._drives = campaign.drives + self.measurement.drive_errors(None)
         self._start = modelled.start
-        self.frames = first_frames(modelled, self.measured).frames
+        own = list(dict.fromkeys(p.session for p in session_parameters(campaign)))
+        self._session = np.array([own.index(name) if name in own else -1 for name in campaign.sessions], dtype=np.intp)
+        first = first_frames(modelled, self.measured).frames
+        self.frames = SeenFrom(first.T_tracker_base, first.T_end_target, np.zeros(6 * len(own)))
         self.conditions = self._conditions()
         self._given = self._by_stack(model)
 
@@ -214,7 +237,7 @@ class CampaignRows:
                     total.placements[:, self._sites[name]] += value * change
         return total
 
-    def refined_frames(self, fitted: NDArray[np.bool_]) -> OuterFrames:
+    def refined_frames(self, fitted: NDArray[np.bool_]) -> SeenFrom:
         """Return the frames by least squares, with the effects that the model has, to some rows, by a mask (n,).
 
         Raises:
@@ -226,13 +249,14 @@ class CampaignRows:
             frames = frames.moved(least_squares(linear.free, linear.residual))
         return frames
 
-    def linearise(self, changes: RowChanges, frames: OuterFrames) -> LinearRows:
+    def linearise(self, changes: RowChanges, frames: SeenFrom) -> LinearRows:
         """Close the loops with changes put in, and differentiate.
 
         Raises:
             DiagnosisError: with these changes a row does not close.
         """
         total, model = self._given + changes, self.measurement
+        total = replace(total, base=total.base + base_displacements(frames.sessions, self._session))
         seen = self._seen(total, frames)
         equations = whiten(
             self.measured, model.differentiated(seen, frames, model.parameters, total.placements, total.base)
@@ -246,7 +270,10 @@ class CampaignRows:
         stretched = self.measured.stretched(seen) / (1.0 + total.scale[:, None])
         sigma = self.measured.sigma[equations.components]
         scale = stretched[equations.rows, equations.components] / sigma
-        return LinearRows(equations.residual, -equations.jacobian, equations.rows, equations.components, scale, sigma)
+        own = self._session[equations.rows, None] == np.arange(len(frames.sessions) // 6)
+        return LinearRows(
+            equations.residual, -equations.jacobian, equations.rows, equations.components, scale, sigma, own
+        )
 
     def predicted(self, changes: RowChanges, frames: OuterFrames) -> Prediction:
         """Close the loops with changes put in, and return what is seen of the rows; rows that do not close are NaN."""

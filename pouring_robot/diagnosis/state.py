@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from pouring_robot.diagnosis.parameters import FoundParameter, found_parameters
 from pouring_robot.diagnosis.problem import Library, problem_at
-from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, least_squares
+from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, least_squares
 from pouring_robot.effects.base import EffectParameter
-from pouring_robot.estimation.frames import OuterFrames
 from pouring_robot.exceptions import DiagnosisError
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.hypotheses import Hypothesis
@@ -41,7 +40,7 @@ class State:
 
     parameters: tuple[EffectParameter, ...]
     values: FloatArray
-    frames: OuterFrames
+    frames: SeenFrom
     linear: LinearRows
     every_row: LinearRows
     problem: Problem
@@ -68,12 +67,17 @@ class Diagnoser:
         """The state without any change, its frames refined."""
         return self._state((), np.zeros(0), self.rows.refined_frames(self.fitted))
 
-    def _state(self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: OuterFrames) -> State:
+    def _state(self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: SeenFrom) -> State:
         every_row = self.rows.linearise(self.rows.changes(parameters, values), frames)
         linear = every_row.of(self.fitted)
         added = self._signature(parameters, values, linear)
         problem = problem_at(self.rows, linear, self.library, added)
         return State(parameters, values, frames, linear, every_row, problem)
+
+    def problem_of_every_row(self, state: State) -> Problem:
+        """Return the search's problem at a state for all rows, those held out among them."""
+        added = self._signature(state.parameters, state.values, state.every_row)
+        return problem_at(self.rows, state.every_row, self.library, added)
 
     def found(self, start: Hypothesis | None = None) -> tuple[State, Hypothesis]:
         """Search, put in what was found, and search again from there until the answer stays.

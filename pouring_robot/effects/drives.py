@@ -132,7 +132,9 @@ class Scale(Family):
         lengths = conditions.drives[:, conditions.places(self.drives)] - [drive.zero for drive in self.drives]
         size = 1.0 if self.build_up else 0.5
         one = np.ones(len(conditions))
-        bent = (lengths - self.middle_m) ** 2 - self.half_stroke_m**2 / 3.0
+        # A spool is as its lead says where its count is zero; a worn screw, on average over its stroke.
+        mean = 0.0 if self.build_up else self.half_stroke_m**2 / 3.0
+        bent = (lengths - self.middle_m) ** 2 - mean
         lead = [of_drive(d, "scale", 1.0, lengths[:, k], per="/m") for k, d in enumerate(self.drives)]
         progressive = [
             of_drive(d, "progression", size, bent[:, k], main=self.build_up, per="/m²")

@@ -61,6 +61,11 @@ def session_parameters(campaign: Campaign) -> tuple[SessionParameter, ...]:
     return tuple(SessionParameter(name, component) for name in others for component in COMPONENTS)
 
 
+def largest_session(campaign: Campaign) -> str:
+    """Return the name of the session whose frame the others are brought into."""
+    return _by_size(campaign)[0]
+
+
 def _by_size(campaign: Campaign) -> list[str]:
     usable = [name for name, used in zip(campaign.sessions, campaign.usable, strict=True) if used]
     return sorted(dict.fromkeys(campaign.sessions), key=lambda name: -usable.count(name))

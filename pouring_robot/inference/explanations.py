@@ -147,6 +147,12 @@ class Problem:
         """What hypotheses worked out once for all that share it."""
         return {}
 
+    def of(self, kept: BoolArray) -> Problem:
+        """Return the problem of some equations alone, by a mask (m,)."""
+        usual = [replace(b, columns=b.columns[kept]) for b in self.backgrounds]
+        found = [replace(e, columns=e.columns[kept]) for e in self.explanations]
+        return Problem.build(self.residual[kept], self.nuisance.axes[kept], usual, found)
+
     def and_also(self, items: Sequence[Explanation]) -> Problem:
         """Return the problem with more explanations."""
         return replace(self, explanations=(*self.explanations, *items))

@@ -74,7 +74,7 @@ class Robot:
     ) -> None:
         """Build both mechanisms."""
         self.model = model or RobotModel()
-        self.model.check_drive_offsets()
+        self.model.check_errors()
         self._drive_offsets = self.model.drive_offset_values()
         self.drawing = self.model.definition.drawing()
         self.nominal_solver = ClosureSolver(self.drawing.mechanism, options=options)

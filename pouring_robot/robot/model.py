@@ -32,8 +32,8 @@ from pouring_robot.robot.pouring.definition import PouringDefinition
 
 Triple = tuple[float, float, float]
 _ZERO: Triple = (0.0, 0.0, 0.0)
-# More than this is a mistake of units, not a machining error.
-_LARGEST_MM, _LARGEST_MRAD = 500.0, 100.0
+_LARGEST_SHARE, _LARGEST_MRAD = 0.1, 100.0
+"""Of the robot's reach, and of a turn: more is a mistake of units or another robot, not an error of this one."""
 
 
 class JointPlacement(StrictModel):
@@ -47,17 +47,6 @@ class JointPlacement(StrictModel):
     translation_mm: Triple = _ZERO
     rotation_mrad: Triple = _ZERO
 
-    @pydantic.model_validator(mode="after")
-    def _small(self) -> JointPlacement:
-        for values, limit, unit in (
-            (self.translation_mm, _LARGEST_MM, "mm"),
-            (self.rotation_mrad, _LARGEST_MRAD, "mrad"),
-        ):
-            largest = max(values, key=abs)
-            if abs(largest) > limit:
-                raise ValueError(f"{largest} {unit} is no placement error (limit {limit} {unit}); check the unit")
-        return self
-
     def to_si(self) -> PlacementError:
         """Return the same error in m and rad."""
         tx, ty, tz = (value * MM for value in self.translation_mm)
@@ -70,11 +59,7 @@ class JointPlacement(StrictModel):
 
     @classmethod
     def from_se3(cls, pose_nominal_to_actual: pin.SE3) -> JointPlacement:
-        """Take a displacement given as a pose.
-
-        Raises:
-            ValueError: it is too large for an error.
-        """
+        """Take a displacement given as a pose."""
         shift, turn = pose_nominal_to_actual.translation / MM, pin.log3(pose_nominal_to_actual.rotation) / MRAD
         return cls(translation_mm=tuple(shift.tolist()), rotation_mrad=tuple(turn.tolist()))
 
@@ -91,12 +76,9 @@ class DriveOffset(StrictModel):
     offset_mrad: float | None = None
 
     @pydantic.model_validator(mode="after")
-    def _one_small(self) -> DriveOffset:
+    def _one(self) -> DriveOffset:
         if (self.offset_mm is None) == (self.offset_mrad is None):
             raise ValueError("give either offset_mm or offset_mrad")
-        for value, limit, unit in ((self.offset_mm, _LARGEST_MM, "mm"), (self.offset_mrad, _LARGEST_MRAD, "mrad")):
-            if value is not None and abs(value) > limit:
-                raise ValueError(f"{value} {unit} is no drive offset (limit {limit} {unit}); check the unit")
         return self
 
     @property
@@ -170,7 +152,7 @@ class RobotModel(StrictModel):
         model = validate(cls, content, path, ModelFileError)
         model._folder = path.parent
         try:
-            model.check_drive_offsets()
+            model.check_errors()
             model.urdf()
         except UnknownJointError as problem:
             raise ModelFileError(path, f"joint_placements: {problem}") from problem
@@ -286,21 +268,35 @@ class RobotModel(StrictModel):
         """Return the offset of each drive that has one, in m or rad."""
         return {drive: offset.to_si() for drive, offset in self.drive_offsets.items()}
 
-    def check_drive_offsets(self) -> None:
-        """Check that every offset is one of a drive, in its unit.
+    def check_errors(self) -> None:
+        """Check that every offset is one of a drive, in its unit, and that no error is too large to be one.
 
         Raises:
-            BadInputError: there is no such drive, or it is a length where an angle is given or the other way round.
+            BadInputError: there is no such drive, or it is a length where an angle is given or the other way round; or
+                something is off by more than a tenth of the robot's reach, or 100 mrad.
         """
-        if not self.drive_offsets:
-            return
-        drives = {drive.joint: drive for drive in self.definition.drives}
+        drives = {drive.joint: drive for drive in self.definition.drives} if self.drive_offsets else {}
         for joint, offset in self.drive_offsets.items():
             if joint not in drives:
                 raise BadInputError(f"drive_offsets: the robot has no drive '{joint}'{closest(joint, drives)}")
             if offset.unit != drives[joint].unit:
                 wanted = "offset_mm" if drives[joint].unit == "m" else "offset_mrad"
                 raise BadInputError(f"drive_offsets: '{joint}' needs {wanted}")
+            self._check_size(joint, "drive offset", (offset.offset_mm or 0.0,), (offset.offset_mrad or 0.0,))
+        for joint, error in self.joint_placements.items():
+            self._check_size(joint, "placement error", error.translation_mm, error.rotation_mrad)
+
+    def _check_size(self, joint: str, kind: str, lengths_mm: tuple[float, ...], turns_mrad: tuple[float, ...]) -> None:
+        length, turn = (max(values, key=abs) for values in (lengths_mm, turns_mrad))
+        limit = _LARGEST_SHARE * self.definition.reach_m / MM if length else 0.0
+        for value, most, unit, why in (
+            (length, limit, "mm", ", a tenth of the robot's reach"),
+            (turn, _LARGEST_MRAD, "mrad", ""),
+        ):
+            if abs(value) > most:
+                raise BadInputError(
+                    f"'{joint}': {value:.6g} {unit} is no {kind} (limit {most:.0f} {unit}{why}); check the unit"
+                )
 
     def loops(self) -> LoopsFile:
         """Return the declaration of the loops."""
@@ -341,7 +337,7 @@ class RobotModel(StrictModel):
         """
         if not self.drive_offsets:
             return self
-        self.check_drive_offsets()
+        self.check_errors()
         model = self.mechanism().shared_model
         data = model.createData()
         pin.computeJointJacobians(model, data, pin.neutral(model))

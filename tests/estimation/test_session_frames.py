@@ -12,6 +12,7 @@ from pouring_robot.campaign.plan import random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import FlagCode, Severity
+from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.estimation.frames import OuterFrames
 from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
 from pouring_robot.estimation.session_frames import session_parameters
@@ -134,3 +135,17 @@ def test_what_cannot_be_told_is_refused():
         seen_from_one_place(few, bare(MODELS["arm"]))
     with pytest.raises(CalibrationError, match="--hold-out region"):
         calibrate(moved(campaign, 5), bare(MODELS["arm"]), CalibrationOptions(("drives",), hold_out="session"))
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_diagnosis_counts_that_nobody_knows_where_sessions_measured_from(name):
+    """Sessions are brought together by a robot that is wrong; what that moved is neither named nor made up for."""
+    robot = robot_of(MODELS[name])
+    plan, options = random_plan(robot, 36, 5), MeasurementOptions(3e-5, 3e-5, seed=5)
+    found = diagnose(moved(simulate_campaign(robot, plan, options).campaign, 5), bare(MODELS[name]))
+    assert [effect.cause.effect for effect in found.effects] == ["drive_zero_offset"]
+    truth = {f"drive.{drive}": 1e3 * value for drive, value in MODELS[name].drive_offset_values().items()}
+    values = {next(iter(p.parameter.changes)): p for _, p in found.parameters_of(found.effects[0])}
+    for channel, value in truth.items():
+        assert abs(values[channel].value - value) < 4.0 * values[channel].std
+    assert found.held_out.position("after") < 1.5 * found.held_out.position("floor")

@@ -29,6 +29,8 @@ def test_held_out_lines_agree(found):
     assert before > 30.0
     assert after < 1.2  # six rows of a region that no other row is in
     assert 1e3 * found.train.position("after") < 0.5
+    assert (found.in_turn.blocks, found.in_turn.agreed) == (5, 5)
+    assert 1e3 * found.in_turn.gap.position("after") < 1.5
 
 
 def test_what_is_found_is_a_robot_whose_lines_agree(found, tmp_path):

@@ -1,6 +1,7 @@
 """The model file: it round-trips, and says what is wrong with it."""
 
 import shutil
+from contextlib import nullcontext
 
 import numpy as np
 import pinocchio as pin
@@ -20,7 +21,7 @@ from pouring_robot.robot.description.urdf import perturb_urdf
 from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
 from pouring_robot.robot.pouring.description import render_urdf
 from pouring_robot.robot.pouring.layout import shipped_layouts_file
-from tests.support import ACTUAL, crooked_model
+from tests.support import ACTUAL, ROOT, crooked_model
 
 HEAD = "format: pouring_robot/model/1\nlayout: paper\n"
 
@@ -112,8 +113,8 @@ PLACED = "joint_placements:\n  leg1_s1:\n    translation_mm: "
         (HEAD + PLACED + "[0, 0]\n", "line 5"),
         (HEAD + PLACED + "[0, 0, 0, 0]\n", "line 5"),
         (HEAD + PLACED + "[a, 0, 0]\n", "line 5: .*it is 'a'"),
-        (HEAD + PLACED + "[0, 0, 600]\n", "600.0 mm is no placement error.*check the unit"),
-        (HEAD + "joint_placements:\n  leg1_s1: {rotation_mrad: [0, 200, 0]}\n", "200.0 mrad is no placement error"),
+        (HEAD + PLACED + "[0, 0, 600]\n", "600 mm is no placement error.*check the unit"),
+        (HEAD + "joint_placements:\n  leg1_s1: {rotation_mrad: [0, 200, 0]}\n", "200 mrad is no placement error"),
         ("format: pouring_robot/model/7\n", "pouring_robot/model/1"),
         (HEAD + "joint_placements: 5\n", "joint_placements"),
         (HEAD + "joint_placements:\n", "joint_placements"),
@@ -257,3 +258,15 @@ def test_a_key_that_is_no_word_is_refused(tmp_path, text):
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ModelFileError, match="keys are plain words"):
         RobotModel.load(path)
+
+
+@pytest.mark.parametrize(("robot", "reach_mm"), [("five_bar", 840.0), ("delta", 1360.0)])
+def test_how_large_an_error_may_be_goes_with_the_robot(robot, reach_mm):
+    """A tenth of its reach: 150 + 250 + 390 + 50 mm to the pen; 200 + 300 + 750 + 50 + 60 mm to the grip."""
+    model = RobotModel.for_robot(ROOT / "examples" / "robots" / robot / "robot.yaml")
+    joint = model.definition.drives[0].joint
+    for size, accepted in ((0.0999, True), (0.1001, False)):
+        placed = {joint: JointPlacement(translation_mm=(0.0, size * reach_mm, 0.0))}
+        moved = model.model_copy(update={"joint_placements": placed})
+        with nullcontext() if accepted else pytest.raises(BadInputError, match=f"limit {reach_mm / 10:.0f} mm"):
+            moved.check_errors()

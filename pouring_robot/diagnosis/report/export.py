@@ -136,6 +136,8 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
     }
     # A campaign too small for held-out rows has the key all the same.
     content["gap"].setdefault("held_out", None)
+    if diagnosis.in_turn:
+        content["gap"]["in_turn"] = diagnosis.in_turn.metrics()
     cleaned: Metrics = without_nan(content)
     return cleaned
 

@@ -87,7 +87,18 @@ def gap_sentence(diagnosis: Conclusions) -> str:
     of = " in position" if rotated else ""
     share = "all" if gap.closed > 0.995 else f"{100.0 * gap.closed:.0f} %"
     closed = f" ({share} of the gap{of} closed)" if before > 1.2 * floor else ""
-    return text[0].upper() + text[1:] + closed + "."
+    return text[0].upper() + text[1:] + closed + "." + _in_turn_text(diagnosis)
+
+
+def _in_turn_text(diagnosis: Conclusions) -> str:
+    found = diagnosis.in_turn
+    if found is None:
+        return ""
+    before, after = (found.gap.position(which) / MM for which in ("before", "after"))
+    return (
+        f" One block of so few rows tells little: with each of {found.blocks} held out in turn {before:.3f} mm before, "
+        f"{after:.3f} ± {found.error_m / MM:.3f} mm after (standard error), and the same names in {found.agreed}."
+    )
 
 
 def gap_table(diagnosis: Conclusions) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

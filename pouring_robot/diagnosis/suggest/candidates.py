@@ -17,12 +17,14 @@ from scipy.spatial.transform import Rotation
 
 from pouring_robot.batch import BatchStart
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.campaign.metadata import PER_SESSION
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.diagnosis.descriptions import descriptions
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.problem import Library, problem_at
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects.defaults import causes_of
+from pouring_robot.estimation.session_frames import largest_session
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.discrepancy import Description
 from pouring_robot.inference.explanations import Background, Explanation, Problem
@@ -258,6 +260,8 @@ def _together(campaign: Campaign, possible: Candidates, diagnosis: Findings) -> 
     n, frames = len(possible), diagnosis.after.frames
     outer, inner = frames.T_tracker_base, frames.T_end_target
     seen = [outer * pin.SE3(pose.rotation, pose.position_m) * inner for pose in possible.poses]
+    own = campaign.metadata.frames == PER_SESSION
+    session = largest_session(campaign) if own else SESSION
     arrays: dict[str, Any] = {
         "drives": possible.drives,
         "approach": possible.approach,
@@ -279,6 +283,6 @@ def _together(campaign: Campaign, possible: Candidates, diagnosis: Findings) -> 
         campaign,
         lines=np.append(campaign.lines, int(campaign.lines.max()) + 1 + np.arange(n)),
         samples=(*campaign.samples, *(f"next_{k + 1}" for k in range(n))),
-        sessions=(*campaign.sessions, *((SESSION,) * n)),
+        sessions=(*campaign.sessions, *((session,) * n)),
         **joined,
     )

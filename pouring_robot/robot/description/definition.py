@@ -35,7 +35,7 @@ from pouring_robot.mechanism.loops import LoopsFile, load_loops
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.description.robot_file import DriveEntry, RobotFile
-from pouring_robot.robot.description.urdf import meshes_from, read_text
+from pouring_robot.robot.description.urdf import meshes_from, reach, read_text
 
 if TYPE_CHECKING:
     from pouring_robot.batch import BatchStart
@@ -225,6 +225,11 @@ class RobotDefinition:
             except etree.XMLSyntaxError as problem:
                 raise DescriptionError(self.source, f"line {problem.lineno}: {problem.msg}") from problem
         return meshes_from(drawn, self.source.parent)
+
+    @functools.cached_property
+    def reach_m(self) -> float:
+        """Length of the longest way from the root to a joint, stretched out, in m; the robot's size."""
+        return reach(self.urdf(), self.file.home)
 
     def files_beside(self) -> dict[str, bytes]:
         """Return what makes the exported URDF a robot again, by file name: its robot file."""

@@ -48,6 +48,28 @@ def read_text(path: Path) -> str:
         raise DescriptionError(path, f"cannot be read: {reason}") from error
 
 
+def reach(urdf: str, values: Mapping[str, float]) -> float:
+    """Return the length of the longest way from the root to a link, every part stretched out, in m.
+
+    Args:
+        urdf: of the robot.
+        values: of sliding joints, in m: they are part of the way; the others count as nothing.
+    """
+    root = etree.fromstring(urdf.encode())
+    steps: dict[str, list[tuple[str, float]]] = {}
+    for joint in root.iterfind("joint"):
+        origin, name = joint.find("origin"), str(joint.get("name"))
+        place = [] if origin is None else [float(value) for value in origin.get("xyz", "").split()]
+        slide = abs(values.get(name, 0.0)) if joint.get("type") == "prismatic" else 0.0
+        parent, child = (joint.find(end).get("link") for end in ("parent", "child"))
+        steps.setdefault(parent, []).append((child, float(np.linalg.norm(place)) + slide))
+
+    def beyond(link: str) -> float:
+        return max((length + beyond(child) for child, length in steps.get(link, ())), default=0.0)
+
+    return max(map(beyond, steps), default=0.0)
+
+
 def perturb_urdf(urdf: str, placements: Mapping[str, PlacementError], source: Path | str = "URDF") -> str:
     """Return the URDF with single joints displaced.
 

@@ -1,0 +1,78 @@
+"""Blocks held out in turn, of a line through points: against fits by hand, and the standard error against scatter."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pouring_robot.diagnosis.in_turn import few, held_out_in_turn
+from pouring_robot.diagnosis.rows import LinearRows
+from pouring_robot.inference.explanations import Explanation, Problem
+from pouring_robot.inference.search import DEFAULT_SEARCH
+
+ROWS, SIGMA, SLOPE = 30, 1e-3, 40.0
+BLOCKS = np.array_split(np.arange(ROWS), 5)
+COURSE = np.random.default_rng(0).uniform(-1.0, 1.0, ROWS)
+
+
+def turned(residual, free):
+    """Return what is found of one coordinate a row, in units of the noise, that may depend on the course."""
+    rows, no = np.arange(ROWS), np.zeros(ROWS)
+    jacobian = np.zeros((ROWS, 12))
+    jacobian[:, : free.shape[1]] = free
+    linear = LinearRows(residual, jacobian, rows, 0 * rows, no, no + SIGMA, np.zeros((ROWS, 0), dtype=bool))
+    state = SimpleNamespace(every_row=linear)
+    item = Explanation("slope", "line", COURSE[:, None], np.array([True]))
+    diagnoser = SimpleNamespace(
+        problem_of_every_row=lambda _: Problem.build(residual, linear.free, [], [item]),
+        options=DEFAULT_SEARCH,
+        rows=Rows(),
+    )
+    return held_out_in_turn(diagnoser, state, state, BLOCKS, frozenset({"slope"}))
+
+
+class Rows:
+    measured = SimpleNamespace(sigma=np.full(6, SIGMA))
+
+    def __len__(self):
+        return ROWS
+
+
+def drawn(seed):
+    return 3.0 + SLOPE * COURSE + np.random.default_rng(seed).normal(size=ROWS)
+
+
+def test_it_is_what_fits_without_each_block_leave_over():
+    values = drawn(1)
+    found = turned(values, np.ones((ROWS, 1)))
+    left = np.zeros(ROWS)
+    for rows in BLOCKS:
+        others = np.setdiff1d(np.arange(ROWS), rows)
+        slope, start = np.polyfit(COURSE[others], values[others], 1)
+        left[rows] = values[rows] - start - slope * COURSE[rows]
+    assert (found.blocks, found.agreed) == (5, 5)
+    # The search's prior on the slope is wide, but no plane.
+    assert found.gap.position("after") == pytest.approx(SIGMA * np.sqrt((left**2).mean()), rel=0.01)
+    before = [values[rows] - np.delete(values, rows).mean() for rows in BLOCKS]
+    assert found.gap.position("before") == pytest.approx(SIGMA * np.sqrt((np.concatenate(before) ** 2).mean()))
+
+
+def test_its_standard_error_is_the_scatter_from_campaign_to_campaign():
+    found = [turned(drawn(seed), np.ones((ROWS, 1))) for seed in range(100)]
+    scatter = np.std([one.gap.position("after") for one in found])
+    assert np.sqrt(np.mean([one.error_m**2 for one in found])) == pytest.approx(scatter, rel=0.35)
+
+
+def test_a_block_that_alone_tells_of_the_frames_is_not_foretold():
+    alone = np.zeros((ROWS, 1))
+    alone[BLOCKS[2]] = 1.0
+    assert turned(drawn(2), alone) is None
+
+
+@pytest.mark.parametrize(("held_out", "expected"), [(0, False), (6, True), (49, True), (50, False)])
+def test_few_is_what_tells_an_error_to_less_than_a_tenth(held_out, expected):
+    """The RMS of m values is known to 1 / sqrt(2 m)."""
+    fitted = np.arange(100) >= held_out
+    linear = SimpleNamespace(row=np.arange(100))
+    assert few(linear, fitted) == expected
+    assert not expected or 1.0 / np.sqrt(2.0 * held_out) > 0.1
