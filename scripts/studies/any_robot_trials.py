@@ -150,12 +150,19 @@ def _gap(gap: dict[str, Any], unit: str) -> tuple[float, ...]:
 
 
 def summary(trials: Sequence[Trial]) -> Iterator[str]:
-    """Yield a line for each robot and effect that was tried: how many were right, and false ones besides."""
-    for robot, effect in dict.fromkeys((t.robot, t.effect) for t in trials):
-        own = [t for t in trials if (t.robot, t.effect) == (robot, effect)]
-        strong = [t for t in own if not t.ratio < WEAK]
-        right = f"{sum(t.right for t in strong)} of {len(strong)} right"
-        yield f"{robot} {effect}: {right}, {len(own) - len(strong)} weak, {sum(t.false for t in own)} false besides"
+    """Yield a Markdown table: of each effect and robot how many were right, and what did not show or was false."""
+    robots = tuple(dict.fromkeys(t.robot for t in trials))
+    yield f"| hidden | {' | '.join(robots)} |\n{'|---' * (len(robots) + 1)}|"
+    for effect in dict.fromkeys(t.effect for t in trials):
+        cells = [_cell([t for t in trials if (t.robot, t.effect) == (robot, effect)]) for robot in robots]
+        yield f"| `{effect}` | {' | '.join(cells)} |"
+
+
+def _cell(trials: Sequence[Trial]) -> str:
+    weak, false = sum(t.ratio < WEAK for t in trials), sum(t.false for t in trials)
+    words = [f"{weak} under {WEAK:g} times the noise"] * bool(weak) + [f"{false} false beside"] * bool(false)
+    right = f"{sum(t.right for t in trials)} of {len(trials)}" if trials else "–"
+    return f"{right} ({', '.join(words)})" if words else right
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -166,7 +173,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--trials", type=int, default=5, help="campaigns of each effect and robot (5)")
     parser.add_argument("--seed", type=int, default=1, help="of the first of them (1)")
     parser.add_argument("--json", type=Path, help="write the records here")
+    parser.add_argument(
+        "--from", type=Path, nargs="+", dest="read", help="records of earlier runs: only sum them up"
+    )
     options = parser.parse_args(arguments)
+    if options.read:
+        records = [record for path in options.read for record in json.loads(path.read_text(encoding="utf-8"))]
+        print(*summary([Trial(**record) for record in records]), sep="\n")
+        return 0
     effects = options.effects.split(",")
     work = [
         (robot, effect, seed)

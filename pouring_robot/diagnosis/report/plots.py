@@ -118,8 +118,7 @@ def _residuals(diagnosis: Conclusions) -> str:
 
 def _row_words(diagnosis: Conclusions, values: FloatArray, label: str, drawn: NDArray[np.bool_]) -> list[str]:
     """Return what the points of rows are, those left out that are not drawn."""
-    campaign = diagnosis.campaign
-    named = zip(campaign.lines, values, drawn, strict=True)
+    named = zip(diagnosis.rows.campaign.lines, values, drawn, strict=True)
     return [f"line {line}: {value:+.3f} mm {label}" for line, value, there in named if there and np.isfinite(value)]
 
 
