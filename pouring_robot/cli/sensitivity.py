@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.cli.shared.tables import plain_table
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from pouring_robot.sensitivity.report import ErrorRow, SensitivityReport
 
 Limits = tuple[float, float] | None
 OutFolder = Annotated[
@@ -48,6 +43,7 @@ def sensitivity(
     import math
 
     from pouring_robot.mechanism.poses import MM, MRAD
+    from pouring_robot.sensitivity import report
     from pouring_robot.sensitivity.analysis import sensitivity as studied
     from pouring_robot.sensitivity.request import Request
 
@@ -72,35 +68,12 @@ def sensitivity(
         return
     console = options.console()
     console.print(found.headline, style="bold", markup=False)
-    console.print(_errors_table(found))
+    table = report.errors_table(found)
+    title = "each error alone" + (": closed robot, and the open branch of eq. 5" if len(found.samples) > 1 else "")
+    console.print(plain_table(table.head, table.rows[:_SHOWN], (0, 1, 6), title=title))
     if len(found.parameters) > _SHOWN:
         console.print(f"… and {len(found.parameters) - _SHOWN} weaker ones (--out DIR, --json)")
-    for control in found.controls:
-        options.print_indented(
-            console,
-            f"control {control.part}: {' '.join(control.errors)} (main direction {control.directions}, up to "
-            f"{control.largest_m / MM:.3f} mm)",
-        )
-    missed, moved = (value / MM for value in found.missed_m)
-    console.print(f"first order misses exact closures by {missed:.2g} mm at most, where the robot moves {moved:.3g} mm")
+    for line in report.control_lines(found):
+        options.print_indented(console, line)
+    console.print(report.missed_line(found))
     options.print_written(console, written)
-
-
-def _errors_table(found: SensitivityReport) -> Table:
-    """Return the strongest errors of the closed robot, with the open branch beside them if there is one."""
-    opened = {row.parameter.name: row for row in found.of_model("open branch")}
-    rows = []
-    for row in found.of_model("closed chain")[:_SHOWN]:
-        beside = _cells(opened[row.parameter.name]) if opened else []
-        rows.append([row.parameter.name, row.parameter.part, *_cells(row), row.shape, *beside])
-    head = ["error", "part", "largest mm", "class", "mrad", "main", "spread"]
-    head += ["open mm", "class", "mrad", "main"] if opened else []
-    title = "each error alone" + (": closed robot, and the open branch of eq. 5" if opened else "")
-    return plain_table(head, rows, (0, 1, 6), title=title)
-
-
-def _cells(row: ErrorRow) -> list[str]:
-    from pouring_robot.mechanism.poses import MM, MRAD
-
-    order = "none" if row.class_mm is None else f"1e{row.class_mm}"
-    return [f"{row.distance_m / MM:.3f}", order, f"{row.angle_rad / MRAD:.2f}", row.main]

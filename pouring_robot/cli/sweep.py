@@ -15,7 +15,7 @@ from pouring_robot.exceptions import BadInputError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from pouring_robot.sweeps import AllocatedTolerances, SweepReport
+    from pouring_robot.report.page import Table
 
 _SHOWN = 15
 
@@ -39,6 +39,7 @@ def sweep(
     # xarray, Zarr and SciPy take a second to import; only this command pays for it.
     from pouring_robot.sweeps import SweepConfig, SweepPlan
     from pouring_robot.sweeps import sweep as run
+    from pouring_robot.sweeps.analysis import page
 
     if workers and scheduler:
         raise BadInputError("give --workers or --scheduler, not both: the cluster has workers of its own")
@@ -66,59 +67,17 @@ def sweep(
         options.print_figures(outcome.figures(), written)
         return
     console = options.console()
-    _print_summary(console, outcome)
-    _print_ranking(console, outcome)
+    for k, line in enumerate(page.summary_lines(outcome)):
+        console.print(line, style="" if k else "bold", soft_wrap=True)
+    title = f"the tolerances that matter most ({outcome.summary.frame})"
+    _print_first(console, page.ranking_table(outcome), title)
     if outcome.allocation:
-        _print_allocation(console, outcome.allocation)
+        console.print(page.allocation_line(outcome), soft_wrap=True)
+        _print_first(console, page.allocation_table(outcome), "tightest first")
     options.print_written(console, written)
 
 
-def _print_summary(console: Console, outcome: SweepReport) -> None:
-    figures = outcome.summary.figures()
-    quantiles = ", ".join(f"{float(k):.2%} {v:.3f}" for k, v in figures["quantiles_mm"].items() if v is not None)
-    what = "errors alone" if outcome.store.plan.config.study == "one_at_a_time" else "robots"
-    console.print(
-        f"{figures['robots']} {what} at {figures['poses']} poses: {figures['frame']} is off by {quantiles} mm "
-        f"(shares), at most {figures['largest_mm']:.3f} mm and {figures['largest_mrad']:.3f} mrad",
-        soft_wrap=True,
-    )
-    console.print(
-        f"within {figures['accuracy_mm']:g} mm: {figures['share_within']:.2%} of all, "
-        f"{figures['share_of_robots_within_everywhere']:.2%} of the {what} at every pose"
-    )
-    if outcome.summary.failed:
-        failed = ", ".join(f"{count} {name}" for name, count in figures["status"].items() if name != "ok")
-        console.print(f"note: without a solution, kept with their status: {failed}")
-    if outcome.indices and outcome.indices.dropped:
-        console.print(f"note: {outcome.indices.dropped} base samples without a solution are left out of the indices")
-
-
-def _print_ranking(console: Console, outcome: SweepReport) -> None:
-    shown = outcome.ranking[:_SHOWN]
-    head = [name.replace("_", " ") for name in ("parameter", "part", "tolerance", *shown[0].figures)]
-    rows = []
-    for p in shown:
-        cells = (f"{v:.4g}" if isinstance(v, float) else str(v) for v in p.figures.values())
-        rows.append([p.name, p.part, f"{p.tolerance:.4g} {p.unit}", *cells])
-    title = f"the tolerances that matter most ({outcome.summary.frame})"
-    console.print(plain_table(head, rows, (0, 1), title=title, wrap=True))
-
-
-def _print_allocation(console: Console, allocation: AllocatedTolerances) -> None:
-    figures = allocation.figures()
-    checked = figures["verified"]
-    console.print(
-        f"loosest tolerances that keep {figures['requirement_mm']:g} mm for {figures['wanted_share']:.2%} of the "
-        f"robots at every pose; {checked['robots']} of them closed exactly at the {checked['poses']} hardest poses: "
-        f"{checked['share_within']:.2%} within, {checked['share_at_worst_pose']:.2%} at the worst pose",
-        soft_wrap=True,
-    )
-    tolerances = sorted(figures["tolerances"], key=lambda row: row["factor"])
-    rows = [
-        (row["parameter"], f"{row['tolerance_mm_or_mrad']:.4g}", f"{row['factor']:.3f}") for row in tolerances[:_SHOWN]
-    ]
-    head = ("parameter", "tolerance mm or mrad", "times the given one")
-    console.print(plain_table(head, rows, title="tightest first"))
-    at_cap = sum(row["at_cap"] for row in tolerances)
-    if at_cap:
-        console.print(f"note: {at_cap} tolerances hardly matter and stand at the cap; see summary.json for all")
+def _print_first(console: Console, table: Table, title: str) -> None:
+    console.print(plain_table(table.head, table.rows[:_SHOWN], table.left, title=title, wrap=True))
+    if len(table.rows) > _SHOWN:
+        console.print(f"… and {len(table.rows) - _SHOWN} more in the report")

@@ -58,6 +58,7 @@ def thermal(
     html: Annotated[
         Path | None, options.output("--html", help="Write a page: the shift, to play, or parts coloured by --under.")
     ] = None,
+    report: options.ReportFile = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Say how warm legs and platforms get under the melt, and how that alone moves the ladle.
@@ -65,12 +66,12 @@ def thermal(
     A pose is given by --at-mm and held until nothing changes (or --after-min); a shift by --history. Geometric errors
     of a model file take no part; its heat section does.
     """
-    from pouring_robot.cli.shared.tables import plain_table
-    from pouring_robot.cli.shared.temperatures import print_pose_heat, shift_table
+    from pouring_robot.cli.shared.tables import plain_table, print_blocks
     from pouring_robot.io.files import write_whole
     from pouring_robot.mechanism.poses import MM
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.pouring.poses import PlatformPose
+    from pouring_robot.thermal import page
     from pouring_robot.thermal.report import PoseHeat, heated_drawing
 
     if under is None and (payload_kg is not None or ladle_degC is not None):
@@ -98,7 +99,7 @@ def thermal(
     found: PoseHeat | ShiftHeat
     drawn: PoseHeat | ShiftHeat
     if history is not None:
-        found, drawn = _shift(heated, heat, history, pose, every_min, picture=bool(png or html))
+        found, drawn = _shift(heated, heat, history, pose, every_min, picture=bool(png or html or report))
         title = f"{history.name}: {kind}, layout {ladle.model.layout}"
     else:
         found = drawn = PoseHeat.of(heated, pose or PlatformPose((0.0, 0.0, 0.0), 0.0))
@@ -107,10 +108,13 @@ def thermal(
         title = f"melt {temperature:g}, surroundings {ambient:g} °C, {when}; {kind}; layout {ladle.model.layout}"
     written = [found.save(csv)] if csv else []
     if png:
+        from pouring_robot.report.plots import png_of
         from pouring_robot.thermal.plots import pose_picture, shift_picture
 
         picture = pose_picture(drawn, title) if isinstance(drawn, PoseHeat) else shift_picture(drawn, title)
-        written.append(write_whole(png, picture))
+        written.append(write_whole(png, png_of(picture)))
+    if report:
+        written.append(write_whole(report, page.html_report(found, drawn, title)))
     if html is not None and history is not None and not isinstance(drawn, PoseHeat):
         from pouring_robot.thermal.scene import shift_scene
         from pouring_robot.viewer import write_html
@@ -140,11 +144,9 @@ def thermal(
         options.print_json(content | measured | names)
         return
     console = options.console()
+    console.print(found.headline, style="bold", markup=False)
     console.print(title)
-    if isinstance(found, PoseHeat):
-        print_pose_heat(console, found)
-    else:
-        console.print(shift_table(found))
+    print_blocks(console, page.blocks(found))
     if field is not None:
         rows = [(part.replace("_", " "), *(f"{v / MM:.3f}" for v in moved)) for part, moved in field.by_part.items()]
         rows.append(("mean of the parts, largest", f"{field.mean_m / MM:.3f}", f"{field.largest_m / MM:.3f}"))

@@ -31,7 +31,7 @@ def new_figure(width: float, height: float, dpi: float = 110.0) -> Any:
 def tidy(panel: Any) -> None:
     """Give a panel a light grid and no box."""
     panel.spines[["top", "right"]].set_visible(False)
-    panel.grid(visible=True, color="#ececec", linewidth=0.7)
+    panel.grid(visible=True, color="#808080", alpha=0.2, linewidth=0.7)
     panel.set_axisbelow(True)
 
 
@@ -78,19 +78,21 @@ def svg_of(figure: Any) -> str:
         if words.startswith(_TELL):
             _put_titles(group, base64.urlsafe_b64decode(words.removeprefix(_TELL)).decode().split("\n"))
         _shorten(group)
-    text = _trimmed(root)
+    _trim(root)
+    text = etree.tostring(root, encoding="unicode")
     for clip in root.iter(f"{_SVG}clipPath"):  # named after places in memory, some of them
-        shape = hashlib.md5(_trimmed(clip[0]).encode(), usedforsecurity=False).hexdigest()[:10]
+        shape = hashlib.md5(etree.tostring(clip[0]), usedforsecurity=False).hexdigest()[:10]
         text = text.replace(clip.get("id"), f"clip{shape}")
     # Black is what the page writes with and white what it writes on, be it bright or dark.
     return re.sub(r"(stroke|fill): #000000", r"\1: currentColor", text).replace("#ffffff", "var(--paper)")
 
 
-def _trimmed(element: Any) -> str:
-    """Return an element as text, its figures with two decimals."""
-    from lxml import etree
-
-    return re.sub(r"(\d\.\d\d)\d+", r"\1", etree.tostring(element, encoding="unicode"))
+def _trim(root: Any) -> None:
+    """Give places two decimals: a hundredth of a point is not seen."""
+    for element in root.iter():
+        for name in ("d", "x", "y", "width", "height"):
+            if name in element.attrib:
+                element.set(name, re.sub(r"(\d\.\d\d)\d+", r"\1", element.get(name)))
 
 
 def _put_titles(group: Any, texts: list[str]) -> None:

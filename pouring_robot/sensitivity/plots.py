@@ -1,19 +1,20 @@
-"""How single errors spread over the poses: box plots and distributions. PNG, in memory."""
+"""How single errors spread over the poses: box plots and distributions."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.report.plots import ASH, BRICK, STEEL, new_figure, png_of, tidy
+from pouring_robot.report.plots import ASH, BRICK, STEEL, new_figure, tidy
 from pouring_robot.sensitivity.samples import AXES, NOTHING_M, ErrorSamples, P
 
 
-def box_plots(large: ErrorSamples[P], title: str, limit_m: float = MM) -> bytes:
-    """Draw absolute coordinates of errors over the poses, as the paper's Fig. 4 does; PNG.
+def box_plots(large: ErrorSamples[P], title: str, limit_m: float = MM) -> Any:
+    """Draw absolute coordinates of errors over the poses, as the paper's Fig. 4 does.
 
     Args:
         large: the errors, such as those that pass a limit.
@@ -42,11 +43,11 @@ def box_plots(large: ErrorSamples[P], title: str, limit_m: float = MM) -> bytes:
         tidy(panel)
     panels[0].set_ylabel("position error, mm")
     figure.suptitle(title, fontsize=11)
-    return png_of(figure)
+    return figure
 
 
-def distributions(errors: ErrorSamples[P], labels: Sequence[str], title: str, mark_m: float | None = None) -> bytes:
-    """Draw how errors spread over the poses, axis by axis, as the paper's Fig. 5 does; PNG.
+def distributions(errors: ErrorSamples[P], labels: Sequence[str], title: str, mark_m: float | None = None) -> Any:
+    """Draw how errors spread over the poses, axis by axis, as the paper's Fig. 5 does.
 
     Args:
         errors: that hold those of the labels.
@@ -87,4 +88,4 @@ def distributions(errors: ErrorSamples[P], labels: Sequence[str], title: str, ma
         panel.grid(visible=False)
     panels[0].set_ylabel("error; share of poses, each to its own height")
     figure.suptitle(title, fontsize=11)
-    return png_of(figure)
+    return figure

@@ -1,195 +1,31 @@
-"""What a sensitivity study found: a row an error, and the axes to control; as table, CSV, JSON and pictures."""
+"""What a sensitivity study writes: CSV, JSON, pictures and a page; and its tables."""
 
 from __future__ import annotations
 
-import functools
 import json
-import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from pouring_robot.io.files import write_together
 from pouring_robot.io.tables import csv_text
-from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.report.result import Result
-from pouring_robot.robot.parameters import Parameter
-from pouring_robot.sensitivity.request import Request
-from pouring_robot.sensitivity.samples import AXES, ErrorSamples, median_place, peak, uniform_gap
-
-if TYPE_CHECKING:
-    import pandas as pd
+from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
+from pouring_robot.sensitivity.findings import ErrorRow, SensitivityFindings
 
 _DRAWN = 12
-_EVEN, _PILED = 0.1, 2.0
-
-
-@dataclass(frozen=True)
-class ErrorRow:
-    """One error in one model; lengths in m, angles in rad.
-
-    Attributes:
-        parameter: the error.
-        model: ``closed chain`` or ``open branch``.
-        size: of the error.
-        mean_m: mean absolute coordinate, x y z.
-        largest_m: largest absolute coordinate, x y z.
-        distance_m, angle_rad: largest displacement and turn.
-        main: coordinate with the largest mean: X, Y or Z; ``none``.
-        quantiles_m: 5, 50 and 95 % of the main coordinate.
-        one_sign: whether the main coordinate has one sign at all poses.
-        shape: ``even``, ``piled at … mm`` or ``uneven``: how the main coordinate spreads over the poses.
-        class_mm, class_rad: powers of ten of the largest displacement in mm and of the largest turn in rad; None
-            where it counts as nothing.
-    """
-
-    parameter: Parameter
-    model: str
-    size: float
-    mean_m: tuple[float, float, float]
-    largest_m: tuple[float, float, float]
-    distance_m: float
-    angle_rad: float
-    main: str
-    quantiles_m: tuple[float, float, float]
-    one_sign: bool
-    shape: str
-    class_mm: int | None
-    class_rad: int | None
-
-    def figures(self) -> dict[str, Any]:
-        """Return it with units in the names."""
-        length = self.parameter.unit == "m"
-        row: dict[str, Any] = {
-            "parameter": self.parameter.name,
-            "part": self.parameter.part,
-            "model": self.model,
-            "error": self.size / (MM if length else MRAD),
-            "unit": "mm" if length else "mrad",
-        }
-        row |= {f"mean_{axis.lower()}_mm": value / MM for axis, value in zip(AXES, self.mean_m, strict=True)}
-        row |= {f"largest_{axis.lower()}_mm": value / MM for axis, value in zip(AXES, self.largest_m, strict=True)}
-        row |= {"largest_mm": self.distance_m / MM, "largest_mrad": self.angle_rad / MRAD, "main_direction": self.main}
-        row |= {f"main_{q}_mm": value / MM for q, value in zip(("p5", "p50", "p95"), self.quantiles_m, strict=True)}
-        row |= {"one_sign": self.one_sign, "spread": self.shape}
-        return row | {"class_mm": _power(self.class_mm), "class_rad": _power(self.class_rad)}
-
-
-def _power(exponent: int | None) -> str:
-    return "none" if exponent is None else f"1e{exponent}"
-
-
-@dataclass(frozen=True)
-class Control:
-    """Errors of one part that pass the limit in the closed robot: what to hold tightly when it is made.
-
-    Attributes:
-        part: the part.
-        errors: their names, the strongest first.
-        directions: main directions of what they do.
-        largest_m: largest coordinate that one of them reaches.
-    """
-
-    part: str
-    errors: tuple[str, ...]
-    directions: str
-    largest_m: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SensitivityReport(Result):
-    """What each error does alone.
-
-    Attributes:
-        robot: its name.
-        frame: whose displacement counts.
-        request: what was studied.
-        parameters: the errors, P of them.
-        samples: displacements by model, the closed chain first.
-        missed_m: by how much first order misses exact closures at most, and how far the robot moves there.
-    """
-
-    robot: str
-    frame: str
-    request: Request
-    parameters: tuple[Parameter, ...]
-    samples: tuple[ErrorSamples[Parameter], ...]
-    missed_m: tuple[float, float]
-
-    @functools.cached_property
-    def rows(self) -> tuple[ErrorRow, ...]:
-        """A row an error and model, model by model."""
-        return tuple(self._row(samples, k) for samples in self.samples for k in range(len(self.parameters)))
-
-    def of_model(self, kind: str) -> tuple[ErrorRow, ...]:
-        """Return the rows of one model, the strongest error first."""
-        return tuple(sorted((r for r in self.rows if r.model == kind), key=lambda row: -row.distance_m))
-
-    @functools.cached_property
-    def controls(self) -> tuple[Control, ...]:
-        """Parts whose errors pass the limit in a coordinate of the closed robot, the strongest first."""
-        parts: dict[str, list[ErrorRow]] = {}
-        for row in self.of_model(self.samples[0].kind):
-            if max(row.largest_m) > self.request.limit_m:
-                parts.setdefault(row.parameter.part, []).append(row)
-        found = (
-            Control(
-                part,
-                tuple(row.parameter.name for row in rows),
-                "".join(sorted({row.main for row in rows})),
-                max(max(row.largest_m) for row in rows),
-            )
-            for part, rows in parts.items()
-        )
-        return tuple(sorted(found, key=lambda control: -control.largest_m))
-
-    @property
-    def poses(self) -> int:
-        """How many poses were studied."""
-        return int(self.samples[0].translation_m.shape[1])
-
-    @property
-    def headline(self) -> str:
-        """How many errors pass the limit, and which is the strongest."""
-        first = self.of_model(self.samples[0].kind)[0]
-        over = sum(len(control.errors) for control in self.controls)
-        return (
-            f"{self.robot}, {self.poses} poses: {over} of {len(self.parameters)} errors move '{self.frame}' by more "
-            f"than {self.request.limit_m / MM:g} mm; {first.parameter.name} most, {first.distance_m / MM:.3f} mm in "
-            f"{first.main}"
-        )
-
-    def to_frame(self) -> pd.DataFrame:
-        """Return one row an error and model."""
-        import pandas as pd
-
-        return pd.DataFrame([row.figures() for row in self.rows])
-
-    def figures(self) -> dict[str, Any]:
-        """Return everything, ready for JSON; mm and mrad."""
-        return {
-            "robot": self.robot,
-            "frame": self.frame,
-            "poses": self.poses,
-            "errors": {"length_mm": self.request.length_m / MM, "angle_mrad": self.request.angle_rad / MRAD},
-            "limit_mm": self.request.limit_m / MM,
-            "control": [
-                {"part": c.part, "errors": c.errors, "directions": c.directions, "largest_mm": c.largest_m / MM}
-                for c in self.controls
-            ],
-            "first_order_misses_mm": {"by": self.missed_m[0] / MM, "where_it_moves": self.missed_m[1] / MM},
-            "parameters": [row.figures() for row in self.rows],
-        }
+class SensitivityReport(SensitivityFindings):
+    """What each error does alone, and how that is written."""
 
     def save(self, folder: Path) -> list[Path]:
-        """Write ``sensitivity.csv``, ``.json`` and the pictures of each model into a folder, which is made.
+        """Write ``sensitivity.csv``, ``.json``, pictures and ``report.html`` into a folder, which is made.
 
         Raises:
             OutputError: the folder cannot be written to.
         """
+        from pouring_robot.report.plots import png_of, svg_of
         from pouring_robot.sensitivity.plots import box_plots, distributions
 
         rows = [row.figures() for row in self.rows]
@@ -197,57 +33,59 @@ class SensitivityReport(Result):
             folder / "sensitivity.csv": csv_text(rows[0], (row.values() for row in rows)),
             folder / "sensitivity.json": json.dumps(self.figures(), indent=1, ensure_ascii=False) + "\n",
         }
+        plots: list[Plot] = []
         for samples in self.samples:
             strongest = samples.subset([row.parameter for row in self.of_model(samples.kind)[:_DRAWN]])
-            stem = samples.kind.replace(" ", "_")
             title = f"{self.robot}, {samples.kind}: the {len(strongest.labels)} strongest errors, {self.poses} poses"
-            files[folder / f"sizes_{stem}.png"] = box_plots(strongest, title, self.request.limit_m)
-            files[folder / f"spread_{stem}.png"] = distributions(strongest, strongest.labels, title)
-        folder.mkdir(parents=True, exist_ok=True)
+            drawn = {
+                "sizes": box_plots(strongest, title, self.request.limit_m),
+                "spread": distributions(strongest, strongest.labels, title),
+            }
+            for name, figure in drawn.items():
+                files[folder / f"{name}_{samples.kind.replace(' ', '_')}.png"] = png_of(figure)
+                plots.append(Plot(f"{samples.kind}: {name} over the poses", svg_of(figure)))
+        blocks: list[Block] = [
+            Paragraph(self.headline, "headline"),
+            Paragraph(missed_line(self)),
+            Heading("What to control"),
+            Lines(control_lines(self) or ["nothing passes the limit"]),
+            Heading("Pictures"),
+            *plots,
+            Heading("Each error alone"),
+            errors_table(self),
+        ]
+        links = {"a row an error": "sensitivity.csv", "all figures": "sensitivity.json"}
+        title = f"Sensitivity of {self.robot}"
+        files[folder / "report.html"] = html_page(title, title, blocks, links=links)
         return list(write_together(files))
 
-    def _row(self, samples: ErrorSamples[Parameter], k: int) -> ErrorRow:
-        parameter = self.parameters[k]
-        moved = samples.translation_m[k]
-        means = samples.mean_m[k]
-        main = samples.main_of(k)
-        along = moved[:, AXES.find(main)] if main in AXES else np.zeros(len(moved))
-        distance, angle = float(samples.distance_m[k].max()), float(samples.angle_rad[k].max())
-        low, middle, high = (float(q) for q in np.quantile(along, [0.05, 0.5, 0.95]))
-        return ErrorRow(
-            parameter,
-            samples.kind,
-            self.request.length_m if parameter.unit == "m" else self.request.angle_rad,
-            _three(means),
-            _three(samples.peak_m[k]),
-            distance,
-            angle,
-            main,
-            (low, middle, high),
-            bool(abs(np.sign(along).sum()) == len(along)),
-            _shape(along),
-            _order(distance / MM, self.request.nothing_m / MM),
-            _order(angle, self.request.nothing_rad),
-        )
+
+def missed_line(found: SensitivityFindings) -> str:
+    """Return by how much first order misses."""
+    missed, moved = (value / MM for value in found.missed_m)
+    return f"first order misses exact closures by {missed:.2g} mm at most, where the robot moves {moved:.3g} mm"
 
 
-def _three(values: FloatArray) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in values)
-    return x, y, z
+def control_lines(found: SensitivityFindings) -> list[str]:
+    """Return what to hold tightly, a line a part."""
+    return [
+        f"control {control.part}: {' '.join(control.errors)} (main direction {control.directions}, up to "
+        f"{control.largest_m / MM:.3f} mm)"
+        for control in found.controls
+    ]
 
 
-def _order(value: float, nothing: float) -> int | None:
-    # A value on a power of ten must not fall below it by round-off.
-    return None if value < nothing else math.floor(math.log10(value) + 1e-9)
+def errors_table(found: SensitivityFindings) -> Table:
+    """Return the errors of the closed robot, the strongest first, with the open branch beside them if there is one."""
+    opened = {row.parameter.name: row for row in found.of_model("open branch")}
+    rows = []
+    for row in found.of_model("closed chain"):
+        beside = _cells(opened[row.parameter.name]) if opened else []
+        rows.append([row.parameter.name, row.parameter.part, *_cells(row), row.shape, *beside])
+    head = ["error", "part", "largest mm", "class", "mrad", "main", "spread"]
+    return Table(head + (["open mm", "class", "mrad", "main"] if opened else []), rows)
 
 
-def _shape(along: FloatArray) -> str:
-    """Say how values spread: evenly, piled up at a place, or neither."""
-    if np.ptp(along) <= 0.01 * max(float(np.abs(along).max()), 1e-12):
-        return "constant"
-    if uniform_gap(along) <= _EVEN:
-        return "even"
-    place, share, times = peak(along)
-    if times > _PILED and share > 0.5:
-        return f"piled at {place / MM:+.3f} mm"
-    return "near its upper end" if median_place(along) > 0.75 else "uneven"
+def _cells(row: ErrorRow) -> list[str]:
+    order = "none" if row.class_mm is None else f"1e{row.class_mm}"
+    return [f"{row.distance_m / MM:.3f}", order, f"{row.angle_rad / MRAD:.2f}", row.main]

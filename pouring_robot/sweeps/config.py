@@ -270,6 +270,11 @@ class SweepConfig(StrictModel):
             raise self.problem("names a layout or a model; leave that out beside --robot")
         return self.model_copy(update={"robot": str(robot.absolute())})
 
+    @property
+    def source(self) -> Path | None:
+        """The file it was read from, if it was."""
+        return self._source
+
     def problem(self, message: str, entry: int | None = None) -> BadInputError:
         """Return the error that says what is wrong with the file, or with one of its ``errors``; to be raised."""
         if self._source is None:

@@ -39,7 +39,7 @@ from pouring_robot.sweeps.evaluation import NOT_DONE, STATUS_NAMES
 from pouring_robot.sweeps.plan import Chunk, ChunkResult, SweepPlan
 
 STORE = "results.zarr"
-SUMMARY, RANKING, PICTURE = REPORTS = ("summary.json", "ranking.csv", "sweep.png")
+SUMMARY, RANKING, PICTURE, PAGE = REPORTS = ("summary.json", "ranking.csv", "sweep.png", "report.html")
 FORMAT = "pouring_robot/sweep-results/1"
 AXES = ("x", "y", "z")
 

@@ -1,12 +1,14 @@
-"""Pictures of temperatures and deformation; PNG, in memory."""
+"""Pictures of temperatures and deformation."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.report.plots import ASH, BRICK, MOSS, STEEL, new_figure, png_of, tidy
+from pouring_robot.report.plots import ASH, BRICK, MOSS, STEEL, new_figure, tidy
 from pouring_robot.robot.pouring.names import CHAINS
 from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.report import PoseHeat, ShiftHeat
@@ -45,17 +47,17 @@ def draw_moves(panel: Axes, heat: PoseHeat) -> None:
     tidy(panel)
 
 
-def pose_picture(heat: PoseHeat, title: str) -> bytes:
+def pose_picture(heat: PoseHeat, title: str) -> Any:
     """Draw temperatures along the legs beside the deformation."""
     figure = new_figure(10.0, 4.2)
     left, right = figure.subplots(1, 2)
     draw_legs(left, heat.field)
     draw_moves(right, heat)
     figure.suptitle(title, fontsize=11)
-    return png_of(figure)
+    return figure
 
 
-def shift_picture(shift: ShiftHeat, title: str) -> bytes:
+def shift_picture(shift: ShiftHeat, title: str) -> Any:
     """Draw melt, parts and deformation over time."""
     figure = new_figure(10.0, 7.0)
     melt, parts, moved = figure.subplots(3, 1, sharex=True, height_ratios=(1.0, 2.0, 2.0))
@@ -86,4 +88,4 @@ def shift_picture(shift: ShiftHeat, title: str) -> bytes:
         panel.margins(y=0.15)
         tidy(panel)
     figure.suptitle(title + ("; dashed: the pose changes" if changes else ""), fontsize=11)
-    return png_of(figure)
+    return figure

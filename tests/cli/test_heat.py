@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from pouring_robot.report.plots import new_figure
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
@@ -345,8 +346,11 @@ def test_figures_too_small_to_show_have_no_sign(run):
 def test_the_picture_of_a_shift_shows_curves_between_the_rows(run, tmp_path, monkeypatch):
     (tmp_path / "h.csv").write_text("time_min,melt_degC\n0,1700\n60,1700\n", encoding="utf-8")
     drawn = []
-    monkeypatch.setattr("pouring_robot.thermal.plots.shift_picture", lambda shift, _: drawn.append(shift) or b"")
-    code, out, _ = run("thermal", "--history", "h.csv", *AT, "--png", "x.png", "--json")
+    monkeypatch.setattr(
+        "pouring_robot.thermal.plots.shift_picture", lambda shift, _: drawn.append(shift) or new_figure(1.0, 1.0)
+    )
+    code, out, _ = run("thermal", "--history", "h.csv", *AT, "--png", "x.png", "--report", "x.html", "--json")
+    assert "<svg" in (tmp_path / "x.html").read_text(encoding="utf-8")
     rows, picture = json.loads(out)["rows"], drawn[0]
     assert code == 0 and [row["time_min"] for row in rows] == [0.0, 60.0]
     halfway = float(np.interp(1800.0, picture.times_s, picture.to_frame()["leg1_degC"]))

@@ -26,6 +26,7 @@ def test_help_has_whole_summaries_in_the_order_of_use(run):
 OUTPUTS = [
     ("pose --at-mm 0 0 -600", "--html"), ("pose --at-mm 0 0 -600", "--png"), ("pose --at-mm 0 0 -600", "--joints"),
     ("path {poses}", "--out"), ("path {poses}", "--html"), ("path {poses}", "--png"), ("path {poses}", "--joints"),
+    ("thermal --at-mm 0 0 -600", "--report"), ("regress {poses}", "--report"),
     ("thermal --at-mm 0 0 -600", "--csv"), ("thermal --at-mm 0 0 -600", "--png"),
     ("thermal --at-mm 0 0 -600 --under heat", "--html"), ("compensate {poses}", "--out"), ("compensate", "--header"),
     ("regress {poses}", "--out"), ("campaign plan", "--out"), ("campaign simulate --random 3", "--out"),

@@ -1,5 +1,6 @@
 """Sensitivity against exact closures, the paper's open branch and plain geometry; on several robots."""
 
+import html
 import json
 
 import numpy as np
@@ -111,6 +112,8 @@ def test_ranges_are_for_the_pouring_robot():
 def test_everything_is_written(pouring, tmp_path):
     written = {path.name for path in pouring.save(tmp_path / "out")}
     assert {"sensitivity.csv", "sensitivity.json", "sizes_open_branch.png", "spread_closed_chain.png"} <= written
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert pouring.headline in html.unescape(page) and page.count("<svg") == 4 and page.count("<tr>") == 101
     record = json.loads((tmp_path / "out" / "sensitivity.json").read_text(encoding="utf-8"))
     assert len(record["parameters"]) == 200 and record["poses"] == 300
     assert len(pouring.to_frame()) == 200

@@ -1,15 +1,20 @@
 """Summary, ranking and the command's outputs."""
 
 import csv
+import html
 import json
+import re
 import runpy
 
 import numpy as np
 import pytest
 
 from pouring_robot.cli.app import main
+from pouring_robot.report.plots import svg_of
 from pouring_robot.sweeps import ErrorEntry, SweepConfig, SweepPlan, open_results, run_sweep, sweep
 from pouring_robot.sweeps.analysis.linear import transfer_matrices
+from pouring_robot.sweeps.analysis.page import html_report
+from pouring_robot.sweeps.analysis.plots import map_of
 from pouring_robot.sweeps.analysis.report import report
 from pouring_robot.sweeps.analysis.summary import Distances
 from tests.support import ROOT
@@ -40,7 +45,24 @@ def test_one_call_runs_reports_and_saves(one_at_a_time, tmp_path):
     assert frame.largest_mm.tolist() == [parameter.figures["largest_mm"] for parameter in outcome.ranking]
     assert "<table" in outcome._repr_html_()
     assert float(abs(outcome.to_dataset().displacement).max()) > 0.0
-    assert sorted(file.name for file in outcome.save()) == ["ranking.csv", "summary.json", "sweep.png"]
+    assert sorted(file.name for file in outcome.save()) == ["ranking.csv", "report.html", "summary.json", "sweep.png"]
+
+
+def test_the_map_shows_every_pose_with_its_rms_over_the_robots(one_at_a_time):
+    outcome, data = one_at_a_time
+    moved = data.displacement.sel(frame="ladle_lip").values
+    rms = 1e3 * np.sqrt((moved**2).sum(axis=-1).mean(axis=0))
+    told = re.findall(r"<title>pose (\d+): x \S+, y (\S+), z \S+ mm: ([\d.]+) mm</title>", svg_of(map_of(outcome)))
+    assert sorted(int(pose) for pose, *_ in told) == list(range(1, len(rms) + 1))
+    assert [float(value) for _, _, value in told] == pytest.approx([rms[int(k) - 1] for k, *_ in told], abs=6e-4)
+
+
+def test_the_page_says_what_the_figures_say(one_at_a_time, tmp_path):
+    outcome, _ = one_at_a_time
+    page = html.unescape(html_report(outcome, {"all figures": "summary.json"}))
+    assert outcome.headline in page and 'href="summary.json"' in page
+    assert page.count('<td class="l">') >= len(outcome.ranking) and "SHA-256" in page
+    assert [page.count(f'<tr><td class="l">{p.name}</td>') for p in outcome.ranking] == [1] * len(outcome.ranking)
 
 
 def test_the_summary_is_that_of_the_arrays(one_at_a_time):
@@ -134,7 +156,7 @@ def test_every_study_speaks_json(tmp_path, capsys, changes):
     config = write(tmp_path, **changes)
     assert main(["sweep", str(config), "--out", str(tmp_path / "out"), "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)
-    assert figures["ranking"] and len(figures["written"]) == 4
+    assert figures["ranking"] and len(figures["written"]) == 5
 
 
 def test_distances_keep_their_quantiles():

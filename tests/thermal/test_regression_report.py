@@ -110,7 +110,9 @@ def test_drives_of_another_robot(tmp_path, capsys):
     lines = [f"P{k}," + ",".join(f"{v:.12g}" for v in d) for k, d in enumerate(drives)]
     (tmp_path / "p.csv").write_text("set,q1_rad,q2_rad,q3_rad\n" + "\n".join(lines) + "\n")
     files = [str(tmp_path / name) for name in ("t.csv", "p.csv", "m.yaml")]
-    assert main(["regress", files[0], "--poses", files[1], "--out", files[2]]) == 0
+    page = tmp_path / "report.html"
+    assert main(["regress", files[0], "--poses", files[1], "--out", files[2], "--report", str(page)]) == 0
+    assert page.read_text(encoding="utf-8").count("<table>") == 6 and "<svg" in page.read_text(encoding="utf-8")
     assert "(22) P_end" in capsys.readouterr().out
     model = ThermalModel.load(files[2])
     assert model.inputs == ("q1", "q2", "q3")

@@ -154,6 +154,7 @@ HoldOutBy = Annotated[
     typer.Option("--hold-out", help="What block takes no part in the fit."),
 ]
 HtmlFile = Annotated[Path | None, output("--html", help="Write a self-contained meshcat page.")]
+ReportFile = Annotated[Path | None, output("--report", help="Write what is printed, with plots, as a page.")]
 PngFile = Annotated[Path | None, output("--png", help="Write a picture; no screen is needed.")]
 AtOnce = Annotated[
     bool, typer.Option("--at-once", help="All poses at once, hundreds of times faster; temperatures are taken once.")

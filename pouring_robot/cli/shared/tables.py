@@ -5,8 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Sequence
 from typing import TYPE_CHECKING
 
+from pouring_robot.cli.shared.options import print_indented
+
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Table
+
+    from pouring_robot.report.page import Block
 
 _MOST_ROWS = 40
 
@@ -36,6 +41,20 @@ def plain_table(
     for row in rows:
         table.add_row(*row)
     return table
+
+
+def print_blocks(console: Console, blocks: Iterable[Block]) -> None:
+    """Print the blocks of a page, its plots left out."""
+    from pouring_robot.report.page import Heading, Lines, Paragraph, Table
+
+    for block in blocks:
+        if isinstance(block, Heading | Paragraph):
+            console.print(block.text, style="bold" if isinstance(block, Heading) else "", markup=False)
+        elif isinstance(block, Table):
+            console.print(plain_table(block.head, block.rows, block.left))
+        elif isinstance(block, Lines):
+            for line in block.lines:
+                print_indented(console, line.strip(), 2 + len(line) - len(line.lstrip()))
 
 
 def few_rows(head: Sequence[str], rows: Sequence[Sequence[str]], where: str) -> str:

@@ -1,4 +1,4 @@
-"""One picture of a sweep: box plots of the errors that matter most, or their shares and how far the ladle is off."""
+"""Plots of a sweep: what matters most, how far the tool is off, and where in the workspace."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ import numpy as np
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.report.plots import new_figure, png_of
+from pouring_robot.report.plots import new_figure, tell, tidy
+from pouring_robot.sweeps.analysis.findings import SweepFindings
 from pouring_robot.sweeps.analysis.summary import Summary
 from pouring_robot.sweeps.analysis.tolerances import RankedParameter
 from pouring_robot.sweeps.store import SweepStore
 
-_SHOWN = 20
+_SHOWN, _SLICES = 20, 3
 _POINTS = 2000  # of each box at most: the picture shows no more
 
 
-def picture(store: SweepStore, summary: Summary, ranking: Sequence[RankedParameter]) -> bytes:
-    """Return a PNG."""
+def study_figure(store: SweepStore, summary: Summary, ranking: Sequence[RankedParameter]) -> Any:
+    """Draw box plots of the errors that matter most, or their shares and how far the tool is off."""
     figure = new_figure(9.0, 6.0)
     shown = ranking[:_SHOWN]
     config = store.plan.config
@@ -31,12 +32,44 @@ def picture(store: SweepStore, summary: Summary, ranking: Sequence[RankedParamet
         axes.set_xlabel(f"displacement of {summary.frame} over the poses, mm; each error alone at its tolerance")
     else:
         left, right = figure.subplots(1, 2)
-        left.barh(range(1, len(shown) + 1), [parameter.weight for parameter in shown])
+        for bar, p in zip(left.barh(range(1, len(shown) + 1), [p.weight for p in shown]), shown, strict=True):
+            tell(bar, [f"{p.name} ({p.part}): {p.weight:.4g}"])
         _name_rows(left, shown)
         left.set_xlabel("total Sobol index" if config.study == "sobol" else "share of the scatter, first order")
         _cumulative(right, summary)
     figure.suptitle(f"{config.study.replace('_', ' ')}, {config.kind.replace('_', ' ')}")
-    return png_of(figure)
+    return figure
+
+
+def map_of(found: SweepFindings) -> Any:
+    """Draw how far the tool is off over x and z, in slices of y: RMS over the robots, the largest of a place."""
+    plan, moments = found.store.plan, found.summary.by_pose
+    place = plan.poses.start.position / MM
+    off = np.linalg.norm(moments.rms_m, axis=1) / MM
+    values = np.unique(place[:, 1].round(3))
+    slices = values if values.size <= _SLICES else np.quantile(place[:, 1], (np.arange(_SLICES) + 0.5) / _SLICES)
+    of_slice = np.abs(place[:, 1, None] - slices).argmin(axis=1)
+    figure = new_figure(3.1 * len(slices) + 1.2, 3.4)
+    panels = figure.subplots(1, len(slices), sharex=True, sharey=True, squeeze=False)[0]
+    for k, panel in enumerate(panels):
+        chosen = np.flatnonzero((of_slice == k) & np.isfinite(off))
+        chosen = chosen[np.argsort(off[chosen], kind="stable")]  # the worst on top
+        x, z = place[chosen, 0], place[chosen, 2]
+        drawn = panel.scatter(x, z, c=off[chosen], s=90, marker="s", vmin=0.0, vmax=np.nanmax(off, initial=1e-9))
+        near = "" if values.size <= _SLICES else "near "
+        tell(
+            drawn,
+            [
+                f"pose {i + 1}: x {place[i, 0]:.0f}, y {place[i, 1]:.0f}, z {place[i, 2]:.0f} mm: {off[i]:.3f} mm"
+                for i in chosen
+            ],
+        )
+        panel.set(title=f"{near}y = {slices[k]:.0f} mm", xlabel="x [mm]")
+        panel.margins(0.15)
+        tidy(panel)
+    panels[0].set_ylabel("z [mm]")
+    figure.colorbar(drawn, ax=panels, label="mm")
+    return figure
 
 
 def _name_rows(axes: Any, shown: Sequence[RankedParameter]) -> None:

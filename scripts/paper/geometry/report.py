@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.report.plots import png_of
 from pouring_robot.sensitivity.plots import box_plots, distributions
 from scripts.paper.claims import COLUMNS, Claim
 from scripts.paper.geometry.comparison import AxisRow, Lesson, axis_rows, lesson, parameter_rows
@@ -100,7 +101,7 @@ class GeometryReport(PaperReport):
         opened, closed = (errors.of_chain(1) for errors in (self.study.open_branch, self.study.closed_chain))
         labels = opened.reaching(MM).labels
         which = f"chain 1, {opened.translation_m.shape[1]} poses"
-        return {
+        drawn = {
             "paper_fig4_open.png": box_plots(
                 opened.reaching(MM), f"Fig. 4, open branch: errors that pass 1 mm ({which})"
             ),
@@ -113,6 +114,9 @@ class GeometryReport(PaperReport):
             "paper_fig5_closed.png": distributions(
                 closed, labels, f"Fig. 5 for the closed chain: how the same errors spread ({which})", PILE_M
             ),
+        }
+        return {
+            **{name: png_of(figure) for name, figure in drawn.items()},
             "paper_open_closed.png": open_against_closed(
                 self.study, f"What an error does in its open branch and in the closed chain ({which})"
             ),
