@@ -1,50 +1,108 @@
-"""``pouring-robot view``: the scene of ``pose`` live in the browser, on this machine only."""
+"""``pouring-robot view``: a robot to move, a path or a campaign, live in the browser, on this machine only."""
 
 from __future__ import annotations
 
 import contextlib
 import signal
 import webbrowser
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pouring_robot.cli.shared import options
+from pouring_robot.cli.shared import bundles, options, progress
+from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseError
+
+if TYPE_CHECKING:
+    from pouring_robot.robot.base import Robot
+    from pouring_robot.robot.bench import RobotBench
+    from pouring_robot.viewer import Scene
 
 
 def view(
-    at_mm: options.AtMm = None,
-    tilt_deg: options.TiltDeg = None,
-    rotation_deg: options.RotationDeg = None,
-    drives: options.Drives = None,
-    model: options.ModelFile = None,
-    robot: options.RobotFile = None,
-    layout: options.LayoutName = None,
+    *,
+    commanded: bundles.Commanded,
+    which: bundles.Which,
+    path: Annotated[
+        Path | None,
+        typer.Option("--path", metavar="POSES.csv", callback=options.there, help="Play the poses of a table."),
+    ] = None,
+    campaign: Annotated[
+        Path | None,
+        typer.Option("--campaign", metavar="FILE", callback=options.there, help="Step through the rows of a campaign."),
+    ] = None,
     exaggerate: options.Exaggeration = None,
     port: Annotated[int, typer.Option(help="TCP port on the loopback address; 0 takes a free one.")] = 0,
     browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
 ) -> None:
-    """Show the nominal and the actual robot live in the browser until Ctrl-C.
+    """Move the nominal and the actual robot in the browser by sliders, until Ctrl-C.
 
-    Without a command it stands in the middle of its workspace, or at its home.
+    Without a command it stands in the middle of its workspace, or at its home. Sliders move the pose or the drives, the
+    melt's temperature and its time, and every geometric error. With --path or --campaign the page plays instead.
     """
-    from pouring_robot.robot.scene import pose_scene
     from pouring_robot.viewer import serve
 
-    present = options.robot_of(model, robot, layout)
-    if at_mm is None and drives is None:
-        location = present.location_in_the_middle()
+    if sum((commanded.given, path is not None, campaign is not None)) > 1:
+        raise BadInputError("give one of a command, --path and --campaign")
+    if campaign is not None and exaggerate is not None:
+        raise BadInputError("--exaggerate is for a robot or a path; the page of a campaign has a slider for it")
+    console, bench = options.console(), None
+    if campaign is not None:
+        scene = _campaign_scene(campaign, which)
     else:
-        location = present.location_of(options.command_of(present, at_mm, tilt_deg, rotation_deg, drives))
-    scene = pose_scene([location], exaggerate)
-    console = options.console()
-    options.print_notes(console, present.picture_notes)
+        present = which.built()
+        options.print_notes(console, present.picture_notes)
+        if path is not None:
+            scene = _path_scene(present, path, exaggerate)
+        else:
+            bench = _bench(present, commanded, exaggerate)
+            scene = bench.scene
     # Programs started in the background inherit Ctrl-C as ignored; this one ends with it all the same.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    with serve(scene, port) as live:
+    with serve(scene, port, bench) as live:
         console.print(f"the robot is shown at {live.url} (this machine only); Ctrl-C ends it")
         if browser:
             webbrowser.open(live.url)
         with contextlib.suppress(KeyboardInterrupt):
             live.wait()
     console.print("closed; nothing is left running")
+
+
+def _bench(robot: Robot, commanded: bundles.Commanded, exaggerate: float | None) -> RobotBench:
+    """Return the sliders of a robot, and the melt's where it carries one."""
+    from pouring_robot.robot.bench import RobotBench
+    from pouring_robot.robot.location import LadleLocation
+    from pouring_robot.robot.robot import PouringRobot
+    from pouring_robot.thermal.bench import PouringBench
+
+    location = robot.location_of(commanded.of(robot)) if commanded.given else robot.location_in_the_middle()
+    if isinstance(robot, PouringRobot) and isinstance(location, LadleLocation):
+        return PouringBench(robot, location, exaggerate)
+    return RobotBench(robot, location, exaggerate)
+
+
+def _path_scene(robot: Robot, path: Path, exaggerate: float | None) -> Scene:
+    from pouring_robot.robot.scene import pose_scene
+
+    locations, commands = [], robot.read_commands(path)
+    with progress.stage_bars() as show:
+        for line, command in commands.items():
+            try:
+                locations.append(robot.location_of(command))
+            except NoSolutionError as error:
+                raise PathPoseError(path, line, error) from error
+            show("closing", len(locations), len(commands))
+    return pose_scene(locations, exaggerate)
+
+
+def _campaign_scene(file: Path, which: bundles.Which) -> Scene:
+    from pouring_robot.campaign.data import Campaign
+    from pouring_robot.diagnosis.report.scene import campaign_scene
+
+    model = which.read()
+    with progress.status() as say:
+        say("reading and closing every row")
+        scene = campaign_scene(Campaign.read(file, model.definition), model)
+    if scene is None:
+        raise BadInputError(f"{file}: no row has a measured position, or the robot's end body has nothing to be drawn")
+    return scene

@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import functools
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -91,6 +92,25 @@ class Robot:
             DescriptionError: a file is wrong.
         """
         return cls(as_it_stands(model, f"{cls.__name__}.load"))
+
+    def built_as(self, model: RobotModel) -> Self:
+        """Return the same drawing built with the geometric errors of another model; the drawing's side is shared.
+
+        Args:
+            model: of the same robot or layout; only its joint placements and drive offsets count.
+
+        Raises:
+            BadInputError: it names a joint or drive that the robot does not have.
+        """
+        model.check_errors()
+        other = copy.copy(self)
+        other.__dict__.pop("unseen_displacements", None)
+        other.model, other._drive_offsets = model, model.drive_offset_values()
+        displaced = {joint: error.to_se3() for joint, error in model.placement_errors().items()}
+        stiff = self.nominal_solver.mechanism.with_stiffness(self.actual_solver.mechanism.loops.stiffness)
+        solver = self.actual_solver
+        other.actual_solver = ClosureSolver(stiff.displaced(displaced), solver.energy.loads, solver.options)
+        return other
 
     def __repr__(self) -> str:
         """Return name and number of errors."""

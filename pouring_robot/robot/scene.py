@@ -91,6 +91,23 @@ def pose_scene(locations: Sequence[Location], exaggeration: float | None = None,
     return dataclasses.replace(scene, camera=camera_on(scene, VIEW_DIRECTION))
 
 
+def at_location(scene: Scene, location: Location) -> Scene:
+    """Return the scene of one location at another one; what is drawn is kept, and so are camera and factor."""
+    actual, nominal = scene.robots
+    places = bodies_at(location.actual.mechanism.shared_model, [location.actual.configuration])
+    drawing = bodies_at(location.nominal.mechanism.shared_model, [location.nominal.configuration])
+    starts, vectors = error_arrows([(location.nominal, location.actual)], location.loops.working_frame)
+    return dataclasses.replace(
+        scene,
+        robots=(
+            dataclasses.replace(actual, bodies=places, reference=drawing),
+            dataclasses.replace(nominal, bodies=drawing),
+        ),
+        arrows=(dataclasses.replace(scene.arrows[0], starts_m=starts[:, None], vectors_m=vectors[:, None]),),
+        steps=(Step("", _caption(location)),),
+    )
+
+
 def both_robots(closed: Sequence[tuple[ClosureResult, ClosureResult]], actual: str) -> tuple[SceneRobot, SceneRobot]:
     """Return the actual robot, solid, and the nominal one, translucent, of nominal and actual closures."""
     (nominal, built), *_ = closed

@@ -261,7 +261,7 @@ class _Doubling:
     def sliders(self):
         x = {"id": "x", "label": "x", "unit": "mm", "lower": 0, "upper": 1, "value": 0}
         errors = {"values": {}, "names": {}, "units": {}, "largest": {}}
-        return {"groups": [{"name": "pose", "sliders": [x]}], "errors": errors}
+        return {"groups": [{"name": "pose", "commands": True, "sliders": [x]}], "errors": errors}
 
     def answer(self, wanted):
         return {"doubled": 2 * wanted["x"]}

@@ -57,7 +57,14 @@ def _new(context: typer.Context, path: Path | None) -> Path | None:
     return path
 
 
-_WRITES: set[Callable[..., Path | None]] = {_new}
+def _new_png(context: typer.Context, path: Path | None) -> Path | None:
+    """Return the path of a picture to write, as ``_new`` does; its name may not promise another format."""
+    if path is not None and path.suffix.lower() not in ("", ".png"):
+        raise BadInputError(f"--png {path}: pictures are PNG; call it {path.with_suffix('.png')}")
+    return _new(context, path)
+
+
+_WRITES: set[Callable[..., Path | None]] = {_new, _new_png}
 
 
 def output(*names: str, metavar: str = "FILE", help: str) -> Any:
@@ -155,7 +162,10 @@ HoldOutBy = Annotated[
 ]
 HtmlFile = Annotated[Path | None, output("--html", help="Write a self-contained meshcat page.")]
 ReportFile = Annotated[Path | None, output("--report", help="Write what is printed, with plots, as a page.")]
-PngFile = Annotated[Path | None, output("--png", help="Write a picture; no screen is needed.")]
+PngFile = Annotated[
+    Path | None,
+    typer.Option("--png", metavar="FILE", help="Write a picture; no screen is needed.", callback=_new_png),
+]
 AtOnce = Annotated[
     bool, typer.Option("--at-once", help="All poses at once, hundreds of times faster; temperatures are taken once.")
 ]

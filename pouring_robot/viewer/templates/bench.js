@@ -1,7 +1,7 @@
 "use strict";
 // Sliders that ask the program which shows the page for the robot. It remembers nothing: a question holds every value.
 const bench = content.bench, inputs = new Map(), errors = { ...bench.errors.values };
-let wish = null, asked = 0;
+let wish = null, asked = 0, commanded = bench.groups[0].name;
 
 function element(tag, more, ...children) {
   const made = Object.assign(document.createElement(tag), more);
@@ -15,21 +15,24 @@ function slider(own, chosen) {
   const label = element("label", { textContent: `${own.label}, ${own.unit}` });
   range.setAttribute("aria-label", label.textContent);
   number.setAttribute("aria-label", label.textContent);
-  const set = value => { range.value = value; number.value = +Number(value).toFixed(3); };
+  let held = own.value;  // a place beyond the slider's ends is kept as it is
+  const set = value => { held = value; range.value = value; number.value = +value.toFixed(3); };
   for (const input of [range, number]) {
     input.addEventListener("input", () => {
-      const value = Number(input.value);
-      (input === range ? number : range).value = input === range ? +value.toFixed(3) : value;
-      chosen(value, false);
+      held = Number(input.value);
+      (input === range ? number : range).value = input === range ? +held.toFixed(3) : held;
+      chosen(held, false);
     });
-    input.addEventListener("change", () => chosen(Number(input.value), true));
+    input.addEventListener("change", () => chosen(held, true));
   }
   set(own.value);
-  return { line: element("div", { className: "slider" }, label, number, range), set, value: () => Number(number.value), range };
+  return { line: element("div", { className: "slider" }, label, number, range), set, value: () => held };
 }
 
 function ask(moved, settled) {
-  wish = { moved, settled, values: Object.fromEntries([...inputs].map(([id, input]) => [id, Number(input.range.value)])), errors };
+  if (bench.groups.find(group => group.name === moved)?.commands) { commanded = moved; }
+  const values = Object.fromEntries([...inputs].map(([id, input]) => [id, input.value()]));
+  wish = { commanded, settled, values, errors };
   send();
 }
 
@@ -37,7 +40,6 @@ function send() {  // the newest wish, once the last is answered
   if (!wish || asked || socket.readyState !== WebSocket.OPEN) { return; }
   asked = performance.now();
   socket.send(JSON.stringify(wish));
-  bench.moved = wish.moved;
   wish = null;
 }
 
@@ -48,7 +50,7 @@ socket.onmessage = message => {
   notice.textContent = answer.refused || answer.notice || `answered in ${took} ms`;
   if (!answer.refused) {
     for (const [id, value] of Object.entries(answer.values)) {
-      if (inputs.get(id).group !== bench.moved) { inputs.get(id).set(value); }  // the hand on a slider keeps it
+      if (inputs.get(id).group !== commanded) { inputs.get(id).set(value); }  // the hand on a slider keeps it
     }
     film = { ...film, ...answer.film };
     robots.forEach(robot => { robot.course = course(film.robots[robot.name]); });

@@ -309,9 +309,9 @@ if ($("time")) {
 }
 document.querySelectorAll("#steps button").forEach(button => button.addEventListener("click", () => go(Number(button.dataset.step))));
 
-const most = Math.max(200, content.exaggeration), slider = $("factor");
-slider.value = Math.log(Math.max(factor, 1)) / Math.log(most);
-slider.addEventListener("input", () => { factor = most ** Number(slider.value); show(); });
+const most = Math.max(200, content.exaggeration), stretch = $("factor");
+stretch.value = Math.log(Math.max(factor, 1)) / Math.log(most);
+stretch.addEventListener("input", () => { factor = most ** Number(stretch.value); show(); });
 
 function look(name) {
   const { eye, target, view_deg } = content.cameras[name];

@@ -1,0 +1,185 @@
+"""What the sliders of a live page move: pose or drives, and every geometric error by name."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pydantic
+
+from pouring_robot.exceptions import BadInputError, PouringRobotError
+from pouring_robot.io.typed_yaml import StrictModel
+from pouring_robot.mechanism.parameters import DriveParameter
+from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.base import Robot
+from pouring_robot.robot.description.command import CommandAxis
+from pouring_robot.robot.location import LadleLocation, Location
+from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
+from pouring_robot.robot.parameters import Parameter
+from pouring_robot.robot.scene import at_location, pose_scene
+from pouring_robot.viewer import Scene
+from pouring_robot.viewer.packing import film
+
+POSE, DRIVES = "pose", "drives"
+_LARGEST = {"mm": 2.0, "mrad": 10.0}
+
+
+class Wish(StrictModel):
+    """What a page asks.
+
+    Attributes:
+        commanded: the group of sliders that says where the robot stands: the one moved last.
+        settled: whether the slider was let go of.
+        values: of all sliders, by their ids, in their units.
+        errors: geometric errors by name, in mm or mrad, on top of the model's.
+    """
+
+    commanded: str
+    settled: bool
+    values: dict[str, pydantic.FiniteFloat]
+    errors: dict[str, pydantic.FiniteFloat]
+
+
+class RobotBench:
+    """A robot that a page moves; the page keeps its state, so several pages may look at one bench.
+
+    Args:
+        robot: the robot as built.
+        location: where it stands at first.
+        exaggeration: how many times errors are drawn larger at first; None chooses.
+    """
+
+    def __init__(self, robot: Robot, location: Location, exaggeration: float | None = None) -> None:
+        """Draw it once; afterwards only its bodies move."""
+        self.robot, self.location = robot, location
+        words = location.loops.working_frame.replace("_", " ")
+        title = f"Where the {words} really is, and what moves it"
+        self.scene: Scene = dataclasses.replace(pose_scene([location], exaggeration), title=title)
+        self._changed: tuple[dict[str, float], Robot] = ({}, robot)
+        mechanism = robot.nominal_solver.mechanism
+        self._axes: dict[str, tuple[CommandAxis, ...]] = {DRIVES: robot.model.definition.drive_axes(mechanism)}
+        if isinstance(location, LadleLocation):
+            self._axes = {POSE: robot.command_axes, **self._axes}
+        self._parameters = {p.name: p for p in robot.parameters.parameters.values() if not (p.dh and p.dh.drops_out)}
+
+    def sliders(self) -> dict[str, Any]:
+        """Return groups of sliders, and the geometric errors that there are, ready for JSON."""
+        values, names = self._values(self.location), dict[str, list[str]]()
+        for parameter in self._parameters.values():
+            names.setdefault(_set_of(parameter), []).append(parameter.name)
+        joints = dict(zip((a.heading for a in self._axes[DRIVES]), self.location.drives, strict=True))
+        return {
+            "groups": [
+                {
+                    "name": name,
+                    "commands": True,
+                    "sliders": [_slider(a, joints.get(a.heading, a.quantity.name), values[a.heading]) for a in axes],
+                }
+                for name, axes in self._axes.items()
+            ],
+            "errors": {
+                "values": {},
+                "names": names,
+                "units": {name: _shown_unit(parameter) for name, parameter in self._parameters.items()},
+                "largest": _LARGEST,
+            },
+        }
+
+    def answer(self, wanted: dict[str, Any]) -> dict[str, Any]:
+        """Return where everything stands for what a page asks, or why it cannot stand there."""
+        try:
+            wish = Wish.model_validate(wanted)
+            location = self.located(self._with_errors(wish.errors), wish)
+        except PouringRobotError as problem:
+            return {"refused": str(problem)}
+        except pydantic.ValidationError as problem:
+            return {"refused": f"the page asked for what there is not: {problem.errors()[0]['msg']}"}
+        return {"film": film(at_location(self.scene, location)), "values": self._values(location)}
+
+    def located(self, robot: Robot, wish: Wish) -> Location:
+        """Return where a robot stands for what a page asks.
+
+        Raises:
+            BadInputError: a slider has no value.
+            NoSolutionError: it cannot stand there.
+        """
+        return robot.location_of(self.command(robot, wish))
+
+    def command(self, robot: Robot, wish: Wish) -> Any:
+        """Return the command of a wish: the drives where they were moved last, otherwise the pose if there is one."""
+        group = DRIVES if wish.commanded == DRIVES or POSE not in self._axes else POSE
+        missing = [axis.heading for axis in self._axes[group] if axis.heading not in wish.values]
+        if missing:
+            raise BadInputError(f"the page gives no value for {missing[0]}")
+        values = np.array([_inner(axis, wish.values[axis.heading]) for axis in self._axes[group]])
+        return values if group == DRIVES else robot.command_at(values)
+
+    def _values(self, location: Location) -> dict[str, float]:
+        """Return the values of all sliders that command the robot, by id."""
+        inner: dict[str, Sequence[float]] = {DRIVES: list(location.drives.values())}
+        if isinstance(location, LadleLocation):
+            inner[POSE] = (*location.commanded.position_m, location.commanded.tilt_rad)
+        return {
+            axis.heading: axis.shown(value)
+            for group, axes in self._axes.items()
+            for axis, value in zip(axes, inner[group], strict=True)
+        }
+
+    def _with_errors(self, errors: Mapping[str, float]) -> Robot:
+        """Return the robot with errors added, the last one again where they are the same."""
+        if unknown := [name for name in errors if name not in self._parameters]:
+            raise BadInputError(f"there is no error '{unknown[0]}'")
+        if errors != self._changed[0]:
+            found = {self._parameters[name]: value for name, value in errors.items()}
+            self._changed = (
+                dict(errors),
+                self.robot.built_as(with_errors(self.robot.model, found)) if errors else self.robot,
+            )
+        return self._changed[1]
+
+
+def with_errors(model: RobotModel, errors: Mapping[Parameter, float]) -> RobotModel:
+    """Return a model with errors added, in mm or mrad: placements composed in their order, drive offsets summed."""
+    placements, offsets = dict(model.joint_placements), dict(model.drive_offsets)
+    for parameter, value in errors.items():
+        local = parameter.local
+        size = value * (MM if parameter.unit == "m" else MRAD)
+        if isinstance(local, DriveParameter):
+            present = offsets[local.joint].to_si() if local.joint in offsets else 0.0
+            total = (present + size) / MM
+            offsets[local.joint] = DriveOffset(offset_mm=total) if local.unit == "m" else DriveOffset(offset_mrad=total)
+        else:
+            before = placements.get(local.joint, JointPlacement()).to_se3()
+            moved = pin.exp6(pin.Motion(size * np.array(local.twist)))
+            placements[local.joint] = JointPlacement.from_se3(before * moved)
+    return model.model_copy(update={"joint_placements": placements, "drive_offsets": offsets})
+
+
+def _set_of(parameter: Parameter) -> str:
+    """Return under which heading a page lists an error."""
+    if isinstance(parameter.local, DriveParameter):
+        return "drives"
+    chain = f", chain {parameter.chain}" if parameter.chain else ""
+    return ("DH table" if parameter.dh else "joint placements") + chain
+
+
+def _shown_unit(parameter: Parameter) -> str:
+    return "mm" if parameter.unit == "m" else "mrad"
+
+
+def _slider(axis: CommandAxis, name: str, value: float) -> dict[str, Any]:
+    unit = axis.heading.rpartition("_")[2]
+    ends = sorted((axis.shown(axis.lower), axis.shown(axis.upper)))
+    if not all(map(math.isfinite, ends)):  # a joint without limits
+        ends = [value - 180.0, value + 180.0] if unit == "deg" else [value - 500.0, value + 500.0]
+    return {"id": axis.heading, "label": name, "unit": unit, "lower": ends[0], "upper": ends[1], "value": value}
+
+
+def _inner(axis: CommandAxis, shown: float) -> float:
+    """Return a value (m or rad) from what a slider shows: the other way round than ``shown``, which is linear."""
+    at_zero, at_one = axis.shown(0.0), axis.shown(1.0)
+    return (shown - at_zero) / (at_one - at_zero)

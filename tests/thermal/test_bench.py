@@ -1,0 +1,33 @@
+"""The melt's sliders: against the warm robot asked directly."""
+
+import numpy as np
+import pytest
+
+from pouring_robot.robot.heat_section import HeatSection
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.thermal.bench import PouringBench
+from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+from tests.robot.benches import POSE, ask, check, origins
+
+
+def test_a_slider_let_go_of_shows_the_settled_robot(as_built):
+    bench = PouringBench(as_built, as_built.location_in_the_middle())
+    pose = PlatformPose.from_mm_deg(*POSE.values())
+    check(ask(bench, POSE), as_built.locate(pose))  # the melt has not come yet
+    warm = {**POSE, "melt_degC": 1550.0, "after_min": 40.0}
+    heated = HeatedRobot(as_built, HeatSection(melt_degC=1550.0, after_min=40.0)).locate(pose).location
+    settled = ask(bench, warm, settled=True)
+    check(settled, heated)
+    assert heated.difference().distance_m > 1.2 * as_built.locate(pose).difference().distance_m
+    # Moving it, temperatures are good to a kelvin: a few hundredths of a millimetre.
+    moving = origins(ask(bench, warm), "actual") - origins(settled, "actual")
+    assert np.linalg.norm(moving, axis=1).max() < 1e-4
+    values = {name: settled["values"][name] for name in POSE}
+    assert values == pytest.approx(POSE, abs=1e-9)
+    by_drives = ask(bench, settled["values"] | {"melt_degC": 1550.0, "after_min": 40.0}, "drives", settled=True)
+    check(by_drives, heated)
+
+
+def test_impossible_heat_is_refused(as_built):
+    bench = PouringBench(as_built, as_built.location_in_the_middle())
+    assert "melt_degC" in ask(bench, {"melt_degC": -300.0, "after_min": 10.0})["refused"]
