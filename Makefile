@@ -23,13 +23,14 @@ CODE := pouring_robot $(if $(wildcard scripts/*.py),scripts)
 # Each worker gets neighbouring tests, so that what they share is made once; who is done takes over from the other.
 PYTEST_ARGS ?= -n auto --dist worksteal
 DEMO := demo
+SITE_BIN := .venv-docs/bin
 BENCHMARK_ARGS ?=
 
 say = @printf '==> %s\n' "$(1)"
 # A pip that asks nothing and says little. The lock decides what is installed, so no warning about versions.
 pip = $(VPY) -m pip --disable-pip-version-check --no-input --quiet
 
-.PHONY: help install demo test lint format typecheck lock wheel benchmark clean FORCE
+.PHONY: help install demo test lint format typecheck lock wheel docs benchmark clean FORCE
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 18
@@ -112,6 +113,19 @@ wheel: $(INSTALLED)  ## build the wheel and the source archive into dist/
 	@rm -rf dist
 	@$(VPY) -m hatchling build
 
+# What builds the site is not in the lock: nobody needs it to run or test the package.
+.venv-docs/.installed: $(INSTALLED) pyproject.toml
+	$(call say,making .venv-docs)
+	@$(VPY) -m venv --clear .venv-docs
+	@$(VPY) -c "import tomllib; print(*tomllib.load(open('pyproject.toml', 'rb'))['project']['optional-dependencies']['docs'], sep='\n')" \
+	  > .venv-docs/wanted.txt
+	@$(SITE_BIN)/python -m pip --disable-pip-version-check --no-input --quiet install -r .venv-docs/wanted.txt
+	@touch $@
+
+docs: .venv-docs/.installed  ## build the pages of docs/ as a site into site/; a warning is an error
+	$(call say,mkdocs build)
+	@NO_MKDOCS_2_WARNING=1 $(SITE_BIN)/mkdocs build --strict --quiet
+
 benchmark: $(INSTALLED)  ## measure speed
 	$(call say,benchmark)
 	@$(VPY) scripts/benchmarks/speed.py $(BENCHMARK_ARGS)
@@ -119,5 +133,5 @@ benchmark: $(INSTALLED)  ## measure speed
 
 clean:  ## remove everything that make and the tools wrote
 	$(call say,removing .venv and demo/ and build outputs and caches)
-	@rm -rf $(VENV) build dist demo .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	@rm -rf $(VENV) .venv-docs site build dist demo .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +

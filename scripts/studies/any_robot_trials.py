@@ -173,9 +173,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--trials", type=int, default=5, help="campaigns of each effect and robot (5)")
     parser.add_argument("--seed", type=int, default=1, help="of the first of them (1)")
     parser.add_argument("--json", type=Path, help="write the records here")
-    parser.add_argument(
-        "--from", type=Path, nargs="+", dest="read", help="records of earlier runs: only sum them up"
-    )
+    parser.add_argument("--from", type=Path, nargs="+", dest="read", help="records of earlier runs: only sum them up")
     options = parser.parse_args(arguments)
     if options.read:
         records = [record for path in options.read for record in json.loads(path.read_text(encoding="utf-8"))]

@@ -1,5 +1,6 @@
 """What README and docs show is so: blocks run, output is as printed, links resolve, commands and paths exist."""
 
+import importlib
 import re
 import shlex
 import shutil
@@ -15,6 +16,7 @@ from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.cli.app import main
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.sweeps import SweepConfig
+from scripts.site_pages import exported
 from tests.support import ROOT
 
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -31,6 +33,7 @@ SLOW = {
     "pouring-robot campaign simulate --plan plan.csv": "needs the plan",
     "pouring-robot campaign check measured.csv": "needs the plan",
     "pouring-robot pose --at-mm -100 20 -600 --tilt-deg 17 --model calibrated/calibrated.yaml": "needs the calibration",
+    "--model found/model.yaml": "needs the diagnosis",
     "pouring-robot compensate examples/poses.csv": "warms five poses; see tests/cli",
     "--after-min 30 --png heat.png": "follows the heat over time; see tests/cli",
     "pouring-robot sweep examples/sweep.yaml": "takes two minutes; see tests/sweeps",
@@ -144,6 +147,24 @@ def test_paths_and_modules_mentioned_exist(page):
         r"(?<!format: )\b((?:pouring_robot|robot_description|scripts|examples|tests)/[\w./-]*\w)", text
     ):
         assert (ROOT / path).exists(), f"{page.name}: {path}"
+
+
+def test_every_page_is_in_the_navigation_of_the_site_once():
+    site = YAML(typ="safe").load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
+    listed = [page for section in site["nav"] for part in section.values() for page in part]
+    pages = {str(page.relative_to(ROOT / "docs")) for page in (ROOT / "docs").rglob("*.md")}
+    assert sorted(listed) == sorted(pages | {"api.md", "changelog.md"})
+    assert (ROOT / site["hooks"][0]).is_file()
+
+
+def test_the_site_lists_what_the_package_exports():
+    import pouring_robot
+
+    listed = exported()
+    assert {name.rpartition(".")[2] for name in listed} == set(pouring_robot.__all__) - {"__version__"}
+    for name in listed:
+        module, _, defined = name.rpartition(".")
+        assert getattr(importlib.import_module(module), defined).__doc__, name
 
 
 def test_yaml_blocks_are_valid_files():
