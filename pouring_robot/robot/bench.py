@@ -25,6 +25,7 @@ from pouring_robot.viewer import Scene
 from pouring_robot.viewer.packing import film
 
 POSE, DRIVES = "pose", "drives"
+_MOST_AT_FIRST = 100.0
 _LARGEST = {"mm": 2.0, "mrad": 10.0}
 
 
@@ -58,7 +59,10 @@ class RobotBench:
         self.robot, self.location = robot, location
         words = location.loops.working_frame.replace("_", " ")
         title = f"Where the {words} really is, and what moves it"
-        self.scene: Scene = dataclasses.replace(pose_scene([location], exaggeration), title=title)
+        scene = pose_scene([location], exaggeration)
+        # Errors that are too small to be seen will be made larger by their sliders, not by the factor alone.
+        factor = exaggeration or min(scene.exaggeration, _MOST_AT_FIRST)
+        self.scene: Scene = dataclasses.replace(scene, title=title, exaggeration=factor)
         self._changed: tuple[dict[str, float], Robot] = ({}, robot)
         mechanism = robot.nominal_solver.mechanism
         self._axes: dict[str, tuple[CommandAxis, ...]] = {DRIVES: robot.model.definition.drive_axes(mechanism)}

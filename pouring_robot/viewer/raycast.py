@@ -16,6 +16,7 @@ Floats = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
 _FAR = np.float32(1e30)
+_FLUSH_M = np.float32(5e-4)
 _OCCLUSION_RAYS = 8
 _SHADOW_RAYS = 4
 _GOLDEN_SECTION = 0.618033988749895
@@ -80,12 +81,14 @@ class Hits:
         part: number of the solid, -1 where nothing was met.
         normal: unit normal that faces the eye, world axes; zero where nothing was met.
         colour: colour of the solid without light, 0 to 1.
+        plane: distance of the eye from the surface's plane at the point, m; zero where nothing was met.
     """
 
     depth: Floats
     part: npt.NDArray[np.int32]
     normal: Floats
     colour: Floats
+    plane: Floats
 
     @property
     def mask(self) -> Mask:
@@ -99,6 +102,7 @@ class Hits:
             self.part[::step, ::step],
             self.normal[::step, ::step],
             self.colour[::step, ::step],
+            self.plane[::step, ::step],
         )
 
 
@@ -147,7 +151,10 @@ class Layer:
         normals[met] = normal
         colours = np.zeros_like(flat)
         colours[met] = self._colours[part[met]]
-        return Hits(depth.reshape(shape), part.reshape(shape), normals.reshape(*shape, 3), colours.reshape(*shape, 3))
+        plane = np.zeros(len(flat), dtype=np.float32)
+        plane[met] = depth[met] * np.einsum("ij,ij->i", normal, flat[met])
+        places = (depth.reshape(shape), part.reshape(shape), normals.reshape(*shape, 3), colours.reshape(*shape, 3))
+        return Hits(*places, plane.reshape(shape))
 
     def daylight(self, directions: Floats, hits: Hits, reach_m: float) -> tuple[Floats, Floats]:
         """Return how open each point is to its surroundings and how much key light reaches it, 0 to 1.
@@ -171,7 +178,7 @@ class Layer:
             lit += self._free(points, towards_key + np.float32(0.06) * offset, _FAR)
         open_ /= np.float32(_OCCLUSION_RAYS)
         lit /= np.float32(_SHADOW_RAYS)
-        return _blurred(open_, mask, 7), _blurred(lit, mask, 5)
+        return _blurred(open_, mask, 11), _blurred(lit, mask, 5)
 
     def _free(self, points: Floats, directions: Floats, reach_m: float | np.float32) -> Floats:
         """Return 1 where a ray gets as far as it should, 0 where something is in its way."""
@@ -216,15 +223,21 @@ def lit_colours(camera: Camera, directions: Floats, hits: Hits, open_: Floats, l
 
 
 def edge_mask(hits: Hits) -> Mask:
-    """Return where a solid ends before another or has a crease: one sample wide, shape (rows, columns)."""
+    """Return where a solid ends before another or has a crease: one sample wide, shape (rows, columns).
+
+    Where two of one colour lie in one plane, which of them a ray meets is chance: there is no line between them.
+    """
     edge = np.zeros(hits.part.shape, dtype=bool)
     for axis in (0, 1):
         near: list[slice] = [slice(None), slice(None)]
         far = near.copy()
         near[axis], far[axis] = slice(None, -1), slice(1, None)
         one, other = tuple(near), tuple(far)
-        bend = np.einsum("ijk,ijk->ij", hits.normal[one], hits.normal[other]) < 0.72
-        changed = hits.part[one] != hits.part[other]
+        cosine = np.einsum("ijk,ijk->ij", hits.normal[one], hits.normal[other])
+        bend = cosine < 0.72
+        flush = (cosine > 0.999) & (np.abs(hits.plane[one] - hits.plane[other]) < _FLUSH_M)
+        flush &= (hits.colour[one] == hits.colour[other]).all(axis=2)
+        changed = (hits.part[one] != hits.part[other]) & ~flush
         line = changed | (bend & hits.mask[one])
         # The line is drawn on the nearer of the two, so that it belongs to the body that ends there.
         nearer = hits.depth[one] <= hits.depth[other]

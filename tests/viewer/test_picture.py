@@ -2,13 +2,15 @@
 
 from dataclasses import replace
 
+import coal
 import numpy as np
+import pinocchio as pin
 import pytest
 from PIL import Image
 
 from pouring_robot.exceptions import BadInputError, OutputError
-from pouring_robot.viewer import Camera, SceneArrows, Step, camera_on, draw, solids, write_png
-from pouring_robot.viewer.raycast import Layer, View
+from pouring_robot.viewer import Camera, Scene, SceneArrows, SceneRobot, Step, camera_on, draw, solids, write_png
+from pouring_robot.viewer.raycast import Layer, View, edge_mask
 from tests.viewer.scenes import small_scene
 
 SIZE = (480, 360)
@@ -103,3 +105,37 @@ def test_nothing_is_left_when_the_picture_cannot_be_written(tmp_path):
     with pytest.raises(OutputError, match="is a folder"):
         write_png(small_scene(tmp_path), tmp_path / "small", SIZE)
     assert [path.name for path in tmp_path.iterdir()] == ["small"]
+
+
+def _boxes(name, boxes, **changes):
+    """Return a robot of boxes that stand still: extents and middle of each, in m."""
+    visual = pin.GeometryModel()
+    for number, (extents, middle) in enumerate(boxes):
+        item = pin.GeometryObject(f"{name}_{number}", 0, pin.SE3(np.eye(3), np.array(middle)), coal.Box(*extents))
+        item.meshColor = np.array([0.8, 0.7, 0.3, 1.0])
+        visual.addGeometryObject(item)
+    return SceneRobot(name, visual, np.eye(4)[None, None], **changes)
+
+
+def test_nothing_hidden_shows_through_what_is_solid():
+    wall = _boxes("wall", [((0.1, 2.0, 2.0), (0.5, 0.0, 0.0))])
+    behind = _boxes("ghost", [((0.3, 0.3, 0.3), (-0.5, 0.1, 0.0))], opacity=0.4)
+    camera = Camera(np.array([6.0, 0.0, 0.2]), np.zeros(3), 15.0)
+    alone, both = (_pixels(Scene("wall", robots, camera=camera)) for robots in ((wall,), (wall, behind)))
+    rest = slice(SIZE[0] // 2, None)  # beside the panel, whose legend grows
+    np.testing.assert_array_equal(alone[:, rest], both[:, rest])
+
+
+def test_flush_parts_of_one_colour_have_no_line_between_them():
+    eye = Camera(np.array([3.0, 0.3, 0.8]), np.zeros(3), 20.0)
+    view = View(eye, 300, 200, 150.0)
+
+    def lines(*boxes):
+        layer = Layer(solids(Scene("beam", (_boxes("beam", boxes),), camera=eye)), view)
+        return edge_mask(layer.meet(view.directions(0, 200)))
+
+    whole = lines(((0.2, 1.0, 0.2), (0.0, 0.0, 0.0)))
+    halves = lines(((0.2, 0.6, 0.2), (0.0, -0.2, 0.0)), ((0.2, 0.6, 0.2), (0.0, 0.2, 0.0)))  # they overlap
+    np.testing.assert_array_equal(halves, whole)
+    stepped = lines(((0.2, 0.6, 0.2), (0.0, -0.2, 0.0)), ((0.2, 0.6, 0.3), (0.0, 0.2, 0.0)))
+    assert stepped.sum() > whole.sum() + 20
