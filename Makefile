@@ -1,4 +1,4 @@
-# Needs GNU make and Python 3.11; everything else goes into .venv. `make help` lists the targets.
+# Needs GNU make and a Python of 3.11 to 3.14; everything else goes into .venv. `make help` lists the targets.
 # All paths are relative, so a checkout in a folder whose name holds spaces works.
 
 SHELL := /bin/sh
@@ -7,8 +7,10 @@ MAKEFLAGS += --no-print-directory --no-builtin-rules
 .DELETE_ON_ERROR:
 .SUFFIXES:
 
-# `make install PYTHON=/path/to/python3.11` chooses another interpreter.
+# `make install PYTHON=/path/to/python3.13` chooses another interpreter. The locked packages are those of 3.11, on which
+# everything is tested; each has its wheel, by the same hashes, for 3.12 to 3.14.
 PYTHON ?= python3.11
+PYTHONS := python3.11 python3.12 python3.13 python3.14 python3 python /usr/bin/python3
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -43,14 +45,14 @@ $(LOCKED): FORCE
 endif
 
 $(LOCKED): $(LOCK)
-	$(call say,looking for Python 3.11 with venv)
+	$(call say,looking for a Python of 3.11 to 3.14 with venv)
 	@found=; \
-	for candidate in "$(PYTHON)" python3.11 python3 python /usr/bin/python3.11; do \
-	  if "$$candidate" -c 'import ensurepip, venv, sys; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null; \
+	for candidate in "$(PYTHON)" $(PYTHONS); do \
+	  if "$$candidate" -c 'import ensurepip, venv, sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 14))' 2>/dev/null; \
 	  then found=$$candidate; break; fi; \
 	done; \
 	if [ -z "$$found" ]; then \
-	  echo "make: no Python 3.11 with its venv module found; install it (Debian: python3.11 python3.11-venv) or say make install PYTHON=/path/to/python3.11" >&2; \
+	  echo "make: no Python of 3.11 to 3.14 with its venv module found; install one (Debian: python3.11 python3.11-venv) or say make install PYTHON=/path/to/python3.11" >&2; \
 	  exit 1; \
 	fi; \
 	printf '==> making %s with %s (%s)\n' "$(VENV)" "$$found" "$$("$$found" -c 'import platform; print(platform.python_version())')"; \

@@ -1,9 +1,10 @@
-"""``pouring-robot robot``: other robots than the pouring robot."""
+"""``pouring-robot robot``: first files for robots of one's own."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -12,6 +13,8 @@ from pouring_robot.cli.shared.bundles import group_of
 
 Urdf = Annotated[Path, typer.Argument(metavar="URDF", callback=options.there, help="The robot's URDF, or a xacro.")]
 Out = Annotated[Path | None, options.output("--out", help="Where to write it (default: robot.yaml beside the URDF).")]
+
+_OWN = ("layouts.yaml", "model.yaml", "robot.html")
 
 
 def init(urdf: Urdf, out: Out = None) -> None:
@@ -35,4 +38,91 @@ def init(urdf: Urdf, out: Out = None) -> None:
     console.print(f"next: read its comments, then pouring-robot robots --robot {path}", markup=False)
 
 
-robot = group_of("Other robots than the pouring robot.", [init])
+def _two(help_: str) -> Any:
+    return typer.Option(metavar="A B", help=help_, show_default=False)
+
+
+def new(
+    out: Annotated[Path, options.results_folder(*_OWN)] = Path("my_robot"),
+    name: Annotated[str | None, typer.Option(help="What the layout is called.", show_default=False)] = None,
+    fixed_mm: Annotated[tuple[float, float] | None, _two("Upper U joints apart, along x and y.")] = None,
+    moving_mm: Annotated[tuple[float, float] | None, _two("Lower U joints apart, along x and y.")] = None,
+    x_mm: Annotated[tuple[float, float] | None, _two("Workspace of the moving platform along x.")] = None,
+    y_mm: Annotated[tuple[float, float] | None, _two("Along y.")] = None,
+    z_mm: Annotated[tuple[float, float] | None, _two("Along z: below the fixed platform is negative.")] = None,
+    tilt_deg: Annotated[tuple[float, float] | None, _two("Least and largest tilt.")] = None,
+    stroke_mm: Annotated[tuple[float, float] | None, _two("Shortest and longest leg (default: as needed).")] = None,
+    payload_kg: Annotated[float | None, typer.Option(help="Largest mass of melt.", show_default=False)] = None,
+    tare_kg: Annotated[float | None, typer.Option(help="Mass of the empty ladle.", show_default=False)] = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Ask nothing: what is not said is as the paper's robot has it.")
+    ] = False,
+    png: options.PngFile = None,
+) -> None:
+    """Describe a 4-UPU machine of your own: asks for its sizes, writes its files, checks its workspace, draws it.
+
+    All else (ladle, truss, parts of the legs) stays the paper's robot's, in layouts.yaml, to be changed there.
+    """
+    from pouring_robot.cli.shared.locations import write_drawings
+    from pouring_robot.io.files import write_together
+    from pouring_robot.robot.model import RobotModel
+    from pouring_robot.robot.pouring.new_layout import NewLayout, check_lines, checked
+    from pouring_robot.robot.robot import PouringRobot
+
+    usual = NewLayout.usual()
+    given = {
+        "name": name,
+        "fixed_mm": fixed_mm,
+        "moving_mm": moving_mm,
+        "x_mm": x_mm,
+        "y_mm": y_mm,
+        "z_mm": z_mm,
+        "tilt_deg": tilt_deg,
+        "payload_kg": payload_kg,
+        "tare_kg": tare_kg,
+    }
+    answers: dict[str, Any] = {
+        key: value if value is not None else getattr(usual, key) if yes else _asked(key, getattr(usual, key))
+        for key, value in given.items()
+    }
+    layout = replace(usual, **answers, stroke_mm=stroke_mm)
+    lines = check_lines(checked(layout))
+    layouts, model, page = (out / name for name in _OWN)
+    own = RobotModel(layout=layout.name, layouts_file=str(layouts))
+    written = write_together({layouts: layout.file_text(), model: own.file_text(out)})
+    middle = PouringRobot(RobotModel.load(model)).location_in_the_middle()
+    written += write_drawings([middle], page, png, None)
+    console = options.console()
+    for line in lines:
+        console.print(line, markup=False)
+    options.print_written(console, written)
+    console.print(f"next: pouring-robot robots --model {model}", markup=False)
+
+
+def _asked(key: str, usual: Any) -> Any:
+    """Ask for a value until it is one: a word, a number, or two numbers."""
+    from pouring_robot.robot.pouring.new_layout import QUESTIONS
+
+    def parsed(text: str) -> Any:
+        if isinstance(usual, str):
+            return text
+        try:
+            numbers = tuple(float(word) for word in text.replace(",", " ").split())
+        except ValueError:
+            numbers = ()
+        wanted = len(usual) if isinstance(usual, tuple) else 1
+        if len(numbers) != wanted:
+            raise typer.BadParameter("one number" if wanted == 1 else "two numbers with a blank between")
+        return numbers if wanted > 1 else numbers[0]
+
+    shown = (
+        " ".join(f"{v:g}" for v in usual)
+        if isinstance(usual, tuple)
+        else usual
+        if isinstance(usual, str)
+        else f"{usual:g}"
+    )
+    return typer.prompt(QUESTIONS[key], default=shown, value_proc=parsed)
+
+
+robot = group_of("Robots of your own: the pouring robot in other sizes, and any other.", [init, new])

@@ -1,5 +1,6 @@
 """``pouring-robot robot init`` and ``robots --robot``: from somebody's URDF to a robot file that loads."""
 
+import io
 import json
 import shutil
 
@@ -220,3 +221,18 @@ def test_what_a_gepetto_file_closes_is_taken_over(run, tmp_path):
     found = RobotDefinition.load(tmp_path / "robot_file.yaml")
     assert [loop.type for loop in found.loops.loops] == ["3d"]
     assert (tmp_path / "robot.yaml").read_text(encoding="utf-8") == said
+
+
+def test_a_machine_of_ones_own_is_asked_for_checked_and_drawn(run, tmp_path, monkeypatch):
+    """Answers from a keyboard; what is no answer is asked again; an empty line takes the default."""
+    monkeypatch.setattr("sys.stdin", io.StringIO("own\n1000\n1000 900\n" + "\n" * 6))
+    code, out, err = run("robot", "new", "--z-mm", -1200, -700, "--out", "mine")
+    assert (code, "two numbers" in out + err) == (0, True)
+    assert "2401 of 2401 poses" in out
+    assert (tmp_path / "mine" / "robot.html").stat().st_size > 1e6
+    code, out, _ = run("robots", "--model", "mine/model.yaml", "--json")
+    (figures,) = json.loads(out)
+    assert (code, figures["layout"], figures["freedoms"]) == (0, "own", 4)
+    assert figures["workspace"]["position_lower_mm"] == [-150.0, -50.0, -1200.0]
+    code, _, err = run("robot", "new", "--yes", "--out", "mine")
+    assert (code, "--overwrite" in err) == (2, True)

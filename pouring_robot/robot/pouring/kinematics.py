@@ -30,6 +30,34 @@ TASK_ROWS = (0, 1, 2, 4)
 """Rows of the platform's twist that the four drives control: x, y, z and the tilt about y."""
 
 
+def chain_joints(
+    fixed_m: FloatArray, moving_m: FloatArray, positions_m: FloatArray, tilts_rad: FloatArray
+) -> FloatArray:
+    """Return the joints of all chains for arrays of poses (nominal inverse kinematics).
+
+    Args:
+        fixed_m: upper U-joint centres in the fixed platform, shape (4, 3), in m.
+        moving_m: lower ones in the moving platform, likewise.
+        positions_m: of the moving platform's origin, shape (..., 3), in m.
+        tilts_rad: shape (...), in rad.
+
+    Returns:
+        Shape (..., 4, 5): chains 1 to 4; in each the turn of the leg about y (S1) and about x (S2) in rad, the
+        distance of the two U-joint centres (S3) in m, and in rad S4 = -S2 and S5, the tilt minus S1.
+    """
+    tilt = np.asarray(tilts_rad, dtype=float)[..., None]
+    bx, by, bz = moving_m.T
+    turned = np.stack(
+        [bx * np.cos(tilt) + bz * np.sin(tilt), by + 0.0 * tilt, bz * np.cos(tilt) - bx * np.sin(tilt)],
+        axis=-1,
+    )
+    leg = np.asarray(positions_m, dtype=float)[..., None, :] + turned - fixed_m
+    length = np.hypot(np.hypot(leg[..., 0], leg[..., 1]), leg[..., 2])
+    psi = np.arctan2(-leg[..., 0], -leg[..., 2])
+    phi = np.arcsin(leg[..., 1] / length)
+    return np.stack([psi, phi, length, -phi, tilt - psi], axis=-1)
+
+
 class FourUPUKinematics:
     """Closed-form kinematics of the nominal mechanism.
 
@@ -60,27 +88,8 @@ class FourUPUKinematics:
         return fixed, moving
 
     def chain_joints(self, positions_m: FloatArray, tilts_rad: FloatArray) -> FloatArray:
-        """Return the joints of all chains for arrays of poses (nominal inverse kinematics).
-
-        Args:
-            positions_m: shape (..., 3), in m.
-            tilts_rad: shape (...), in rad.
-
-        Returns:
-            Shape (..., 4, 5): chains 1 to 4; in each the turn of the leg about y (S1) and about x (S2) in rad, the
-            distance of the two U-joint centres (S3) in m, and in rad S4 = -S2 and S5, the tilt minus S1.
-        """
-        tilt = np.asarray(tilts_rad, dtype=float)[..., None]
-        bx, by, bz = self.moving_centres_m.T
-        turned = np.stack(
-            [bx * np.cos(tilt) + bz * np.sin(tilt), by + 0.0 * tilt, bz * np.cos(tilt) - bx * np.sin(tilt)],
-            axis=-1,
-        )
-        leg = np.asarray(positions_m, dtype=float)[..., None, :] + turned - self.fixed_centres_m
-        length = np.hypot(np.hypot(leg[..., 0], leg[..., 1]), leg[..., 2])
-        psi = np.arctan2(-leg[..., 0], -leg[..., 2])
-        phi = np.arcsin(leg[..., 1] / length)
-        return np.stack([psi, phi, length, -phi, tilt - psi], axis=-1)
+        """Return the joints of all chains for arrays of poses; see :func:`chain_joints`."""
+        return chain_joints(self.fixed_centres_m, self.moving_centres_m, positions_m, tilts_rad)
 
     def commands(self, poses: FloatArray) -> BatchCommand:
         """Run the nominal inverse kinematics for many poses; joint limits are not looked at.

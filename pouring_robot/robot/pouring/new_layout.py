@@ -1,0 +1,240 @@
+"""A dimensions file for a machine of one's own: the shipped one with what the owner says, and checks of what it makes.
+
+Joint limits that nobody gives are what the workspace needs, with a margin. Singular are poses where small errors of the
+drives make large ones of the platform: where the smallest singular value of ∂drives/∂pose comes to nothing. Tilts count
+as lengths at the arm of the moving U joints, so that both are in metres.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap
+
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.poses import MM
+from pouring_robot.robot.description.urdf import read_text
+from pouring_robot.robot.pouring.kinematics import chain_joints
+from pouring_robot.robot.pouring.layout import load_layout, shipped_layouts_file
+from pouring_robot.robot.pouring.names import CHAIN_JOINTS
+
+Pair = tuple[float, float]
+_SHARES = np.linspace(0.0, 1.0, 7)
+_MARGIN = {"rad": 0.08, "mm": 20.0}
+_STEP = 1e-6
+_SIGNS = np.array([[-1, 1], [-1, -1], [1, 1], [1, -1]])
+
+
+QUESTIONS = {
+    "name": "What is the machine called? (a word)",
+    "fixed_mm": "Upper U-joint centres apart, along x and y, mm",
+    "moving_mm": "Lower U-joint centres apart, along x and y, mm",
+    "x_mm": "Workspace of the moving platform along x, from to, mm",
+    "y_mm": "... along y, mm",
+    "z_mm": "... along z (below the fixed platform is negative), mm",
+    "tilt_deg": "... its tilt, degrees (positive lowers the lip)",
+    "payload_kg": "Largest mass of melt, kg",
+    "tare_kg": "Mass of the empty ladle, kg",
+}
+
+
+@dataclass(frozen=True)
+class NewLayout:
+    """What the owner of a machine says of it: the U joints of each platform stand at the corners of a rectangle.
+
+    Attributes:
+        name: of the layout.
+        fixed_mm: distances of the upper U-joint centres along x and along y.
+        moving_mm: of the lower ones.
+        x_mm, y_mm, z_mm: workspace of the moving platform's origin in the fixed one.
+        tilt_deg: its tilt about y.
+        stroke_mm: shortest and longest leg; None: what the workspace needs.
+        payload_kg: largest mass of melt.
+        tare_kg: of the empty ladle.
+    """
+
+    name: str
+    fixed_mm: Pair
+    moving_mm: Pair
+    x_mm: Pair
+    y_mm: Pair
+    z_mm: Pair
+    tilt_deg: Pair
+    payload_kg: float
+    tare_kg: float
+    stroke_mm: Pair | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what is no machine.
+
+        Raises:
+            BadInputError: a size is not above zero, or a range not from low to high.
+        """
+        if not self.name.isidentifier():
+            raise BadInputError(f"the name '{self.name}' must be one word of letters, digits and _")
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name in ("fixed_mm", "moving_mm", "payload_kg", "tare_kg"):
+                if not (np.isfinite(value).all() and np.min(value) > 0.0):
+                    raise BadInputError(f"{field.name}: sizes and masses are above zero, not {value}")
+            elif isinstance(value, tuple) and not (np.isfinite(value).all() and value[0] < value[1]):
+                raise BadInputError(f"{field.name}: give the lower end first, not {value[0]:g} to {value[1]:g}")
+
+    @classmethod
+    def usual(cls) -> NewLayout:
+        """Return the paper's robot, under a name of its own."""
+        paper = load_layout()
+        corners = [np.ptp(centres[:, :2], axis=0) / MM for centres in (paper.fixed_centres_m, paper.moving_centres_m)]
+        edges = np.column_stack([paper.position_lower_m, paper.position_upper_m]) / MM
+        tilt = np.degrees([paper.tilt_lower_rad, paper.tilt_upper_rad])
+        fixed, moving, x, y, z, turn = ((round(float(a), 3), round(float(b), 3)) for a, b in (*corners, *edges, tilt))
+        return cls("mine", fixed, moving, x, y, z, turn, paper.ladle.payload_kg, paper.ladle.tare_kg)
+
+    def centres_mm(self, sides: Pair) -> FloatArray:
+        """Return the corners of a rectangle of these sides, (4, 3), chains 1 to 4."""
+        return np.column_stack([0.5 * np.array(sides) * _SIGNS, np.zeros(4)])
+
+    @property
+    def poses(self) -> FloatArray:
+        """A grid over the workspace with its corners, (n, 4): x, y, z in m, tilt in rad."""
+        ranges = [MM * np.array(pair) for pair in (self.x_mm, self.y_mm, self.z_mm)]
+        edges = [*ranges, np.radians(self.tilt_deg)]
+        axes = [low + (high - low) * _SHARES for low, high in edges]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 4)
+
+    def joints(self, poses: FloatArray) -> FloatArray:
+        """Return the joints S1 to S5 of all chains at poses (n, 4), (n, 4, 5), in m and rad."""
+        fixed, moving = (MM * self.centres_mm(sides) for sides in (self.fixed_mm, self.moving_mm))
+        return chain_joints(fixed, moving, poses[:, :3], poses[:, 3])
+
+    def limits(self) -> dict[str, tuple[Pair, str]]:
+        """Return limits of S1 to S5 with their unit, mm or rad: as given, or what the workspace needs with a margin."""
+        values = self.joints(self.poses)
+        found = {}
+        for k in range(5):
+            unit, factor = ("mm", 1.0 / MM) if k == 2 else ("rad", 1.0)
+            low, high = factor * float(values[..., k].min()), factor * float(values[..., k].max())
+            found[f"s{k + 1}"] = (round(low - _MARGIN[unit], 3), round(high + _MARGIN[unit], 3)), unit
+        if self.stroke_mm:
+            found["s3"] = self.stroke_mm, "mm"
+        if found["s3"][0][0] <= 0.0:
+            raise BadInputError(
+                f"a leg would be {found['s3'][0][0]:.0f} mm long: the platforms meet inside the workspace; lower z"
+            )
+        return found
+
+    def file_text(self) -> str:
+        """Return the dimensions file: the shipped one, with this layout alone."""
+        yaml = YAML()
+        yaml.width = 120
+        content = yaml.load(read_text(shipped_layouts_file()))
+        entry = content["layouts"].pop("paper")
+        for other in tuple(content["layouts"]):
+            del content["layouts"][other]
+        common, limits = content["common"], self.limits()
+        content["layouts"][self.name] = entry
+        for key, pair, unit in (
+            *((axis, getattr(self, f"{axis}_mm"), "mm") for axis in "xyz"),
+            ("tilt", self.tilt_deg, "deg"),
+        ):
+            _say(common["workspace"][key], list(pair), unit)
+        _say(common["ladle"]["payload"], self.payload_kg, "kg")
+        _say(common["ladle"]["tare"], self.tare_kg, "kg")
+        _say(entry["fixed_centres"], self.centres_mm(self.fixed_mm).tolist(), "mm")
+        _say(entry["moving_centres"], self.centres_mm(self.moving_mm).tolist(), "mm")
+        for key, (pair, unit) in limits.items():
+            _say(entry["joint_limits"][key], list(pair), unit)
+        stream = io.StringIO()
+        yaml.dump(content, stream)
+        return stream.getvalue()
+
+
+def _say(entry: CommentedMap, value: Any, unit: str) -> None:
+    """Put a value of the owner's into an entry; whose it was before is no longer said."""
+    entry["value"], entry["unit"], entry["source"], entry["note"] = value, unit, "assumed", "as the owner says"
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What a layout makes of its workspace.
+
+    Attributes:
+        poses: how many were looked at.
+        reached: how many of them are within all limits.
+        limiting: joints that stop short of a pose, with in how many poses they do.
+        needed_mm: shortest and longest leg that the workspace needs.
+        amplified: how many mm the platform is off for a mm of the worst set of drives: median and most.
+        worst: where that is most, (4,): x, y, z in mm, tilt in degrees.
+        singular: whether the platform is not held somewhere, or on the other side of such a place.
+    """
+
+    poses: int
+    reached: int
+    limiting: dict[str, int]
+    needed_mm: Pair
+    amplified: Pair
+    worst: tuple[float, ...]
+    singular: bool
+
+
+def checked(layout: NewLayout) -> Checked:
+    """Look whether a layout reaches its workspace, and is held everywhere in it."""
+    poses = layout.poses
+    joints, factors = layout.joints(poses), {"mm": 1.0 / MM, "rad": 1.0}
+    beyond: dict[str, int] = {}
+    within = np.ones(len(poses), dtype=bool)
+    for k, ((low, high), unit) in enumerate(layout.limits().values()):
+        values = factors[unit] * joints[..., k]
+        wrong = (values < low - 1e-9) | (values > high + 1e-9)
+        beyond |= {CHAIN_JOINTS[leg][k]: int(wrong[:, leg].sum()) for leg in np.flatnonzero(wrong.any(axis=0))}
+        within &= ~wrong.any(axis=1)
+    arm = MM * 0.5 * math.hypot(*layout.moving_mm)
+    slopes = _slopes(layout, poses) / np.array([1.0, 1.0, 1.0, arm])
+    slopes[:, 3] *= arm
+    weakest = np.linalg.svd(slopes, compute_uv=False)[:, -1]
+    sides = np.sign(np.linalg.det(slopes))
+    worst = int(weakest.argmin())
+    place = (*(poses[worst, :3] / MM).tolist(), math.degrees(poses[worst, 3]))
+    amplified = 1.0 / np.maximum(weakest, 1e-12)
+    needed = (float(joints[..., 2].min()) / MM, float(joints[..., 2].max()) / MM)
+    figures = float(np.median(amplified)), float(amplified.max())
+    singular = bool(figures[1] > _HELD or (sides != sides[0]).any())
+    return Checked(len(poses), int(within.sum()), beyond, needed, figures, place, singular)
+
+
+_HELD = 100.0
+"""Times an error of the drives that the platform is off, from which on nothing is held: 0.1 mm become a centimetre,
+which is the accuracy that pouring needs."""
+
+
+def _slopes(layout: NewLayout, poses: FloatArray) -> FloatArray:
+    """Return ∂drives/∂pose of legs 1 to 3 and the tilt drive, (n, 4, 4), by central differences."""
+    columns = []
+    for step in _STEP * np.eye(4):
+        plus, minus = (layout.joints(poses + sign * step) for sign in (1.0, -1.0))
+        change = (plus - minus) / (2.0 * _STEP)
+        columns.append(np.column_stack([change[:, :3, 2], change[:, 3, 4]]))
+    return np.stack(columns, axis=-1)
+
+
+def check_lines(found: Checked) -> list[str]:
+    """Return what was found of a layout, in sentences."""
+    low, high = found.needed_mm
+    lines = [f"the workspace needs legs of {low:.1f} to {high:.1f} mm"]
+    lines.append(f"{found.reached} of {found.poses} poses over the workspace are within all joint limits")
+    lines += [f"  {joint} stops short of {count} of them" for joint, count in found.limiting.items()]
+    median, most = found.amplified
+    x, y, z, tilt = found.worst
+    lines.append(
+        f"an error of the drives moves the platform by {median:.2f} times itself at worst (median of the poses), "
+        f"{most:.2f} times at x {x:.0f}, y {y:.0f}, z {z:.0f} mm, tilt {tilt:.1f} deg"
+    )
+    if found.singular:
+        lines.append("warning: there is a singular pose in the workspace, where the drives do not hold the platform")
+    return lines

@@ -1,0 +1,73 @@
+"""A machine of one's own: what is asked makes the paper's robot again, and checks find what is known by hand."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.robot.pouring.layout import load_layout
+from pouring_robot.robot.pouring.new_layout import NewLayout, checked
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.robot import load_robot
+
+
+def test_its_defaults_are_the_papers_robot():
+    """The legs that the workspace needs are those that the dimensions file says, from its own drawing."""
+    found = checked(NewLayout.usual())
+    assert found.needed_mm == pytest.approx((283.8, 1069.9), abs=0.05)
+    assert (found.reached, found.poses, found.limiting, found.singular) == (2401, 2401, {}, False)
+
+
+def test_how_well_it_is_held_is_what_pinocchio_says():
+    """One over the smallest singular value of the Jacobian of the closed chains at the same pose."""
+    found, robot = checked(NewLayout.usual()), load_robot()
+    x, y, z, tilt = found.worst
+    location = robot.locate(PlatformPose((1e-3 * x, 1e-3 * y, 1e-3 * z), math.radians(tilt)))
+    assert robot.dexterity(location).distance == pytest.approx(1.0 / found.amplified[1], rel=1e-5)
+
+
+def test_hanging_like_a_swing_it_is_singular():
+    """Platforms of one width: with the legs upright no leg feels a shift sideways."""
+    usual = NewLayout.usual()
+    swing = dataclasses.replace(usual, moving_mm=(usual.moving_mm[0], usual.fixed_mm[1]))
+    assert checked(swing).singular
+
+
+def test_a_stroke_that_is_too_short_is_told_leg_by_leg():
+    usual = NewLayout.usual()
+    found = checked(dataclasses.replace(usual, stroke_mm=(400.0, 2000.0)))
+    lengths = usual.joints(usual.poses)[..., 2]
+    short = (lengths < 0.4).sum(axis=0)
+    assert found.limiting == {f"leg{leg}_s3": count for leg, count in enumerate(short.tolist(), 1) if count}
+    assert found.reached == int((lengths >= 0.4).all(axis=1).sum())
+
+
+def test_the_file_says_what_the_owner_said(tmp_path):
+    own = dataclasses.replace(NewLayout.usual(), name="own", fixed_mm=(1000.0, 900.0), z_mm=(-1200.0, -700.0))
+    path = tmp_path / "layouts.yaml"
+    path.write_text(own.file_text(), encoding="utf-8")
+    layout = load_layout("own", path)
+    np.testing.assert_allclose(np.ptp(layout.fixed_centres_m, axis=0), [1.0, 0.9, 0.0])
+    np.testing.assert_allclose((layout.position_lower_m[2], layout.position_upper_m[2]), (-1.2, -0.7))
+    assert "paper's robot" not in path.read_text(encoding="utf-8").split("layouts:")[1]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"name": "two words"}, "one word"),
+        ({"z_mm": (-400.0, -800.0)}, "lower end first"),
+        ({"payload_kg": 0.0}, "above zero"),
+        ({"fixed_mm": (math.nan, 1.0)}, "above zero"),
+    ],
+)
+def test_what_is_no_machine_is_refused(wrong, words):
+    with pytest.raises(BadInputError, match=words):
+        dataclasses.replace(NewLayout.usual(), **wrong)
+
+
+def test_platforms_that_meet_are_refused():
+    with pytest.raises(BadInputError, match="lower z"):
+        checked(dataclasses.replace(NewLayout.usual(), z_mm=(-800.0, 100.0)))
