@@ -13,6 +13,7 @@ import threading
 import time
 import urllib.request
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -23,6 +24,7 @@ from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.ioloop import IOLoop
 from tornado.websocket import websocket_connect
 
+import pouring_robot.viewer.page as page_module
 from pouring_robot.exceptions import BadInputError, DescriptionError, OutputError
 from pouring_robot.viewer import (
     Camera,
@@ -361,7 +363,7 @@ def test_live_view_ends_with_ctrl_c_and_with_its_program(tmp_path):
 
 def _browsed(page, folder, probe=""):
     """Return a screenshot's pixels (rows, columns, 3) and what a script added to the page wrote into the DOM."""
-    shown = page.replace("</body>", f"<script>{probe}</script></body>")
+    shown = page.replace("</body>", f"<script>{{{probe}}}</script></body>")
     (folder / "view.html").write_text(shown)
     options = "--headless --no-sandbox --disable-gpu --use-angle=swiftshader --enable-unsafe-swiftshader"
     command = ["chromium", *options.split(), f"--user-data-dir={folder / 'profile'}"]
@@ -370,6 +372,33 @@ def _browsed(page, folder, probe=""):
     run = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
     assert not re.search(r"CONSOLE.*(Error|Refused|violates)", run.stderr)
     return np.asarray(Image.open(folder / "shot.png").convert("RGB")).astype(int), run.stdout
+
+
+def test_scripts_of_a_page_give_no_name_twice():
+    folder = Path(page_module.__file__).parent / "templates"
+    text = "\n".join((folder / name).read_text() for name in ("page.js", "bench.js"))
+    names = []
+    for line in re.findall(r"^(?:const|let|function) (.*)", text, re.MULTILINE):
+        names += re.findall(r"(?:^|, )([a-z_]\w*)(?= =|\()", line.split("=>")[0])
+    assert len(names) > 40
+    assert {name for name in names if names.count(name) > 1} == set()
+
+
+@needs_browser
+def test_a_browser_plays_and_tells(tmp_path):
+    page = write_html(film(tmp_path), tmp_path / "film.html").read_text()
+    probe = """
+      go(2); speed = 1; at = 0; before = 0; play(100); const moved = at; speed = 0;
+      const look = (width, height) => document.elementFromPoint(width, height).tagName;
+      go(1); const box = pane.getBoundingClientRect();
+      const made = document.createElement("pre"); made.id = "probe";
+      made.textContent = JSON.stringify([moved, look(box.left + box.width / 2, box.height / 2), $("step").textContent,
+        $("caption").innerText, document.querySelector("#keys output").textContent, states.length]);
+      document.body.append(made);"""
+    _, dom = _browsed(page, tmp_path, probe)
+    moved, canvas, label, caption, figure, states = json.loads(re.search(r'<pre id="probe">(.*?)</pre>', dom).group(1))
+    assert moved == pytest.approx(0.1)  # a tenth of a second later, where steps 0 and 1 are a second apart
+    assert (canvas, label, caption.split(), figure, states) == ("CANVAS", "step 1", ["number", "1"], "1.41 mm", 0)
 
 
 @needs_browser

@@ -5,7 +5,7 @@ const content = JSON.parse(document.getElementById("content").textContent);
 const $ = id => document.getElementById(id);
 const pane = $("pane"), notice = $("notice");
 const three = MeshCat.THREE;
-let film = content.film, at = content.first, factor = content.exaggeration, viewer = null, speed = 0;
+let film = content.film, at = content.first, factor = content.exaggeration, viewer = null, speed = 0, software = false;
 
 const bytes = text => Uint8Array.from(atob(text), letter => letter.charCodeAt(0));
 const floats = text => new Float32Array(bytes(text).buffer);
@@ -18,7 +18,8 @@ function by_software() {  // without a graphics card smooth edges cost more than
 }
 
 function start() {
-  const renderer = new three.WebGLRenderer({ antialias: !by_software() });
+  software = by_software();
+  const renderer = new three.WebGLRenderer({ antialias: !software });
   pane.appendChild(renderer.domElement);
   viewer = new MeshCat.Viewer(pane, true, renderer);
   viewer.set_3d_pane_size = () => {
@@ -217,15 +218,21 @@ const states = boxes.filter(box => box.type === "radio");
 boxes.forEach(box => { box.checked = box.type === "checkbox" || box === states[0]; });
 $("legend").addEventListener("change", show);
 
-let told = -1;
-function tell() {
+let told = null, told_at = 0;
+function tell() {  // words are painted by the page, which takes longer than the robot: while it plays, some times a second
   const k = Math.round(at), step = film.steps[k];
+  move_cursor();
+  if (speed && performance.now() - told_at < 200) { return; }
+  told_at = performance.now();
   $("scale").textContent = Math.abs(factor - 1) < 0.005 ? "drawn to scale" : `errors drawn ${+factor.toPrecision(2)} × larger`;
   if ($("time")) {
     $("time").value = at;
     $("step").textContent = step.label;
-    move_cursor(k);
   }
+  document.querySelectorAll("#keys output").forEach((cell, n) => {
+    const value = film.curves[n].values[k];
+    cell.textContent = value === null ? "–" : `${value.toFixed(Math.abs(value) < 100 ? 2 : 0)} ${film.curves[n].unit}`;
+  });
   document.querySelectorAll("#steps button").forEach((button, n) => button.setAttribute("aria-pressed", n === k));
   if (told === step) { return; }
   told = step;
@@ -251,7 +258,6 @@ function draw_curves() {
     const points = curve.values.map((value, k) => value === null ? "" : `${across(k)},${96 - 92 * value / own}`).join(" ");
     shape("polyline", { points, stroke: rgb(curve.colour) });
   }
-  shape("line", { id: "cursor", y1: 0, y2: 100 });
   const seek = event => {
     if (event.type === "pointermove" && !event.buttons) { return; }
     const edge = box.getBoundingClientRect();
@@ -261,15 +267,10 @@ function draw_curves() {
   box.addEventListener("pointermove", seek);
 }
 
-function move_cursor(k) {
+function move_cursor() {  // a layer of its own: the curves are not painted again
   if (!$("cursor")) { return; }
   const low = Math.min(Math.floor(at), film.at.length - 2), x = across(low) + (at - low) * (across(low + 1) - across(low));
-  $("cursor").setAttribute("x1", x);
-  $("cursor").setAttribute("x2", x);
-  document.querySelectorAll("#keys output").forEach((cell, n) => {
-    const value = film.curves[n].values[k];
-    cell.textContent = value === null ? "–" : `${value.toFixed(Math.abs(value) < 100 ? 2 : 0)} ${film.curves[n].unit}`;
-  });
+  $("cursor").style.transform = `translateX(${x / 1000 * $("plot").clientWidth}px)`;
 }
 
 function step_at(place) {  // the step, with its fraction, of a place on the axis
@@ -288,7 +289,10 @@ function sharpness(ratio) {  // a coarser picture while it moves, where the brow
 function play(now) {
   if (!speed) { sharpness(window.devicePixelRatio); show(); return; }
   slow = 0.8 * slow + 0.2 * (now - before);
-  if (slow > 40) { sharpness(Math.max(0.5, 0.8 * viewer.renderer.getPixelRatio())); }
+  if (slow > 40) {
+    sharpness(Math.max(0.5, 0.8 * viewer.renderer.getPixelRatio()));
+    if (software) { notice.textContent = `${Math.round(1000 / slow)} pictures a second: this browser draws without a graphics card`; }
+  }
   const low = Math.min(Math.floor(at), film.at.length - 2), place = film.at[low] + (at - low) * (film.at[low + 1] - film.at[low]);
   const next = place + speed * Math.min(now - before, 200) / 1000;
   before = now;
