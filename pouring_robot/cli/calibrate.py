@@ -28,8 +28,8 @@ Parameters = Annotated[
         "'leg1_s1.*'; may be given more than once. Each group is kept only where it helps held-out rows.",
     ),
 ]
-LossName = Annotated[Literal["huber", "soft_l1", "linear"], typer.Option("--loss", help="How outliers count.")]
-KeepAll = Annotated[bool, typer.Option("--keep-all", help="Keep all parameters, whether or not they help.")]
+LossName = Annotated[Literal["huber", "soft_l1", "linear"], options.opt("--loss", "How outliers count.")]
+KeepAll = Annotated[bool, options.opt("--keep-all", "Keep all parameters, whether or not they help.")]
 
 
 def calibrate(

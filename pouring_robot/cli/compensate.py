@@ -6,8 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
-import typer
-
 from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseError, UnknownFrameError
 
@@ -21,25 +19,19 @@ if TYPE_CHECKING:
 
 Found = TypeVar("Found")
 PosesFile = Annotated[
-    Path | None,
-    typer.Argument(
-        metavar="POSES.csv", callback=options.there, help="Wanted poses, as 'path' reads them. Or --at-mm, or --drives."
-    ),
+    Path | None, options.argument("POSES.csv", "Wanted poses, as 'path' reads them. Or --at-mm, or --drives.")
 ]
 Frame = Annotated[
     str | None,
-    typer.Option(
+    options.opt(
         "--frame",
+        "What shall be right: moving_platform (default), ladle or ladle_lip; of another robot its tool.",
         metavar="NAME",
-        help="What shall be right: moving_platform (default), ladle or ladle_lip; of another robot its tool.",
     ),
 ]
-OutFile = Annotated[
-    Path | None, options.output("--out", metavar="FILE.csv", help="Write the commands, one row a pose.")
-]
+OutFile = Annotated[Path | None, options.writes("--out", "Write the commands, one row a pose.", metavar="FILE.csv")]
 HeaderFile = Annotated[
-    Path | None,
-    options.output("--header", metavar="FILE.h", help="Write a C function that compensates, in place of poses."),
+    Path | None, options.writes("--header", "Write a C function that compensates, in place of poses.", metavar="FILE.h")
 ]
 
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from pouring_robot.cli.shared import options, progress
 from pouring_robot.cli.shared.tables import plain_table
 from pouring_robot.exceptions import DiagnosisError
@@ -21,23 +19,20 @@ OutFolder = Annotated[
 ]
 Exclude = Annotated[
     list[str] | None,
-    typer.Option(
-        "--exclude",
-        metavar="EFFECT",
-        help="An effect that is not to be named (see `pouring-robot effects`); repeatable.",
+    options.opt(
+        "--exclude", "An effect that is not to be named (see `pouring-robot effects`); repeatable.", metavar="EFFECT"
     ),
 ]
 FalseNames = Annotated[
     float,
-    typer.Option(
+    options.opt(
         "--false-names",
+        "Rate of false names that is accepted where nothing is missing; thresholds follow from it.",
         metavar="RATE",
-        help="Rate of false names that is accepted where nothing is missing; thresholds follow from it.",
     ),
 ]
 NextCount = Annotated[
-    int,
-    typer.Option("--next", min=1, max=75, metavar="N", help="How many measurements to suggest, as the plan next.csv."),
+    int, options.opt("--next", "How many measurements to suggest, as the plan next.csv.", metavar="N", min=1, max=75)
 ]
 
 

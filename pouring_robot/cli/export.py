@@ -5,14 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-import typer
-
 from pouring_robot.cli.shared import bundles, options
 
 OutFolder = Annotated[Path, options.results_folder(what="the description and its meshes")]
 Form = Annotated[
     Literal["urdf", "mjcf", "sdf", "drake"],
-    typer.Option("--format", help="drake: SDF whose loops are bushings; sdf: loops are joints."),
+    options.opt("--format", "drake: SDF whose loops are bushings; sdf: loops are joints."),
 ]
 
 
@@ -21,8 +19,8 @@ def export(
     out: OutFolder,
     form: Form = "urdf",
     commanded: bundles.Commanded,
-    zero_here: Annotated[bool, typer.Option("--zero-here", help="URDF: count all joints from this pose.")] = False,
-    absolute_meshes: Annotated[bool, typer.Option("--absolute-meshes", help="URDF: address meshes from /.")] = False,
+    zero_here: Annotated[bool, options.opt("--zero-here", "URDF: count all joints from this pose.")] = False,
+    absolute_meshes: Annotated[bool, options.opt("--absolute-meshes", "URDF: address meshes from /.")] = False,
     which: bundles.Which,
 ) -> None:
     """Write the robot as built, closed at a pose: description, meshes, joint values, and how the tree closes.

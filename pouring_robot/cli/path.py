@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseError
 
@@ -18,10 +16,8 @@ if TYPE_CHECKING:
 
 PosesFile = Annotated[
     Path,
-    typer.Argument(
-        metavar="POSES.csv",
-        callback=options.there,
-        help="Columns x_mm, y_mm, z_mm, tilt_deg; of another robot its drives, or x, y, z and rx, ry, rz.",
+    options.argument(
+        "POSES.csv", "Columns x_mm, y_mm, z_mm, tilt_deg; of another robot its drives, or x, y, z and rx, ry, rz."
     ),
 ]
 Row = dict[str, Any]
@@ -32,7 +28,7 @@ def path(
     poses: PosesFile,
     which: bundles.Which,
     as_json: options.AsJson = False,
-    out: Annotated[Path | None, options.output("--out", metavar="FILE.csv", help="Write the table.")] = None,
+    out: Annotated[Path | None, options.writes("--out", "Write the table.", metavar="FILE.csv")] = None,
     drawing: bundles.Drawing,
     at_once: options.AtOnce = False,
     heat: bundles.Heat,

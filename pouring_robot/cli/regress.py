@@ -12,24 +12,17 @@ from pouring_robot.cli.shared.tables import print_blocks
 
 TableFile = Annotated[
     Path,
-    typer.Argument(
-        metavar="TABLE.csv",
-        callback=options.there,
-        help="A row a temperature: melt_degC, then a column a pose: P1_mm …, or P1_x_mm P1_y_mm …",
+    options.argument(
+        "TABLE.csv", "A row a temperature: melt_degC, then a column a pose: P1_mm …, or P1_x_mm P1_y_mm …"
     ),
 ]
 PosesFile = Annotated[
     Path | None,
-    typer.Option(
-        "--poses",
-        metavar="FILE.csv",
-        callback=options.there,
-        help="Where: columns set, x_mm y_mm z_mm (or drives of any robot).",
-    ),
+    options.reads("--poses", "Where: columns set, x_mm y_mm z_mm (or drives of any robot).", metavar="FILE.csv"),
 ]
 Method = Annotated[
     Literal["none", "paper", "components", "mean", "pose"] | None,
-    typer.Option("--method", help="What goes into the file (default: what leaves least of sets left out)."),
+    options.opt("--method", "What goes into the file (default: what leaves least of sets left out)."),
 ]
 Similarity = Literal["absolute", "shifted"]
 
@@ -37,16 +30,14 @@ Similarity = Literal["absolute", "shifted"]
 def regress(
     table: TableFile,
     poses: PosesFile = None,
-    axis: Annotated[Literal["x", "y", "z"] | None, typer.Option("--axis", help="Direction of P1_mm ….")] = None,
+    axis: Annotated[Literal["x", "y", "z"] | None, options.opt("--axis", "Direction of P1_mm ….")] = None,
     method: Method = None,
     groups: Annotated[int, typer.Option(min=1, help="Groups that the clustering cuts.")] = 2,
-    cut: Annotated[float | None, typer.Option("--lambda", metavar="L", help="Cut there instead.")] = None,
+    cut: Annotated[float | None, options.opt("--lambda", "Cut there instead.", metavar="L")] = None,
     similarity: Annotated[
-        Similarity, typer.Option("--similarity", help="Whether sets of opposite sign are alike (absolute) or not.")
+        Similarity, options.opt("--similarity", "Whether sets of opposite sign are alike (absolute) or not.")
     ] = "absolute",
-    out: Annotated[
-        Path | None, options.output("--out", metavar="FILE.yaml", help="Write a thermal-model file.")
-    ] = None,
+    out: Annotated[Path | None, options.writes("--out", "Write a thermal-model file.", metavar="FILE.yaml")] = None,
     report: options.ReportFile = None,
     as_json: options.AsJson = False,
 ) -> None:

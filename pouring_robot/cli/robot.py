@@ -6,13 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from pouring_robot.cli.shared import options
 from pouring_robot.cli.shared.bundles import group_of
 
-Urdf = Annotated[Path, typer.Argument(metavar="URDF", callback=options.there, help="The robot's URDF, or a xacro.")]
-Out = Annotated[Path | None, options.output("--out", help="Where to write it (default: robot.yaml beside the URDF).")]
+Urdf = Annotated[Path, options.argument("URDF", "The robot's URDF, or a xacro.")]
+Out = Annotated[Path | None, options.writes("--out", "Where to write it (default: robot.yaml beside the URDF).")]
 
 _OWN = ("layouts.yaml", "model.yaml", "robot.html")
 

@@ -21,16 +21,14 @@ _SHOWN = 15
 
 
 def sweep(
-    config: Annotated[
-        Path, typer.Argument(metavar="CONFIG.yaml", callback=options.there, help="Sweep file; see examples/sweep.yaml.")
-    ],
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the results; made if it is absent.")],
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with a sweep that was stopped.")] = False,
+    config: Annotated[Path, options.argument("CONFIG.yaml", "Sweep file; see examples/sweep.yaml.")],
+    out: Annotated[Path, options.opt("--out", "Folder for the results; made if it is absent.", metavar="DIR")],
+    resume: Annotated[bool, options.opt("--resume", "Go on with a sweep that was stopped.")] = False,
     workers: Annotated[
-        int, typer.Option("--workers", metavar="N", min=0, help="Processes on this machine (default: this one).")
+        int, options.opt("--workers", "Processes on this machine (default: this one).", metavar="N", min=0)
     ] = 0,
     scheduler: Annotated[
-        str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Compute on this Dask cluster instead.")
+        str | None, options.opt("--scheduler", "Compute on this Dask cluster instead.", metavar="ADDRESS")
     ] = None,
     robot: options.RobotFile = None,
     as_json: options.AsJson = False,

@@ -36,27 +36,27 @@ def thermal(
     tilt_deg: options.TiltDeg = None,
     history: History = None,
     every_min: Annotated[
-        float | None, typer.Option("--every-min", metavar="MIN", help="Rows of a shift (default: those of its file).")
+        float | None, options.opt("--every-min", "Rows of a shift (default: those of its file).", metavar="MIN")
     ] = None,
     which: bundles.Which,
     melt: bundles.Melt,
     conduction_only: Annotated[
-        bool, typer.Option("--conduction-only", help="Leave radiation out, as the paper's first analysis does.")
+        bool, options.opt("--conduction-only", "Leave radiation out, as the paper's first analysis does.")
     ] = False,
-    csv: Annotated[Path | None, options.output("--csv", help="Write every element, or every row of a shift.")] = None,
+    csv: Annotated[Path | None, options.writes("--csv", "Write every element, or every row of a shift.")] = None,
     png: options.PngFile = None,
     under: Annotated[
         Literal["heat", "weight", "both"] | None,
-        typer.Option("--under", help="Say how far every part moves: truss, platforms, legs, ladle."),
+        options.opt("--under", "Say how far every part moves: truss, platforms, legs, ladle."),
     ] = None,
     payload_kg: Annotated[
-        float | None, typer.Option("--payload-kg", min=0.0, help="Melt for --under (default: the layout's largest).")
+        float | None, options.opt("--payload-kg", "Melt for --under (default: the layout's largest).", min=0.0)
     ] = None,
     ladle_degC: Annotated[
-        float | None, typer.Option("--ladle-degC", help="Ladle's steel for --under (default: computed).")
+        float | None, options.opt("--ladle-degC", "Ladle's steel for --under (default: computed).")
     ] = None,
     html: Annotated[
-        Path | None, options.output("--html", help="Write a page: the shift, to play, or parts coloured by --under.")
+        Path | None, options.writes("--html", "Write a page: the shift, to play, or parts coloured by --under.")
     ] = None,
     report: options.ReportFile = None,
     as_json: options.AsJson = False,

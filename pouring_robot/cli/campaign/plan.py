@@ -19,10 +19,8 @@ _COMPARED, _SHOWN = 25, 25
 
 def plan(
     *,
-    out: Annotated[
-        Path, options.output("--out", metavar="FILE.csv", help="Plan to write; 'campaign simulate' reads it.")
-    ],
-    poses: Annotated[int, typer.Option("--poses", metavar="N", help="How many poses.")] = 30,
+    out: Annotated[Path, options.writes("--out", "Plan to write; 'campaign simulate' reads it.", metavar="FILE.csv")],
+    poses: Annotated[int, options.opt("--poses", "How many poses.", metavar="N")] = 30,
     parameters: Annotated[
         list[str] | None,
         typer.Option(
@@ -32,34 +30,34 @@ def plan(
             "'leg?_s1.t?'; may be repeated. Default: drives and U-joint centres as far as they can be told apart.",
         ),
     ] = None,
-    criterion: Annotated[str, typer.Option("--criterion", metavar="D|O1..O5", help="What the plan is best in.")] = "D",
+    criterion: Annotated[str, options.opt("--criterion", "What the plan is best in.", metavar="D|O1..O5")] = "D",
     which: bundles.Which,
-    sigma_mm: Annotated[float, typer.Option("--sigma-mm", help="Noise of a measured coordinate.")] = 0.05,
-    sigma_mrad: Annotated[float, typer.Option("--sigma-mrad", help="Noise of a rotation component.")] = 0.05,
-    position_only: Annotated[bool, typer.Option("--position-only", help="No rotations will be measured.")] = False,
+    sigma_mm: Annotated[float, options.opt("--sigma-mm", "Noise of a measured coordinate.")] = 0.05,
+    sigma_mrad: Annotated[float, options.opt("--sigma-mrad", "Noise of a rotation component.")] = 0.05,
+    position_only: Annotated[bool, options.opt("--position-only", "No rotations will be measured.")] = False,
     target_mm: Annotated[
         tuple[float, float, float],
-        typer.Option("--target-mm", metavar="X Y Z", help="About where the target sits on the moving platform."),
+        options.opt("--target-mm", "About where the target sits on the moving platform.", metavar="X Y Z"),
     ] = (0.0, 0.0, 0.0),
-    priors: Annotated[bool, typer.Option("--priors", help="Tolerances count as known beforehand.")] = False,
+    priors: Annotated[bool, options.opt("--priors", "Tolerances count as known beforehand.")] = False,
     tolerances: options.TolerancesFile = None,
     both_sides: Annotated[
-        int, typer.Option("--both-sides", metavar="K", help="Visit K of the poses from both sides: finds backlash.")
+        int, options.opt("--both-sides", "Visit K of the poses from both sides: finds backlash.", metavar="K")
     ] = 0,
     loads: Annotated[
         tuple[float, float] | None,
-        typer.Option("--loads", metavar="A B", help="Melt in kg to choose from: finds how the drives yield."),
+        options.opt("--loads", "Melt in kg to choose from: finds how the drives yield.", metavar="A B"),
     ] = None,
     temperatures: Annotated[
         tuple[float, float] | None,
-        typer.Option("--temperatures", metavar="A B", help="Leg temperatures in °C: finds how the legs grow."),
+        options.opt("--temperatures", "Leg temperatures in °C: finds how the legs grow.", metavar="A B"),
     ] = None,
     reduce: Annotated[
-        bool, typer.Option("--reduce", help="Leave out parameters that measurements cannot tell from others.")
+        bool, options.opt("--reduce", "Leave out parameters that measurements cannot tell from others.")
     ] = False,
-    candidates: Annotated[int, typer.Option("--candidates", help="About how many poses to choose from.")] = 2000,
-    starts: Annotated[int, typer.Option("--starts", help="How many random plans the search starts from.")] = 4,
-    seed: Annotated[int, typer.Option("--seed", help="Seed of everything random.")] = 0,
+    candidates: Annotated[int, options.opt("--candidates", "About how many poses to choose from.")] = 2000,
+    starts: Annotated[int, options.opt("--starts", "How many random plans the search starts from.")] = 4,
+    seed: Annotated[int, options.opt("--seed", "Seed of everything random.")] = 0,
     png: options.PngFile = None,
     as_json: options.AsJson = False,
 ) -> None:

@@ -16,25 +16,19 @@ Frame = tuple[float, float, float, float, float, float]
 
 def simulate(
     *,
-    out: Annotated[Path, options.output("--out", help="Table to write, .csv or .parquet; YAML beside.")],
+    out: Annotated[Path, options.writes("--out", "Table to write, .csv or .parquet; YAML beside.")],
     plan: Annotated[
-        Path | None,
-        typer.Option(
-            "--plan",
-            metavar="FILE",
-            callback=options.there,
-            help="Poses as 'path' reads them, and any condition columns.",
-        ),
+        Path | None, options.reads("--plan", "Poses as 'path' reads them, and any condition columns.")
     ] = None,
-    random: Annotated[int | None, typer.Option("--random", metavar="N", help="N poses all over the workspace.")] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")] = 0,
+    random: Annotated[int | None, options.opt("--random", "N poses all over the workspace.", metavar="N")] = None,
+    seed: Annotated[int, options.opt("--seed", "Seed of everything random.", min=0)] = 0,
     which: bundles.Which,
-    noise_mm: Annotated[float, typer.Option("--noise-mm", help="Noise of a coordinate.")] = 0.05,
-    noise_mrad: Annotated[float, typer.Option("--noise-mrad", help="Noise of a rotation component.")] = 0.05,
-    position_only: Annotated[bool, typer.Option("--position-only", help="Measure no rotations.")] = False,
-    outliers: Annotated[int, typer.Option("--outliers", min=0, metavar="N", help="Rows with a gross error.")] = 0,
-    outlier_mm: Annotated[float, typer.Option("--outlier-mm", help="Size of a gross error.")] = 5.0,
-    lost: Annotated[float, typer.Option("--lost", metavar="SHARE", help="Share of measured cells left empty.")] = 0.0,
+    noise_mm: Annotated[float, options.opt("--noise-mm", "Noise of a coordinate.")] = 0.05,
+    noise_mrad: Annotated[float, options.opt("--noise-mrad", "Noise of a rotation component.")] = 0.05,
+    position_only: Annotated[bool, options.opt("--position-only", "Measure no rotations.")] = False,
+    outliers: Annotated[int, options.opt("--outliers", "Rows with a gross error.", metavar="N", min=0)] = 0,
+    outlier_mm: Annotated[float, options.opt("--outlier-mm", "Size of a gross error.")] = 5.0,
+    lost: Annotated[float, options.opt("--lost", "Share of measured cells left empty.", metavar="SHARE")] = 0.0,
     tracker_frame: Annotated[
         Frame | None,
         typer.Option(
@@ -48,7 +42,7 @@ def simulate(
         ),
     ] = None,
     truth: Annotated[
-        Path | None, options.output("--truth", help="Write what was hidden (frames, outliers) as JSON.")
+        Path | None, options.writes("--truth", "Write what was hidden (frames, outliers) as JSON.")
     ] = None,
 ) -> None:
     """Measure a robot as built without having it: a campaign with noise, outliers and unknown frames."""

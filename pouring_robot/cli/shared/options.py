@@ -67,9 +67,24 @@ def _new_png(context: typer.Context, path: Path | None) -> Path | None:
 _WRITES: set[Callable[..., Path | None]] = {_new, _new_png}
 
 
-def output(*names: str, metavar: str = "FILE", help: str) -> Any:
+def opt(name: str, help: str, **more: Any) -> Any:
+    """Return an option."""
+    return typer.Option(name, help=help, **more)
+
+
+def reads(name: str, help: str, metavar: str = "FILE") -> Any:
+    """Return the option of a file to read, which must be there."""
+    return typer.Option(name, metavar=metavar, help=help, callback=there)
+
+
+def writes(name: str, help: str, metavar: str = "FILE") -> Any:
     """Return the option of a file to write; one that is there is only replaced with ``--overwrite``."""
-    return typer.Option(*names, metavar=metavar, help=help, callback=_new)
+    return typer.Option(name, metavar=metavar, help=help, callback=_new)
+
+
+def argument(metavar: str, help: str) -> Any:
+    """Return the argument that is a file to read, which must be there."""
+    return typer.Argument(metavar=metavar, help=help, callback=there)
 
 
 def results_folder(*files: str, what: str = "") -> Any:
@@ -111,94 +126,47 @@ def refuse_present(files: Iterable[Path]) -> None:
 
 AtMm = Annotated[
     tuple[float, float, float] | None,
-    typer.Option("--at-mm", metavar="X Y Z", help="Commanded position of the platform, or of a robot's end frame."),
+    opt("--at-mm", "Commanded position of the platform, or of a robot's end frame.", metavar="X Y Z"),
 ]
-TiltDeg = Annotated[float | None, typer.Option("--tilt-deg", metavar="T", help="Commanded tilt about y.")]
+TiltDeg = Annotated[float | None, opt("--tilt-deg", "Commanded tilt about y.", metavar="T")]
 RotationDeg = Annotated[
     tuple[float, float, float] | None,
-    typer.Option("--rotation-deg", metavar="RX RY RZ", help="Commanded attitude of an end frame: a rotation vector."),
+    opt("--rotation-deg", "Commanded attitude of an end frame: a rotation vector.", metavar="RX RY RZ"),
 ]
 Drives = Annotated[
     str | None,
-    typer.Option(
-        "--drives", metavar='"V V ..."', help="Commanded joint values of the drives, in the robot's order: mm, deg."
-    ),
+    opt("--drives", "Commanded joint values of the drives, in the robot's order: mm, deg.", metavar='"V V ..."'),
 ]
-ModelFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--model", metavar="FILE", callback=there, help="Model file of the robot as built (default: the drawing)."
-    ),
-]
-RobotFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--robot",
-        metavar="FILE",
-        callback=there,
-        help="Robot file, robot.yaml, of another robot than the pouring robot.",
-    ),
-]
-LayoutName = Annotated[
-    str | None,
-    typer.Option("--layout", metavar="NAME", help="Layout of the dimensions file (default: paper)."),
-]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
-CampaignFile = Annotated[
-    Path,
-    typer.Argument(
-        metavar="CAMPAIGN", callback=there, help="CSV or Parquet table; the YAML of the same stem lies beside it."
-    ),
-]
-TolerancesFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--tolerances", metavar="FILE", callback=there, help="Tolerances of the parts (default: the shipped)."
-    ),
-]
+ModelFile = Annotated[Path | None, reads("--model", "Model file of the robot as built (default: the drawing).")]
+RobotFile = Annotated[Path | None, reads("--robot", "Robot file, robot.yaml, of another robot than the pouring robot.")]
+LayoutName = Annotated[str | None, opt("--layout", "Layout of the dimensions file (default: paper).", metavar="NAME")]
+AsJson = Annotated[bool, opt("--json", "Print JSON instead of a table.")]
+CampaignFile = Annotated[Path, argument("CAMPAIGN", "CSV or Parquet table; the YAML of the same stem lies beside it.")]
+TolerancesFile = Annotated[Path | None, reads("--tolerances", "Tolerances of the parts (default: the shipped).")]
 HoldOutBy = Annotated[
-    Literal["auto", "session", "time", "region"],
-    typer.Option("--hold-out", help="What block takes no part in the fit."),
+    Literal["auto", "session", "time", "region"], opt("--hold-out", "What block takes no part in the fit.")
 ]
-HtmlFile = Annotated[Path | None, output("--html", help="Write a self-contained meshcat page.")]
-ReportFile = Annotated[Path | None, output("--report", help="Write what is printed, with plots, as a page.")]
+HtmlFile = Annotated[Path | None, writes("--html", "Write a self-contained meshcat page.")]
+ReportFile = Annotated[Path | None, writes("--report", "Write what is printed, with plots, as a page.")]
 PngFile = Annotated[
-    Path | None,
-    typer.Option("--png", metavar="FILE", help="Write a picture; no screen is needed.", callback=_new_png),
+    Path | None, opt("--png", "Write a picture; no screen is needed.", metavar="FILE", callback=_new_png)
 ]
-AtOnce = Annotated[
-    bool, typer.Option("--at-once", help="All poses at once, hundreds of times faster; temperatures are taken once.")
-]
-JointsFile = Annotated[
-    Path | None,
-    output("--joints", help="Write the values of all joints, m and rad, as .csv or .json."),
-]
-Exaggeration = Annotated[
-    float | None, typer.Option("--exaggerate", metavar="FACTOR", help="Draw errors this many times larger.")
-]
-MeltDegC = Annotated[
-    float | None,
-    typer.Option("--melt-degC", metavar="T", help="Temperature of the melt; makes the robot warm."),
-]
+AtOnce = Annotated[bool, opt("--at-once", "All poses at once, hundreds of times faster; temperatures are taken once.")]
+JointsFile = Annotated[Path | None, writes("--joints", "Write the values of all joints, m and rad, as .csv or .json.")]
+Exaggeration = Annotated[float | None, opt("--exaggerate", "Draw errors this many times larger.", metavar="FACTOR")]
+MeltDegC = Annotated[float | None, opt("--melt-degC", "Temperature of the melt; makes the robot warm.", metavar="T")]
 AmbientDegC = Annotated[
-    float | None,
-    typer.Option("--ambient-degC", metavar="T", help="Temperature of the surroundings; makes the robot warm."),
+    float | None, opt("--ambient-degC", "Temperature of the surroundings; makes the robot warm.", metavar="T")
 ]
-Steady = Annotated[bool, typer.Option("--steady", help="Warm, after so long that nothing changes any more.")]
+Steady = Annotated[bool, opt("--steady", "Warm, after so long that nothing changes any more.")]
 AfterMin = Annotated[
-    float | None,
-    typer.Option("--after-min", metavar="MIN", help="Warm, so long after the melt came to the cold robot."),
+    float | None, opt("--after-min", "Warm, so long after the melt came to the cold robot.", metavar="MIN")
 ]
 ThermalModelFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--thermal-model", metavar="FILE", callback=there, help="What heat adds by a regression, from 'regress --out'."
-    ),
+    Path | None, reads("--thermal-model", "What heat adds by a regression, from 'regress --out'.")
 ]
-Cold = Annotated[bool, typer.Option("--cold", help="Leave out the heat that the model file tells of.")]
-Overwrite = Annotated[
-    bool, typer.Option("--overwrite", is_eager=True, callback=_may_overwrite, help="Replace files that are there.")
-]
+Cold = Annotated[bool, opt("--cold", "Leave out the heat that the model file tells of.")]
+Overwrite = Annotated[bool, opt("--overwrite", "Replace files that are there.", is_eager=True, callback=_may_overwrite)]
 Quiet = Annotated[
     bool, typer.Option("--quiet", "-q", is_eager=True, callback=_be_quiet, help="Print nothing but errors and JSON.")
 ]
