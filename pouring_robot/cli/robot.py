@@ -6,6 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
+import typer
+
 from pouring_robot.cli.shared import options
 from pouring_robot.cli.shared.bundles import group_of
 

@@ -39,7 +39,7 @@ OUTPUTS = [
 @pytest.mark.parametrize(("command", "option"), OUTPUTS, ids=[" ".join(one) for one in OUTPUTS])
 def test_nothing_is_replaced_unasked(run, tmp_path, command, option):
     option, _, inside = option.partition(" ")
-    there = tmp_path / "there" / inside if inside else tmp_path / "there.csv"
+    there = tmp_path / "there" / inside if inside else tmp_path / ("there.png" if option == "--png" else "there.csv")
     there.parent.mkdir(exist_ok=True)
     there.write_text("mine")
     given = [*command.format(poses=POSES).split(), option, there.parent if inside else there]

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 import typer
 
 from pouring_robot.cli.shared import options
+from pouring_robot.exceptions import BadInputError
 
 if TYPE_CHECKING:
     from pouring_robot.robot.base import Command, Robot
@@ -38,8 +39,12 @@ class Which:
         return options.model_of(self.model, self.robot, self.layout)
 
     def built(self, *, warm: bool = False) -> Robot:
-        """Return the robot, cold; ``warm``: the command cares for the heat that a model file tells of."""
-        return options.robot_of(self.model, self.robot, self.layout, warm=warm)
+        """Return the robot, cold; unless the command cares for heat (``warm``), a line says what is left out of it."""
+        from pouring_robot.robot.robot import robot_of
+
+        present = self.read()
+        options.say_left_out(present, self.model, warm=warm)
+        return robot_of(present)
 
 
 @dataclass(frozen=True)
@@ -57,8 +62,34 @@ class Commanded:
         return self != Commanded()
 
     def of(self, robot: Robot) -> Command:
-        """Return the command as this robot takes it."""
-        return options.command_of(robot, self.at_mm, self.tilt_deg, self.rotation_deg, self.drives)
+        """Return the command as this robot takes it.
+
+        Raises:
+            BadInputError: the options say nothing, contradict each other, or are no command of this robot.
+        """
+        import numpy as np
+
+        from pouring_robot.mechanism.poses import MM
+
+        if (self.at_mm is None) == (self.drives is None):
+            raise BadInputError("give a pose by --at-mm or drive values by --drives, one of the two")
+        if self.tilt_deg is not None and self.rotation_deg is not None:
+            raise BadInputError("give --tilt-deg or --rotation-deg, not both: a tilt T is the rotation 0 T 0")
+        turn = (0.0, self.tilt_deg, 0.0) if self.tilt_deg is not None else self.rotation_deg
+        if self.at_mm is not None:
+            return robot.pose_command(np.array(self.at_mm) * MM, None if turn is None else np.radians(turn))
+        if turn is not None:
+            raise BadInputError("--tilt-deg and --rotation-deg belong to --at-mm, not to --drives")
+        entries = robot.model.definition.drives
+        units = [(MM, "mm") if drive.unit == "m" else (np.radians(1.0), "deg") for drive in entries]
+        try:
+            values = [float(part) for part in (self.drives or "").replace(",", " ").split()]
+        except ValueError:
+            values = []
+        if len(values) != len(entries) or not np.isfinite(values).all():
+            wanted = ", ".join(f"{drive.joint} ({unit})" for drive, (_, unit) in zip(entries, units, strict=True))
+            raise BadInputError(f"--drives '{self.drives}': give one number for each of {wanted}")
+        return np.array(values) * [factor for factor, _ in units]
 
 
 @dataclass(frozen=True)
@@ -76,10 +107,28 @@ class Melt:
         return False
 
     def of(self, robot: Robot) -> HeatSection | None:
-        """Return how warm this robot is, over what its model file says; None: cold."""
-        from pouring_robot.cli.shared.heat import heat_of
+        """Return how warm this robot is, over what its model file says; None: cold.
 
-        return heat_of(robot, self.melt_degC, self.ambient_degC, self.steady, self.after_min, self.left_out)
+        Raises:
+            BadInputError: options contradict each other, a value is impossible, or no melt warms this robot.
+        """
+        from pouring_robot.robot.heat_section import HeatSection
+
+        if self.steady and self.after_min is not None:
+            raise BadInputError("give --steady or --after-min, not both")
+        values: dict[str, Any] = {"melt_degC": self.melt_degC, "ambient_degC": self.ambient_degC}
+        values["after_min"] = self.after_min
+        given = {name: value for name, value in values.items() if value is not None}
+        if self.left_out:
+            if given or self.steady:
+                raise BadInputError("--cold leaves heat out; give it alone, or leave it out")
+            return None
+        if robot.model.heat is None and not given and not self.steady:
+            return None
+        options.with_melt(robot)
+        if self.steady:
+            given["after_min"] = None
+        return (robot.model.heat or HeatSection()).with_values(**given)
 
 
 @dataclass(frozen=True)

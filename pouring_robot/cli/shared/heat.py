@@ -27,35 +27,6 @@ if TYPE_CHECKING:
     from pouring_robot.thermal.regression.model_file import ThermalModel
 
 
-def heat_of(
-    robot: Robot,
-    melt: float | None,
-    ambient: float | None,
-    steady: bool,
-    after_min: float | None,
-    cold: bool,
-) -> HeatSection | None:
-    """Return how warm the robot is by the command line, over what its model file says; None: cold.
-
-    Raises:
-        BadInputError: options contradict each other or a value is impossible.
-    """
-    if steady and after_min is not None:
-        raise BadInputError("give --steady or --after-min, not both")
-    flags: dict[str, Any] = {"melt_degC": melt, "ambient_degC": ambient, "after_min": after_min}
-    given = {name: value for name, value in flags.items() if value is not None}
-    if cold:
-        if given or steady:
-            raise BadInputError("--cold leaves heat out; give it alone, or leave it out")
-        return None
-    if robot.model.heat is None and not given and not steady:
-        return None
-    with_melt(robot)
-    if steady:
-        given["after_min"] = None
-    return (robot.model.heat or HeatSection()).with_values(**given)
-
-
 @dataclass(frozen=True, eq=False)
 class ThermalLaw:
     """A thermal-model file at one temperature of the melt.

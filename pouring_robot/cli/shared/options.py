@@ -23,7 +23,7 @@ from pouring_robot.exceptions import BadInputError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from pouring_robot.robot.base import Command, Robot
+    from pouring_robot.robot.base import Robot
     from pouring_robot.robot.model import RobotModel
     from pouring_robot.robot.robot import PouringRobot
 
@@ -172,25 +172,6 @@ Quiet = Annotated[
 ]
 
 
-def robot_of(model: Path | None, robot: Path | None, layout: str | None, *, warm: bool = False) -> Robot:
-    """Return the robot of a model file, or the drawing of a robot file or a layout; it is cold.
-
-    Args:
-        model: the model file.
-        robot: the robot file.
-        layout: the layout of the drawing.
-        warm: whether the command cares for the heat that the model file tells of; if not, a line says so.
-
-    Raises:
-        BadInputError: more than one is given, or a file is wrong.
-    """
-    from pouring_robot.robot.robot import robot_of as built
-
-    found = model_of(model, robot, layout)
-    say_left_out(found, model, warm=warm)
-    return built(found)
-
-
 def with_melt(robot: Robot) -> PouringRobot:
     """Return a robot whose melt warms it.
 
@@ -206,43 +187,6 @@ def with_melt(robot: Robot) -> PouringRobot:
         f"temperatures are computed from the pouring robot's melt, which {name} does not have; how it grows with "
         f"measured ones is found by 'diagnose', see pouring-robot effects --robot FILE"
     )
-
-
-def command_of(
-    robot: Robot,
-    at_mm: tuple[float, float, float] | None,
-    tilt_deg: float | None,
-    rotation_deg: tuple[float, float, float] | None,
-    drives: str | None,
-) -> Command:
-    """Return the command that options give: a pose of the end body, or drive values.
-
-    Raises:
-        BadInputError: they say nothing, contradict each other, or are no command of this robot.
-    """
-    import numpy as np
-
-    from pouring_robot.mechanism.poses import MM
-
-    if (at_mm is None) == (drives is None):
-        raise BadInputError("give a pose by --at-mm or drive values by --drives, one of the two")
-    if tilt_deg is not None and rotation_deg is not None:
-        raise BadInputError("give --tilt-deg or --rotation-deg, not both: a tilt T is the rotation 0 T 0")
-    turn = (0.0, tilt_deg, 0.0) if tilt_deg is not None else rotation_deg
-    if at_mm is not None:
-        return robot.pose_command(np.array(at_mm) * MM, None if turn is None else np.radians(turn))
-    if turn is not None:
-        raise BadInputError("--tilt-deg and --rotation-deg belong to --at-mm, not to --drives")
-    entries = robot.model.definition.drives
-    units = [(MM, "mm") if drive.unit == "m" else (np.radians(1.0), "deg") for drive in entries]
-    try:
-        values = [float(part) for part in (drives or "").replace(",", " ").split()]
-    except ValueError:
-        values = []
-    if len(values) != len(entries) or not np.isfinite(values).all():
-        wanted = ", ".join(f"{drive.joint} ({unit})" for drive, (_, unit) in zip(entries, units, strict=True))
-        raise BadInputError(f"--drives '{drives}': give one number for each of {wanted}")
-    return np.array(values) * [factor for factor, _ in units]
 
 
 def model_of(model: Path | None, robot: Path | None, layout: str | None = None) -> RobotModel:
