@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pouring_robot.inference.courses import separate, smooth, standardised, wandering
-from pouring_robot.inference.discrepancy import Description
 from pouring_robot.inference.explanations import Explanation, Problem
+from pouring_robot.inference.processes import Process
 from pouring_robot.mechanism.arrays import FloatArray
 
 from .data import FocusRows
@@ -104,7 +104,7 @@ def constants(rows: FocusRows) -> FloatArray:
     return separate(rows.instrument.astype(np.int64))
 
 
-def descriptions(rows: FocusRows) -> list[Description]:
+def descriptions(rows: FocusRows) -> list[Process]:
     """Return how something unknown may move the focus; columns in µm, not whitened."""
     found = [("each night", separate(rows.night)), ("date", wandering(rows.day))]
     found += [("order of exposures", wandering(np.argsort(np.argsort(rows.exposure)).astype(float)))]
@@ -114,4 +114,6 @@ def descriptions(rows: FocusRows) -> list[Description]:
     found.append(("elevation", smooth(rows.elevation_deg, 20.0)))
     azimuth = np.radians(rows.azimuth_deg)
     found.append(("azimuth", smooth(np.column_stack([np.sin(azimuth), np.cos(azimuth)]), 1.0)))
-    return [Description("focus", by, PRIOR_STD_UM * columns) for by, columns in found if np.isfinite(columns).all()]
+    return [
+        Process.of_columns("focus", by, PRIOR_STD_UM * columns) for by, columns in found if np.isfinite(columns).all()
+    ]

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from pouring_robot.inference.discrepancy import Description, structures
+from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.evidence import Scale
 from pouring_robot.inference.explanations import Explanation, Problem
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.processes import Process, columns_of
 from pouring_robot.inference.search import SearchOptions, search
 from pouring_robot.mechanism.arrays import FloatArray
 
@@ -126,14 +127,14 @@ class UnknownNoise:
         spread = np.einsum("g,gi,gj->ij", weighed.weights, stacked - mean, stacked - mean)
         return mean, np.asarray(spread + np.tensordot(weighed.weights, np.array(covariances), axes=1))
 
-    def structures(self, keys: Keys, described: list[Description]) -> list[tuple[str, float]]:
+    def structures(self, keys: Keys, described: list[Process]) -> list[tuple[str, float]]:
         """Return each description's name and its log evidence in the remainder, most evident first."""
         weighed = self.weighed(keys)
         table = np.full((len(described), len(self.noises)), -np.inf)
         for g, (noise, h) in enumerate(zip(self.noises.tolist(), weighed.at, strict=True)):
-            scaled = [Description(d.where, d.by, d.columns / noise) for d in described]
-            found = structures(h, scaled, least_evidence=-np.inf)
-            evidence = {item.description.name: item.evidence for item in found}
+            scaled = [Process.of_columns(d.where, d.by, columns_of(d.lengths[""]) / noise) for d in described]
+            found = Discrepancy(h, scaled).structures(-np.inf)
+            evidence = {item.process.name: item.evidence for item in found}
             table[:, g] = [evidence.get(d.name, -np.inf) for d in described]
         values = logsumexp(weighed.log_density + table, axis=1) - logsumexp(weighed.log_density)
         ranked = sorted(zip(described, values.tolist(), strict=True), key=lambda pair: -pair[1])

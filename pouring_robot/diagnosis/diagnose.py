@@ -14,11 +14,11 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import examine
 from pouring_robot.checks.flags import DataFlag, outlier_rows
 from pouring_robot.diagnosis.conclusions import Conclusions
-from pouring_robot.diagnosis.descriptions import descriptions
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.in_turn import few, held_out_in_turn
 from pouring_robot.diagnosis.parameters import named_effects
 from pouring_robot.diagnosis.problem import Library
+from pouring_robot.diagnosis.processes import processes_of
 from pouring_robot.diagnosis.report.export import write_diagnosis
 from pouring_robot.diagnosis.report.sentences import headline
 from pouring_robot.diagnosis.rows import CampaignRows
@@ -32,6 +32,7 @@ from pouring_robot.estimation.solver import seen_from_one_place
 from pouring_robot.estimation.splits import HoldOut, Split, split
 from pouring_robot.exceptions import BadInputError, CalibrationError, CampaignError
 from pouring_robot.inference.decision import DEFAULT_THRESHOLDS, Thresholds, judge
+from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.search import SearchOptions
 from pouring_robot.io.progress import Status, say_nothing
@@ -220,8 +221,9 @@ class _Work:
         diagnoser, after, hypothesis, fitted = found.diagnoser, found.after, found.hypothesis, found.fitted
         # Where the noise is not stated, scatter from row to row is noise.
         rows, known = diagnoser.rows, not found.noise.from_residuals
-        described = list(descriptions(rows, after.linear, by_chance=known))
-        judgement = judge(hypothesis, described, Thresholds(self.options.false_names), noise_known=known)
+        axes = after.frames.T_tracker_base.rotation
+        discrepancy = Discrepancy(hypothesis, processes_of(rows, after.linear, axes, chance=known))
+        judgement = judge(hypothesis, discrepancy, Thresholds(self.options.false_names), noise_known=known)
         before = diagnoser.at_rest
         if not judgement.causes:  # nothing is named, so nothing is added: the model stays as it was given
             after = before

@@ -8,22 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from pouring_robot.diagnosis.descriptions import BY_CHANCE
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.gap import table_of
+from pouring_robot.diagnosis.processes import CHANCE
 from pouring_robot.estimation.instruments import component_name
-from pouring_robot.inference.discrepancy import Structure
+from pouring_robot.inference.discrepancy import Summand
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 
-MOST = 3
 _IN_TIME = ("time", "order", "session")
 _STEP_SHARE, _FEWEST_BESIDE = 0.8, 4
 
 
 @dataclass(frozen=True, eq=False)
 class Discrepancy:
-    """Structure that the best known effects leave.
+    """Summand that the best known effects leave.
 
     Attributes:
         structure: as the search found it.
@@ -33,7 +32,7 @@ class Discrepancy:
         step: by how much it jumps there, in m or rad.
     """
 
-    structure: Structure
+    structure: Summand
     component: str
     rms: float
     step_after: int | None = None
@@ -47,7 +46,7 @@ class Discrepancy:
     def sentence(self) -> str:
         """It in words."""
         scale, unit = self._in_unit
-        said = self.structure.description
+        said = self.structure.process
         text = (
             f"{described(said.where, said.by)}: {self.structure.size:.1f} times the noise, mostly in {self.component} "
             f"({self.rms / scale:.3f} {unit} rms)"
@@ -60,8 +59,8 @@ class Discrepancy:
         """Return it as ``diagnosis.json`` holds it."""
         scale, unit = self._in_unit
         out: dict[str, Any] = {
-            "where": self.structure.description.where,
-            "by": self.structure.description.by,
+            "where": self.structure.process.where,
+            "by": self.structure.process.by,
             "log_evidence_nats": self.structure.evidence,
             "size_in_noise": self.structure.size,
             "component": self.component,
@@ -74,24 +73,21 @@ class Discrepancy:
 
 
 def discrepancies(diagnosis: Findings) -> list[Discrepancy]:
-    """Return the clearest structure that is left, most evident first; nothing where none counts."""
-    kinds: dict[str, Structure] = {}
-    for structure in diagnosis.judgement.clear_structures:
-        kinds.setdefault(structure.description.by.partition(",")[0], structure)
-    return [_described(diagnosis, structure) for structure in list(kinds.values())[:MOST]]
+    """Return the structure that is left, largest first; nothing where none counts."""
+    return [_described(diagnosis, structure) for structure in diagnosis.judgement.remainder]
 
 
 def described(where: str, by: str) -> str:
     """Return in words what moves, and what with."""
-    return f"{where}, different in every row" if by == BY_CHANCE else f"{where} by {by}"
+    return f"{where}, different in every row" if by == CHANCE else f"{where} by {by}"
 
 
-def parts_by_row(diagnosis: Findings, structure: Structure) -> FloatArray:
+def parts_by_row(diagnosis: Findings, structure: Summand) -> FloatArray:
     """Return what a structure adds to the fitted rows, (n, K) in the tracker's axes, in m and rad; NaN elsewhere."""
     return table_of(diagnosis.after.linear, structure.part, len(diagnosis.rows))
 
 
-def _described(diagnosis: Findings, structure: Structure) -> Discrepancy:
+def _described(diagnosis: Findings, structure: Summand) -> Discrepancy:
     table = parts_by_row(diagnosis, structure)
     sigma = np.asarray(diagnosis.rows.measured.sigma)[: table.shape[1]]
     known = np.isfinite(table)
@@ -99,7 +95,7 @@ def _described(diagnosis: Findings, structure: Structure) -> Discrepancy:
     rms = np.sqrt((np.where(known, table, 0.0) ** 2).sum(axis=0) / np.maximum(known.sum(axis=0), 1))
     worst = int(np.argmax(np.where(measured, rms / np.where(sigma > 0.0, sigma, np.inf), 0.0)))
     step_after, step = None, math.nan
-    if structure.description.by in _IN_TIME:
+    if structure.process.by in _IN_TIME:
         step_after, step = _step(diagnosis, table[:, worst])
     return Discrepancy(structure, component_name(worst), float(rms[worst]), step_after, step)
 

@@ -15,7 +15,7 @@ from pouring_robot.diagnosis.in_turn import InTurn
 from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser, State
-from pouring_robot.diagnosis.where.terms import FreeResiduals
+from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.effects.drives import channel
 from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.inference.decision import Judgement, Verdict

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pouring_robot.diagnosis.descriptions import poses
+from pouring_robot.diagnosis.processes import poses
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.effects.base import Effect, Form, checked_forms
 from pouring_robot.effects.registry import all_effects

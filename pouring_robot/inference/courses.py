@@ -6,14 +6,17 @@ averaged over the rows, is 1.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
-import scipy.linalg
+import scipy.sparse
 from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.mechanism.arrays import FloatArray
 
 _NEGLIGIBLE = 1e-3
-_MANY_TIMES = 12
+_LANDMARKS = 400
+"""Of more rows, so many stand for all in a kernel (Nyström's method), so that its cost is linear in the rows."""
 
 
 def standardised(values: FloatArray) -> FloatArray:
@@ -22,35 +25,53 @@ def standardised(values: FloatArray) -> FloatArray:
     return np.asarray((values - values.mean(axis=0)) / np.where(spread > 1e-12, spread, 1.0))
 
 
-def _principal(kernel: FloatArray, most: int) -> FloatArray:
-    if len(kernel) > _MANY_TIMES * most:
-        squared, axes = scipy.linalg.eigh(kernel, subset_by_index=(len(kernel) - most, len(kernel) - 1))
-    else:
-        squared, axes = np.linalg.eigh(kernel)
+def _principal(
+    points: FloatArray, kernel: Callable[[FloatArray, FloatArray], FloatArray], most: int, *, centred: bool = False
+) -> FloatArray:
+    """Return the likely columns of a random function of points (n, d) by its kernel.
+
+    Williams & Seeger, Using the Nyström method to speed up kernel machines, NIPS 13, 2001.
+    """
+    step = -(-len(points) // _LANDMARKS)
+    marks = points[np.lexsort(points.T[::-1])][step // 2 :: step]
+    inner, across = kernel(marks, marks), kernel(points, marks)
+    if centred:
+        across = across - inner.mean(axis=0) - across.mean(axis=1, keepdims=True) + inner.mean()
+        inner = inner - inner.mean(axis=0) - inner.mean(axis=1, keepdims=True) + inner.mean()
+    squared, axes = np.linalg.eigh(inner)
     squared, axes = squared[::-1][:most], axes[:, ::-1][:, :most]
     kept = squared > _NEGLIGIBLE * max(float(squared[0]), 1e-300)
-    columns = axes[:, kept] * np.sqrt(squared[kept])
+    columns = across @ axes[:, kept] / np.sqrt(squared[kept])
     size = np.sqrt((columns**2).sum() / len(columns))
     return np.asarray(columns / size) if size > 0.0 else columns
 
 
 def smooth(values: FloatArray, length: ArrayLike, most: int = 40) -> FloatArray:
     """Return columns of a smooth function of ``values`` (n,) or (n, k), squared-exponential kernel of a length (k,)."""
-    points = values.reshape(len(values), -1)
-    squared = (((points[:, None] - points[None]) / np.asarray(length)) ** 2).sum(axis=-1)
-    return _principal(np.exp(-0.5 * squared), most)
+    scaled = values.reshape(len(values), -1) / np.asarray(length)
+
+    def kernel(one: FloatArray, other: FloatArray) -> FloatArray:
+        inner = -2.0 * one @ other.T + (one**2).sum(axis=1)[:, None] + (other**2).sum(axis=1)
+        return np.asarray(np.exp(-0.5 * np.maximum(inner, 0.0)))
+
+    return _principal(scaled, kernel, most)
 
 
 def wandering(values: FloatArray, most: int = 25) -> FloatArray:
     """Return columns of a random walk along ``values`` (n,), zero on average: what drifts and what steps."""
     spread = float(np.ptp(values))
     place = (values - values.min()) / spread if spread > 0.0 else np.zeros(len(values))
-    kernel = np.minimum(place[:, None], place[None])
-    kernel = kernel - kernel.mean(axis=0)
-    return _principal(kernel - kernel.mean(axis=1, keepdims=True), most)
+    return _principal(place[:, None], lambda one, other: np.minimum(one, other.T), most, centred=True)
 
 
 def separate(labels: NDArray[np.int64]) -> FloatArray:
     """Return a column for each different label; labels (n,) or (n, k), rows alike have the same label."""
     _, place = np.unique(labels, axis=0, return_inverse=True)
     return np.asarray(np.eye(int(place.max()) + 1)[place.reshape(-1)])
+
+
+def by_chance(count: int, most: int) -> scipy.sparse.csc_array:
+    """Return a column for each of so many rows, at most some, evenly spread: of too many rows some show it, too."""
+    chosen = np.linspace(0, count - 1, min(count, most)).astype(np.intp)
+    shape = (count, len(chosen))
+    return scipy.sparse.csc_array((np.ones(len(chosen)), (chosen, np.arange(len(chosen)))), shape=shape)

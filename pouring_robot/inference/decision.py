@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from scipy.special import expit, logsumexp
 
-from pouring_robot.inference.discrepancy import Challenge, Description, Structure, challenge, structures
+from pouring_robot.inference.discrepancy import Challenge, Discrepancy, Structure, Summand
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.inference.search import credible
@@ -23,13 +23,11 @@ class Thresholds:
 
     Attributes:
         false_names: rate of false answers that is accepted. What is one of n things that were tried must be worth n
-            over this rate (see :class:`~.search.SearchOptions`): structure in what is left, a description against a
+            over this rate (see :class:`~.search.SearchOptions`): structure in what is left, a process against a
             cause, small errors where nothing else is found.
         structure_size: its least size, in noise standard deviations.
         structure_share: its least share of the largest named effect: below, it is that effect's form that is not quite
             the library's.
-        hidden: sum of squares, in noise variances, that nobody would see: an effect that leaves no more of another
-            one's part explains it as well.
         alternative: least probability of an alternative.
         minor_share: an effect smaller than this share of the largest one, and
         minor_evidence: worth less than this, in nats, corrects the other's form rather than being a cause of its own.
@@ -38,7 +36,6 @@ class Thresholds:
     false_names: float = 0.01
     structure_size: float = 0.3
     structure_share: float = 0.05
-    hidden: float = 16.0
     alternative: float = 0.05
     minor_share: float = 0.12
     minor_evidence: float = 25.0
@@ -47,9 +44,22 @@ class Thresholds:
         """Return the log evidence that one of so many things must be worth, in nats."""
         return float(np.log(max(tried, 1) / self.false_names))
 
+    @property
+    def hidden(self) -> float:
+        """Sum of squares, in noise variances, that such data hardly show; who leaves no more explains as well.
+
+        What an effect leaves of another one's part, d in noise variances, makes their log evidences differ by d/2 with
+        a standard deviation of √d. It is seen if that reaches the evidence asked for four times in five, the usual
+        power of a test (Cohen, Statistical power analysis, 1988).
+        """
+        return float((_POWER + np.sqrt(_POWER**2 + 2.0 * self.least_evidence(1))) ** 2)
+
 
 DEFAULT_THRESHOLDS = Thresholds()
 _RANK = 1e-9
+_MOST_PARTS = 3
+_POWER = 0.8416
+"""Normal quantile of 80 %."""
 
 
 @dataclass(frozen=True)
@@ -84,11 +94,12 @@ class Judgement:
         verdict: no_gap, named, group or unknown.
         causes: named effects, in the order they were added.
         structures: what structure is left, most evident first.
-        challenges: of each cause that was found as one, the description that would explain best in its place.
+        challenges: of each cause that was found as one, the process that would explain best in its place.
         reasons: why the verdict is what it is, one line each.
-        tried: so many descriptions.
+        tried: so many processes.
         thresholds: by which it was judged.
         minor: effects that are at work at most beside others, adding less than what nobody explains: no causes.
+        remainder: processes whose sum describes what is left, largest first.
     """
 
     verdict: Verdict
@@ -99,6 +110,7 @@ class Judgement:
     tried: int = 1
     thresholds: Thresholds = DEFAULT_THRESHOLDS
     minor: tuple[str, ...] = ()
+    remainder: tuple[Summand, ...] = ()
 
     @property
     def clear_structures(self) -> tuple[Structure, ...]:
@@ -110,23 +122,23 @@ class Judgement:
 
     @property
     def least_evidence(self) -> float:
-        """What structure, or a description against a cause, must be worth, in nats."""
+        """What structure, or a process against a cause, must be worth, in nats."""
         return self.thresholds.least_evidence(self.tried)
 
     @property
     def challenged(self) -> tuple[tuple[Cause, Challenge], ...]:
-        """Causes that descriptions were tried against, each with the best one."""
+        """Causes that processes were tried against, each with the best one."""
         return tuple(zip(self.causes, self.challenges, strict=False))
 
     @property
     def beaten(self) -> dict[str, Challenge]:
-        """Effects that are only the nearest to something unknown, with the description that explains better."""
+        """Effects that are only the nearest to something unknown, with the process that explains better."""
         return {c.effect: found for c, found in self.challenged if found.margin > self.least_evidence}
 
 
 def judge(
     hypothesis: Hypothesis,
-    descriptions: Sequence[Description],
+    discrepancy: Discrepancy,
     thresholds: Thresholds = DEFAULT_THRESHOLDS,
     *,
     noise_known: bool = True,
@@ -135,11 +147,11 @@ def judge(
 
     Args:
         hypothesis: the best one.
-        descriptions: of what may be left.
+        discrepancy: what processes find beside it.
         thresholds: when something counts.
         noise_known: whether the noise is that of the device, and not what is left over itself.
     """
-    left = structures(hypothesis, descriptions)
+    left = discrepancy.structures()
     named = [_cause(hypothesis, effect, thresholds) for effect in _named(hypothesis)]
     least = thresholds.minor_share * max((cause.size for cause in named), default=0.0)
     causes = [cause for cause in named if cause.size > least or cause.evidence > thresholds.minor_evidence]
@@ -147,10 +159,9 @@ def judge(
     kept = _above(causes, remainder, len(hypothesis.problem.residual), thresholds)
     minor = tuple(cause.effect for cause in causes if cause not in kept)
     causes = kept
-    challenges = tuple(challenge(hypothesis, cause.indices, descriptions) for cause in causes)
-    reasons = _reasons(
-        hypothesis, Judgement("unknown", tuple(causes), tuple(left), challenges, (), len(descriptions), thresholds)
-    )
+    challenges = tuple(discrepancy.challenge(cause.indices) for cause in causes)
+    found = Judgement("unknown", tuple(causes), tuple(left), challenges, (), len(discrepancy), thresholds, minor)
+    reasons = _reasons(hypothesis, found)
     if not causes and not reasons:
         small = background_cause(hypothesis, thresholds)
         causes = [cause for cause in small if cause.effect in hypothesis.problem.known]
@@ -162,9 +173,8 @@ def judge(
         verdict = "no_gap"
     elif any(cause.alternatives for cause in causes):
         verdict = "group"
-    return Judgement(
-        verdict, tuple(causes), tuple(left), challenges, tuple(reasons), len(descriptions), thresholds, minor
-    )
+    rest = discrepancy.sum(found.least_evidence, _MOST_PARTS) if found.clear_structures else []
+    return replace(found, verdict=verdict, causes=tuple(causes), reasons=tuple(reasons), remainder=tuple(rest))
 
 
 def _above(causes: Sequence[Cause], remainder: float, equations: int, thresholds: Thresholds) -> list[Cause]:
@@ -181,12 +191,12 @@ def _above(causes: Sequence[Cause], remainder: float, equations: int, thresholds
 
 def _reasons(hypothesis: Hypothesis, found: Judgement) -> list[str]:
     reasons = [
-        f"what is left depends on something no effect explains: {clear.description.name} "
+        f"what is left depends on something no effect explains: {clear.process.name} "
         f"({clear.size:.2f} of the noise, log evidence {clear.evidence:.0f})"
         for clear in found.clear_structures[:1]
     ]
     reasons += [
-        f"{effect} is only the nearest of the known effects: '{better.description}' explains better by "
+        f"{effect} is only the nearest of the known effects: '{better.process}' explains better by "
         f"{better.margin:.0f} nats"
         for effect, better in found.beaten.items()
     ]

@@ -1,116 +1,336 @@
-"""What is left: whether it has structure, and what it depends on. Descriptions, not causes.
+r"""What is left: one discrepancy, a sum of random functions of the conditions. Descriptions, not causes.
+
+A :class:`~.processes.Process` is a Gaussian process: something unknown moves a place along channels of the prediction,
+by a function of a condition. How large it is and how fast it varies is integrated over, so that a condition that
+nothing depends on is found irrelevant (automatic relevance determination: MacKay, Bayesian nonlinear modelling, 1994;
+sums: Duvenaud, Nickisch & Rasmussen, Additive Gaussian processes, 2011).
 
 Nothing here knows the robot.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
+from scipy.special import logsumexp
 
-from pouring_robot.inference.evidence import bayes_factor
+from pouring_robot.inference.evidence import Beside, Gram, Places, bayes_factor, largest_scale
+from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.processes import Part, Process, against, between
 from pouring_robot.mechanism.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Description:
-    """A way in which something unknown may act.
+class Structure:
+    """What a process finds in what is left.
 
     Attributes:
-        where: what is moved, in words: ``seen place and turn``, ``drives`` …
-        by: what it depends on, in words.
-        columns: shape (m, k), whitened.
-        same_as: effects that are as general as it is and say the same: it is no other explanation in their place.
+        process: the process.
+        length: at which length scale it fits best, in words.
+        amplitude: the most probable one, over what is usual.
+        evidence: log evidence for it beside what it was tried beside, in nats.
+        size: root mean square of what it explains, in noise standard deviations.
     """
 
-    where: str
-    by: str
-    columns: FloatArray
-    same_as: frozenset[str] = frozenset()
-
-    @property
-    def name(self) -> str:
-        """In words."""
-        return f"{self.where} by {self.by}"
+    process: Process
+    length: str
+    amplitude: float
+    evidence: float
+    size: float
 
 
 @dataclass(frozen=True, eq=False)
-class Structure:
-    """Structure that a description finds in what is left.
+class Summand(Structure):
+    """One of several processes at work together, with its own share of what they do.
 
     Attributes:
-        description: the description.
-        evidence: log evidence for it, in nats.
-        size: root mean square of what it explains, in noise standard deviations.
         part: what it explains, whitened, shape (m,).
+        movement: by how much each of its parts moves in each row, (n, parts), in m and rad.
+        std: standard deviation of that, (n, parts).
     """
 
-    description: Description
-    evidence: float
-    size: float
     part: FloatArray
-
-
-def structures(
-    hypothesis: Hypothesis, descriptions: Iterable[Description], least_evidence: float = 3.0
-) -> list[Structure]:
-    """Return what structure descriptions find in the remainder of a hypothesis, most evident first.
-
-    Args:
-        hypothesis: its remainder is searched.
-        descriptions: to be tried.
-        least_evidence: what counts, in nats.
-    """
-    found = []
-    for description in descriptions:
-        columns = hypothesis.problem.nuisance.cleared(description.columns)
-        inner, projected = hypothesis.seen(columns)
-        worth = bayes_factor(inner, projected)
-        if worth.evidence < least_evidence:
-            continue
-        scale = worth.scale.main
-        inner, projected = scale**2 * inner, scale * projected
-        mean = scipy.linalg.solve(inner + np.eye(len(inner)), projected, assume_a="pos")
-        size = float(np.sqrt(max(mean @ inner @ mean, 0.0) / len(columns)))
-        found.append(Structure(description, worth.evidence, size, scale * columns @ mean))
-    return sorted(found, key=lambda item: -item.evidence)
+    movement: FloatArray
+    std: FloatArray
 
 
 @dataclass(frozen=True)
 class Challenge:
-    """A description that explains better than a cause in its place.
+    """A process that explains better than a cause in its place.
 
     Attributes:
-        description: in words.
+        process: its name.
         margin: by how much its log evidence is larger, in nats; negative where the cause explains better.
     """
 
-    description: str
+    process: str
     margin: float
 
 
-def challenge(hypothesis: Hypothesis, indices: Sequence[int], descriptions: Iterable[Description]) -> Challenge:
-    """Return the description that would explain best in the place of a cause.
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """A process at one length scale in one problem.
 
-    A cause that is the right one beats descriptions, which are less specific. Where a description is clearly better,
-    the cause is only the nearest neighbour of what is at work.
+    Attributes:
+        process: the process.
+        length: the scale in words.
+        absorbed: inner products of its columns with what free unknowns explain, (f, k).
+        inner: of its columns with each other beside those, (k, k).
+        projected: of its columns with the residual, (k,).
+        shared: of the columns of a hypothesis with its own, (q, k).
+    """
+
+    process: Process
+    length: str
+    absorbed: FloatArray
+    inner: FloatArray
+    projected: FloatArray
+    shared: FloatArray
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        return self.process.lengths[self.length]
+
+    @classmethod
+    def of(cls, process: Process, length: str, problem: Problem, own: FloatArray) -> _Seen:
+        """Return it beside what free unknowns explain; columns of the hypothesis (m, q) are free of that."""
+        parts, free = process.lengths[length], problem.nuisance.dof
+        values = against(parts, np.column_stack([problem.nuisance.axes, problem.residual, own])).T
+        absorbed = values[:free]
+        inner = between(parts, parts) - absorbed.T @ absorbed
+        return cls(process, length, absorbed, inner, values[free], values[free + 1 :])
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """A process at its best length scale beside something.
+
+    Attributes:
+        evidence: averaged over its length scales, in nats.
+        seen: it at the best of them.
+        amplitude: the most probable one.
+        inner: inner products of its columns beside that something, (k, k).
+        projected: of its columns with the residual, (k,).
+    """
+
+    evidence: float
+    seen: _Seen
+    amplitude: float
+    inner: FloatArray
+    projected: FloatArray
+
+    @property
+    def name(self) -> str:
+        return self.seen.process.name
+
+    @property
+    def squared(self) -> float:
+        """Squared length of what it explains, in noise variances."""
+        scaled = self.amplitude**2 * self.inner
+        mean = scipy.linalg.solve(scaled + np.eye(len(scaled)), self.amplitude * self.projected, assume_a="pos")
+        return max(float(mean @ scaled @ mean), 0.0)
+
+
+class Discrepancy:
+    """What processes find beside a hypothesis, and in the place of its causes.
 
     Args:
-        hypothesis: which the cause is part of.
-        indices: of the items that make the cause.
-        descriptions: to be tried.
+        hypothesis: what is known to be at work.
+        processes: to be tried.
     """
-    rest, own = hypothesis.without(indices), hypothesis.worth(indices)
-    effects = {hypothesis.items[k].effect for k in indices}
-    best = Challenge("", -np.inf)
-    for description in descriptions:
-        if effects & description.same_as:
-            continue
-        margin = bayes_factor(*rest.seen(hypothesis.problem.nuisance.cleared(description.columns))).evidence - own
-        if margin > best.margin:
-            best = Challenge(description.name, margin)
-    return best
+
+    def __init__(self, hypothesis: Hypothesis, processes: Iterable[Process]) -> None:
+        """Work out all inner products once."""
+        self.hypothesis = hypothesis
+        places = hypothesis.everything.places
+        own = hypothesis.problem.columns[:, places]
+        self._own = dict(zip(places.tolist(), range(len(places)), strict=True))
+        self._seen = [
+            [_Seen.of(process, length, hypothesis.problem, own) for length in process.lengths] for process in processes
+        ]
+        self._known: dict[tuple[_Seen, _Seen], FloatArray] = {}
+
+    def __len__(self) -> int:
+        """Return the number of processes."""
+        return len(self._seen)
+
+    def challenge(self, indices: Sequence[int]) -> Challenge:
+        """Return the process that would explain best in the place of a cause.
+
+        A cause that is the right one beats processes, which are less specific. Where a process is clearly better, the
+        cause is only the nearest neighbour of what is at work.
+
+        Args:
+            indices: of the items of the hypothesis that make the cause.
+        """
+        rest, own_worth = self.hypothesis.without(indices), self.hypothesis.worth(indices)
+        effects = {self.hypothesis.items[k].effect for k in indices}
+        own = np.array([self._own[k] for k in rest.everything.places.tolist()], dtype=np.intp)
+        best = Challenge("", -np.inf)
+        for found in self._tried(rest.everything, own):
+            margin = found.evidence - own_worth
+            if margin > best.margin and not effects & found.seen.process.same_as:
+                best = Challenge(found.name, margin)
+        return best
+
+    def structures(self, least_evidence: float = 3.0) -> list[Structure]:
+        """Return what structure single processes find beside the hypothesis, most evident first.
+
+        Args:
+            least_evidence: what counts, in nats.
+        """
+        found = sorted((one for one in self._alone if one.evidence >= least_evidence), key=lambda one: -one.evidence)
+        return [Structure(*self._facts(one, one.evidence)) for one in found]
+
+    def sum(self, least_evidence: float, most: int) -> list[Summand]:
+        """Return the processes whose sum explains what is left, largest first.
+
+        They are added one by one, and left out again where they are not missed beside the others.
+
+        Args:
+            least_evidence: what each must be worth beside the others, in nats.
+            most: how many there may be.
+        """
+        chosen: list[_Found] = []
+        tried: Iterable[_Found] = self._alone
+        while len(chosen) < most:
+            taken = {one.name for one in chosen}
+            best = max((one for one in tried if one.name not in taken), key=lambda one: one.evidence, default=None)
+            if best is None or best.evidence < least_evidence:
+                break
+            chosen = self._settled([*chosen, best], least_evidence)
+            if best.name not in {one.name for one in chosen}:
+                break
+            tried = self._tried(*self._beside(chosen), chosen)
+        return sorted(self._summands(chosen), key=lambda summand: -summand.size)
+
+    def _settled(self, chosen: Sequence[_Found], least_evidence: float) -> list[_Found]:
+        """Return the same, each with the amplitude and length it has beside the others, without what is not missed."""
+        settled = list(chosen)
+        for one in chosen if len(chosen) > 1 else ():
+            others = [other for other in settled if other.name != one.name]
+            again = next(self._tried(*self._beside(others), others, only=one.name))
+            settled = [again if other.name == one.name else other for other in settled]
+            if again.evidence < least_evidence:
+                settled = others
+        return settled
+
+    def rivals(self, summand: Summand, beside: Sequence[Summand], apart: float = 3.0) -> tuple[str, ...]:
+        """Return the conditions that would explain as much in the place of a summand, best first.
+
+        Args:
+            summand: one of those that :meth:`sum` found.
+            beside: the others.
+            apart: a rival is worth no more nats less.
+        """
+        others, taken = self._again(beside), {one.process.name for one in (summand, *beside)}
+        least = summand.evidence - apart
+        found = [f for f in self._tried(*self._beside(others), others) if f.evidence > least and f.name not in taken]
+        return tuple(f.seen.process.by for f in sorted(found, key=lambda f: -f.evidence))
+
+    def bounds(self, beside: Sequence[Summand]) -> dict[str, float]:
+        """Return of every other process, by name, what its movement is below with a probability of 97.5 %.
+
+        Args:
+            beside: what is at work, as :meth:`sum` found it.
+
+        Returns:
+            Root mean square over the rows, in m or rad.
+        """
+        chosen, taken = self._again(beside), {summand.process.name for summand in beside}
+        place, bounds = self._beside(chosen), {}
+        for lengths in self._seen:
+            if (name := lengths[0].process.name) not in taken:
+                sizes = [max(part.rms for part in seen.parts) for seen in lengths]
+                largest = [largest_scale(*self._outside(*place, chosen, seen)) for seen in lengths]
+                bounds[name] = max(size * scale for size, scale in zip(sizes, largest, strict=True))
+        return bounds
+
+    @cached_property
+    def _alone(self) -> list[_Found]:
+        return list(self._tried(*self._beside(())))
+
+    def _tried(self, beside: Beside, own: Places, chosen: Sequence[_Found] = (), only: str = "") -> Iterator[_Found]:
+        """Yield each process, or only one, beside columns of the hypothesis (q,) and chosen processes."""
+        for lengths in self._seen:
+            if only and lengths[0].process.name != only:
+                continue
+            products = [self._outside(beside, own, chosen, seen) for seen in lengths]
+            worths = [bayes_factor(*one) for one in products]
+            best = int(np.argmax([worth.evidence for worth in worths]))
+            mean = float(logsumexp([worth.evidence for worth in worths]) - np.log(len(worths)))
+            yield _Found(mean, lengths[best], worths[best].scale.main, *products[best])
+
+    def _worth(self, one: _Found, beside: Beside, own: Places, chosen: Sequence[_Found]) -> float:
+        """Return what one process at its length scale is worth beside others."""
+        return bayes_factor(*self._outside(beside, own, chosen, one.seen)).evidence
+
+    def _outside(
+        self, beside: Beside, own: Places, chosen: Sequence[_Found], seen: _Seen
+    ) -> tuple[FloatArray, FloatArray]:
+        shared = np.vstack([seen.shared[own], *(self._shared(one.seen, seen) for one in chosen)])
+        return beside.outside(shared, seen.inner, seen.projected)
+
+    def _shared(self, one: _Seen, other: _Seen) -> FloatArray:
+        """Return the inner products of two processes beside what free unknowns explain, (k, l)."""
+        if (one, other) not in self._known:
+            self._known[one, other] = between(one.parts, other.parts) - one.absorbed.T @ other.absorbed
+        return self._known[one, other]
+
+    def _beside(self, chosen: Sequence[_Found]) -> tuple[Beside, Places]:
+        """Return what is to be seen beside the hypothesis and chosen processes, and the places of its own columns."""
+        own, everything, problem = np.arange(len(self._own)), self.hypothesis.everything, self.hypothesis.problem
+        if not chosen:
+            return everything, own
+        places = everything.places
+        blocks = [[problem.gram.columns[places[:, None], places], *(one.seen.shared for one in chosen)]]
+        blocks += [
+            [
+                one.seen.shared.T,
+                *(one.seen.inner if other is one else self._shared(one.seen, other.seen) for other in chosen),
+            ]
+            for one in chosen
+        ]
+        projected = np.concatenate([problem.gram.projected[places], *(one.seen.projected for one in chosen)])
+        weights = [*self.hypothesis.weights(), *(np.full(len(one.seen.projected), one.amplitude) for one in chosen)]
+        gram = Gram(np.block(blocks), projected, problem.gram.squared)
+        return Beside(gram, np.arange(len(projected)), np.concatenate(weights)), own
+
+    def _facts(self, one: _Found, evidence: float) -> tuple[Process, str, float, float, float]:
+        size = np.sqrt(one.squared / len(self.hypothesis.problem.residual))
+        return one.seen.process, one.seen.length, one.amplitude, evidence, float(size)
+
+    def _summands(self, chosen: Sequence[_Found]) -> Iterator[Summand]:
+        """Yield the chosen processes, each with its share of what they do together."""
+        if not chosen:
+            return
+        means, covariances = self._beside(chosen)[0].coefficients()
+        problem, first = self.hypothesis.problem, len(self._own)
+        for one in chosen:
+            own = slice(first, first := first + len(one.seen.projected))
+            mean, covariance = one.amplitude * means[own], one.amplitude**2 * covariances[own, own]
+            movement, std, part, at = [], [], np.zeros(len(problem.residual)), 0
+            for piece in one.seen.parts:
+                place = slice(at, at := at + piece.course.shape[1])
+                movement.append(piece.course @ mean[place])
+                std.append(np.sqrt(piece.variances(covariance[place, place])))
+                part += piece.channel.column * (piece.channel.rows.T @ movement[-1])
+            part = problem.nuisance.cleared(part)
+            size = float(np.sqrt((part @ part) / len(part)))
+            others = [other for other in chosen if other is not one]
+            facts = one.seen.process, one.seen.length, one.amplitude, self._worth(one, *self._beside(others), others)
+            yield Summand(*facts, size, part, np.column_stack(movement), np.column_stack(std))
+
+    def _again(self, summands: Sequence[Summand]) -> list[_Found]:
+        """Return what summands were made from."""
+        wanted = {(summand.process.name, summand.length): summand for summand in summands}
+        every = {(seen.process.name, seen.length): seen for lengths in self._seen for seen in lengths}
+        return [
+            _Found(s.evidence, every[key], s.amplitude, every[key].inner, every[key].projected)
+            for key, s in wanted.items()
+        ]

@@ -33,6 +33,7 @@ LOG_SCALES: FloatArray = np.linspace(np.log(1e-2), np.log(1e1), 28)
 SHAPINGS: FloatArray = np.geomspace(0.03, 1.0, 4)
 """How much of the prediction what shapes an effect may make, against what it shapes (root mean squares): never more."""
 _NEGLIGIBLE = 1e-10
+_SMALL = 100
 Places = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
 
@@ -196,20 +197,49 @@ def bayes_factor(
         return BayesFactor(0.0, Scale(1.0), 0.0)
     log_scales = LOG_SCALES[np.exp(LOG_SCALES) <= largest * (1.0 + 1e-9)]
     scales = [Scale(1.0)] if main is None or main.all() else [Scale(1.0, float(s)) for s in unit * SHAPINGS]
-    squared_scales = np.exp(2.0 * log_scales)[:, None]
     values = np.zeros((len(scales), len(log_scales)))
     for k, scale in enumerate(scales):
         if len(scales) == 1:
-            squared, axes = np.linalg.eigh(columns)
-            seen = axes.T @ projected
+            values[k] = _over_scales(columns, projected, log_scales)
         else:
             weights = scale.weights(np.asarray(main))
-            squared, axes = np.linalg.eigh(weights[:, None] * columns * weights)
-            seen = axes.T @ (weights * projected)
-        kept = squared > _NEGLIGIBLE * max(float(squared[-1]), 1.0)  # columns that nothing is left of explain nothing
-        variance = squared_scales * squared[kept]
-        values[k] = 0.5 * ((seen[kept] ** 2 / squared[kept]) * variance / (1.0 + variance) - np.log1p(variance)).sum(1)
+            values[k] = _over_scales(weights[:, None] * columns * weights, weights * projected, log_scales)
     shape, best = divmod(int(np.argmax(values)), len(log_scales))
     peak = float(values[shape, best])
     evidence = peak + float(np.log(np.exp(values - peak).mean()))
     return BayesFactor(evidence, Scale(float(np.exp(log_scales[best])), scales[shape].shaping), peak)
+
+
+def _over_scales(columns: FloatArray, projected: FloatArray, log_scales: FloatArray) -> FloatArray:
+    """Return the log evidence of a group of columns at each scale."""
+    squared, axes = _eigen(columns)
+    seen = axes.T @ projected
+    kept = squared > _NEGLIGIBLE * max(float(squared[-1]), 1.0)  # columns that nothing is left of explain nothing
+    variance = np.exp(2.0 * log_scales)[:, None] * squared[kept]
+    worth = (seen[kept] ** 2 / squared[kept]) * variance / (1.0 + variance) - np.log1p(variance)
+    return np.asarray(0.5 * worth.sum(axis=1))
+
+
+def _eigen(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return eigenvalues and axes of a symmetric matrix.
+
+    Divide and conquer, NumPy's way, is quickest while matrices are small; of hundreds of eigenvalues that lie close
+    together some kernels of OpenBLAS find none (no convergence), where relatively robust representations do.
+    """
+    if len(matrix) <= _SMALL:
+        return np.linalg.eigh(matrix)
+    values, axes = scipy.linalg.eigh(matrix, driver="evr", check_finite=False)
+    return values, axes
+
+
+def largest_scale(columns: FloatArray, projected: FloatArray, probability: float = 0.975) -> float:
+    """Return the scale that the coefficients of a group are below with a probability, given the data.
+
+    Args:
+        columns: as for :func:`bayes_factor`.
+        projected: the same.
+        probability: of being below.
+    """
+    worth = _over_scales(columns, projected, LOG_SCALES)
+    shares = np.cumsum(np.exp(worth - worth.max()))
+    return float(np.exp(LOG_SCALES[np.searchsorted(shares, probability * shares[-1])]))

@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 import scipy.stats
 from scipy.spatial.transform import Rotation
-from statsmodels.stats.multitest import multipletests
 
 from pouring_robot.diagnosis.where.fit import overall
-from pouring_robot.diagnosis.where.selection import holm
-from pouring_robot.diagnosis.where.terms import FreeResiduals
+from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.diagnosis.where.where import disagreements
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.exceptions import BadInputError
@@ -99,9 +97,9 @@ def test_noise_alone_is_seldom_found_guilty(rows, full):
     rng = np.random.default_rng(2)
     given = scene(rng, rows, rows // 3)
     data = seen(rng, given, full=full)
-    draws = [dataclasses.replace(data, residual=rng.normal(size=data.residual.size)) for _ in range(120)]
+    draws = [dataclasses.replace(data, residual=rng.normal(size=data.residual.size)) for _ in range(60)]
     alarms = sum(bool(disagreements(d, given, alpha=0.05).findings) for d in draws)
-    assert alarms <= scipy.stats.binom.ppf(0.999, 120, 0.05)
+    assert alarms <= scipy.stats.binom.ppf(0.999, 60, 0.05)
 
 
 def test_p_values_of_single_tests_are_even_under_noise():
@@ -124,10 +122,10 @@ def test_load_is_named_though_time_and_temperatures_went_along():
     (item,) = [f for f in where.findings if f.what == "condition"]
     assert item.component == "y"
     assert not item.rivals
-    assert item.size == pytest.approx(4e-4, rel=0.2)
-    assert "Grows with load: y by 0." in item.sentence
-    assert "not with" in item.sentence
-    assert "time" in item.sentence.partition("not with")[2]
+    assert item.size == pytest.approx(4e-4 * load.std(), rel=0.1)
+    assert "Grows with load from " in item.sentence
+    assert ": y by 0." in item.sentence
+    assert "time" in item.sentence.partition("; with ")[2]
     components = [f.component for f in where.findings if f.what == "component"]
     assert components == ["y"]
 
@@ -161,11 +159,10 @@ def test_side_of_one_drive_is_found_on_that_drive():
     data = seen(rng, given)
     data = dataclasses.replace(data, residual=data.residual + data.drives[:, 1] * 6e-5 * given.approach[data.row, 1])
     where = disagreements(data, given)
-    assert conditions_found(where) == ["side of l2"]
+    assert conditions_found(where) == ["side of approach"]
     (item,) = [f for f in where.findings if f.what == "condition"]
-    assert item.size == pytest.approx(1.2e-4, rel=0.15)
-    without = disagreements(dataclasses.replace(data, drives=None), given)
-    assert conditions_found(without)[0] == "side of l2"
+    assert item.size == pytest.approx(6e-5, rel=0.15)
+    assert item.component == "l2"
 
 
 def test_a_region_is_named_in_words_and_repeats_do_not_object():
@@ -184,9 +181,10 @@ def test_what_is_not_understood_in_one_component_accuses_nothing_in_others():
     rng = np.random.default_rng(9)
     given = scene(rng, 120, 0)
     false = 0
-    for _ in range(20):
+    for _ in range(10):
         ripple = 1e-3 * rng.choice([-1.0, 1.0], len(given))
-        false += bool(conditions_found(disagreements(seen(rng, given, moved(given, 1, ripple)), given)))
+        found = disagreements(seen(rng, given, moved(given, 1, ripple)), given)
+        false += conditions_found(found) != ["row, by chance"]
     assert false <= 1
 
 
@@ -218,7 +216,7 @@ def test_unknown_noise_judges_no_size_but_finds_what_it_depends_on():
     assert all(f.p_value is None for f in where.findings if f.what in ("lack of fit", "component"))
     assert conditions_found(where) == ["truss travel"]
     size = next(f.size for f in where.findings if f.what == "condition")
-    assert size == pytest.approx(1e-3, rel=0.15)
+    assert size == pytest.approx(5e-4 * np.sin(given.travels["truss_travel"]).std(), rel=0.15)
 
 
 def test_few_rows_and_lost_cells():
@@ -249,19 +247,12 @@ def test_nothing_beyond_the_frames_is_refused():
     given = scene(rng, 9, 3)
     data = seen(rng, given)
     first = data.row < 2
-    few = FreeResiduals(
-        data.residual[first], data.row[first], data.component[first], data.sigma[first], Nuisance(np.eye(12)), data.axes
-    )
+    kept = data.residual[first], data.row[first], data.component[first], data.sigma[first]
+    few = FreeResiduals(*kept, Nuisance(np.eye(12)), data.axes, data.drives[first])
     with pytest.raises(BadInputError, match="12 measured values"):
         disagreements(few, given)
     with pytest.raises(BadInputError, match="must all count"):
         disagreements(dataclasses.replace(data, row=data.row[1:]), given)
-
-
-def test_holm_is_that_of_statsmodels():
-    p_values = np.random.default_rng(14).random(40) ** 4
-    np.testing.assert_allclose(holm(p_values), multipletests(p_values, method="holm")[1], rtol=1e-14)
-    assert holm(np.zeros(0)).size == 0
 
 
 def test_noise_from_few_repeats_is_trusted_less():

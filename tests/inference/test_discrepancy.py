@@ -1,14 +1,16 @@
-"""Structure in what is left: found where it was planted, not on noise."""
+"""Structure in what is left: found where it was planted, not on noise; sums of processes against dense algebra."""
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 
-from pouring_robot.inference.courses import separate, smooth, standardised, wandering
-from pouring_robot.inference.discrepancy import Description, challenge, structures
+from pouring_robot.inference.courses import by_chance, separate, smooth, standardised, wandering
+from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.evidence import Scale
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.hypotheses import Hypothesis
-from tests.inference.problems import explanation, log_density, problem
+from pouring_robot.inference.processes import Channel, Part, Process, columns_of, sums_of
+from tests.inference.problems import explanation, problem
 
 ROWS = 80
 TIME = np.arange(ROWS, dtype=float)
@@ -19,7 +21,7 @@ def described(rng):
     load = rng.normal(size=ROWS)
     labels = np.arange(ROWS) % 4
     courses = {"time": wandering(TIME), "load": smooth(standardised(load), 1.0), "session": separate(labels)}
-    return load, [Description("place", by, course) for by, course in courses.items()]
+    return load, [Process.of_columns("place", by, course) for by, course in courses.items()]
 
 
 CONSTANT = np.ones((ROWS, 1))
@@ -35,8 +37,8 @@ def test_a_step_in_time_and_a_curve_over_load_are_told_apart(described, rng):
     step = rng.normal(size=ROWS) + 3.0 * (TIME > 33)
     curve = rng.normal(size=ROWS) + 2.0 * np.cos(2.0 * load)
     for residual, by in ((step, "time"), (curve, "load")):
-        found = structures(nothing(residual), descriptions)
-        assert found[0].description.name == f"place by {by}"
+        found = Discrepancy(nothing(residual), descriptions).structures()
+        assert found[0].process.name == f"place by {by}"
         assert found[0].evidence > 10.0
         assert [s.evidence for s in found] == sorted((s.evidence for s in found), reverse=True)
 
@@ -46,60 +48,100 @@ def test_noise_has_no_structure():
     for seed in range(50):
         rng = np.random.default_rng(seed)
         residual = rng.normal(size=ROWS)
-        descriptions = [Description("place", "time", wandering(TIME)), Description("place", "x", smooth(TIME, 10.0))]
-        alarms += bool(structures(nothing(residual), descriptions))
+        descriptions = [
+            Process.of_columns("place", "time", wandering(TIME)),
+            Process.of_columns("place", "x", smooth(TIME, 10.0)),
+        ]
+        alarms += bool(Discrepancy(nothing(residual), descriptions).structures())
     assert alarms <= 5  # Markov: at most 2 exp(-3) of 50, which is 5
 
 
-def test_the_part_is_the_conditional_mean(described, rng):
-    """Of a Gaussian process with the description's covariance, beside what the hypothesis fits."""
-    _, descriptions = described
+def covariance_of(summand):
+    """Return the covariance (m, m) that a process at its amplitude adds to the whitened residual."""
+    columns = summand.amplitude * columns_of(summand.process.lengths[summand.length])
+    return columns @ columns.T
+
+
+def test_the_sum_is_that_of_gaussian_processes(described, rng):
+    """Each share is the conditional mean beside the hypothesis and the other shares, from dense covariances."""
+    load, descriptions = described
     item = explanation("a", rng.normal(size=(ROWS, 2)))
-    residual = rng.normal(size=ROWS) + 3.0 * (TIME > 33) + 2.0 * item.columns[:, 0]
-    built = problem(residual, [item])
-    hypothesis = Hypothesis(built, (item,), (Scale(2.0),), ())
-    found = next(s for s in structures(hypothesis, descriptions) if s.description.by == "time")
-    others = np.eye(ROWS) + 4.0 * item.columns @ item.columns.T
-    evidence, scales = [], np.exp(np.linspace(-3.0, 3.0, 61))
-    for scale in scales:
-        columns = scale * found.description.columns
-        evidence.append(log_density(residual, 2.0 * item.columns, columns))
-    assert (
-        found.evidence > np.log(np.mean(np.exp(np.array(evidence) - log_density(residual, 2.0 * item.columns)))) - 3.0
+    residual = rng.normal(size=ROWS) + 3.0 * (TIME > 33) + 2.0 * np.cos(2.0 * load) + 2.0 * item.columns[:, 0]
+    hypothesis = Hypothesis(problem(residual, [item]), (item,), (Scale(2.0),), ())
+    found = Discrepancy(hypothesis, descriptions).sum(5.0, 3)
+    assert {summand.process.by for summand in found} == {"time", "load"}
+    noise = np.eye(ROWS) + 4.0 * item.columns @ item.columns.T
+    total = noise + sum(covariance_of(summand) for summand in found)
+    for summand in found:
+        own = covariance_of(summand)
+        np.testing.assert_allclose(summand.part, own @ np.linalg.solve(total, residual), atol=1e-8)
+        spread = np.diag(own - own @ np.linalg.solve(total, own))
+        np.testing.assert_allclose(summand.std[:, 0], np.sqrt(np.maximum(spread, 0.0)), atol=1e-6)
+        assert summand.size == pytest.approx(np.sqrt((summand.part**2).mean()))
+        rest = multivariate_normal(np.zeros(ROWS), total - own).logpdf(residual)
+        peak = multivariate_normal(np.zeros(ROWS), total).logpdf(residual) - rest
+        assert peak - 4.0 < summand.evidence <= peak + 1e-6  # averaged over 28 amplitudes: ln 28 = 3.3 less at most
+
+
+def test_columns_need_not_be_written_out(rng):
+    """Channels times courses, several equations a row, against the same columns written out."""
+    row = np.repeat(np.arange(40), 3)
+    sums, by = sums_of(row, 40), rng.normal(size=40)
+    channels = [Channel(name, rng.normal(size=120), sums) for name in "ab"]
+    course, chance = smooth(standardised(by), 1.0), by_chance(40, 40)
+    processes = [
+        Process("end", "x", {"": tuple(Part(c, course) for c in channels)}),
+        Process("end", "chance", {"": tuple(Part(c, chance) for c in channels)}),
+    ]
+    free = rng.normal(size=(120, 4))
+    residual = 2.0 * channels[0].column * np.cos(2.0 * by)[row] + rng.normal(size=120)
+    written = [Process.of_columns("end", p.by, columns_of(p.lengths[""])) for p in processes]
+    one, other = (
+        Discrepancy(Hypothesis.nothing(problem(residual, (), free=free)), kind).sum(-np.inf, 2)
+        for kind in (processes, written)
     )
-    fits = []
-    for scale in scales:
-        own = scale**2 * found.description.columns @ found.description.columns.T
-        fits.append(np.abs(own @ np.linalg.solve(others + own, residual) - found.part).max())
-    assert min(fits) < 0.1
-    assert found.size == pytest.approx(np.sqrt(found.part @ np.linalg.solve(others, found.part) / ROWS), rel=1e-9)
+    for first, second in zip(one, other, strict=True):
+        assert (first.process.by, first.amplitude) == (second.process.by, second.amplitude)
+        assert first.evidence == pytest.approx(second.evidence, rel=1e-9, abs=1e-9)
+        np.testing.assert_allclose(first.part, second.part, atol=1e-9)
+
+
+def test_a_condition_that_went_along_is_a_rival_and_one_that_did_not_is_bounded(described, rng):
+    load, descriptions = described
+    twin = Process.of_columns("place", "twin", smooth(standardised(load + 0.01 * rng.normal(size=ROWS)), 1.0))
+    discrepancy = Discrepancy(nothing(rng.normal(size=ROWS) + 2.0 * np.cos(2.0 * load)), [*descriptions, twin])
+    found = discrepancy.sum(5.0, 3)
+    assert len(found) == 1
+    assert {found[0].process.by, *discrepancy.rivals(found[0], ())} == {"load", "twin"}
+    bounds = discrepancy.bounds(found)
+    assert bounds["place by time"] < 0.5 * np.sqrt((found[0].movement ** 2).mean())
 
 
 def test_what_free_unknowns_absorb_is_no_structure(described, rng):
     _, descriptions = described
     step = (TIME >= 40).astype(float)[:, None]
     residual = rng.normal(size=ROWS) + 10.0 * step[:, 0]
-    assert structures(nothing(residual), descriptions)[0].description.by == "time"
+    assert Discrepancy(nothing(residual), descriptions).structures()[0].process.by == "time"
     free = np.hstack([CONSTANT, step])
-    assert structures(nothing(residual, free=free), descriptions) == []
+    assert Discrepancy(nothing(residual, free=free), descriptions).structures() == []
 
 
 def test_what_the_hypothesis_explains_is_no_structure(described, rng):
     load, descriptions = described
     item = explanation("linear", load[:, None])
     residual = rng.normal(size=ROWS) + 4.0 * load
-    assert structures(nothing(residual), descriptions)[0].description.by == "load"
+    assert Discrepancy(nothing(residual), descriptions).structures()[0].process.by == "load"
     fitted = Hypothesis(problem(residual, [item]), (item,), (Scale(4.0),), ())
-    assert structures(fitted, descriptions) == []
+    assert Discrepancy(fitted, descriptions).structures() == []
 
 
 def test_evidence_wanted_is_the_evidence_kept(described, rng):
     _, descriptions = described
     residual = rng.normal(size=ROWS) + 3.0 * (TIME > 33)
-    everything = structures(nothing(residual), descriptions, -np.inf)
+    everything = Discrepancy(nothing(residual), descriptions).structures(-np.inf)
     assert len(everything) == 3
     bound = everything[1].evidence
-    assert len(structures(nothing(residual), descriptions, bound + 1e-9)) == 1
+    assert len(Discrepancy(nothing(residual), descriptions).structures(bound + 1e-9)) == 1
 
 
 def test_a_right_cause_beats_descriptions_and_a_wrong_one_does_not(described, rng):
@@ -111,7 +153,7 @@ def test_a_right_cause_beats_descriptions_and_a_wrong_one_does_not(described, rn
     for residual in (right, wrong):
         built: Problem = problem(residual, [cause])
         hypothesis = Hypothesis(built, (cause,), (Scale(1.0),), ()).settled()
-        margins.append(challenge(hypothesis, (0,), descriptions))
+        margins.append(Discrepancy(hypothesis, descriptions).challenge((0,)))
     assert margins[0].margin < 0.0
     assert margins[1].margin > 5.0
-    assert margins[1].description == "place by load"
+    assert margins[1].process == "place by load"

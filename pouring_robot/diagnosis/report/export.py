@@ -119,7 +119,7 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
         "reasons": list(judgement.reasons),
         "remainder": [item.as_json() for item in diagnosis.discrepancies],
         "challenges": [
-            {"effect": cause.effect, "description": found.description, "margin_nats": found.margin}
+            {"effect": cause.effect, "description": found.process, "margin_nats": found.margin}
             for cause, found in diagnosis.judgement.challenged
         ],
         "noise": diagnosis.noise.figures(),

@@ -12,9 +12,9 @@ from pouring_robot.campaign.columns import approach_names
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import FlagCode
 from pouring_robot.diagnosis.conclusions import Conclusions
-from pouring_robot.diagnosis.descriptions import BY_CHANCE
 from pouring_robot.diagnosis.discrepancy import described
 from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
+from pouring_robot.diagnosis.processes import CHANCE
 from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
 from pouring_robot.effects.defaults import causes_of
 from pouring_robot.effects.facts import sources
@@ -185,7 +185,7 @@ def left_lines(diagnosis: Conclusions) -> list[str]:
     names = {e.cause.effect for e in diagnosis.nearest}
     for cause, found in diagnosis.judgement.challenged:
         if cause.effect in names:
-            beaten.setdefault(described(*found.description.split(" by ", 1)), []).append(cause.effect)
+            beaten.setdefault(described(*found.process.split(" by ", 1)), []).append(cause.effect)
     for better, effects in beaten.items():
         are = (
             "are the nearest known effects but not it" if len(effects) > 1 else "is the nearest known effect but not it"
@@ -237,7 +237,7 @@ def next_lines(diagnosis: Conclusions) -> list[str]:
     """Return what to measure or do next."""
     verdict, lines = diagnosis.verdict, []
     if verdict == "unknown":
-        by = [x.structure.description.by for x in diagnosis.discrepancies if x.structure.description.by != BY_CHANCE]
+        by = [x.structure.process.by for x in diagnosis.discrepancies if x.structure.process.by != CHANCE]
         lines.append(
             f"look for a cause that depends on {' or '.join(dict.fromkeys(by))}; "
             "register it as an effect of your own, or measure what it may depend on as a column"

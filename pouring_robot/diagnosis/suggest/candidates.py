@@ -19,15 +19,15 @@ from pouring_robot.batch import BatchStart
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import PER_SESSION
 from pouring_robot.campaign.plan import random_plan
-from pouring_robot.diagnosis.descriptions import descriptions
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.problem import Library, problem_at
+from pouring_robot.diagnosis.processes import processes_of
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects.defaults import causes_of
 from pouring_robot.estimation.session_frames import largest_session
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.inference.discrepancy import Description
 from pouring_robot.inference.explanations import Background, Explanation, Problem
+from pouring_robot.inference.processes import Part, columns_of
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
@@ -43,6 +43,7 @@ _BLOCKS = ((2.0, False), (6.0, True), (10.0, False))
 _TRIES = 4
 _TURNED = 1e-9
 _FRAME = 0.02
+_PROCESS = "process"
 """How far the frames of the new rows may be off, in m and rad: further than anybody fails to see."""
 
 
@@ -233,25 +234,26 @@ class Prospect:
             [replace(b, columns=b.columns[self._old]) for b in self._whole.backgrounds],
             [replace(e, columns=e.columns[self._old]) for e in self._whole.explanations],
         )
-        self._described: dict[str, Description] = {}
+        self._described: dict[str, tuple[Part, ...]] = {}
         self.frames = _FRAME * self._linear.free[self._new]
 
     def explanation(self, name: str) -> Explanation | None:
-        """Return a description as an explanation of the campaign's rows; None where there is none of that name."""
+        """Return a process as an explanation of the campaign's rows; None where there is none of that name."""
         if not self._described:
-            self._described = {d.name: d for d in descriptions(self._rows, self._linear)}
-        found = self._described.get(name)
-        if found is None:
+            axes = self._after.frames.T_tracker_base.rotation
+            found = processes_of(self._rows, self._linear, axes)
+            self._described = {p.name: next(iter(p.lengths.values())) for p in found}
+        if name not in self._described:
             return None
-        columns = self.problem.nuisance.cleared(found.columns[self._old])
-        return Explanation(name, "description", columns, np.ones(columns.shape[1], dtype=bool), cause=False)
+        columns = self.problem.nuisance.cleared(columns_of(self._described[name])[self._old])
+        return Explanation(name, _PROCESS, columns, np.ones(columns.shape[1], dtype=bool), cause=False)
 
     def new_columns(self, item: Explanation | Background, index: int = -1) -> FloatArray:
         """Return the columns of an explanation, or of the background of an index, in the new rows."""
         if isinstance(item, Background):
             return self._whole.backgrounds[index].columns[self._new]
-        if item.form == "description" and item.effect in self._described:
-            return self._described[item.effect].columns[self._new]
+        if item.form == _PROCESS:
+            return columns_of(self._described[item.effect])[self._new]
         return next(e.columns for e in self._whole.explanations if e.key == item.key)[self._new]
 
 

@@ -102,10 +102,10 @@ def _rivals(best: Hypothesis, cause: Cause, wanted: Collection[str] | None) -> l
 def _descriptions(diagnosis: Findings, prospect: Prospect, best: Hypothesis) -> list[Contender]:
     """Return the descriptions that explain best what no effect does; chance, too, where there is only one."""
     judgement = diagnosis.judgement
-    named = [(structure.description.name, best) for structure in judgement.structures]
+    named = [(structure.process.name, best) for structure in judgement.structures]
     for cause, challenge in zip(judgement.causes, judgement.challenges, strict=False):
         if challenge.margin > 0.0:
-            named.append((challenge.description, _less(best, cause)))
+            named.append((challenge.process, _less(best, cause)))
     found: dict[str, Contender] = {}
     for name, rest in named[: 2 * MOST_RIVALS]:
         item = prospect.explanation(name)

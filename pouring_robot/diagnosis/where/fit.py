@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from pouring_robot.diagnosis.processes import shown
 from pouring_robot.diagnosis.where.finding import COMPONENT, LACK_OF_FIT, REPEATS, Finding, size_text
-from pouring_robot.diagnosis.where.terms import FreeResiduals
+from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.estimation.instruments import component_name
 from pouring_robot.mechanism.arrays import FloatArray
@@ -34,7 +35,7 @@ def components(data: FreeResiduals) -> list[Finding]:
     Under noise its sum of squares is a weighted sum of chi-squares; Satterthwaite's has its mean and variance.
     """
     found = []
-    for k in data.shown:
+    for k in shown(data.component):
         values, axes, sigma = _along(data, k)
         if len(values) < 2:
             continue

@@ -9,7 +9,7 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from pouring_robot.diagnosis.where.finding import REGION, Finding, size_text
-from pouring_robot.diagnosis.where.terms import FreeResiduals
+from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.mechanism.arrays import FloatArray
 

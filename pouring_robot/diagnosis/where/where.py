@@ -4,29 +4,26 @@
     where.sentences                                 # most important first
     where.as_json()                                 # "where" of diagnosis.json
 
-Everything that is called significant has passed Holm's correction over all tests made, at the level given: with noise
-alone nothing is found with that probability. Sizes are in the base's axes.
+Everything that is called significant has passed Holm's correction over all tests made, or a Bayes factor that stands
+for as much, at the level given: with noise alone nothing is found with that probability. Sizes are in the base's axes.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
+from statsmodels.stats.multitest import multipletests
 
+from pouring_robot.diagnosis.where.dependence import dependence, untested
 from pouring_robot.diagnosis.where.finding import COMPONENT, REGION, Finding, size_text
 from pouring_robot.diagnosis.where.fit import components, overall, repeats
 from pouring_robot.diagnosis.where.regions import regions
-from pouring_robot.diagnosis.where.selection import holm, select
-from pouring_robot.diagnosis.where.terms import FreeResiduals, Term, terms, untested
-from pouring_robot.diagnosis.where.words import condition_finding
+from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.inference.nuisance import Nuisance
 
 _FEWEST_ROWS = 12
 _MINOR_SHARE = 0.005
-_LEFT_P = 1e-3
 
 
 @dataclass(frozen=True)
@@ -82,53 +79,28 @@ def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float = 0.
         raise BadInputError(f"{m} measured values cannot show more than the {data.nuisance.dof} unknowns of the frames")
     noted: list[str] = []
     if not data.noise_known:
-        data = _scaled(data)
+        data = data.scaled(data.cleared)
         noted.append("The noise is not known: sizes cannot be judged against it, only what they depend on.")
     general = [overall(data, freedoms), *components(data), *repeats(data, conditions)]
-    tried: list[Term] = []
     if n >= _FEWEST_ROWS:
         general += regions(data, conditions)
-        tried = terms(data, conditions)
         if missing := untested(conditions):
             noted.append(f"Not measured or not varied, so nothing can be said of: {', '.join(missing)}.")
     else:
         noted.append(f"{n} rows are too few to say what the disagreement depends on; measure {_FEWEST_ROWS} or more.")
     general = _judged(general, 0.5 * alpha)
-    selection = select(data, tried, 0.5 * alpha)
-    rest, spare = float(selection.residual @ selection.residual), max(m - selection.fitted, 1)
-    if data.noise_known and tried and data.excess(rest, spare) < _LEFT_P:
-        left = np.sqrt(rest / spare)
-        noted.insert(0, f"Not explained by any condition looked at: {left:.1f} times the noise.")
     # How much first, then what it depends on, then where in the workspace.
     findings = (
         *(f for f in general if f.what != REGION),
-        *(
-            condition_finding(data, conditions, selection, tried, f, first=k == 0)
-            for k, f in enumerate(selection.found)
-        ),
+        *(dependence(data, conditions, 0.5 * alpha) if n >= _FEWEST_ROWS else ()),
         *[f for f in general if f.what == REGION][:1],
     )
     return Where(findings, tuple(noted), conditions.causes.words.base)
 
 
-def _scaled(data: FreeResiduals) -> FreeResiduals:
-    """Return the same with the root mean square of positions and of rotations for noise."""
-    factor = np.ones(data.residual.size)
-    for turning in (False, True):
-        chosen = data.turning == turning
-        if chosen.any():
-            factor[chosen] = max(float(np.sqrt((data.cleared[chosen] ** 2).mean())), 1e-12)
-    return replace(
-        data,
-        residual=data.residual / factor,
-        sigma=data.sigma * factor,
-        nuisance=Nuisance.of(data.nuisance.axes / factor[:, None]),
-        drives=None if data.drives is None else data.drives / factor[:, None],
-    )
-
-
 def _judged(family: list[Finding], alpha: float) -> list[Finding]:
     """Return what is significant of a family, with corrected p-values; all sizes where noise is unknown."""
-    corrected = iter(holm(np.array([f.p_value for f in family if f.p_value is not None])).tolist())
+    p_values = [f.p_value for f in family if f.p_value is not None]
+    corrected = iter(multipletests(p_values, method="holm")[1].tolist() if p_values else [])
     kept = [f if f.p_value is None else replace(f, p_value=min(2.0 * next(corrected), 1.0)) for f in family]
     return [f for f in kept if f.p_value is None or f.p_value < 2.0 * alpha]

@@ -1,0 +1,306 @@
+"""How something unknown may act on a robot: each place that can move, by each condition that a campaign has.
+
+What moves is the measured body, the base, the drives, or joints; conditions are the pose, time and order, sessions, the
+load, temperatures, travels, the side of approach, and a drive's own value. Which of them matters, and how fast anything
+varies with it, the data say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import NDArray
+
+from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
+from pouring_robot.effects.base import EffectParameter
+from pouring_robot.effects.conditions import Conditions
+from pouring_robot.effects.drives import channel
+from pouring_robot.effects.facts import in_words, numbers
+from pouring_robot.effects.joints import axis_parameters, place_parameters
+from pouring_robot.estimation.instruments import component_name
+from pouring_robot.inference.courses import by_chance, separate, smooth, standardised, wandering
+from pouring_robot.inference.processes import Channel, Part, Process, sums_of
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.parameters import COMPONENTS
+from pouring_robot.mechanism.poses import MRAD
+from pouring_robot.robot.description.definition import Drive
+
+_USUAL = 0.3e-3
+"""Usual size of something unknown, in m and rad; evidence is averaged from a hundredth to ten times of it."""
+DRIVES, SEEN = "drives", "seen place"
+CHANCE = "row, by chance"
+CONSTANT = "a constant"
+SIDE = "side of approach"
+_MOST_BY_CHANCE = 600
+PoseLengths = dict[str, tuple[float, int]]
+"""Length scales over the standardised pose, in words, each with the largest number of its columns."""
+_POSE_LENGTHS: PoseLengths = {"widely": (1.2, 50), "finely": (0.6, 80)}
+_SLIDE_LENGTHS_M = (0.5, 0.05, 0.02, 0.008, 0.003)
+_TURN_LENGTHS_RAD = (1.5, 0.3, 0.1)
+
+Lengths = dict[str, FloatArray]
+"""Courses (n, k) by the length scale in words."""
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """What can move in a campaign's rows.
+
+    Attributes:
+        given: the conditions of the rows.
+        drives: a channel a drive.
+        seen: the components of the measured body, in the axes of the base.
+    """
+
+    given: Conditions
+    drives: tuple[Channel, ...]
+    seen: tuple[Channel, ...]
+
+    @classmethod
+    def of(
+        cls,
+        given: Conditions,
+        row: NDArray[np.intp],
+        component: NDArray[np.intp],
+        sigma: FloatArray,
+        axes: FloatArray,
+        drives: FloatArray,
+    ) -> Places:
+        """Return them from m equations.
+
+        Args:
+            given: the conditions of the n rows.
+            row: of each equation, (m,).
+            component: of each equation, (m,).
+            sigma: noise of each equation, (m,), in m or rad.
+            axes: axes of the base in the tracker's frame, (3, 3).
+            drives: whitened derivative by the drives, (m, D).
+        """
+        sums, seen = sums_of(row, len(given)), []
+        for k in shown(component):
+            own = np.where(component // 3 == k // 3, axes[component % 3, k % 3], 0.0) if k < 6 else component == k
+            seen.append(Channel(component_name(k), own / sigma, sums, 3 <= k < 6))
+        named = zip(given.robot.drives, drives.T, strict=True)
+        return cls(given, tuple(Channel(d.symbol, c, sums, d.unit == "rad") for d, c in named), tuple(seen))
+
+
+def shown(component: NDArray[np.intp]) -> tuple[int, ...]:
+    """Return the components measured; of a place or a rotation all three, as they are turned into other axes."""
+    seen = set(np.unique(component).tolist())
+    groups = {k // 3 if k < 6 else k for k in seen}
+    return tuple(k for k in range(max(seen) + 3) if (k // 3 if k < 6 else k) in groups)
+
+
+def processes_of(rows: CampaignRows, linear: LinearRows, axes: FloatArray, *, chance: bool = True) -> Iterator[Process]:
+    """Yield the processes that a campaign's conditions allow, and that its measurements can show at all.
+
+    Args:
+        rows: the campaign.
+        linear: residuals and derivatives at the present state.
+        axes: axes of the base in the tracker's frame, (3, 3).
+        chance: whether what differs from row to row by chance counts as something unknown. Where the noise is not
+            stated it is noise, of the robot if not of the device.
+    """
+    given = rows.conditions
+    drives = np.column_stack([rows.channel(channel(drive), linear) for drive in given.robot.drives])
+    places = Places.of(given, linear.row, linear.component, linear.tracker, axes, drives)
+    inside = _Inside(rows, linear, places.seen[0].rows)
+    base = [inside(f"base.{component}") for component in COMPONENTS]
+    for process in (
+        *by_conditions(given, SEEN, places.seen, _POSE_LENGTHS),
+        *by_conditions(given, DRIVES, places.drives, _POSE_LENGTHS),
+        *_of_own_value(places),
+        *(_moved(given.causes.words.base, by, base, lengths) for by, lengths in _of_one_condition(given)),
+        by_chance_at(DRIVES, places.drives, len(given)),
+        by_chance_at(given.causes.words.base, base, len(given)),
+        *_constant(inside, places),
+        *_joints(inside, given),
+    ):
+        if process.seen and (chance or process.by != CHANCE):
+            yield process
+
+
+def by_conditions(given: Conditions, where: str, channels: Sequence[Channel], poses: PoseLengths) -> Iterator[Process]:
+    """Yield a place moved by each condition and by the pose."""
+    for by, lengths in (*_of_one_condition(given), *_of_pose(given, poses)):
+        yield _moved(where, by, channels, lengths)
+
+
+def disagreements_of(places: Places) -> Iterator[Process]:
+    """Yield how each component of the measured body may be off, in the axes of the base, and what one drive can do.
+
+    Each is a process of its own, so that what one component shows is not diluted by the others. A drive's own value
+    counts in waves that are short against its stroke: the rest is a matter of pose.
+    """
+    given, one_value = places.given, np.ones((len(places.given), 1))
+    for one in places.seen:
+        for process in by_conditions(given, one.name, [one], {"": (1.2, 40)}):
+            yield _without_mean(process)
+        yield by_chance_at(one.name, [one], len(given))
+    for k, (drive, one) in enumerate(zip(given.robot.drives, places.drives, strict=True)):
+        yield _moved(drive.words, CONSTANT, [one], {"": one_value})
+        if given.approach is not None:
+            yield _without_mean(_moved(drive.words, SIDE, [one], {"": given.approach[:, k : k + 1]}))
+        yield _without_mean(_waves(drive.words, [(one, given.drives[:, k])], drive.unit == "m", short=True))
+
+
+def _without_mean(process: Process) -> Process:
+    """Return what a condition changes, beside a constant that has a process of its own."""
+    lengths = {
+        words: tuple(Part(part.channel, part.course - part.course.mean(axis=0)) for part in parts)
+        for words, parts in process.lengths.items()
+    }
+    return replace(process, lengths=lengths)
+
+
+def by_chance_at(where: str, channels: Sequence[Channel], count: int) -> Process:
+    """Return the process that a place is off in every row by itself."""
+    course = _USUAL * by_chance(count, _MOST_BY_CHANCE // max(len(channels), 1))
+    return Process(where, CHANCE, {"": tuple(Part(channel, course) for channel in channels)})
+
+
+def _moved(where: str, by: str, channels: Iterable[Channel], lengths: Lengths) -> Process:
+    """Return the process that all channels follow a condition, each in its own way."""
+    courses = {length: _USUAL * course for length, course in lengths.items()}
+    return Process(where, by, {w: tuple(Part(c, course) for c in channels) for w, course in courses.items()})
+
+
+def _of_one_condition(given: Conditions) -> Iterator[tuple[str, Lengths]]:
+    """Yield what may depend on one condition."""
+    if given.time_known:
+        yield "time", {"": wandering(given.time_s)}
+    yield "order", {"": wandering(np.arange(len(given), dtype=float))}
+    if given.session.max() > 0:
+        yield "session", {"": separate(given.session)}
+    for by, values in in_words(given, (f"{name}_m" for name in given.travels)).items():
+        yield by, {"": wandering(values)}
+    for by, values in in_words(given, numbers(given)).items():
+        yield by, {"": smooth(standardised(values), 1.0)}
+    for kind in given.causes.thermometers:
+        rises = given.value(f"{kind.name}_rise_k")
+        if len(kind.members) > 1 and rises is not None:
+            yield kind.word, {"": smooth(standardised(rises), 2.0, most=20)}
+    if given.approach is not None:
+        yield SIDE, {"": given.approach}
+    pose = poses(given)
+    yield "way from the pose before", {"": np.diff(pose, axis=0, prepend=pose[:1])}
+
+
+def poses(given: Conditions) -> FloatArray:
+    """Return standardised x, y, z and what of the end body's turn varies, (n, 3 to 6)."""
+    return standardised(np.hstack([given.position_m, given.turn_rad]))
+
+
+def _of_pose(given: Conditions, scales: PoseLengths) -> Iterator[tuple[str, Lengths]]:
+    """Yield what may depend on the pose, and what a condition does differently in different poses."""
+    pose = poses(given)
+    lengths = {words: smooth(pose, length, most=most) for words, (length, most) in scales.items()}
+    yield "pose", lengths
+    for by, values in in_words(given, numbers(given, by_pose=True)).items():
+        factor = standardised(values)[:, None]
+        yield f"pose and {by}", {words: course[:, :50] * factor for words, course in lengths.items()}
+    if given.session.max() > 0:
+        regional = smooth(pose, 1.5, most=12)
+        yield "pose and session", {"": np.hstack([regional * s[:, None] for s in separate(given.session).T])}
+
+
+def _of_own_value(places: Places) -> Iterator[Process]:
+    """Yield what each drive may do by its own value: waves of any length, sag by length and lean."""
+    given, of_drive = places.given, dict(zip(places.given.robot.drives, places.drives, strict=True))
+    for group, drives in given.robot.groups.items():
+        name, slides = given.causes.words.groups.get(group, group), drives[0].unit == "m"
+        values = [(of_drive[d], given.drives[:, k]) for d, k in zip(drives, given.places(drives), strict=True)]
+        yield replace(_waves(name, values, slides), same_as=_as_general(given, drives))
+        if slides:
+            yield from _by_lean(given, name, drives, of_drive)
+
+
+def _waves(where: str, values: Sequence[tuple[Channel, FloatArray]], slides: bool, *, short: bool = False) -> Process:
+    """Return the process that each channel follows its own values (n,), in waves of any length (or short ones)."""
+    lengths, unit = (_SLIDE_LENGTHS_M, "mm") if slides else (_TURN_LENGTHS_RAD, "mrad")
+    waves = {
+        f"waves of {1e3 * s:g} {unit}": tuple(Part(c, _USUAL * smooth(v, s, most=70)) for c, v in values)
+        for s in lengths[1 if short else 0 :]
+    }
+    return Process(where, "own length" if slides else "own angle", waves)
+
+
+def _by_lean(
+    given: Conditions, name: str, drives: Sequence[Drive], of_drive: Mapping[Drive, Channel]
+) -> Iterator[Process]:
+    """Yield what slides that swing may do by their length and how far they lean."""
+    if given.swing_rad is None:
+        return
+    swinging = [
+        (of_drive[d], np.column_stack([given.drives[:, k] / 0.3, given.swing_rad[:, k] / 0.4]))
+        for d, k in zip(drives, given.places(drives), strict=True)
+        if np.isfinite(given.swing_rad[:, k]).all()
+    ]
+    if swinging:
+        lengths = {
+            words: tuple(Part(c, _USUAL * smooth(v, size, most=50)) for c, v in swinging)
+            for words, size in (("coarsely", 0.5), ("finely", 0.25))
+        }
+        yield Process(name, "own length and lean", lengths)
+
+
+def _as_general(given: Conditions, drives: Sequence[Drive]) -> frozenset[str]:
+    """Return the effects that may be any function of the drives' own values."""
+    joints = {drive.joint for drive in drives}
+    periodic = (e for e in given.causes.entries if e.family == "periodic" and e.options.get("all_main"))
+    return frozenset(entry.id for entry in periodic if joints <= {*entry.options["drives"]})
+
+
+class _Inside:
+    """Channels of single local parameters."""
+
+    def __init__(self, rows: CampaignRows, linear: LinearRows, sums: scipy.sparse.csr_array) -> None:
+        self._rows, self._linear, self._sums = rows, linear, sums
+
+    def __call__(self, name: str) -> Channel:
+        """Return the channel of one parameter."""
+        return Channel(name, self._rows.channel(name, self._linear), self._sums)
+
+    def tilt(self, parameter: EffectParameter) -> Channel:
+        """Return the channel of a tilt of an axis by a rad."""
+        parts = [change[0] / MRAD * self(name).column for name, change in parameter.changes.items()]
+        return Channel(parameter.name, np.asarray(sum(parts)), self._sums, turning=True)
+
+
+def _constant(inside: _Inside, places: Places) -> Iterator[Process]:
+    """Yield what stands off by a constant: drives, places of joints, axes."""
+    given, one = places.given, {"": np.ones((len(places.given), 1))}
+    yield _moved(DRIVES, CONSTANT, places.drives, one)
+    for drive, own in zip(given.robot.drives, places.drives, strict=True):
+        yield _moved(drive.joint, CONSTANT, [own], one)
+    placements, still = given.causes.placements, np.ones(len(given))
+    centres = {j: [n for p in found for n in p.changes] for j, found in place_parameters(placements, still).items()}
+    several = placements.centres if len(placements.centres) > 1 else {}
+    groups = {
+        "joint centres": list(centres),
+        **{placements.centre_words[name]: list(joints) for name, joints in several.items()},
+        **{f"joint centre {joint}": [joint] for joint in centres},
+    }
+    for where, joints in groups.items():
+        yield _moved(where, CONSTANT, [inside(name) for j in joints for name in centres[j]], one)
+    tilts = {joint: [inside.tilt(p) for p in found] for joint, found in axis_parameters(placements, still).items()}
+    if tilts:
+        yield _moved("joint axes", CONSTANT, [c for found in tilts.values() for c in found], one)
+    for where, axes in placements.axis_groups.items():
+        yield _moved(where, CONSTANT, [c for joint, found in tilts.items() if joint in axes for c in found], one)
+    if placements.twists:
+        twists = [inside(f"{joint}.rz") for joint in placements.twists.values()]
+        yield _moved(placements.twist_words, CONSTANT, twists, one)
+
+
+def _joints(inside: _Inside, given: Conditions) -> Iterator[Process]:
+    """Yield joints that stand elsewhere by time, load or temperature."""
+    found = place_parameters(given.causes.placements, np.ones(len(given)))
+    centres = [inside(name) for parameters in found.values() for p in parameters for name in p.changes]
+    if given.time_known:
+        yield _moved("joint centres", "time", centres, {"": wandering(given.time_s, most=12)})
+    for by, values in in_words(given, numbers(given, moves_joints=True)).items():
+        yield _moved("joint centres", by, centres, {"": standardised(values)[:, None]})

@@ -1,0 +1,147 @@
+"""What the disagreement depends on: the processes whose sum explains it, each in a sentence with its error."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import scipy.stats
+
+from pouring_robot.diagnosis.processes import CHANCE, CONSTANT, SIDE, Places, disagreements_of
+from pouring_robot.diagnosis.where.finding import CONDITION, Finding, size_text
+from pouring_robot.diagnosis.where.residuals import FreeResiduals
+from pouring_robot.effects.conditions import Conditions
+from pouring_robot.effects.facts import in_words, known_facts
+from pouring_robot.inference.discrepancy import Discrepancy, Summand
+from pouring_robot.inference.explanations import Problem
+from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.mechanism.arrays import FloatArray
+
+_MOST, _NOISE_ROUNDS = 12, 3
+_MONOTONE = 0.8
+_MINOR = 0.25
+
+
+def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> list[Finding]:
+    """Return what the residuals depend on, largest part first.
+
+    A Bayes factor of B is reached with a probability of at most 1/B by noise alone (Markov's inequality; Kerridge,
+    1963), so that the number of processes tried over B is a p-value.
+
+    Args:
+        data: residuals, of which nothing but the frames is known.
+        given: the conditions of their rows.
+        alpha: probability of any finding by noise alone.
+    """
+    found: list[Summand] = []
+    for _ in range(1 if data.noise_known else _NOISE_ROUNDS):
+        data = data if data.noise_known else data.scaled(data.cleared - sum(item.part for item in found))
+        places = Places.of(given, data.row, data.component, data.sigma, data.axes, data.drives)
+        # Time says more than the order of the rows, and the same.
+        processes = [p for p in disagreements_of(places) if p.seen and not (given.time_known and p.by == "order")]
+        problem = Problem(data.cleared, data.nuisance, (), ())
+        discrepancy = Discrepancy(Hypothesis.nothing(problem), processes)
+        found = discrepancy.sum(float(np.log(len(processes) / alpha)), _MOST)
+    kinds: dict[tuple[str, bool], list[Summand]] = {}
+    for item in found:
+        of_drive = item.process.where in {drive.words for drive in given.robot.drives}
+        kinds.setdefault((item.process.by, of_drive), []).append(item)
+    findings = []
+    for together in kinds.values():
+        others = [item for item in found if item is not together[0]]
+        rivals = [by for by in discrepancy.rivals(together[0], others) if by not in (CHANCE, together[0].process.by)]
+        bounds = discrepancy.bounds(found) if together[0] is found[0] and not rivals else {}
+        findings.append(_finding(together, given, tuple(dict.fromkeys(rivals)), bounds, len(processes)))
+    total = float(data.cleared @ data.cleared)
+    parts = [np.sum([item.part for item in together], axis=0) for together in kinds.values()]
+    shares = [float(part @ part) / total for part in parts]
+    ranked = sorted(zip(shares, findings, strict=True), key=lambda pair: -pair[0])
+    return [replace(finding, share=share) for share, finding in ranked]
+
+
+def _finding(
+    together: Sequence[Summand], given: Conditions, rivals: tuple[str, ...], bounds: Mapping[str, float], tried: int
+) -> Finding:
+    """Return what a condition does, in words, and the conditions that do nothing of the kind (by their bounds)."""
+    main = together[0]
+    texts, first = [], _size(main)
+    for item in together:
+        if item.size >= _MINOR * main.size:
+            size, turning = _size(item)
+            error = size_text(float(np.sqrt((item.std**2).mean())), turning)
+            texts.append(f"{item.process.where} by {size_text(size, turning)} ± {error}")
+    text = f"{_opening(main, given)}: {_listed(texts)} (rms)"
+    if rivals:
+        text += f", or with what went along with it: {', '.join(rivals)}"
+    elif quiet := _quiet(given, bounds, main.process.where, *first):
+        text += f"; {quiet}"
+    p_value = float(min(tried * np.exp(-main.evidence), 1.0))
+    channel = main.process.lengths[main.length][0].channel
+    return Finding(CONDITION, f"{text}.", first[0], p_value, channel.name, channel.turning, main.process.by, rivals)
+
+
+def _size(item: Summand) -> tuple[float, bool]:
+    """Return the root mean square of its movement, in m or rad, and whether it turns."""
+    turning = item.process.lengths[item.length][0].channel.turning
+    return float(np.sqrt((item.movement**2).mean())), turning
+
+
+def _opening(main: Summand, given: Conditions) -> str:
+    by = main.process.by
+    if by in _OPENINGS:
+        return _OPENINGS[by]
+    if by.startswith("own "):
+        return f"Repeats along its {by} in {main.length}"
+    label, values = _axis(by, given)
+    if values is None or np.ptp(values) == 0.0:
+        return f"Depends on the {by}"
+    low, high = np.quantile(values, [0.025, 0.975])
+    rank = abs(float(scipy.stats.spearmanr(values, main.movement[:, 0]).statistic))
+    unit = label.rpartition("[")[2].rstrip("]")
+    return f"{'Grows' if rank > _MONOTONE else 'Changes'} with {by} from {low:.3g} to {high:.3g} {unit}"
+
+
+_OPENINGS = {
+    CHANCE: "Differs from row to row, following nothing looked at",
+    CONSTANT: "A constant error",
+    SIDE: "Depends on the side of approach",
+    "session": "Differs between sessions",
+}
+
+
+def _axis(by: str, given: Conditions) -> tuple[str, FloatArray | None]:
+    """Return label and values of a condition that is one number a row, by its name in sentences."""
+    for facts in known_facts(given.robot).values():
+        if facts.word == by:
+            return facts.axis(given)
+    return "", None
+
+
+def _quiet(given: Conditions, bounds: Mapping[str, float], where: str, size: float, turning: bool) -> str:
+    """Return in words what single conditions do at most that were found to do less than the main one."""
+    words = [f.word for f in known_facts(given.robot).values() if f.word and f.word != SIDE]
+    less = sorted((bounds[f"{where} by {w}"], w) for w in words if bounds.get(f"{where} by {w}", np.inf) < size)
+    if not less:
+        return ""
+    return f"with {_listed([word for _, word in less], 'or')} by no more than {size_text(less[-1][0], turning)}"
+
+
+def untested(given: Conditions) -> tuple[str, ...]:
+    """Return the conditions that the campaign does not have or did not vary."""
+    facts = known_facts(given.robot)
+    wanted = [name for name, fact in facts.items() if fact.word]
+    varied = {
+        word
+        for word, values in in_words(given, wanted).items()
+        if np.ptp(values, axis=0).max() > 1e-9 * (1.0 + np.abs(values).max()) and (word != "time" or given.time_known)
+    }
+    return tuple(
+        facts[name].word
+        for name in wanted
+        if facts[name].word not in varied and (facts[name].expected or given.value(name) is not None)
+    )
+
+
+def _listed(words: Sequence[str], last: str = "and") -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"

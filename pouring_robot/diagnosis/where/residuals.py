@@ -1,0 +1,72 @@
+"""Residuals of a model of which only two frames were fitted: what "where do they disagree" is asked of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy.special
+from numpy.typing import NDArray
+
+from pouring_robot.estimation.instruments import are
+from pouring_robot.inference.nuisance import Nuisance
+from pouring_robot.mechanism.arrays import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class FreeResiduals:
+    """Residuals of a model of which only two frames were fitted.
+
+    Attributes:
+        residual: measured minus predicted over the noise, shape (m,).
+        row: row of each equation, (m,).
+        component: component of each equation in the tracker's axes, (m,).
+        sigma: noise of each equation, (m,), in m or rad.
+        nuisance: what the frames can explain.
+        axes: axes of the base in the tracker's frame, (3, 3).
+        drives: whitened derivative of the prediction by the drives, (m, D), per m and rad.
+        noise_known: False where ``sigma`` was guessed or taken from these very residuals.
+        noise_freedoms: degrees of freedom of an estimated noise (from repeats); infinite where it was stated.
+    """
+
+    residual: FloatArray
+    row: NDArray[np.intp]
+    component: NDArray[np.intp]
+    sigma: FloatArray
+    nuisance: Nuisance
+    axes: FloatArray
+    drives: FloatArray
+    noise_known: bool = True
+    noise_freedoms: float = float("inf")
+
+    @cached_property
+    def cleared(self) -> FloatArray:
+        """The residual without what the frames explain, (m,)."""
+        return self.nuisance.cleared(self.residual)
+
+    def excess(self, squares: float, freedoms: float) -> float:
+        """Return the probability that noise alone makes so large a sum of squares, of so many degrees of freedom."""
+        if np.isinf(self.noise_freedoms):
+            return float(scipy.special.chdtrc(freedoms, squares))
+        return float(scipy.special.fdtrc(freedoms, self.noise_freedoms, squares / freedoms))
+
+    @cached_property
+    def turning(self) -> NDArray[np.bool_]:
+        """Which equations are of rotations, (m,)."""
+        return are("rotation", self.component)
+
+    def scaled(self, left: FloatArray) -> FreeResiduals:
+        """Return the same with the root mean square of what is left, (m,), of positions and rotations, for noise."""
+        factor = np.ones(self.residual.size)
+        for turning in (False, True):
+            chosen = self.turning == turning
+            if chosen.any():
+                factor[chosen] = max(float(np.sqrt((left[chosen] ** 2).mean())), 1e-12)
+        return replace(
+            self,
+            residual=self.residual / factor,
+            sigma=self.sigma * factor,
+            nuisance=Nuisance.of(self.nuisance.axes / factor[:, None]),
+            drives=self.drives / factor[:, None],
+        )

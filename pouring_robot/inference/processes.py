@@ -1,0 +1,130 @@
+"""Random functions of conditions: what moves, along which course, and inner products that never write columns out.
+
+A column of a process is a channel of each equation times a course of each row. All inner products are sums over rows,
+so that their cost is linear in the rows. Nothing here knows the robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import NDArray
+
+from pouring_robot.mechanism.arrays import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """What one m or rad in every row adds to the whitened prediction.
+
+    Attributes:
+        name: of what moves, in words.
+        column: shape (m,).
+        rows: which row each equation is of, as a matrix (n, m) that sums them.
+        turning: whether it counts in rad.
+    """
+
+    name: str
+    column: FloatArray
+    rows: scipy.sparse.csr_array
+    turning: bool = False
+
+    def against(self, values: FloatArray) -> FloatArray:
+        """Return the inner products, row by row, with values (m, q): shape (n, q)."""
+        return np.asarray(self.rows @ (self.column[:, None] * values))
+
+
+def sums_of(row: NDArray[np.intp], count: int) -> scipy.sparse.csr_array:
+    """Return the matrix that sums equations (m,) of so many rows."""
+    places = (row, np.arange(len(row)))
+    return scipy.sparse.csr_array((np.ones(len(row)), places), shape=(count, len(row)))
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One channel that follows one course.
+
+    Attributes:
+        channel: what moves.
+        course: shape (n, k), dense or sparse: independent coefficients of standard deviation 1 usually make the
+            movement in m or rad.
+    """
+
+    channel: Channel
+    course: Any
+
+    @property
+    def rms(self) -> float:
+        """How large the movement usually is, root mean square over the rows, in m or rad."""
+        return float(np.sqrt((self.course**2).sum() / self.course.shape[0]))
+
+    def variances(self, covariance: FloatArray) -> FloatArray:
+        """Return those of its movement in each row, (n,), for a covariance (k, k) of the coefficients."""
+        if scipy.sparse.issparse(self.course):
+            return np.asarray(self.course**2 @ np.diag(covariance))  # by chance: each column is one row's own
+        spread = np.einsum("nk,kl,nl->n", self.course, covariance, self.course, optimize=True)
+        return np.asarray(np.maximum(spread, 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Process:
+    """A random function by which something unknown moves a place.
+
+    Attributes:
+        where: what is moved, in words: ``seen place and turn``, ``drives`` …
+        by: what it depends on, in words.
+        lengths: its parts for each length scale, by the scale in words.
+        same_as: effects that are as general as it is and say the same: it is no other explanation in their place.
+    """
+
+    where: str
+    by: str
+    lengths: dict[str, tuple[Part, ...]]
+    same_as: frozenset[str] = frozenset()
+
+    @classmethod
+    def of_columns(cls, where: str, by: str, columns: FloatArray) -> Process:
+        """Return the process of columns (m, k), each equation a row of its own."""
+        count = len(columns)
+        every = Channel(where, np.ones(count), sums_of(np.arange(count), count))
+        return cls(where, by, {"": (Part(every, columns),)})
+
+    @property
+    def name(self) -> str:
+        """In words."""
+        return f"{self.where} by {self.by}"
+
+    @property
+    def seen(self) -> bool:
+        """Whether the measurements can show it at all."""
+        return any(part.channel.column.any() and part.rms > 0.0 for part in next(iter(self.lengths.values())))
+
+
+def columns_of(parts: Sequence[Part]) -> FloatArray:
+    """Return the columns of parts, whitened, shape (m, k)."""
+    found = [part.channel.column[:, None] * (part.channel.rows.T @ _dense(part.course)) for part in parts]
+    return np.hstack(found)
+
+
+def _dense(course: Any) -> FloatArray:
+    return np.asarray(course.toarray() if scipy.sparse.issparse(course) else course)
+
+
+def against(parts: Sequence[Part], values: FloatArray) -> FloatArray:
+    """Return the inner products of parts' columns with values (m, q): shape (k, q)."""
+    return np.vstack([part.course.T @ part.channel.against(values) for part in parts])
+
+
+def between(one: Sequence[Part], other: Sequence[Part]) -> FloatArray:
+    """Return the inner products of two sets of columns, (k, l)."""
+    return np.vstack([np.hstack([_block(first, second) for second in other]) for first in one])
+
+
+def _block(first: Part, second: Part) -> FloatArray:
+    weights = first.channel.against(second.channel.column[:, None])
+    weighted = second.course * weights if isinstance(second.course, np.ndarray) else second.course.multiply(weights)
+    return _dense(first.course.T @ weighted)
