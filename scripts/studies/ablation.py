@@ -1,0 +1,143 @@
+"""Ablation of the diagnosis: the same blind campaigns with one of its choices switched off at a time.
+
+    python -m scripts.studies.ablation --cases 40 --seed 90                    # the repository's rig, from shop to shop
+    python -m scripts.studies.ablation --folder DIR --without "bent effects"   # campaigns with truth.json, one choice
+
+Each row is one choice: how many trials say what they should with it switched off, and which ones it lost and won
+against the diagnosis as it is. A choice that loses nothing here is not shown to be needed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from pouring_robot.diagnosis import problem
+from pouring_robot.diagnosis.processes import processes_of
+from pouring_robot.inference import decision, discrepancy, evidence, explanations, hypotheses, search
+from pouring_robot.inference.processes import Process
+from scripts.benchmarks.blind_metrics import failures
+from scripts.benchmarks.blind_trials import Job, jobs, run
+from tests.diagnosis.trial import Trial
+
+diagnosing = import_module("pouring_robot.diagnosis.diagnose")
+"""The module; its package has a function of that name."""
+
+
+def _put(owner: object, name: str, value: object) -> None:
+    """Replace something for as long as this process lives."""
+    patch.object(owner, name, value, create=not hasattr(owner, name)).start()
+
+
+def _no_workmanship() -> None:
+    build = explanations.Problem.build
+    _put(explanations.Problem, "build", lambda residual, free, _, items: build(residual, free, (), items))
+
+
+def _no_chance() -> None:
+    every = processes_of
+    _put(diagnosing, "processes_of", lambda *given, **how: every(*given, **how | {"chance": False}))
+
+
+def _one_length() -> None:
+    every = processes_of
+
+    def first(*given: Any, **how: Any) -> Iterator[Process]:
+        for process in every(*given, **how):
+            yield replace(process, lengths=dict([next(iter(process.lengths.items()))]))
+
+    _put(diagnosing, "processes_of", first)
+
+
+CHOICES: dict[str, Callable[[], None]] = {
+    "amplitudes averaged over": lambda: _put(evidence, "LOG_SCALES", np.zeros(1)),
+    "a scale of its own for what shapes": lambda: _put(evidence, "SHAPINGS", np.ones(1)),
+    "forms share a prior": lambda: _put(
+        explanations.Problem,
+        "log_priors",
+        property(lambda self: dict.fromkeys((i.effect for i in self.explanations), 0.0)),
+    ),
+    "workmanship as a variance component": _no_workmanship,
+    "small errors are not causes beside others": lambda: _put(problem, "_COARSE", 0.0),
+    "bent effects are refused": lambda: _put(search, "credible", lambda *_: True),
+    "effects that cancel are refused": lambda: _put(
+        diagnosing, "SearchOptions", partial(search.SearchOptions, most_cancelled=np.inf)
+    ),
+    "causes are challenged": lambda: _put(
+        discrepancy.Discrepancy, "challenge", lambda self, indices: discrepancy.Challenge("", -np.inf)
+    ),
+    "several length scales": _one_length,
+    "chance as something unknown": _no_chance,
+    "what data hardly show is an alternative": lambda: _put(decision.Thresholds, "hidden", property(lambda self: 0.0)),
+    "minor effects are not named": lambda: _put(
+        diagnosing, "Thresholds", partial(decision.Thresholds, minor_share=0.0)
+    ),
+    "least share of structure": lambda: _put(
+        diagnosing, "Thresholds", partial(decision.Thresholds, structure_share=0.0)
+    ),
+    "least size of structure": lambda: _put(diagnosing, "Thresholds", partial(decision.Thresholds, structure_size=0.0)),
+    "a likely grade of workmanship": lambda: _put(hypotheses, "_LEVEL_SPREAD", 1e6),
+}
+
+
+def _without(choice: str) -> None:
+    """Switch a choice off in this process."""
+    if choice:
+        CHOICES[choice]()
+
+
+def trials_without(choice: str, work: Sequence[Job], workers: int) -> dict[str, Trial]:
+    """Return the trials of all jobs with a choice switched off ("" for none), by name."""
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, context, _without, (choice,)) as pool:
+        return {f"{t.name} {t.excluded}": t for found in pool.map(run, work) for t in found}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print a line a choice."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cases", type=int, default=40)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=90)
+    parser.add_argument("--folder", type=Path)
+    parser.add_argument("--without", action="append", choices=CHOICES, help="only this choice; may be repeated")
+    parser.add_argument("--workers", type=int, default=2)
+    options = parser.parse_args(arguments)
+    extra = argparse.Namespace(kinds="", effects="", far_tracker=False, wide=True, no_exclude=False)
+    work = jobs(argparse.Namespace(**vars(options), **vars(extra)))
+    usual = trials_without("", work, options.workers)
+    right = _right(usual)
+    sys.stdout.write(f"as it is: {len(right)} of {len(usual)} right\n\n")
+    sys.stdout.write("| switched off | right | lost | won |\n|---|---|---|---|\n")
+    for choice in options.without or CHOICES:
+        found = _right(trials_without(choice, work, options.workers))
+        lost, won = sorted(right - found), sorted(found - right)
+        sys.stdout.write(f"| {choice} | {len(found)} | {_listed(lost, usual)} | {_listed(won, usual)} |\n")
+        sys.stdout.flush()
+    return 0
+
+
+def _right(found: dict[str, Trial]) -> set[str]:
+    wrong = {id(t) for t in failures(list(found.values()))}
+    return {name for name, t in found.items() if id(t) not in wrong}
+
+
+def _listed(names: Sequence[str], trials: dict[str, Trial]) -> str:
+    kinds = [f"{trials[name].kind}{' excluded' if trials[name].excluded else ''}" for name in names]
+    counts = {kind: kinds.count(kind) for kind in dict.fromkeys(kinds)}
+    return ", ".join(f"{count} {kind}" for kind, count in counts.items()) or "none"
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
