@@ -31,7 +31,7 @@ from pouring_robot.viewer.solids import camera_on, colours_at, robot_solids, vie
 
 Content = dict[str, Any]
 
-_DIRECTIONS = {"front": (1.0, 0.0, 0.12), "side": (0.0, -1.0, 0.12), "above": (0.35, -0.2, 1.0)}
+_DIRECTIONS = {"front": (1.0, -0.35, 0.12), "side": (0.0, -1.0, 0.12), "above": (0.35, -0.2, 1.0)}
 _CLOSER = 0.4
 _STILL = 1e-12
 

@@ -15,7 +15,7 @@ from pouring_robot.diagnosis.gap import Gap, in_base
 from pouring_robot.diagnosis.report.export import described, write_diagnosis
 from pouring_robot.diagnosis.report.page import html_report
 from pouring_robot.diagnosis.report.plots import evidence_steps, plots, rival_margins
-from pouring_robot.diagnosis.report.scene import campaign_scene, ladle_scene, seen_states
+from pouring_robot.diagnosis.report.scene import _scene, campaign_scene, ladle_scene, seen_states
 from pouring_robot.exceptions import OutputError
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.viewer import solids
@@ -153,6 +153,9 @@ def test_a_model_given_is_a_state_of_its_own(hot):
     assert np.median(given) < 0.2 * np.median(drawing)
     sigma = 1e3 * hot.noise.position_m
     assert np.sqrt(np.mean(given**2)) < 3.0 * np.sqrt(3.0) * sigma
+    assert ("noise of a coordinate", f"{sigma:.3g} mm") in scene.steps[0].caption
+    quiet = _scene(hot.rows, seen_states(hot)[1:], {0: "quiet"})  # only noise is left: it is not drawn as a gap
+    assert quiet.exaggeration * np.linalg.norm(quiet.arrows[0].vectors_m) < 0.03
 
 
 def test_turning_residuals_into_the_fixed_platform_keeps_their_length():

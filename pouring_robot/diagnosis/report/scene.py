@@ -37,6 +37,8 @@ _STATE_TINTS: dict[str, Colour] = {
     "amended model": (0.0, 0.45, 0.70),
 }
 _MOST_ARROWS = 150
+_NOISE = 30.0
+"""A gap of so many standard deviations is drawn as large as may be: noise is then some millimetres."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -105,8 +107,10 @@ def _as_given(name: str, rows: CampaignRows) -> SeenState:
 def ladle_scene(diagnosis: Conclusions) -> Scene | None:
     """Return the rows with the largest, the median and the smallest gap to the model given, each with every state.
 
-    None where no row has a measured position, or the robot's end body has nothing to be drawn.
+    None where no row has a measured position, and for robots that carry no ladle.
     """
+    if diagnosis.model.robot is not None:
+        return None
     states, campaign = seen_states(diagnosis), diagnosis.rows.campaign
     reference = states[-2 if diagnosis.effects and not diagnosis.refused else -1]
     gaps = np.linalg.norm(reference.gaps_m(_tool(diagnosis.model)), axis=1)
@@ -117,7 +121,7 @@ def ladle_scene(diagnosis: Conclusions) -> Scene | None:
     chosen = {"worst": order[-1], "median": order[order.size // 2], "best": order[0]}
     labels = {int(row): f"{word}: {_sample(campaign, int(row))}" for word, row in reversed(chosen.items())}
     labels = dict(reversed(labels.items()))  # of a row that is two of them, the first word stays
-    return _scene(campaign, diagnosis.model, states, labels)
+    return _scene(diagnosis.rows, states, labels)
 
 
 def campaign_scene(campaign: Campaign, model: RobotModel) -> Scene | None:
@@ -133,7 +137,7 @@ def campaign_scene(campaign: Campaign, model: RobotModel) -> Scene | None:
     states = _drawing_and(_as_given("model given", rows), rows)
     shown = np.flatnonzero(np.isfinite(_everywhere(states))).tolist()
     labels = {row: _sample(usable, row) for row in shown}
-    return _scene(usable, model, states, labels, axis="row") if shown else None
+    return _scene(rows, states, labels, axis="row") if shown else None
 
 
 def _everywhere(states: Sequence[SeenState]) -> FloatArray:
@@ -149,10 +153,9 @@ def _sample(campaign: Campaign, row: int) -> str:
     return f"sample {campaign.samples[row]}" if campaign.samples[row] else f"line {campaign.lines[row]}"
 
 
-def _scene(
-    campaign: Campaign, model: RobotModel, states: Sequence[SeenState], labels: dict[int, str], axis: str = ""
-) -> Scene | None:
+def _scene(against: CampaignRows, states: Sequence[SeenState], labels: dict[int, str], axis: str = "") -> Scene | None:
     """Return a scene of some rows, by their labels; None where nothing hangs on the end body."""
+    campaign, model = against.campaign, against.model
     robot = robot_of(model)
     mechanism, loops = robot.nominal_solver.mechanism, robot.nominal_solver.mechanism.loops
     configurations = [robot.drawing.configuration_at(campaign.drives[row]) for row in labels]
@@ -195,16 +198,22 @@ def _scene(
         title=f"{campaign.path.name}: what was measured, against {' and '.join(state.name for state in states)}",
         robots=tuple(robots),
         arrows=tuple(arrows),
-        steps=tuple(Step(label, _caption(words, campaign, row, sizes)) for row, label in labels.items()),
+        steps=tuple(Step(label, _caption(words, against, row, sizes)) for row, label in labels.items()),
         axis=axis,
         curves=tuple(
             Curve(f"{words} off the {name}", "mm", size[rows] / MM, _STATE_TINTS[name]) for name, size in sizes.items()
         )
         if axis
         else (),
-        exaggeration=exaggeration_for(max(float(size[rows].max()) for size in sizes.values())),
+        exaggeration=_factor(max(float(size[rows].max()) for size in sizes.values()), against),
     )
     return dataclasses.replace(scene, camera=camera_on(scene, VIEW_DIRECTION))
+
+
+def _factor(largest_m: float, against: CampaignRows) -> float:
+    """Return how many times gaps are enlarged: to be seen, but never so much that mere noise looks like one."""
+    known = against.noise.position_source not in ("residuals", "none")
+    return exaggeration_for(max(largest_m, _NOISE * against.noise.position_m if known else 0.0))
 
 
 def _world_to_base(mechanism: ClosedChainMechanism, configuration: FloatArray) -> FloatArray:
@@ -240,9 +249,15 @@ def _median(sizes_m: FloatArray) -> float:
     return float(np.nanmedian(sizes_m)) / MM
 
 
-def _caption(words: str, campaign: Campaign, row: int, sizes_m: dict[str, FloatArray]) -> tuple[tuple[str, str], ...]:
+def _caption(
+    words: str, against: CampaignRows, row: int, sizes_m: dict[str, FloatArray]
+) -> tuple[tuple[str, str], ...]:
     """Return what a row says of every state, at the working frame."""
+    campaign, noise = against.campaign, against.noise
     where = (f"{_sample(campaign, row)}", f"line {campaign.lines[row]} of the file")
     off = [(f"{words} off the {name}", f"{size[row] / MM:.2f} mm") for name, size in sizes_m.items()]
-    held = "" if campaign.full_pose else "rotations are the model's: only positions were measured"
-    return (where, *off, *([("measured", held)] if held else []))
+    known = noise.position_source not in ("residuals", "none")
+    more = [("noise of a coordinate", f"{noise.position_m / MM:.3g} mm")] if known else []
+    if not campaign.full_pose:
+        more.append(("measured", "rotations are the model's: only positions were measured"))
+    return (where, *off, *more)

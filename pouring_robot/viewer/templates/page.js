@@ -9,6 +9,7 @@ let film = content.film, at = content.first, factor = content.exaggeration, view
 
 const bytes = text => Uint8Array.from(atob(text), letter => letter.charCodeAt(0));
 const floats = text => new Float32Array(bytes(text).buffer);
+const figure = value => value.toFixed(Math.abs(value) < 100 ? 2 : 0);
 const rgb = colour => `rgb(${colour.map(value => Math.round(255 * value)).join(",")})`;
 const matrix = new three.Matrix4(), spin = new three.Quaternion(), turn = new three.Quaternion(), one = new three.Vector3(1, 1, 1);
 
@@ -231,7 +232,7 @@ function tell() {  // words are painted by the page, which takes longer than the
   }
   document.querySelectorAll("#keys output").forEach((cell, n) => {
     const value = film.curves[n].values[k];
-    cell.textContent = value === null ? "–" : `${value.toFixed(Math.abs(value) < 100 ? 2 : 0)} ${film.curves[n].unit}`;
+    cell.textContent = value === null ? "–" : `${figure(value)} ${film.curves[n].unit}`;
   });
   document.querySelectorAll("#steps button").forEach((button, n) => button.setAttribute("aria-pressed", n === k));
   if (told === step) { return; }
@@ -258,6 +259,10 @@ function draw_curves() {
     const points = curve.values.map((value, k) => value === null ? "" : `${across(k)},${96 - 92 * value / own}`).join(" ");
     shape("polyline", { points, stroke: rgb(curve.colour) });
   }
+  document.querySelectorAll("#keys small").forEach((cell, n) => {
+    const { values, unit } = film.curves[n], [least, most] = [Math.min, Math.max].map(pick => pick(...values.filter(value => value !== null)));
+    cell.textContent = `(${figure(least)} to ${figure(most)} ${unit})`;
+  });
   const seek = event => {
     if (event.type === "pointermove" && !event.buttons) { return; }
     const edge = box.getBoundingClientRect();
