@@ -1,7 +1,6 @@
 """The C function, compiled by gcc, against the package on a thousand poses that neither of them was made from."""
 
 import shutil
-import subprocess
 
 import numpy as np
 import pytest
@@ -13,20 +12,9 @@ from pouring_robot.mechanism.energy import Loads
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+from scripts.studies.controller import answers
+from scripts.studies.controller import compiled as gcc_made
 from tests.support import BOX_LOWER, BOX_UPPER, round_off
-
-MAIN = """#include <stdio.h>
-#include "compensate.h"
-int main(void)
-{
-    double w[4], d[4] = {0.0, 0.0, 0.0, 0.0};
-    while (scanf("%lf %lf %lf %lf", w, w + 1, w + 2, w + 3) == 4) {
-        int code = pouring_robot_compensate(w, d);
-        printf("%d %.17g %.17g %.17g %.17g\\n", code, d[0], d[1], d[2], d[3]);
-    }
-    return 0;
-}
-"""
 
 
 @pytest.fixture(scope="module")
@@ -39,18 +27,8 @@ def compiled(controller, tmp_path_factory):
     """A program that turns poses into drives with the header."""
     if shutil.which("gcc") is None:
         pytest.skip("there is no gcc here")
-    folder = tmp_path_factory.mktemp("controller")
-    (folder / "compensate.h").write_text(controller.header(), encoding="utf-8")
-    (folder / "main.c").write_text(MAIN, encoding="utf-8")
-    strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O1"]
-    subprocess.run(["gcc", *strict, "main.c", "-lm", "-o", "main"], cwd=folder, check=True)
-
-    def run(poses):
-        lines = "\n".join(" ".join(repr(float(value)) for value in row) for row in poses)
-        ran = subprocess.run([folder / "main"], input=lines, check=True, capture_output=True, text=True)
-        return np.array([line.split() for line in ran.stdout.splitlines()], dtype=float)
-
-    return run
+    program = gcc_made(controller.header(), tmp_path_factory.mktemp("controller"))
+    return lambda poses: answers(program, poses)
 
 
 def test_on_a_thousand_poses_c_gives_the_packages_drives(controller, compiled, as_built):
