@@ -23,10 +23,9 @@ from numpy.typing import NDArray
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownFrameError, UnknownJointError, closest
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.displacement import displace_model
 from pouring_robot.mechanism.joint_types import Mimic, change_joints, make_spherical, read_mimics
 from pouring_robot.mechanism.loops import LoopsFile, LoopStiffness
-from pouring_robot.mechanism.parsing import parsed
+from pouring_robot.mechanism.pinocchio_model import displace_model, parsed
 
 IndexArray = NDArray[np.intp]
 
@@ -198,11 +197,10 @@ class ClosedChainMechanism:
 
     def _anchor(self, index: int) -> LoopAnchor:
         loop = self._loops.loops[index]
-        frames = [
+        a, b = (
             self._model.frames[self._frame_id(name, f"loop '{loop.name}' names the absent frame '{name}'")]
             for name in (loop.frame_a, loop.frame_b)
-        ]
-        a, b = frames
+        )
         return LoopAnchor(loop.name, loop.type, a.parentJoint, a.placement, b.parentJoint, b.placement)
 
     @property
@@ -342,10 +340,7 @@ class ClosedChainMechanism:
         Raises:
             UnknownFrameError: the robot has no such frame.
         """
-        end, tool = (
-            self._model.frames[self.frame_id(str(n))] for n in (self.loops.end_frame, self.loops.working_frame)
-        )
-        return end.placement.actInv(tool.placement)
+        return self.placement_on_end(str(self._loops.working_frame))
 
     def joint_id(self, name: str) -> int:
         """Return Pinocchio's index of a moving joint.
@@ -429,13 +424,7 @@ class ClosedChainMechanism:
 
     def joint_limits(self) -> dict[str, tuple[float, float]]:
         """Return lower and upper limit of every one-freedom joint with limits, in m or rad."""
-        limits = {}
-        for name, joint in zip(list(self._model.names)[1:], list(self._model.joints)[1:], strict=True):
-            if joint.nq == 1:
-                lower, upper = (
-                    self._model.lowerPositionLimit[joint.idx_q],
-                    self._model.upperPositionLimit[joint.idx_q],
-                )
-                if np.isfinite([lower, upper]).all():
-                    limits[name] = (float(lower), float(upper))
-        return limits
+        lower, upper = self._model.lowerPositionLimit, self._model.upperPositionLimit
+        named = zip(list(self._model.names)[1:], list(self._model.joints)[1:], strict=True)
+        edges = {name: (float(lower[joint.idx_q]), float(upper[joint.idx_q])) for name, joint in named if joint.nq == 1}
+        return {name: pair for name, pair in edges.items() if np.isfinite(pair).all()}
