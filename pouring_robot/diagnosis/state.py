@@ -13,6 +13,7 @@ from pouring_robot.diagnosis.problem import Library, problem_at
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, least_squares
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.exceptions import DiagnosisError
+from pouring_robot.inference.chance import Chance, by_chance
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.search import DEFAULT_SEARCH, SearchOptions, search
@@ -67,6 +68,16 @@ class Diagnoser:
         """The state without any change, its frames refined."""
         return self._state((), np.zeros(0), self.rows.refined_frames(self.fitted))
 
+    @functools.cached_property
+    def chance(self) -> Chance:
+        """What the evidence of an effect is by chance, in this campaign."""
+        return by_chance(Hypothesis.nothing(self.at_rest.problem), self.options.false_names)
+
+    @functools.cached_property
+    def thresholds(self) -> SearchOptions:
+        """Thresholds of the search that hold in this campaign, too."""
+        return replace(self.options, by_chance=self.chance.evidence)
+
     def _state(self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: SeenFrom) -> State:
         every_row = self.rows.linearise(self.rows.changes(parameters, values), frames)
         linear = every_row.of(self.fitted)
@@ -88,13 +99,13 @@ class Diagnoser:
         The hypothesis is of the problem of the state returned with it.
         """
         state = self.at_rest
-        hypothesis = search(state.problem, self.options, self._carried(start, state) if start else None)
+        hypothesis = search(state.problem, self.thresholds, self._carried(start, state) if start else None)
         for turn in range(_ROUNDS):
             if not hypothesis.items and not any(hypothesis.levels):
                 break
             state, moved = self._advanced(state, hypothesis)
             again = search(
-                state.problem, self.options, None if turn < 1 and not start else self._carried(hypothesis, state)
+                state.problem, self.thresholds, None if turn < 1 and not start else self._carried(hypothesis, state)
             )
             same = [i.key for i in again.items] == [i.key for i in hypothesis.items]
             hypothesis = again

@@ -25,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
+from scipy.special import logsumexp
 
 from pouring_robot.mechanism.arrays import FloatArray
 
@@ -195,29 +196,56 @@ def bayes_factor(
     """
     if not len(projected):
         return BayesFactor(0.0, Scale(1.0), 0.0)
-    log_scales = LOG_SCALES[np.exp(LOG_SCALES) <= largest * (1.0 + 1e-9)]
-    scales = [Scale(1.0)] if main is None or main.all() else [Scale(1.0, float(s)) for s in unit * SHAPINGS]
-    values = np.zeros((len(scales), len(log_scales)))
-    for k, scale in enumerate(scales):
-        if len(scales) == 1:
-            values[k] = _over_scales(columns, projected, log_scales)
-        else:
-            weights = scale.weights(np.asarray(main))
-            values[k] = _over_scales(weights[:, None] * columns * weights, weights * projected, log_scales)
+    log_scales, scales, values = _by_scales(columns, projected, main, largest, unit)
     shape, best = divmod(int(np.argmax(values)), len(log_scales))
     peak = float(values[shape, best])
     evidence = peak + float(np.log(np.exp(values - peak).mean()))
     return BayesFactor(evidence, Scale(float(np.exp(log_scales[best])), scales[shape].shaping), peak)
 
 
+def evidences(
+    columns: FloatArray,
+    projected: FloatArray,
+    main: BoolArray | None = None,
+    largest: float = np.inf,
+    unit: float = 1.0,
+) -> FloatArray:
+    """Return the log evidence of a group of columns for many residuals, (d,), in nats.
+
+    Args:
+        columns: as for :func:`bayes_factor`.
+        projected: inner products of the columns with each residual, (k, d).
+        main: the same.
+        largest: the same.
+        unit: the same.
+    """
+    values = _by_scales(columns, projected, main, largest, unit)[2].reshape(-1, projected.shape[1])
+    return np.asarray(logsumexp(values, axis=0) - np.log(len(values)))
+
+
+def _by_scales(
+    columns: FloatArray, projected: FloatArray, main: BoolArray | None, largest: float, unit: float
+) -> tuple[FloatArray, list[Scale], FloatArray]:
+    """Return main scales (logarithms, s), shaping scales (p) and the log evidence at each pair, (p, s) or (p, s, d)."""
+    log_scales = LOG_SCALES[np.exp(LOG_SCALES) <= largest * (1.0 + 1e-9)]
+    if main is None or main.all():
+        return log_scales, [Scale(1.0)], _over_scales(columns, projected, log_scales)[None]
+    scales = [Scale(1.0, float(s)) for s in unit * SHAPINGS]
+    values = []
+    for scale in scales:
+        weights = scale.weights(main)
+        values.append(_over_scales(weights[:, None] * columns * weights, (weights * projected.T).T, log_scales))
+    return log_scales, scales, np.array(values)
+
+
 def _over_scales(columns: FloatArray, projected: FloatArray, log_scales: FloatArray) -> FloatArray:
-    """Return the log evidence of a group of columns at each scale."""
+    """Return the log evidence of a group of columns at each scale, (s,), or for many residuals (k, d), (s, d)."""
     squared, axes = _eigen(columns)
-    seen = axes.T @ projected
     kept = squared > _NEGLIGIBLE * max(float(squared[-1]), 1.0)  # columns that nothing is left of explain nothing
+    seen = ((axes.T @ projected)[kept].T / np.sqrt(squared[kept])).T
     variance = np.exp(2.0 * log_scales)[:, None] * squared[kept]
-    worth = (seen[kept] ** 2 / squared[kept]) * variance / (1.0 + variance) - np.log1p(variance)
-    return np.asarray(0.5 * worth.sum(axis=1))
+    explained, paid = (variance / (1.0 + variance)) @ seen**2, np.log1p(variance).sum(axis=1)
+    return np.asarray(0.5 * (explained.T - paid).T)
 
 
 def _eigen(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:

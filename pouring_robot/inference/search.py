@@ -18,8 +18,8 @@ class SearchOptions:
     Attributes:
         false_names: rate of false names that is accepted where nothing is missing. What is not at work is seen with a
             Bayes factor of K at most once in K times (Kerridge, Annals of Mathematical Statistics 34, 1963); with the
-            forms of an effect sharing its probability, one over this rate is what an effect must be worth. That many
-            effects are tried hardly matters: ``scripts/studies/null_evidence.py``.
+            forms of an effect sharing its probability, one over this rate is what an effect must be worth.
+        by_chance: what it must be worth at least because so many effects are tried, in nats (:mod:`~.chance`).
         most_effects: how many may be found.
         branches: how many effects are tried in full at every step.
         least_main_share: share of an effect's part that its main parameters must be able to make.
@@ -30,6 +30,7 @@ class SearchOptions:
     """
 
     false_names: float = 0.01
+    by_chance: float = 0.0
     most_effects: int = 5
     branches: int = 3
     least_main_share: float = 0.4
@@ -39,7 +40,7 @@ class SearchOptions:
     @property
     def least_evidence(self) -> float:
         """Log evidence that one more effect must be worth, in nats."""
-        return -float(np.log(self.false_names))
+        return max(-float(np.log(self.false_names)), self.by_chance)
 
 
 DEFAULT_SEARCH = SearchOptions()

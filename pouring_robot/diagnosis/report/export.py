@@ -123,6 +123,7 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
             for cause, found in diagnosis.judgement.challenged
         ],
         "noise": diagnosis.noise.figures(),
+        "thresholds": _thresholds(diagnosis),
         "rows": {
             "all": len(diagnosis.campaign),
             "fitted": int(diagnosis.fitted.sum()),
@@ -158,6 +159,18 @@ def _effect(diagnosis: Conclusions, effect: NamedEffect) -> Metrics:
         "log_evidence_nats": cause.evidence,
         "size_in_noise": cause.size,
         "moves_lip_largest_mm": float(np.nanmax(moved)) if np.isfinite(moved).any() else None,
+    }
+
+
+def _thresholds(diagnosis: Conclusions) -> Metrics:
+    """Return what an effect must be worth, and what chance alone makes of it in this campaign."""
+    asked, chance = diagnosis.diagnoser.thresholds, diagnosis.diagnoser.chance
+    return {
+        "false_names": asked.false_names,
+        "least_evidence_nats": asked.least_evidence,
+        "by_chance_nats": chance.evidence,
+        "draws": chance.draws,
+        "seed": chance.seed,
     }
 
 

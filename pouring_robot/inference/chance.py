@@ -1,0 +1,54 @@
+"""What chance alone makes of the evidence: a parametric bootstrap at the fitted null of the data at hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pouring_robot.inference.evidence import evidences
+from pouring_robot.inference.hypotheses import Hypothesis
+
+DRAWS, SEED = 1000, 0
+
+
+@dataclass(frozen=True)
+class Chance:
+    """The largest log evidence of any cause where none is at work.
+
+    Attributes:
+        evidence: it is larger with the accepted rate of false names only, in nats.
+        draws: residuals drawn.
+        seed: of the draws.
+    """
+
+    evidence: float
+    draws: int = DRAWS
+    seed: int = SEED
+
+
+def by_chance(null: Hypothesis, rate: float, draws: int = DRAWS, seed: int = SEED) -> Chance:
+    """Return what the evidence is by chance: noise and usual errors at their most probable level, and nothing else.
+
+    Inner products of columns with a residual drawn from the null's covariance C are normal with the columns' own inner
+    products through C for covariance, so that no residual has to be drawn.
+
+    Args:
+        null: the hypothesis without causes.
+        rate: share of draws that may be beyond.
+        draws: how many.
+        seed: of the draws.
+    """
+    problem, inner = null.problem, null.everything.gram.columns
+    squared, axes = np.linalg.eigh(inner)
+    spread = axes * np.sqrt(np.maximum(squared, 0.0))
+    projected = spread @ np.random.default_rng(seed).normal(size=(len(inner), draws))
+    largest = np.zeros(draws)
+    for item in problem.explanations:
+        if item.cause and item.columns.any():
+            places = problem.places(item)
+            found = evidences(
+                inner[places[:, None], places], projected[places], item.main, item.largest, problem.shaping_unit(item)
+            )
+            largest = np.maximum(largest, found + problem.log_priors[item.effect])
+    return Chance(float(np.quantile(largest, 1.0 - rate)), draws, seed)

@@ -1,0 +1,53 @@
+"""What chance makes of the evidence: against residuals drawn one by one from the null's covariance."""
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from pouring_robot.inference.chance import by_chance
+from pouring_robot.inference.evidence import bayes_factor, evidences
+from pouring_robot.inference.explanations import Background
+from pouring_robot.inference.hypotheses import BACKGROUND_LEVELS, Hypothesis
+from pouring_robot.inference.search import SearchOptions
+from tests.inference.problems import ROWS, explanation, library, problem
+
+
+@pytest.fixture
+def null(rng):
+    """Return a null with usual errors at work, beside a free constant."""
+    usual = Background("usual", 40.0 * rng.normal(size=(ROWS, 3)))
+    built = problem(rng.normal(size=ROWS), library(rng, count=4), [usual], np.ones((ROWS, 1)))
+    return Hypothesis(built, (), (), (3,))
+
+
+def test_many_residuals_at_once_are_worth_what_each_is(rng):
+    columns = explanation("a", rng.normal(size=(ROWS, 4))).columns
+    main = np.array([True, True, False, False])
+    inner, projected = columns.T @ columns, columns.T @ rng.normal(size=(ROWS, 5))
+    together = evidences(inner, projected, main, 2.0, 0.5)
+    single = [bayes_factor(inner, projected[:, k], main, 2.0, 0.5).evidence for k in range(5)]
+    np.testing.assert_allclose(together, single, rtol=1e-10, atol=1e-12)
+
+
+def test_the_rate_is_that_of_residuals_drawn_from_the_null(null, rng):
+    """Dense covariance, one search of the best cause a residual: the share beyond must be the rate, within chance."""
+    rate, draws = 0.1, 400
+    threshold = by_chance(null, rate, 4000).evidence
+    background = BACKGROUND_LEVELS[3] * null.problem.backgrounds[0].columns
+    inverse = np.linalg.inv(np.eye(ROWS) + background @ background.T)
+    beyond = 0
+    for _ in range(draws):
+        residual = null.problem.nuisance.cleared(rng.normal(size=ROWS)) + background @ rng.normal(size=3)
+        worths = [
+            bayes_factor(e.columns.T @ inverse @ e.columns, e.columns.T @ inverse @ residual, e.main).evidence
+            + null.problem.log_priors[e.effect]
+            for e in null.problem.explanations
+        ]
+        beyond += max(0.0, *worths) > threshold
+    low, high = binom.ppf([0.0005, 0.9995], draws, rate)
+    assert low <= beyond <= high
+
+
+def test_the_larger_threshold_counts():
+    assert SearchOptions(false_names=0.01, by_chance=2.0).least_evidence == pytest.approx(np.log(100.0))
+    assert SearchOptions(false_names=0.01, by_chance=7.0).least_evidence == 7.0
