@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 import scipy.stats
 from scipy.spatial.transform import Rotation
+from statsmodels.stats.multitest import multipletests
 
 from pouring_robot.diagnosis.where.fit import overall
 from pouring_robot.diagnosis.where.residuals import FreeResiduals
-from pouring_robot.diagnosis.where.where import disagreements
+from pouring_robot.diagnosis.where.where import disagreements, holm
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.nuisance import Nuisance
@@ -253,6 +254,12 @@ def test_nothing_beyond_the_frames_is_refused():
         disagreements(few, given)
     with pytest.raises(BadInputError, match="must all count"):
         disagreements(dataclasses.replace(data, row=data.row[1:]), given)
+
+
+def test_holm_is_that_of_statsmodels():
+    p_values = np.random.default_rng(14).random(40) ** 4
+    np.testing.assert_allclose(holm(p_values), multipletests(p_values, method="holm")[1], rtol=1e-14)
+    assert holm(np.zeros(0)).size == 0
 
 
 def test_noise_from_few_repeats_is_trusted_less():

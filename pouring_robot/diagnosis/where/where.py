@@ -12,8 +12,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from statsmodels.stats.multitest import multipletests
-
 from pouring_robot.diagnosis.where.dependence import dependence, untested
 from pouring_robot.diagnosis.where.finding import COMPONENT, REGION, Finding, size_text
 from pouring_robot.diagnosis.where.fit import components, overall, repeats
@@ -21,6 +19,7 @@ from pouring_robot.diagnosis.where.regions import regions
 from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.arrays import FloatArray
 
 _FEWEST_ROWS = 12
 _MINOR_SHARE = 0.005
@@ -100,7 +99,15 @@ def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float = 0.
 
 def _judged(family: list[Finding], alpha: float) -> list[Finding]:
     """Return what is significant of a family, with corrected p-values; all sizes where noise is unknown."""
-    p_values = [f.p_value for f in family if f.p_value is not None]
-    corrected = iter(multipletests(p_values, method="holm")[1].tolist() if p_values else [])
+    corrected = iter(holm(np.array([f.p_value for f in family if f.p_value is not None])).tolist())
     kept = [f if f.p_value is None else replace(f, p_value=min(2.0 * next(corrected), 1.0)) for f in family]
     return [f for f in kept if f.p_value is None or f.p_value < 2.0 * alpha]
+
+
+def holm(p_values: FloatArray) -> FloatArray:
+    """Return p-values (k,) corrected by Holm's step-down rule, which no dependence between tests upsets."""
+    order = np.argsort(p_values, kind="stable")
+    stepped = np.maximum.accumulate(p_values[order] * np.arange(p_values.size, 0, -1))
+    corrected = np.empty(p_values.size)
+    corrected[order] = np.minimum(stepped, 1.0)
+    return corrected
