@@ -12,6 +12,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from pouring_robot.diagnosis.where.dependence import dependence, untested
 from pouring_robot.diagnosis.where.finding import COMPONENT, REGION, Finding, size_text
 from pouring_robot.diagnosis.where.fit import components, overall, repeats
