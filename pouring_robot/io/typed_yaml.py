@@ -42,12 +42,15 @@ def read_yaml(path: Path | str, error: type[DescriptionError] = DescriptionError
         raise error(path, f"cannot be read: {reason}") from problem
     except MarkedYAMLError as problem:
         line = f"line {problem.problem_mark.line + 1}: " if problem.problem_mark else ""
-        summary = str(problem.problem or problem.context).splitlines()[0]
+        # Of a doubled key the reader quotes all that stands under it.
+        summary = str(problem.problem or problem.context).splitlines()[0].partition(" with value")[0][:200]
         raise error(path, f"{line}not valid YAML: {summary}") from problem
     except (YAMLError, ValueError) as problem:  # such as a number or a character YAML cannot hold
         raise error(path, f"not valid YAML: {str(problem).splitlines()[0]}") from problem
-    except TypeError as problem:  # the reader cannot hold a mapping with a list in it as a key
-        raise error(path, "not valid YAML: a key is a list or a mapping; keys are plain words") from problem
+    except (TypeError, AttributeError) as problem:  # the reader cannot hold a mapping with a list in it as a key
+        raise error(path, "not valid YAML: a key is a list or a mapping, or what is merged by << is none") from problem
+    except RecursionError as problem:
+        raise error(path, "not valid YAML: too many brackets or lines within another") from problem
     if not isinstance(content, CommentedMap):
         raise error(path, "must be a mapping of keys to values at its top level")
     return content

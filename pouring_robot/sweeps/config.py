@@ -56,7 +56,7 @@ class ErrorEntry(StrictModel):
     @pydantic.field_validator("distribution", mode="before")
     @classmethod
     def _suggest(cls, value: Any) -> Any:
-        if value not in _SIZES:
+        if not isinstance(value, str) or value not in _SIZES:
             raise ValueError(f"unknown distribution{closest(str(value), _SIZES)}")
         return value
 
