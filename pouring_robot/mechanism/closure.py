@@ -56,7 +56,7 @@ class ClosureOptions:
     step_tolerance: float = 1e-7
     left_over: float = 3e-14
     round_off: float = 1e-9
-    max_iterations: int = 60
+    max_iterations: int = 240
     max_gap_m: float = 0.01
     max_gap_rad: float = 0.1
     closed_below: float = 1e-9
