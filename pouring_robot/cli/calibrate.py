@@ -79,8 +79,7 @@ def _print(console: Console, found: Calibration) -> None:
     from pouring_robot.calibration.summary import next_measurements, notes_of, warnings_of
 
     def show(table: Table, most: int | None = None) -> None:
-        """Print a table with names in its first column and remarks in its last."""
-        console.print(plain_table(table.head, table.rows[:most], left=(0, len(table.head) - 1)))
+        console.print(plain_table(table.head, table.rows[:most], table.left))
 
     console.print(report.headline(found), style="bold", markup=False)
     for line in warnings_of(found):

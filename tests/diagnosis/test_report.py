@@ -172,7 +172,7 @@ def test_a_step_is_found_with_its_line_and_size(tmp_path):
     assert found.judgement.verdict == "unknown"
     described_ = [item for item in discrepancies(found) if item.step_after is not None]
     (item,) = described_[:1]
-    assert item.structure.description.by in {"time", "order"}
+    assert item.structure.process.by in {"time", "order"}
     assert item.component == "z"
     fitted = found.rows.campaign.lines[found.fitted]
     assert item.step_after == fitted[fitted <= 41].max()
