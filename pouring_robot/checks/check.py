@@ -10,9 +10,11 @@ from pouring_robot.batch import engine_for
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.checks.columns import check_columns
-from pouring_robot.checks.flags import DataFlag, Severity
+from pouring_robot.checks.conditions import check_conditions
+from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, outlier_rows
 from pouring_robot.checks.frames import FrameChecks
 from pouring_robot.checks.mistakes import Comparison
+from pouring_robot.checks.noise import check_noise
 from pouring_robot.checks.residuals import check_rows
 from pouring_robot.checks.sessions import in_frames_of_their_own
 from pouring_robot.estimation.frame_fit import FrameFit
@@ -43,11 +45,13 @@ def examine(campaign: Campaign, drawing: Drawing) -> Examination:
     campaign, found = in_frames_of_their_own(campaign, poses)
     found += check_columns(campaign)
     frames = FrameChecks(campaign, drawing)
-    found += frames.flags
+    found += [*frames.flags, *check_conditions(campaign, drawing, frames.data.drives)]
     if frames.fit is not None:
         found += check_rows(campaign, drawing, frames.data, frames.fit)
+        found += check_noise(campaign, drawing, frames.data, frames.fit, outlier_rows(found))
     order = list(Severity)
-    flags = sorted(found, key=lambda flag: order.index(flag.severity))
+    # Too small a noise makes findings of chance: it is said before anything else of its kind.
+    flags = sorted(found, key=lambda flag: (order.index(flag.severity), flag.code != FlagCode.NOISE_TOO_SMALL))
     return Examination(flags, frames.data, frames.fit, _disagreement(campaign, drawing, frames.data.drives))
 
 

@@ -18,6 +18,7 @@ _SAME_POSE = 1e-4  # m or rad: closer commands are the same pose
 _LONGEST_RUN = 4
 _LONGEST_TEMPERATURE_RUN = 10
 _TEMPERATURE_SPIKE_K = 25.0
+_SHUFFLED = 0.25  # share of the steps that go back in time; of a shuffled column it is one half
 
 
 def check_columns(campaign: Campaign) -> Iterator[DataFlag]:
@@ -57,15 +58,19 @@ def _missing_drives(campaign: Campaign) -> Iterator[DataFlag]:
         yield found(campaign, FlagCode.MISSING_DRIVES, message, rows, names, {"rows": float(rows.size)})
 
 
-def _repeated_rows(campaign: Campaign) -> Iterator[DataFlag]:
-    """Find rows whose drives and measurements are the same to the last digit: noise never repeats."""
+def _copies(campaign: Campaign) -> Rows:
+    """Return the usable rows whose drives and measurements are an earlier row's to the last digit."""
     measured = [campaign.position_m]
-    if campaign.rotation_vector_rad is not None:
-        measured.append(campaign.rotation_vector_rad)
+    measured += [values for values in (campaign.rotation_vector_rad, campaign.distance_m) if values is not None]
     table = np.concatenate([campaign.drives, *measured], axis=1) + 0.0  # -0 is 0
     usable = np.flatnonzero(campaign.usable)
     first = np.unique(np.nan_to_num(table[usable], nan=1e300), axis=0, return_index=True)[1]
-    copies = np.delete(usable, first)
+    return np.delete(usable, first)
+
+
+def _repeated_rows(campaign: Campaign) -> Iterator[DataFlag]:
+    """Find rows that are copies: noise never repeats."""
+    copies = _copies(campaign)
     if copies.size:
         message = f"{where(campaign, copies)}: drives and measurement repeat an earlier row to the last digit"
         yield found(campaign, FlagCode.REPEATED_ROWS, message, copies, metrics={"rows": float(copies.size)})
@@ -144,15 +149,40 @@ def _approach(campaign: Campaign) -> Iterator[DataFlag]:
 
 
 def _time(campaign: Campaign) -> Iterator[DataFlag]:
-    time = _values(campaign, "time")
+    time, copies = _values(campaign, "time"), _copies(campaign)
     rows: list[int] = []
+    steps = 0
     for session in campaign.rows_by_session().values():
-        members = session[np.isfinite(time[session])]
+        members = np.setdiff1d(session[np.isfinite(time[session])], copies)
         highest = np.maximum.accumulate(time[members])
         rows += members[1:][time[members[1:]] <= highest[:-1]].tolist()
-    if rows:
+        steps += int((np.diff(time[members]) < 0.0).sum())
+    if not rows:
+        return
+    figures = {"rows": float(len(rows)), "falls": float(steps)}
+    if steps < _SHUFFLED * len(campaign):
         message = f"column '{campaign.heading('time')}' does not increase at {where(campaign, rows)}"
-        yield found(campaign, FlagCode.TIME_NOT_INCREASING, message, rows, ["time"], {"rows": float(len(rows))})
+        yield found(campaign, FlagCode.TIME_NOT_INCREASING, message, rows, ["time"], figures)
+        return
+    # Temperatures run smoothly in the order in which they were read, whatever the order of the rows.
+    by_time, by_row = _roughness(campaign, np.argsort(time, kind="stable")), _roughness(campaign, slice(None))
+    message = f"column '{campaign.heading('time')}' runs in no order, it falls {steps} times"
+    if by_time < by_row:
+        remedy = "all is well if the rows were sorted; put them in the order of time, so that jumps can be looked for"
+        message += "; the temperatures run smoothly by it"
+        severity = Severity.NOTE
+        yield found(
+            campaign, FlagCode.TIME_NOT_INCREASING, message, (), ["time"], figures, severity=severity, remedy=remedy
+        )
+        return
+    message += ", and is not that of the rows" + ("; the temperatures run smoothly by row" if by_row < by_time else "")
+    yield found(campaign, FlagCode.TIME_SHUFFLED, message, (), ["time"], figures)
+
+
+def _roughness(campaign: Campaign, order: Rows | slice) -> float:
+    """Return how far temperatures move from row to row in an order, in K."""
+    columns_ = [campaign.conditions[name][order] for name in _readings(campaign)]
+    return float(sum(np.nansum(np.abs(np.diff(values[np.isfinite(values)]))) for values in columns_))
 
 
 def _noise_level(campaign: Campaign) -> Iterator[DataFlag]:

@@ -50,7 +50,7 @@ class FlagCode(enum.StrEnum):
     REPEATED_ROWS = (
         "repeated_rows",
         _WARNING,
-        "remove the copies: a second measurement of a pose would differ by its noise",
+        "copies are left out, as a second measurement would differ by its noise; remove them from the file",
     )
     STUCK_COLUMN = (
         "stuck_column",
@@ -80,6 +80,19 @@ class FlagCode(enum.StrEnum):
     )
     MISSING_DRIVES = "missing_drives", _WARNING, "these rows cannot be used; fill in what was commanded"
     IGNORED_COLUMNS = "ignored_columns", _NOTE, "rename them if they hold a condition; else all is well"
+    CONDITION_UNIT = "condition_unit", _ERROR, "correct the unit at the end of the column's name, or convert the column"
+    CONDITIONS_EXCHANGED = "conditions_exchanged", _ERROR, "put the headings over the right columns"
+    TIME_SHUFFLED = "time_shuffled", _ERROR, "put each row's own time beside it, or leave the column out"
+    NOISE_TOO_SMALL = (
+        "noise_too_small",
+        _WARNING,
+        "state what repeats of a pose scatter by; with too small a figure every accident looks like an effect",
+    )
+    ROUNDED_DRIVES = (
+        "rounded_drives",
+        _WARNING,
+        "export the drives with all their digits; until then state a noise that holds the rounding",
+    )
     DRIVE_UNIT = "drive_unit", _ERROR, "correct the unit at the end of the column's name"
     POSITION_UNIT = "position_unit", _ERROR, "correct the unit at the end of the columns' names"
     ROTATION_UNIT = "rotation_unit", _ERROR, "correct the unit at the end of the columns' names"
@@ -89,6 +102,7 @@ class FlagCode(enum.StrEnum):
         _ERROR,
         "reverse the signs of rx, ry and rz, or change the tracker's export",
     )
+    EULER_ANGLES = "euler_angles", _ERROR, "convert them to a rotation vector, or have the tracker export that"
     MIRRORED_AXES = "mirrored_axes", _ERROR, "check order and signs of x, y and z in the tracker's export"
     DRIVE_REVERSED = (
         "drive_reversed",
@@ -124,7 +138,7 @@ class FlagCode(enum.StrEnum):
     )
 
 
-ROW_CODES = (FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES)
+ROW_CODES = (FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES, FlagCode.REPEATED_ROWS)
 """What is wrong with single rows: they are left out, and the others can be used."""
 
 
@@ -186,7 +200,7 @@ def found(
 
 
 def outlier_rows(flags: Iterable[DataFlag]) -> Rows:
-    """Return the rows that no fit should use: outliers, and poses or drives out of reach; ascending."""
+    """Return the rows that no fit should use: outliers, poses or drives out of reach, and copies; ascending."""
     rows = {row for flag in flags if flag.code in ROW_CODES for row in flag.rows}
     return np.array(sorted(rows), dtype=np.intp)
 

@@ -18,14 +18,14 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.checks.columns import distinct_poses
 from pouring_robot.checks.flags import DataFlag, FlagCode, found, where
-from pouring_robot.checks.mistakes import ANGLE_MISTAKES, DRIVE_MISTAKES, Comparison, Mistake, position_mistakes
+from pouring_robot.checks.mistakes import DRIVE_MISTAKES, TURN_MISTAKES, Comparison, Mistake, position_mistakes
 from pouring_robot.estimation.frame_fit import FrameFit
 from pouring_robot.estimation.frame_starts import FEWEST_ROWS
 from pouring_robot.exceptions import FrameFitError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.drawing import Drawing
 
-_SUSPECT_M, _SUSPECT_RAD = 1e-3, 5e-3
+_SUSPECT_M, _SUSPECT_TURN_RAD = 1e-3, 5e-4
 """Misfits below these a robot's errors explain; no mistake of units is looked for."""
 _HOPELESS_M, _HOPELESS_RAD = 0.02, 0.05
 """Misfits above these no robot's errors explain."""
@@ -33,14 +33,11 @@ _HOPELESS_SHARE = 0.02
 """Of the spread of the measured positions: large robots may be off by more."""
 _SUSPECT_SIGMAS = 20.0
 _GAIN, _EQUAL = 0.2, 1.5
+_TAKEN_UP, _FAR_ROWS = 100.0, 10.0  # how much less or more than the change itself a mistake may leave as misfit
 _TRIED_ROWS = 100  # enough to tell which mistake it is; all rows say whether
 _DEFAULT_METRES_PER_RAD = 1.0
 _MOST_BEYOND, _SOME_BEYOND = 0.5, 0.05  # share of values beyond the limits
 _LIMIT_SLACK = 1e-3  # m or rad
-_TURN_MISTAKES = (
-    *((factor, FlagCode.ROTATION_UNIT, f"hold {wrong}") for factor, wrong in ANGLE_MISTAKES),
-    (-1.0, FlagCode.ROTATION_INVERTED, "turn the other way: the tracker seen from the target"),
-)
 
 
 def metres_per_rad(campaign: Campaign) -> float:
@@ -133,14 +130,16 @@ class FrameChecks:
         sigma = self.campaign.metadata.sigma_position_m or 0.0
         fit = self.data.fit(1.0, rotations=False)
         for _ in range(3):
-            if fit.position_scale_m <= max(_SUSPECT_M, _SUSPECT_SIGMAS * sigma):
+            # One column of three hardly shows in a robust misfit.
+            if fit.position_scale_m <= max(_SUSPECT_M, _SUSPECT_SIGMAS * sigma) and not self.data.stretched:
                 break
             mistake = self._likeliest()
             undone = None if mistake is None else mistake.undo(self.data)
             if mistake is None or undone is None:
                 break
             after = undone.fit(1.0, rotations=False)
-            if after.position_scale_m / undone.size_m > _GAIN * fit.position_scale_m / self.data.size_m:
+            gain = _EQUAL if self.data.stretched and not undone.stretched else _GAIN
+            if after.position_scale_m / undone.size_m > gain * fit.position_scale_m / self.data.size_m:
                 break
             metrics = {"misfit_before_mm": fit.position_scale_m * 1e3, "misfit_after_mm": after.position_scale_m * 1e3}
             self._found(mistake.code, mistake.message, mistake.names, metrics)
@@ -175,22 +174,37 @@ class FrameChecks:
             return
         sigma = self.campaign.metadata.sigma_rotation_rad or 0.0
 
-        def misfit(factor: float) -> float:
+        def misfit(turned: FloatArray) -> float:
             # Rotations of the wrong sense could be fitted at the cost of positions.
-            fit = dataclasses.replace(self.data, rotation_vector_rad=vectors * factor).fit(_HOPELESS_M / _HOPELESS_RAD)
+            fit = dataclasses.replace(self.data, rotation_vector_rad=turned).fit(_HOPELESS_M / _HOPELESS_RAD)
             return max(fit.rotation_scale_rad or 0.0, fit.position_scale_m * _HOPELESS_RAD / _HOPELESS_M)
 
-        before = misfit(1.0)
-        if before <= max(_SUSPECT_RAD, _SUSPECT_SIGMAS * sigma):
+        before = misfit(vectors)
+        if before <= max(_SUSPECT_TURN_RAD, _SUSPECT_SIGMAS * sigma):
             return
-        after, factor, code, wrong = min(
-            (misfit(factor), factor, code, wrong) for factor, code, wrong in _TURN_MISTAKES
-        )
+        tried = [
+            (misfit(undone), mistake)
+            for mistake in TURN_MISTAKES
+            if _may_cause(_turn_spread((undone := mistake.undo(vectors)) - vectors), before)
+        ]
+        least = min((after for after, _ in tried), default=before)
+        # Of equals the first: the simpler mistake.
+        after, best = next((one for one in tried if one[0] <= _EQUAL * least), (before, TURN_MISTAKES[0]))
         if after < _GAIN * before:
             metrics = {"misfit_before_mrad": before * 1e3, "misfit_after_mrad": after * 1e3}
-            self._found(code, f"the measured rotation vectors seem to {wrong}", columns.ROTATION, metrics)
-            self.data = dataclasses.replace(self.data, rotation_vector_rad=vectors * factor)
+            self._found(best.code, best.message, columns.ROTATION, metrics)
+            self.data = dataclasses.replace(self.data, rotation_vector_rad=best.undo(vectors))
         elif before > _HOPELESS_RAD:
             self._no_agreement(columns.ROTATION, before * 1e3, "mrad")
             self.data = dataclasses.replace(self.data, rotation_vector_rad=None)
         self.fit = self.data.fit(metres_per_rad(self.campaign))
+
+
+def _turn_spread(vectors: FloatArray) -> float:
+    """Return how far rotation vectors (n, 3) are from their middle (median), in rad: half a turn at most."""
+    return min(float(np.nanmedian(np.linalg.norm(vectors - np.nanmedian(vectors, axis=0), axis=1))), np.pi)
+
+
+def _may_cause(change: float, misfit: float) -> bool:
+    """Return whether a mistake that changes vectors so far may cause a misfit, of which the frames take up a part."""
+    return change / _TAKEN_UP < misfit < change * _FAR_ROWS

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pouring_robot.campaign import columns
-from pouring_robot.campaign.data import Campaign
+from pouring_robot.campaign.data import BoolArray, Campaign
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses
 from pouring_robot.checks.flags import FlagCode, Rows
 from pouring_robot.estimation.frame_fit import FrameFit, fit_frames
@@ -21,13 +21,19 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.rotations import rotation_matrices
 from pouring_robot.robot.description.drawing import Drawing
 
-LENGTH_MISTAKES = ((1e-3, "millimetres under a heading in metres"), (1e3, "metres under a heading in millimetres"))
+LENGTH_MISTAKES = (
+    (1e-3, "millimetres under a heading in metres"),
+    (1e3, "metres under a heading in millimetres"),
+    (25.4, "inches under a heading in millimetres"),
+    (0.0254, "inches under a heading in metres"),
+)
 ANGLE_MISTAKES = (
     (math.pi / 180.0, "degrees under a heading in radians"),
     (180.0 / math.pi, "radians under a heading in degrees"),
 )
 DRIVE_MISTAKES = {"length": LENGTH_MISTAKES, "angle": ANGLE_MISTAKES}
 _TELLING_SPREAD = 1e-2  # below it the affine map says little
+_NEARLY = 5.0  # the nearest of the mistaken units are further apart
 _UNITS_APART = 1e-3  # spreads less alike than two units of length: the target alone moved
 _REACHED = 0.8  # share of the rows that must have a pose with drives put right
 _MOST_ORDERED = 3  # drives of a kind of which all orders are tried; of more, any two are exchanged
@@ -69,6 +75,18 @@ class Comparison:
         """
         return min(self.spread_m, max(_spread(self.poses.position_m), _UNITS_APART * self.spread_m))
 
+    @functools.cached_property
+    def affine(self) -> FloatArray | None:
+        """The linear map from commanded to measured positions, (3, 3), rigid for sound data; None: it says little."""
+        complete = self.poses.complete & np.isfinite(self.position_m).all(axis=1)
+        affine, spread = affine_map(self.poses, self.position_m, complete)
+        return affine if spread > _TELLING_SPREAD else None
+
+    @property
+    def stretched(self) -> bool:
+        """Whether a column of positions has another unit than the drives: the map is far from rigid along it."""
+        return bool(_stretches(self.affine, 1.0).any())
+
     def fit(self, metres_per_rad: float, *, rotations: bool = True) -> FrameFit:
         """Fit the two frames; see :func:`fit_frames`."""
         vectors = self.rotation_vector_rad if rotations else None
@@ -82,6 +100,12 @@ class Comparison:
         if poses.complete.sum() < max(FEWEST_ROWS, _REACHED * len(drives)):
             return None
         return dataclasses.replace(self, drives=drives, poses=poses.inverse() if self.inverted else poses)
+
+
+def _stretches(affine: FloatArray | None, factor: float) -> BoolArray:
+    """Return which columns of positions, times a factor, are stretched or shrunk beyond any error of a robot, (3,)."""
+    size = np.ones(3) / factor if affine is None else np.linalg.norm(affine, axis=1)
+    return np.asarray((size * factor < 1.0 / _NEARLY) | (size * factor > _NEARLY))
 
 
 def _spread(positions_m: FloatArray) -> float:
@@ -98,18 +122,67 @@ class Mistake:
     undo: Callable[[Comparison], Comparison | None]
 
 
+@dataclass(frozen=True)
+class TurnMistake:
+    """A usual mistake of rotation vectors, and what undoes it: rows (n, 3) of what was read to vectors in rad."""
+
+    code: FlagCode
+    message: str
+    undo: Callable[[FloatArray], FloatArray]
+
+
+def _turn_mistakes() -> Iterator[TurnMistake]:
+    words = "the measured rotation vectors seem to"
+    signs = (np.array(signs) for signs in itertools.product((1.0, -1.0), repeat=3))
+    for sign in itertools.islice(signs, 1, None):
+        reversed_ = [name for name, s in zip(columns.ROTATION, sign, strict=True) if s < 0.0]
+        if len(reversed_) == 3:
+            message = f"{words} turn the other way: the tracker seen from the target"
+            yield TurnMistake(FlagCode.ROTATION_INVERTED, message, functools.partial(np.multiply, sign))
+        else:
+            message = f"of the measured rotation vectors {' and '.join(reversed_)} seem to have the wrong sign"
+            yield TurnMistake(FlagCode.MIRRORED_AXES, message, functools.partial(np.multiply, sign))
+    for factor, wrong in ANGLE_MISTAKES:
+        yield TurnMistake(FlagCode.ROTATION_UNIT, f"{words} hold {wrong}", functools.partial(np.multiply, factor))
+    for sequence, meaning in (
+        ("xyz", "roll, pitch and yaw about fixed x, y and z"),
+        ("XYZ", "about moving x, y and z"),
+    ):
+        for factor, unit in ((1.0, ""), (math.pi / 180.0, " in degrees")):
+            message = f"{words} be Euler angles{unit}: {meaning}"
+            yield TurnMistake(FlagCode.EULER_ANGLES, message, functools.partial(_from_euler, sequence, factor))
+
+
+def _from_euler(sequence: str, factor: float, angles: FloatArray) -> FloatArray:
+    from scipy.spatial.transform import Rotation
+
+    vectors = np.full(angles.shape, np.nan)
+    known = np.isfinite(angles).all(axis=1)
+    vectors[known] = Rotation.from_euler(sequence, angles[known] * factor).as_rotvec()
+    return vectors
+
+
+TURN_MISTAKES = tuple(_turn_mistakes())
+
+
 def position_mistakes(campaign: Campaign, drawing: Drawing, data: Comparison) -> Iterator[Mistake]:
     """Yield every mistake that could make positions and drives disagree."""
+    affine = data.affine
     for factor, wrong in LENGTH_MISTAKES:
-        message = f"the measured positions seem to hold {wrong}"
-        yield Mistake(FlagCode.POSITION_UNIT, message, columns.POSITION, functools.partial(_scaled, factor=factor))
+        fits = ~_stretches(affine, factor)  # what does not make the map nearly rigid is not tried
+        if fits.all():
+            message = f"the measured positions seem to hold {wrong}"
+            yield Mistake(FlagCode.POSITION_UNIT, message, columns.POSITION, functools.partial(_scaled, factor=factor))
+        for k in np.flatnonzero(fits).tolist():
+            alone = np.where(np.arange(3) == k, factor, 1.0)
+            message = f"column '{campaign.heading(columns.POSITION[k])}' seems to hold {wrong}"
+            undo = functools.partial(_scaled, factor=alone)
+            yield Mistake(FlagCode.POSITION_UNIT, message, columns.POSITION[k : k + 1], undo)
     if not data.inverted:
         message = "the measured poses seem to be inverse: the tracker seen from the target"
         turned = columns.ROTATION if data.rotation_vector_rad is not None else ()
         yield Mistake(FlagCode.FRAMES_SWAPPED, message, (*columns.POSITION, *turned), _inverted)
-    complete = data.poses.complete & np.isfinite(data.position_m).all(axis=1)
-    affine, spread = affine_map(data.poses, data.position_m, complete)
-    if spread > _TELLING_SPREAD and np.linalg.det(affine) < 0.0:
+    if affine is not None and np.linalg.det(affine) < 0.0:
         message = "the axes of the measured positions are left-handed: one is reversed, or two are exchanged"
         reversed_x = functools.partial(_scaled, factor=np.array([-1.0, 1.0, 1.0]))
         yield Mistake(FlagCode.MIRRORED_AXES, message, columns.POSITION, reversed_x)

@@ -5,10 +5,13 @@ import dataclasses
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.spatial.transform import Rotation
 
+from pouring_robot.campaign.plan import random_plan
+from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import FlagCode, Severity, outlier_rows
-from tests.campaign.simulated import codes, damaged, measure
+from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, codes, damaged, measure
 from tests.estimation.test_session_frames import moved
 
 DEG = np.pi / 180.0
@@ -52,11 +55,51 @@ def copied(values):
     values[30:33] = values[10:13]
 
 
+def changed(name, change):
+    return lambda c: damaged(c, **{name: change(np.array(c.conditions[name]))})
+
+
+def euler(sequence):
+    return lambda c: damaged(c, rotation_vector_rad=lambda v: Rotation.from_rotvec(v).as_euler(sequence))
+
+
+def quieter(campaign):
+    stated = campaign.metadata
+    less = {"sigma_position_m": stated.sigma_position_m / 10.0, "sigma_rotation_rad": stated.sigma_rotation_rad / 10.0}
+    return dataclasses.replace(campaign, metadata=stated.model_copy(update=less))
+
+
+def every_row_twice(campaign):
+    return campaign.subset(np.repeat(np.arange(len(campaign)), 2))
+
+
 def told_of_one_place(campaign):
     return dataclasses.replace(campaign, metadata=campaign.metadata.model_copy(update={"frames": "one"}))
 
 
 DAMAGES = {
+    "condition_unit": [
+        changed("truss_travel", lambda v: v * 1e3),
+        changed("payload", lambda v: v / 1e3),
+        changed("time", lambda v: v / 60.0),
+        changed("time", lambda v: v / 3600.0),
+        changed("ambient", lambda v: v * 1.8 + 32.0),
+        changed("ambient", lambda v: v + 273.15),
+        changed("leg2", lambda v: v * 1.8 + 32.0),
+        changed("leg2", lambda v: v + 273.15),
+    ],
+    "conditions_exchanged": [lambda c: damaged(c, leg2=c.conditions["ambient"], ambient=c.conditions["leg2"])],
+    "time_shuffled": [changed("time", np.random.default_rng(0).permutation)],
+    "noise_too_small": [quieter],
+    "rounded_drives": [
+        lambda c: damaged(c, drives=lambda v: np.column_stack([np.round(v[:, :3], 3), v[:, 3]])),
+        lambda c: damaged(c, drives=lambda v: np.column_stack([v[:, :3], np.round(v[:, 3], 3)])),
+    ],
+    "euler_angles": [
+        euler("xyz"),
+        euler("XYZ"),
+        lambda c: damaged(euler("xyz")(c), rotation_vector_rad=scaled([0, 1, 2], 1 / DEG)),
+    ],
     "drive_reversed": [lambda c: damaged(c, drives=scaled([3], -1.0))],
     "apart_sessions": [lambda c: told_of_one_place(moved(c, 1))],
     "drive_unit": [
@@ -68,6 +111,11 @@ DAMAGES = {
     "position_unit": [
         lambda c: damaged(c, position_m=scaled([0, 1, 2], 1000.0)),
         lambda c: damaged(c, position_m=scaled([0, 1, 2], 0.001)),
+        lambda c: damaged(c, position_m=scaled([0, 1, 2], 1 / 25.4)),
+        lambda c: damaged(c, position_m=scaled([0, 1, 2], 1 / 0.0254)),
+        lambda c: damaged(c, position_m=scaled([1], 0.001)),
+        lambda c: damaged(c, position_m=scaled([2], 1000.0)),
+        lambda c: damaged(c, position_m=scaled([0], 1 / 25.4)),
     ],
     "rotation_unit": [
         lambda c: damaged(c, rotation_vector_rad=scaled([0, 1, 2], 1 / DEG)),
@@ -78,6 +126,8 @@ DAMAGES = {
     "mirrored_axes": [
         lambda c: damaged(c, position_m=exchange(0, 2), rotation_vector_rad=None),
         lambda c: damaged(c, position_m=scaled([1], -1.0), rotation_vector_rad=None),
+        lambda c: damaged(c, rotation_vector_rad=scaled([1], -1.0)),
+        lambda c: damaged(c, rotation_vector_rad=scaled([0, 2], -1.0)),
     ],
     "drives_exchanged": [
         lambda c: damaged(c, drives=exchange(0, 2)),
@@ -87,11 +137,15 @@ DAMAGES = {
     "no_agreement": [lambda c: damaged(c, position_m=lambda v: np.random.default_rng(1).permutation(v))],
     "unreachable_drives": [lambda c: damaged(c, drives=set_rows([7], 0, 1.9))],
     "unreachable_pose": [lambda c: damaged(c, position_m=set_rows([7], 0, 0.5))],
-    "repeated_rows": [lambda c: damaged(c, drives=copied, position_m=copied, rotation_vector_rad=copied)],
+    "repeated_rows": [
+        lambda c: damaged(c, drives=copied, position_m=copied, rotation_vector_rad=copied),
+        every_row_twice,
+    ],
     "stuck_column": [
         lambda c: damaged(c, position_m=set_rows(slice(20, 26), 1, 0.4)),
         lambda c: damaged(c, leg3=set_rows(slice(20, 40), ..., 55.0)),
         lambda c: damaged(c, rotation_vector_rad=set_rows(slice(20, 25), 1, 0.4)),
+        changed("leg2", lambda v: np.full(len(v), v.mean())),
     ],
     "column_jump": [
         lambda c: damaged(c, leg2=set_rows([15], ..., 900.0)),
@@ -101,6 +155,7 @@ DAMAGES = {
     "time_not_increasing": [
         lambda c: damaged(c, time=set_rows([30], ..., 1.0)),
         lambda c: damaged(c, time=np.zeros(len(c))),
+        lambda c: c.subset(np.argsort(c.drives[:, 0])),  # sorted by drive: no row is wrong
     ],
     "missing_drives": [lambda c: damaged(c, drives=set_rows([3, 9], 1, np.nan))],
     "no_noise_level": [
@@ -126,7 +181,6 @@ BESIDES = {
     "time_not_increasing": {"stuck_column"},
     "one_pose": {"no_agreement", "unreachable_pose", "outlier", "too_few_rows"},
     "no_agreement": set(),
-    "repeated_rows": {"time_not_increasing"},
     "stuck_column": {"outlier", "unreachable_pose"},
 }
 
@@ -254,3 +308,35 @@ def test_a_real_repeat_is_no_repeated_row(drawing):
     assert "repeated_rows" not in codes(
         check_campaign(damaged(both, position_m=rows, rotation_vector_rad=vectors, time=time), drawing.kinematics)
     )
+
+
+def test_copies_are_left_out_and_change_nothing_else(drawing, clean):
+    twice = every_row_twice(clean.campaign)
+    flags = check_campaign(twice, drawing.kinematics)
+    assert outlier_rows(flags).tolist() == list(range(1, 2 * len(clean.campaign), 2))
+
+
+def test_round_commands_that_were_driven_are_no_rounded_drives(drawing):
+    plan = random_plan(drawing, 60, 3)
+    plan = dataclasses.replace(plan, drives=np.round(plan.drives, 3))
+    settings = MeasurementOptions(sigma_position_m=SIGMA_M, sigma_rotation_rad=SIGMA_RAD, seed=3)
+    assert check_campaign(simulate_campaign(drawing, plan, settings).campaign, drawing.kinematics) == []
+
+
+@pytest.mark.parametrize("factor", [0.1, 3.0, 10.0])
+def test_says_how_large_the_noise_is(as_built, real, factor):
+    stated = real.campaign.metadata
+    told = {"sigma_position_m": SIGMA_M / factor, "sigma_rotation_rad": SIGMA_RAD / factor}
+    campaign = dataclasses.replace(real.campaign, metadata=stated.model_copy(update=told))
+    flags = check_campaign(campaign, as_built.kinematics)
+    if factor < 1.0:
+        assert flags == []
+    else:
+        assert flags[0].code is FlagCode.NOISE_TOO_SMALL
+        assert flags[0].metrics["factor"] == pytest.approx(factor, rel=0.25)
+
+
+def test_a_rough_error_of_one_drive_is_no_noise(drawing, clean):
+    random = np.random.default_rng(2)
+    rough = damaged(clean.campaign, drives=lambda v: v + random.normal(size=v.shape) * [0.0, 3e-4, 0.0, 0.0])
+    assert "noise_too_small" not in codes(check_campaign(rough, drawing.kinematics))

@@ -1,0 +1,185 @@
+"""Whether the stated noise can be true, and whether drives were rounded: what no cause can explain, row by row.
+
+Of one measured component of n rows, let r be what the nominal robot and the two frames leave over. Taken for normal,
+
+    r ~ N(0, σ² (f² I + t² Z Zᵀ)),  frames free,
+
+where Z holds all that may move the target smoothly, a column each: every displacement of every joint, every drive, and
+base and drives with every condition and side of approach, 1 mm and 1 mrad each over σ. What it leaves over is f σ, the
+noise; f and t are found by maximum likelihood, and f = 1 is judged by the likelihood ratio.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+import scipy.optimize
+import scipy.stats
+
+from pouring_robot.batch import engine_for
+from pouring_robot.campaign import columns
+from pouring_robot.campaign.data import Campaign
+from pouring_robot.campaign.nominal import PoseStack
+from pouring_robot.checks.flags import DataFlag, FlagCode, Rows, found
+from pouring_robot.checks.mistakes import Comparison
+from pouring_robot.estimation.frame_fit import FrameFit
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.parameters import GeometricParameter
+from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.description.drawing import Drawing
+from pouring_robot.robot.parameters import ParameterCatalogue
+
+FALSE_ALARMS = 1e-3
+"""Share of sound campaigns, of noise as stated, in which a component would be taken for noisier by chance."""
+LEAST_FACTOR = 2.0
+"""A data sheet's figure is not better known."""
+_MOST_ROWS, _FEWEST_ROWS = 200, 20
+_ROUNDED = 1e-6  # of a step: how near to its multiples values must be
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """What a measured component scatters by.
+
+    Attributes:
+        factor: f, over the stated noise.
+        sure: whether chance alone would hardly make so much of noise as stated.
+        by_drives: what one unit of white error of every drive would add, as a variance over that of the noise.
+    """
+
+    factor: float
+    sure: bool
+    by_drives: FloatArray
+
+
+def check_noise(
+    campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, wrong: Rows
+) -> Iterator[DataFlag]:
+    """Yield rounded drives or too small a noise, given data whose mistakes are undone, and the rows to leave out."""
+    sound = data.poses.complete & campaign.usable & np.isfinite(data.position_m).all(axis=1)
+    sound[wrong] = False
+    rows = np.flatnonzero(sound)
+    if rows.size < _FEWEST_ROWS or data.inverted or not campaign.metadata.sigma_position_m:
+        return
+    rows = rows[np.unique(np.linspace(0, rows.size - 1, _MOST_ROWS).astype(int))]
+    scatters = _scatters(campaign, drawing, data, fit, rows)
+    if not scatters:
+        return
+    rounded = list(_rounded(campaign, scatters))
+    yield from rounded
+    least = min(scatters, key=lambda one: one.factor)
+    if not rounded and least.factor > LEAST_FACTOR and all(one.sure for one in scatters):
+        stated = campaign.metadata.sigma_position_m / MM
+        message = (
+            f"the stated noise is too small: all {len(scatters)} measured components scatter by {least.factor:.2g} "
+            f"times as much or more, which no cause explains; of a position that is {least.factor * stated:.2g} mm, "
+            f"not {stated:.2g}"
+        )
+        yield found(campaign, FlagCode.NOISE_TOO_SMALL, message, metrics={"factor": least.factor})
+
+
+def _scatters(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, rows: Rows) -> list[Scatter]:
+    engine, catalogue = engine_for(drawing.mechanism), ParameterCatalogue(campaign.robot, drawing.mechanism)
+    closed = engine.close(data.drives[rows], drawing.starts(data.drives[rows]))
+    poses = PoseStack(closed.position, closed.rotation)
+    local: tuple[GeometricParameter, ...] = (*catalogue.drives, *catalogue.placements)
+    moved = fit.frames.carried(engine.transfer(closed, local).matrix, poses)
+    frames = fit.frames.jacobian(poses)
+    drives = moved[:, :, : len(campaign.robot.drives)]
+    units = np.array([MM if parameter.unit == "m" else MRAD for parameter in local])
+    by_condition = np.concatenate(
+        [frames[:, :, :6] * ([MM] * 3 + [MRAD] * 3), drives * units[: drives.shape[2]]], axis=2
+    )
+    smooth = [moved * units, *(by_condition * values[:, None, None] for values in _conditions(campaign, rows))]
+    smooth += [by_condition * side[:, None, None] for side in _sides(campaign, rows)]
+    causes = np.concatenate(smooth, axis=2)
+    stated = campaign.metadata
+    residuals = [(fit.position_residual_m, stated.sigma_position_m, 0)]
+    if fit.rotation_residual_rad is not None and stated.sigma_rotation_rad:
+        residuals.append((fit.rotation_residual_rad, stated.sigma_rotation_rad, 3))
+    scatters = []
+    for residual, sigma, first in residuals:
+        for k in range(3):
+            r, c = residual[rows, k], first + k
+            kept = np.isfinite(r) & np.isfinite(causes[:, c]).all(axis=1)
+            if sigma and kept.sum() >= _FEWEST_ROWS:
+                white = np.mean((drives[kept, c] / sigma) ** 2, axis=0)
+                scatters.append(_scatter(r[kept] / sigma, frames[kept, c], causes[kept, c] / sigma, white))
+    return scatters
+
+
+def _scatter(residual: FloatArray, free: FloatArray, causes: FloatArray, by_drives: FloatArray) -> Scatter:
+    """Return f by maximum likelihood for residuals (n,) over their noise, frames (n, 12) and causes (n, c)."""
+    outside = scipy.linalg.null_space((free / np.maximum(np.linalg.norm(free, axis=0), 1e-300)).T)
+    seen = outside.T @ causes
+    power, directions = np.linalg.eigh(seen @ seen.T)
+    squares = (directions.T @ (outside.T @ residual)) ** 2
+    power = np.maximum(power, 0.0)
+
+    def cost(logs: Sequence[float]) -> float:
+        variance = math.exp(2.0 * logs[0]) + math.exp(2.0 * logs[1]) * power
+        return float(0.5 * np.sum(np.log(variance) + squares / variance))
+
+    def best(start: float) -> tuple[float, float]:
+        found_ = scipy.optimize.minimize(cost, (start, -2.0), method="L-BFGS-B", bounds=[(-12.0, 12.0), (-15.0, 6.0)])
+        return float(found_.fun), float(found_.x[0])
+
+    free_cost, log_factor = min(best(start) for start in (0.0, 2.0))
+    as_stated = scipy.optimize.minimize_scalar(lambda log: cost((0.0, log)), bounds=(-15.0, 6.0), method="bounded")
+    ratio = 2.0 * (float(as_stated.fun) - free_cost)
+    sure = log_factor > 0.0 and ratio > float(scipy.stats.chi2.isf(2.0 * FALSE_ALARMS, 1))
+    return Scatter(math.exp(log_factor), sure, by_drives)
+
+
+def _conditions(campaign: Campaign, rows: Rows) -> Iterator[FloatArray]:
+    """Yield conditions, centred and over their spread; a missing cell stands in the middle."""
+    for values in campaign.conditions.values():
+        known = values[rows]
+        spread = float(np.nanstd(known)) if np.isfinite(known).any() else 0.0
+        if spread > 0.0:
+            yield np.nan_to_num((known - np.nanmean(known)) / spread)
+
+
+def _sides(campaign: Campaign, rows: Rows) -> Iterator[FloatArray]:
+    if campaign.approach is not None:
+        yield from np.nan_to_num(campaign.approach[rows]).T
+
+
+def _rounded(campaign: Campaign, scatters: Sequence[Scatter]) -> Iterator[DataFlag]:
+    """Yield drives that are given in steps, if errors as large as half a step are there."""
+    names = columns.drive_names(campaign.robot)
+    steps = np.array([_step(campaign.drives[campaign.usable, k]) for k in range(len(names))])
+    for step in np.unique(steps[steps > 0.0]).tolist():
+        drives = np.flatnonzero(steps == step)
+        variances = [step**2 / 12.0 * float(one.by_drives[drives].sum()) for one in scatters]
+        c = int(np.argmax(variances))
+        if variances[c] > LEAST_FACTOR**2 and scatters[c].factor ** 2 > 1.0 + 0.5 * variances[c]:
+            unit, si = ("mm", MM) if campaign.robot.drives[drives[0]].unit == "m" else ("mrad", MRAD)
+            headings = ", ".join(f"'{campaign.heading(names[k])}'" for k in drives)
+            message = (
+                f"rounded to {step / si:g} {unit}: {headings}; that alone is {math.sqrt(variances[c]):.2g} times the "
+                "stated noise, and the measurements scatter so"
+            )
+            figures = {f"step_{unit}": step / si}
+            yield found(campaign, FlagCode.ROUNDED_DRIVES, message, (), [names[k] for k in drives], figures)
+
+
+def _step(values: FloatArray) -> float:
+    """Return the largest step of 1, 2 or 5 times a power of ten that all values are multiples of; 0: none is."""
+    known = values[np.isfinite(values)]
+    for power in range(0, -7, -1):
+        for size in (5.0, 2.0, 1.0):
+            step = size * 10.0**power
+            if known.size and np.ptp(known) > 2.0 * step and _is_multiple(known, step):
+                return step
+    return 0.0
+
+
+def _is_multiple(values: FloatArray, step: float) -> bool:
+    return bool(
+        np.all(np.abs(values / step - np.round(values / step)) < _ROUNDED * np.maximum(np.abs(values) / step, 1.0))
+    )
