@@ -48,7 +48,8 @@ def examine(campaign: Campaign, drawing: Drawing) -> Examination:
     found += [*frames.flags, *check_conditions(campaign, drawing, frames.data.drives)]
     if frames.fit is not None:
         found += check_rows(campaign, drawing, frames.data, frames.fit)
-        found += check_noise(campaign, drawing, frames.data, frames.fit, outlier_rows(found))
+        if not any(flag.severity is Severity.ERROR for flag in found):  # an error scatters the rows by itself
+            found += check_noise(campaign, drawing, frames.data, frames.fit, outlier_rows(found))
     order = list(Severity)
     # Too small a noise makes findings of chance: it is said before anything else of its kind.
     flags = sorted(found, key=lambda flag: (order.index(flag.severity), flag.code != FlagCode.NOISE_TOO_SMALL))

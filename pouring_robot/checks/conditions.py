@@ -27,6 +27,7 @@ _SLIGHT = 1e-3  # of the robot's mass: a load that bends nothing
 _COLD_K, _ALIKE_K, _APART_K = 10.0, 5.0, 30.0
 _FEWEST_COLD = 3
 _NEARLY_ALL = 0.9
+_FAR = 10.0
 _MOVING_K = 5.0
 _TEMPERATURE_MISTAKES: tuple[tuple[str, Callable[[FloatArray], FloatArray]], ...] = (
     ("kelvin", lambda values: values + ABSOLUTE_ZERO_DEGC),
@@ -61,7 +62,8 @@ def _travels(campaign: Campaign, drawing: Drawing) -> Iterator[DataFlag]:
     limits = drawing.mechanism.joint_limits()
     for name in campaign.robot.travels:
         values, (low, high) = _known(campaign, name), limits.get(name, (-np.inf, np.inf))
-        if values.size and np.mean((values >= low) & (values <= high)) < 0.5:
+        # Rails may be longer than the drawing's, or counted from elsewhere, but not ten times as long.
+        if values.size and np.abs(values).max() > _FAR * (high - low):
             for factor, wrong in LENGTH_MISTAKES:
                 if np.mean((values * factor >= low) & (values * factor <= high)) > _NEARLY_ALL:
                     largest = float(np.abs(values).max())
@@ -155,9 +157,13 @@ def _temperature_units(campaign: Campaign) -> Iterator[DataFlag]:
     for name in parts:
         others = [campaign.conditions[other] - hall for other in parts if other != name]
         cold = np.median(np.abs(others), axis=0) < _COLD_K if len(others) > 1 else np.zeros(len(hall), dtype=bool)
-        values = campaign.conditions[name][cold]
+        values, apart = campaign.conditions[name][cold], np.array(others)[:, cold]
         for scale, degC in _TEMPERATURE_MISTAKES:
-            alike = (np.abs(degC(values) - hall[cold]) < _COLD_K) & (np.abs(values - hall[cold]) > _APART_K)
+            # Converted, it must be as cold as the others are, not only near the hall: a part may warm up alone.
+            warmth = degC(values) - hall[cold]
+            least, most = apart.min(axis=0, initial=0.0), apart.max(axis=0, initial=0.0)
+            alike = (warmth > least - _ALIKE_K) & (warmth < most + _ALIKE_K)
+            alike &= np.abs(values - hall[cold]) > _APART_K
             if alike.size >= _FEWEST_COLD and alike.mean() > _NEARLY_ALL and np.ptp(values) > 0.0:
                 said = f"{scale} under a heading in °C: it is at {np.median(values):.0f} °C where the others are cold"
-                yield _unit(campaign, name, said, {"median_degC": float(np.median(values))})
+                yield _unit(campaign, name, said, {"median_degC": float(np.median(values))}, Severity.WARNING)

@@ -63,7 +63,9 @@ def check_noise(
     sound = data.poses.complete & campaign.usable & np.isfinite(data.position_m).all(axis=1)
     sound[wrong] = False
     rows = np.flatnonzero(sound)
-    if rows.size < _FEWEST_ROWS or data.inverted or not campaign.metadata.sigma_position_m:
+    # Frames that each session has for itself were fitted to these rows, and are none of the causes below.
+    apart = campaign.metadata.frames == "per session"
+    if rows.size < _FEWEST_ROWS or data.inverted or apart or not campaign.metadata.sigma_position_m:
         return
     rows = rows[np.unique(np.linspace(0, rows.size - 1, _MOST_ROWS).astype(int))]
     scatters = _scatters(campaign, drawing, data, fit, rows)

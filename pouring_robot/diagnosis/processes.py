@@ -109,11 +109,12 @@ def processes_of(rows: CampaignRows, linear: LinearRows, axes: FloatArray, *, ch
     places = Places.of(given, linear.row, linear.component, linear.tracker, axes, drives)
     inside = _Inside(rows, linear, places.seen[0].rows)
     base = [inside(f"base.{component}") for component in COMPONENTS]
+    alone, by_pose = list(_of_one_condition(given)), list(_of_pose(given, _POSE_LENGTHS))
     for process in (
-        *by_conditions(given, SEEN, places.seen, _POSE_LENGTHS),
-        *by_conditions(given, DRIVES, places.drives, _POSE_LENGTHS),
+        *(_moved(SEEN, by, places.seen, lengths) for by, lengths in (*alone, *by_pose)),
+        *(_moved(DRIVES, by, places.drives, lengths) for by, lengths in (*alone, *by_pose)),
+        *(_moved(given.causes.words.base, by, base, lengths) for by, lengths in alone),
         *_of_own_value(places),
-        *(_moved(given.causes.words.base, by, base, lengths) for by, lengths in _of_one_condition(given)),
         by_chance_at(DRIVES, places.drives, len(given)),
         by_chance_at(given.causes.words.base, base, len(given)),
         *_constant(inside, places),
@@ -123,37 +124,31 @@ def processes_of(rows: CampaignRows, linear: LinearRows, axes: FloatArray, *, ch
             yield process
 
 
-def by_conditions(given: Conditions, where: str, channels: Sequence[Channel], poses: PoseLengths) -> Iterator[Process]:
-    """Yield a place moved by each condition and by the pose."""
-    for by, lengths in (*_of_one_condition(given), *_of_pose(given, poses)):
-        yield _moved(where, by, channels, lengths)
-
-
 def disagreements_of(places: Places) -> Iterator[Process]:
     """Yield how each component of the measured body may be off, in the axes of the base, and what one drive can do.
 
     Each is a process of its own, so that what one component shows is not diluted by the others. A drive's own value
     counts in waves that are short against its stroke: the rest is a matter of pose.
     """
-    given, one_value = places.given, np.ones((len(places.given), 1))
+    given, found = places.given, []
+    for by, lengths in (*_of_one_condition(places.given), *_of_pose(places.given, {"": (1.2, 40)})):
+        found.append((by, {words: _without_mean(course) for words, course in lengths.items()}))
     for one in places.seen:
-        for process in by_conditions(given, one.name, [one], {"": (1.2, 40)}):
-            yield _without_mean(process)
+        yield from (_moved(one.name, by, [one], lengths) for by, lengths in found)
         yield by_chance_at(one.name, [one], len(given))
     for k, (drive, one) in enumerate(zip(given.robot.drives, places.drives, strict=True)):
-        yield _moved(drive.words, CONSTANT, [one], {"": one_value})
+        yield _moved(drive.words, CONSTANT, [one], {"": _USUAL * np.ones((len(given), 1))})
         if given.approach is not None:
-            yield _without_mean(_moved(drive.words, SIDE, [one], {"": given.approach[:, k : k + 1]}))
-        yield _without_mean(_waves(drive.words, [(one, given.drives[:, k])], drive.unit == "m", short=True))
+            side = _USUAL * given.approach[:, k : k + 1]
+            yield _moved(drive.words, SIDE, [one], {"": _without_mean(side)})
+        waves = _waves(drive.words, [(one, given.drives[:, k])], drive.unit == "m", short=True)
+        lengths = {words: _without_mean(parts[0].course) for words, parts in waves.lengths.items()}
+        yield _moved(drive.words, waves.by, [one], lengths)
 
 
-def _without_mean(process: Process) -> Process:
-    """Return what a condition changes, beside a constant that has a process of its own."""
-    lengths = {
-        words: tuple(Part(part.channel, part.course - part.course.mean(axis=0)) for part in parts)
-        for words, parts in process.lengths.items()
-    }
-    return replace(process, lengths=lengths)
+def _without_mean(course: FloatArray) -> FloatArray:
+    """Return what a condition changes, (n, k), beside a constant that has a process of its own."""
+    return np.asarray(course - course.mean(axis=0))
 
 
 def by_chance_at(where: str, channels: Sequence[Channel], count: int) -> Process:
@@ -164,29 +159,33 @@ def by_chance_at(where: str, channels: Sequence[Channel], count: int) -> Process
 
 def _moved(where: str, by: str, channels: Iterable[Channel], lengths: Lengths) -> Process:
     """Return the process that all channels follow a condition, each in its own way."""
-    courses = {length: _USUAL * course for length, course in lengths.items()}
-    return Process(where, by, {w: tuple(Part(c, course) for c in channels) for w, course in courses.items()})
+    return Process(where, by, {words: tuple(Part(c, course) for c in channels) for words, course in lengths.items()})
 
 
 def _of_one_condition(given: Conditions) -> Iterator[tuple[str, Lengths]]:
-    """Yield what may depend on one condition."""
+    """Yield what may depend on one condition, in its usual size."""
+    for by, course in _courses(given):
+        yield by, {"": _USUAL * course}
+
+
+def _courses(given: Conditions) -> Iterator[tuple[str, FloatArray]]:
     if given.time_known:
-        yield "time", {"": wandering(given.time_s)}
-    yield "order", {"": wandering(np.arange(len(given), dtype=float))}
+        yield "time", wandering(given.time_s)
+    yield "order", wandering(np.arange(len(given), dtype=float))
     if given.session.max() > 0:
-        yield "session", {"": separate(given.session)}
+        yield "session", separate(given.session)
     for by, values in in_words(given, (f"{name}_m" for name in given.travels)).items():
-        yield by, {"": wandering(values)}
+        yield by, wandering(values)
     for by, values in in_words(given, numbers(given)).items():
-        yield by, {"": smooth(standardised(values), 1.0)}
+        yield by, smooth(standardised(values), 1.0)
     for kind in given.causes.thermometers:
         rises = given.value(f"{kind.name}_rise_k")
         if len(kind.members) > 1 and rises is not None:
-            yield kind.word, {"": smooth(standardised(rises), 2.0, most=20)}
+            yield kind.word, smooth(standardised(rises), 2.0, most=20)
     if given.approach is not None:
-        yield SIDE, {"": given.approach}
+        yield SIDE, given.approach
     pose = poses(given)
-    yield "way from the pose before", {"": np.diff(pose, axis=0, prepend=pose[:1])}
+    yield "way from the pose before", np.diff(pose, axis=0, prepend=pose[:1])
 
 
 def poses(given: Conditions) -> FloatArray:
@@ -197,13 +196,13 @@ def poses(given: Conditions) -> FloatArray:
 def _of_pose(given: Conditions, scales: PoseLengths) -> Iterator[tuple[str, Lengths]]:
     """Yield what may depend on the pose, and what a condition does differently in different poses."""
     pose = poses(given)
-    lengths = {words: smooth(pose, length, most=most) for words, (length, most) in scales.items()}
+    lengths = {words: _USUAL * smooth(pose, length, most=most) for words, (length, most) in scales.items()}
     yield "pose", lengths
     for by, values in in_words(given, numbers(given, by_pose=True)).items():
         factor = standardised(values)[:, None]
         yield f"pose and {by}", {words: course[:, :50] * factor for words, course in lengths.items()}
     if given.session.max() > 0:
-        regional = smooth(pose, 1.5, most=12)
+        regional = _USUAL * smooth(pose, 1.5, most=12)
         yield "pose and session", {"": np.hstack([regional * s[:, None] for s in separate(given.session).T])}
 
 
@@ -272,7 +271,7 @@ class _Inside:
 
 def _constant(inside: _Inside, places: Places) -> Iterator[Process]:
     """Yield what stands off by a constant: drives, places of joints, axes."""
-    given, one = places.given, {"": np.ones((len(places.given), 1))}
+    given, one = places.given, {"": _USUAL * np.ones((len(places.given), 1))}
     yield _moved(DRIVES, CONSTANT, places.drives, one)
     for drive, own in zip(given.robot.drives, places.drives, strict=True):
         yield _moved(drive.joint, CONSTANT, [own], one)
@@ -301,6 +300,6 @@ def _joints(inside: _Inside, given: Conditions) -> Iterator[Process]:
     found = place_parameters(given.causes.placements, np.ones(len(given)))
     centres = [inside(name) for parameters in found.values() for p in parameters for name in p.changes]
     if given.time_known:
-        yield _moved("joint centres", "time", centres, {"": wandering(given.time_s, most=12)})
+        yield _moved("joint centres", "time", centres, {"": _USUAL * wandering(given.time_s, most=12)})
     for by, values in in_words(given, numbers(given, moves_joints=True)).items():
-        yield _moved("joint centres", by, centres, {"": standardised(values)[:, None]})
+        yield _moved("joint centres", by, centres, {"": _USUAL * standardised(values)[:, None]})

@@ -318,7 +318,8 @@ def test_copies_are_left_out_and_change_nothing_else(drawing, clean):
 
 def test_round_commands_that_were_driven_are_no_rounded_drives(drawing):
     plan = random_plan(drawing, 60, 3)
-    plan = dataclasses.replace(plan, drives=np.round(plan.drives, 3))
+    drives = np.round(plan.drives, 3)
+    plan = dataclasses.replace(plan, drives=drives, poses=tuple(drives))
     settings = MeasurementOptions(sigma_position_m=SIGMA_M, sigma_rotation_rad=SIGMA_RAD, seed=3)
     assert check_campaign(simulate_campaign(drawing, plan, settings).campaign, drawing.kinematics) == []
 

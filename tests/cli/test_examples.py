@@ -54,7 +54,7 @@ def test_the_extras_are_those_of_the_package():
         re.match(r"[\w-]+", line)[0].replace("scikit-learn", "sklearn"): extra
         for extra, lines in project["optional-dependencies"].items()
         for line in lines
-        if extra not in ("all", "dev")
+        if extra not in ("all", "dev", "docs")
     }
     assert listed == EXTRAS
     assert not any(line.startswith(tuple(EXTRAS)) for line in project["dependencies"])

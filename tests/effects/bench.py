@@ -12,10 +12,9 @@ import pytest
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
-from pouring_robot.diagnosis.rows import CampaignRows
+from pouring_robot.diagnosis.rows import CampaignRows, SeenFrom
 from pouring_robot.effects import conditions
 from pouring_robot.effects.registry import library
-from pouring_robot.estimation.frames import OuterFrames
 from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.definition import PouringDefinition
@@ -85,7 +84,7 @@ class Bench:
         self.campaign = self.measured(Errors.none(rows))
         self.rows = self.rows_of(self.campaign)
         # A faultless machine does not show where along the tilt axis the target sits, so the true frames are taken.
-        self.true_frames = OuterFrames(*(pin.SE3(pin.exp3(f[3:]), f[:3]) for f in (BASE, TARGET)))
+        self.true_frames = SeenFrom(*(pin.SE3(pin.exp3(f[3:]), f[:3]) for f in (BASE, TARGET)), np.zeros(0))
         self.linear = self.rows.linearise(self.rows.unchanged(), self.true_frames)
 
     def measured(self, errors):

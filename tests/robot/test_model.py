@@ -256,7 +256,7 @@ def test_any_damage_to_the_example_is_refused_or_harmless(tmp_path, place, chang
 def test_a_key_that_is_no_word_is_refused(tmp_path, text):
     path = tmp_path / "model.yaml"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(ModelFileError, match="keys are plain words"):
+    with pytest.raises(ModelFileError, match="a key is a list or a mapping"):
         RobotModel.load(path)
 
 
