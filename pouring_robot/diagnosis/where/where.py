@@ -21,6 +21,7 @@ from pouring_robot.diagnosis.where.regions import regions
 from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 
 _FEWEST_ROWS = 12
@@ -59,6 +60,7 @@ class Where:
         return [item.as_json() for item in self.findings]
 
 
+@one_blas_thread()
 def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float = 0.01) -> Where:
     """Return where model and measurement disagree.
 
