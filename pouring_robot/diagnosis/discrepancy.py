@@ -22,7 +22,7 @@ _STEP_SHARE, _FEWEST_BESIDE = 0.8, 4
 
 @dataclass(frozen=True, eq=False)
 class Discrepancy:
-    """Summand that the best known effects leave.
+    """Structure that the best known effects leave.
 
     Attributes:
         structure: as the search found it.

@@ -16,7 +16,6 @@ from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser, State
 from pouring_robot.diagnosis.where.residuals import FreeResiduals
-from pouring_robot.effects.drives import channel
 from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.inference.decision import Judgement, Verdict
 from pouring_robot.inference.hypotheses import Hypothesis
@@ -113,7 +112,7 @@ class Findings:
             linear.tracker,
             Nuisance.of(linear.free),
             self.before.frames.T_tracker_base.rotation,
-            np.column_stack([self.rows.channel(channel(d), linear) for d in self.rows.conditions.robot.drives]),
+            self.rows.drive_columns(linear),
             noise_known=not self.noise.from_residuals,
             noise_freedoms=self.noise.freedoms,
         )

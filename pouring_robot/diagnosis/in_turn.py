@@ -93,7 +93,7 @@ def few(linear: LinearRows, fitted: Mask) -> bool:
 
 def _searched(diagnoser: Diagnoser, problem: Problem, block: Mask) -> tuple[FloatArray, frozenset[str]]:
     """Return what is left of all equations by what the others' are explained with, and the effects among it."""
-    found = search(problem.of(~block), diagnoser.options)
+    found = search(problem.of(~block), diagnoser.thresholds)
     values = np.concatenate([np.zeros(0), *found.weights()]) * found.coefficients()[0]
     left = problem.residual - problem.columns[:, found.everything.places] @ values
     return left, frozenset(item.effect for item in found.items if item.cause)

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.effects.drives import channel
 from pouring_robot.effects.facts import in_words, numbers
 from pouring_robot.effects.joints import axis_parameters, place_parameters
 from pouring_robot.estimation.instruments import component_name
-from pouring_robot.inference.courses import by_chance, separate, smooth, standardised, wandering
+from pouring_robot.inference.courses import row_by_row, separate, smooth, standardised, wandering
 from pouring_robot.inference.processes import Channel, Part, Process, sums_of
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import COMPONENTS
@@ -105,8 +104,7 @@ def processes_of(rows: CampaignRows, linear: LinearRows, axes: FloatArray, *, ch
             stated it is noise, of the robot if not of the device.
     """
     given = rows.conditions
-    drives = np.column_stack([rows.channel(channel(drive), linear) for drive in given.robot.drives])
-    places = Places.of(given, linear.row, linear.component, linear.tracker, axes, drives)
+    places = Places.of(given, linear.row, linear.component, linear.tracker, axes, rows.drive_columns(linear))
     inside = _Inside(rows, linear, places.seen[0].rows)
     base = [inside(f"base.{component}") for component in COMPONENTS]
     alone, by_pose = list(_of_one_condition(given)), list(_of_pose(given, _POSE_LENGTHS))
@@ -153,7 +151,7 @@ def _without_mean(course: FloatArray) -> FloatArray:
 
 def by_chance_at(where: str, channels: Sequence[Channel], count: int) -> Process:
     """Return the process that a place is off in every row by itself."""
-    course = _USUAL * by_chance(count, _MOST_BY_CHANCE // max(len(channels), 1))
+    course = _USUAL * row_by_row(count, _MOST_BY_CHANCE // max(len(channels), 1))
     return Process(where, CHANCE, {"": tuple(Part(channel, course) for channel in channels)})
 
 

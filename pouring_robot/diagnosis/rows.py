@@ -19,6 +19,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.nominal import nominal_rows
 from pouring_robot.effects.base import EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions, conditions_of
+from pouring_robot.effects.drives import channel
 from pouring_robot.effects.registry import all_effects
 from pouring_robot.estimation.frames import FRAMES, OuterFrames
 from pouring_robot.estimation.measurement import MeasurementModel, Prediction
@@ -300,16 +301,14 @@ class CampaignRows:
         return parameter.prior_std * total
 
     def channel(self, name: str, linear: LinearRows) -> FloatArray:
-        """Return the whitened signature of one local parameter, alike in all rows, shape (m,), per m or rad.
-
-        ``tracker.tx`` … are displacements of what the tracker sees, in its own axes.
-        """
+        """Return the whitened signature of one local parameter, alike in all rows, shape (m,), per m or rad."""
         if name == SCALE:
             return linear.scale
-        if name.startswith("tracker."):
-            component = COMPONENTS.index(name.partition(".")[2])
-            return np.where(linear.component == component, 1.0 / linear.tracker, 0.0)
         return linear.jacobian[:, self._places[name]]
+
+    def drive_columns(self, linear: LinearRows) -> FloatArray:
+        """Return the whitened signature of every drive, shape (m, D), per m or rad."""
+        return np.column_stack([self.channel(channel(drive), linear) for drive in self.conditions.robot.drives])
 
 
 def _check_parameter(entry: EffectEntry, name: str, form: Mapping[str, EffectParameter]) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pouring_robot.inference.evidence import evidences
+from pouring_robot.inference.evidence import eigen, evidences
 from pouring_robot.inference.hypotheses import Hypothesis
 
 DRAWS, SEED = 1000, 0
@@ -40,7 +40,7 @@ def by_chance(null: Hypothesis, rate: float, draws: int = DRAWS, seed: int = SEE
         seed: of the draws.
     """
     problem, inner = null.problem, null.everything.gram.columns
-    squared, axes = np.linalg.eigh(inner)
+    squared, axes = eigen(inner)
     spread = axes * np.sqrt(np.maximum(squared, 0.0))
     projected = spread @ np.random.default_rng(seed).normal(size=(len(inner), draws))
     largest = np.zeros(draws)

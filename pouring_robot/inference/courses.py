@@ -11,7 +11,9 @@ from collections.abc import Callable
 import numpy as np
 import scipy.sparse
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.distance import cdist
 
+from pouring_robot.inference.evidence import eigen
 from pouring_robot.mechanism.arrays import FloatArray
 
 _NEGLIGIBLE = 1e-3
@@ -38,7 +40,7 @@ def _principal(
     if centred:
         across = across - inner.mean(axis=0) - across.mean(axis=1, keepdims=True) + inner.mean()
         inner = inner - inner.mean(axis=0) - inner.mean(axis=1, keepdims=True) + inner.mean()
-    squared, axes = np.linalg.eigh(inner)
+    squared, axes = eigen(inner)
     squared, axes = squared[::-1][:most], axes[:, ::-1][:, :most]
     kept = squared > _NEGLIGIBLE * max(float(squared[0]), 1e-300)
     columns = across @ axes[:, kept] / np.sqrt(squared[kept])
@@ -50,11 +52,7 @@ def smooth(values: FloatArray, length: ArrayLike, most: int = 40) -> FloatArray:
     """Return columns of a smooth function of ``values`` (n,) or (n, k), squared-exponential kernel of a length (k,)."""
     scaled = values.reshape(len(values), -1) / np.asarray(length)
 
-    def kernel(one: FloatArray, other: FloatArray) -> FloatArray:
-        inner = -2.0 * one @ other.T + (one**2).sum(axis=1)[:, None] + (other**2).sum(axis=1)
-        return np.asarray(np.exp(-0.5 * np.maximum(inner, 0.0)))
-
-    return _principal(scaled, kernel, most)
+    return _principal(scaled, lambda one, other: np.exp(-0.5 * cdist(one, other, "sqeuclidean")), most)
 
 
 def wandering(values: FloatArray, most: int = 25) -> FloatArray:
@@ -70,7 +68,7 @@ def separate(labels: NDArray[np.int64]) -> FloatArray:
     return np.asarray(np.eye(int(place.max()) + 1)[place.reshape(-1)])
 
 
-def by_chance(count: int, most: int) -> scipy.sparse.csc_array:
+def row_by_row(count: int, most: int) -> scipy.sparse.csc_array:
     """Return a column for each of so many rows, at most some, evenly spread: of too many rows some show it, too."""
     chosen = np.linspace(0, count - 1, min(count, most)).astype(np.intp)
     shape = (count, len(chosen))

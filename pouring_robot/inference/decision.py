@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.special import expit, logsumexp
+from scipy.special import expit, logsumexp, ndtri
 
 from pouring_robot.inference.discrepancy import Challenge, Discrepancy, Structure, Summand
 from pouring_robot.inference.hypotheses import Hypothesis
@@ -52,14 +52,14 @@ class Thresholds:
         a standard deviation of √d. It is seen if that reaches the evidence asked for four times in five, the usual
         power of a test (Cohen, Statistical power analysis, 1988).
         """
-        return float((_POWER + np.sqrt(_POWER**2 + 2.0 * self.least_evidence(1))) ** 2)
+        beyond = float(ndtri(_POWER))
+        return float((beyond + np.sqrt(beyond**2 + 2.0 * self.least_evidence(1))) ** 2)
 
 
 DEFAULT_THRESHOLDS = Thresholds()
 _RANK = 1e-9
 _MOST_PARTS = 3
-_POWER = 0.8416
-"""Normal quantile of 80 %."""
+_POWER = 0.8
 
 
 @dataclass(frozen=True)

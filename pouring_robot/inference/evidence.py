@@ -240,7 +240,7 @@ def _by_scales(
 
 def _over_scales(columns: FloatArray, projected: FloatArray, log_scales: FloatArray) -> FloatArray:
     """Return the log evidence of a group of columns at each scale, (s,), or for many residuals (k, d), (s, d)."""
-    squared, axes = _eigen(columns)
+    squared, axes = eigen(columns)
     kept = squared > _NEGLIGIBLE * max(float(squared[-1]), 1.0)  # columns that nothing is left of explain nothing
     seen = ((axes.T @ projected)[kept].T / np.sqrt(squared[kept])).T
     variance = np.exp(2.0 * log_scales)[:, None] * squared[kept]
@@ -248,7 +248,7 @@ def _over_scales(columns: FloatArray, projected: FloatArray, log_scales: FloatAr
     return np.asarray(0.5 * (explained.T - paid).T)
 
 
-def _eigen(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+def eigen(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return eigenvalues and axes of a symmetric matrix.
 
     Divide and conquer, NumPy's way, is quickest while matrices are small; of hundreds of eigenvalues that lie close

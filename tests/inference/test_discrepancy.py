@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from pouring_robot.inference.courses import by_chance, separate, smooth, standardised, wandering
+from pouring_robot.inference.courses import row_by_row, separate, smooth, standardised, wandering
 from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.evidence import Scale
 from pouring_robot.inference.explanations import Problem
@@ -88,7 +88,7 @@ def test_columns_need_not_be_written_out(rng):
     row = np.repeat(np.arange(40), 3)
     sums, by = sums_of(row, 40), rng.normal(size=40)
     channels = [Channel(name, rng.normal(size=120), sums) for name in "ab"]
-    course, chance = smooth(standardised(by), 1.0), by_chance(40, 40)
+    course, chance = smooth(standardised(by), 1.0), row_by_row(40, 40)
     processes = [
         Process("end", "x", {"": tuple(Part(c, course) for c in channels)}),
         Process("end", "chance", {"": tuple(Part(c, chance) for c in channels)}),
