@@ -44,6 +44,12 @@ class NoSolutionError(PouringRobotError):
     exit_code = 3
 
 
+class StoppedError(PouringRobotError):
+    """The user stopped the work; says what of it is kept."""
+
+    exit_code = 130
+
+
 class DescriptionError(BadInputError):
     """The robot's description (xacro, URDF, layouts or loops file) is broken.
 

@@ -1,7 +1,7 @@
 """The ``pouring-robot`` command: its subcommands, and how errors reach the user.
 
-Exit codes: 0 done, 2 bad input, 3 no solution, 70 a fault of the program. An error is one line on standard error; a
-traceback never reaches a user.
+Exit codes: 0 done, 2 bad input, 3 no solution, 70 a fault of the program, 130 stopped. An error is one line on standard
+error; a traceback never reaches a user.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typer.core import TyperGroup
 from pouring_robot import __version__
 from pouring_robot.cli.last_net import EXIT_CODE, caught
 from pouring_robot.cli.shared.bundles import HELP_PAGE, group_of
-from pouring_robot.exceptions import PouringRobotError
+from pouring_robot.exceptions import PouringRobotError, StoppedError
 from pouring_robot.io.threads import one_blas_thread_from_the_start
 
 # In the order of use, as on the help page. Each stands in the module of its name, imported when it is asked for.
@@ -114,6 +114,8 @@ def _run(given: list[str]) -> int:
     try:
         outcome = app(args=given or ["--help"], prog_name="pouring-robot", standalone_mode=False)
         sys.stdout.flush()
+        if outcome == StoppedError.exit_code:  # what Typer makes of Ctrl-C
+            raise StoppedError("stopped")
         return outcome if isinstance(outcome, int) else 0
     except PouringRobotError as error:
         _complain(str(error))
@@ -131,7 +133,7 @@ def _run(given: list[str]) -> int:
         return 2
     except (typer.Abort, KeyboardInterrupt):
         _complain("stopped")
-        return 130
+        return StoppedError.exit_code
     except (BrokenPipeError, SystemExit):
         # The reader (such as `head`) has gone, for which Click and Rich leave by SystemExit, as nothing else here does:
         # that is no failure; say nothing, and keep Python from saying it at exit.

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from pouring_robot.cli.shared import options, progress
 from pouring_robot.cli.shared.tables import plain_table
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.exceptions import BadInputError, StoppedError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -58,8 +55,7 @@ def sweep(
             outcome = run(plan, out, resume=resume, workers=workers, scheduler=scheduler, progress=count)
         except KeyboardInterrupt as stop:
             kept = f"{done} of {total} chunks are kept in {out}: go on with --resume" if done else "nothing is kept"
-            print(f"pouring-robot: stopped; {kept}", file=sys.stderr)
-            raise typer.Exit(130) from stop
+            raise StoppedError(f"stopped; {kept}") from stop
     written = (outcome.store.path, *outcome.save())
     if as_json:
         options.print_figures(outcome.figures(), written)

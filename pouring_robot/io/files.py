@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -44,8 +46,10 @@ def write_whole(path: Path | str, content: bytes | str) -> Path:
 def write_together(files: Mapping[Path, bytes | str]) -> list[Path]:
     """Write several files, all or none; folders that are missing are made.
 
-    All are written beside their places before the first is put there. If anything fails, Ctrl-C included, new files
-    and folders are removed and older files are as they were.
+    Files of a folder that is missing appear with it, in one step, so that even a killed process leaves all or none.
+    Elsewhere all are written beside their places before the first is put there, and if anything fails, Ctrl-C
+    included, new files are removed and older files are as they were; a process that is killed while it puts them there
+    leaves some of them, each whole.
 
     Args:
         files: what each file shall hold; put in place in this order.
@@ -54,8 +58,12 @@ def write_together(files: Mapping[Path, bytes | str]) -> list[Path]:
         The files, in order.
 
     Raises:
-        OutputError: a folder cannot be made, or as :func:`write_whole`.
+        OutputError: a folder cannot be made or has appeared meanwhile, or as :func:`write_whole`.
     """
+    new = _missing_folder(list(files))
+    if new is not None:
+        _write_new(new, files)
+        return list(files)
     for path in files:
         if path.parent.is_dir():
             check_writable(path)  # most of what can go wrong is seen before anything is touched
@@ -82,6 +90,34 @@ def write_together(files: Mapping[Path, bytes | str]) -> list[Path]:
             raise OutputError(path, f"{error.strerror or error}; choose a place you may write to") from error
         raise
     return list(files)
+
+
+def _missing_folder(files: Sequence[Path]) -> Path | None:
+    """Return the topmost missing folder that all files are to stand in, if there is one."""
+    if any(".." in path.parts for path in files):  # what stands above a missing folder is unknown
+        return None
+    common = Path(os.path.commonpath([path.parent.absolute() for path in files]))
+    missing = [place for place in (common, *common.parents) if not place.exists() and not place.is_symlink()]
+    return missing[-1] if missing else None
+
+
+def _write_new(folder: Path, files: Mapping[Path, bytes | str]) -> None:
+    """Write files into a hidden folder, which then takes the name of the new one in one step."""
+    hidden = hidden_name(folder)
+    try:
+        try:
+            hidden.mkdir()
+            for path, content in files.items():
+                place = hidden / path.absolute().relative_to(folder)
+                place.parent.mkdir(parents=True, exist_ok=True)
+                _write_through(place, content)
+            hidden.rename(folder)  # unless somebody has put files there meanwhile
+        finally:
+            shutil.rmtree(hidden, ignore_errors=True)
+    except OSError as error:
+        if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
+            raise OutputError(folder, "another run has made it meanwhile; choose another name") from error
+        raise OutputError(folder, f"{error.strerror or error}; choose a place you may write to") from error
 
 
 def copy_folder(source: Path, folder: Path) -> list[Path]:
@@ -117,18 +153,29 @@ def _make_folder(folder: Path) -> list[Path]:
 @contextmanager
 def _hidden(target: Path, content: bytes | str) -> Iterator[Path]:
     """Write content beside a target, with the mode of a file that is there; what is left in the end is removed."""
-    # Not `tempfile`: its files are private to their owner, and a result should follow the user's umask.
-    hidden = target.with_name(f".{target.name[:80]}.{secrets.token_hex(6)}.part")
+    hidden = hidden_name(target)
     try:
-        with hidden.open("xb") as stream:
-            stream.write(_bytes(content))
-            stream.flush()
-            os.fsync(stream.fileno())
+        _write_through(hidden, content)
         if target.exists():
             hidden.chmod(target.stat().st_mode & 0o7777)
         yield hidden
     finally:
         hidden.unlink(missing_ok=True)
+
+
+def hidden_name(target: Path) -> Path:
+    """Return a name beside a target for what is not whole yet."""
+    # Not `tempfile`: its files are private to their owner, and a result should follow the user's umask. A name may have
+    # 255 bytes, and a letter four.
+    return target.with_name(f".{target.name[:50]}.{secrets.token_hex(6)}.part")
+
+
+def _write_through(path: Path, content: bytes | str) -> None:
+    """Write a new file down to the disk."""
+    with path.open("xb") as stream:
+        stream.write(_bytes(content))
+        stream.flush()
+        os.fsync(stream.fileno())
 
 
 def _bytes(content: bytes | str) -> bytes:

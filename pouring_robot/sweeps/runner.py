@@ -68,12 +68,12 @@ def run_sweep(
 ) -> SweepStore:
     """Compute what is missing of a sweep and write it, chunk by chunk; arguments and errors as :func:`sweep`."""
     store = SweepStore(folder, plan, resume=resume)
-    try:
-        with store.alone():
+    with store.alone():
+        try:
             _complete(store, workers, scheduler, progress)
-    except BaseException:
-        store.discard_empty()
-        raise
+        except BaseException:
+            store.discard_empty()
+            raise
     return store
 
 

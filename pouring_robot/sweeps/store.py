@@ -35,6 +35,7 @@ import zarr
 from numpy.typing import NDArray
 
 from pouring_robot.exceptions import SweepStoreError
+from pouring_robot.io.files import hidden_name
 from pouring_robot.sweeps.evaluation import NOT_DONE, STATUS_NAMES
 from pouring_robot.sweeps.plan import Chunk, ChunkResult, SweepPlan
 
@@ -61,7 +62,7 @@ class SweepStore:
         """Open the store, or make it."""
         self.folder, self.plan = Path(folder), plan
         self.path = self.folder / STORE
-        self._made: Path | None = None
+        self._made: list[Path] = []
         if self.path.exists() or self.path.is_symlink():
             if not resume:
                 raise SweepStoreError(self.folder, "holds results already; go on with --resume or take another folder")
@@ -128,6 +129,8 @@ class SweepStore:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as problem:
                 raise SweepStoreError(self.folder, "another sweep is running in this folder; wait for it") from problem
+            for left in self.folder.glob(f".{STORE}.*.part"):
+                shutil.rmtree(left, ignore_errors=True)
             for name in _shapes(self.plan):
                 for left in (self.path / name).rglob("*.partial"):
                     left.unlink(missing_ok=True)
@@ -136,25 +139,30 @@ class SweepStore:
             os.close(handle)  # gives the lock back
 
     def discard_empty(self) -> None:
-        """Take away what the constructor made, as long as no chunk is done."""
-        if self._made is not None and not any(self.done(chunk) for chunk in self.plan.chunks()):
-            shutil.rmtree(self._made, ignore_errors=True)
+        """Take away what the constructor made, as long as no chunk is done; call while :meth:`alone`."""
+        if self._made and not any(self.done(chunk) for chunk in self.plan.chunks()):
+            shutil.rmtree(self.path, ignore_errors=True)
+            for folder in self._made:
+                with contextlib.suppress(OSError):  # somebody has put a file there
+                    folder.rmdir()
 
-    def _make(self) -> Path:
-        """Write the empty store beside its place, then put it there whole; return the topmost folder made."""
-        new = not self.folder.exists()
+    def _make(self) -> list[Path]:
+        """Write the empty store beside its place, then put it there whole; return it and the folders made for it."""
+        made = [place for place in (self.folder, *self.folder.parents) if not place.exists()]
         self.folder.mkdir(parents=True, exist_ok=True)
-        part = self.folder / f".{STORE}.part"
-        shutil.rmtree(part, ignore_errors=True)
+        part = hidden_name(self.path)
         try:
             _write_empty(part, self.plan)
             part.rename(self.path)
-        except BaseException:
+        except BaseException as problem:
             shutil.rmtree(part, ignore_errors=True)
-            if new:
-                shutil.rmtree(self.folder, ignore_errors=True)
+            for folder in made:
+                with contextlib.suppress(OSError):  # another sweep has begun there
+                    folder.rmdir()
+            if isinstance(problem, OSError) and self.path.exists():
+                raise SweepStoreError(self.folder, "another sweep has begun in this folder; wait for it") from problem
             raise
-        return self.folder if new else self.path
+        return [self.path, *made]
 
     def _refuse_left_overs(self) -> None:
         for name in REPORTS:

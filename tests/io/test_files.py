@@ -119,6 +119,47 @@ def test_files_that_were_put_in_place_are_taken_back(tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["old.txt"]
 
 
+def test_a_new_folder_appears_with_all_its_files_or_not_at_all(tmp_path, monkeypatch):
+    """At no moment, not even that of a kill, is a part of them seen."""
+    seen, write = [], os.fsync
+
+    def look(descriptor):
+        seen.append([path.name for path in tmp_path.iterdir() if not path.name.startswith(".")])
+        write(descriptor)
+
+    monkeypatch.setattr(os, "fsync", look)
+    files = {tmp_path / "new" / "a.txt": "a", tmp_path / "new" / "deep" / "b.txt": b"b"}
+    assert write_together(files) == list(files)
+    assert seen == [[], []]
+    assert [path.name for path in tmp_path.iterdir()] == ["new"]
+    assert (tmp_path / "new" / "deep" / "b.txt").read_bytes() == b"b"
+
+
+def test_a_folder_that_another_run_made_meanwhile_is_left_alone(tmp_path, monkeypatch):
+    def another_run(descriptor):
+        (tmp_path / "new").mkdir(exist_ok=True)
+        (tmp_path / "new" / "a.txt").write_text("theirs")
+
+    monkeypatch.setattr(os, "fsync", another_run)
+    with pytest.raises(OutputError, match="another run has made it meanwhile"):
+        write_together({tmp_path / "new" / "a.txt": "ours"})
+    assert [path.name for path in tmp_path.iterdir()] == ["new"]
+    assert (tmp_path / "new" / "a.txt").read_text() == "theirs"
+
+
+@pytest.mark.parametrize("letter", ["a", "\u00e9", "\U0001f525"])
+def test_names_may_be_as_long_as_the_file_system_takes_them(tmp_path, letter):
+    path = tmp_path / (letter * (255 // len(letter.encode())))
+    write_whole(path, "x")
+    assert path.read_text() == "x"
+
+
+def test_a_way_that_leads_back_out_of_a_missing_folder_is_none(tmp_path):
+    with pytest.raises(OutputError):
+        write_together({tmp_path / "new" / ".." / "other" / "a.txt": "a"})
+    assert not list(tmp_path.iterdir())
+
+
 def test_outputs_are_checked_before_the_work(tmp_path):
     (tmp_path / "there").write_text("x")
     check_outputs([tmp_path / "there", tmp_path / "new"])

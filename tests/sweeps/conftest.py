@@ -6,6 +6,14 @@ from pouring_robot.sweeps import SweepConfig, SweepPlan
 from tests.sweeps.sweep_files import content
 
 
+@pytest.fixture(scope="package", autouse=True)
+def _one_minute():
+    """Reports say when they were made; here all are made in the same minute, so that they can be compared."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SOURCE_DATE_EPOCH", "0")
+        yield
+
+
 @pytest.fixture(scope="session")
 def plan():
     """Monte Carlo on the closed chain: lengths, angles, placements and drives together."""

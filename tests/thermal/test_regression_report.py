@@ -118,3 +118,14 @@ def test_drives_of_another_robot(tmp_path, capsys):
     assert model.inputs == ("q1", "q2", "q3")
     assert main(["regress", files[0], "--method", "pose"]) == 2
     assert "--poses FILE" in capsys.readouterr().err
+
+
+def test_groups_that_only_appear_when_a_set_is_left_out_have_no_line(tmp_path, capsys):
+    """Three sets that rise alike are one group; without one of them rounding may part the other two."""
+    table, page = tmp_path / "alike.csv", tmp_path / "page.html"
+    rows = (f"{t},{t / 900},{t / 800},{t / 850}\n" for t in range(900, 1701, 100))
+    table.write_text("melt_degC,P1_mm,P2_mm,P3_mm\n" + "".join(rows), encoding="utf-8")
+    assert main(["regress", str(table), "--axis", "x", "--report", str(page)]) == 0
+    assert "single 2" not in capsys.readouterr().out
+    report = regress(ErrorTable.read_csv(table), axis="x")
+    assert report.axes["x"].unseen.keys() <= report.axes["x"].lines.keys()

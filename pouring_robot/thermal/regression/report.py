@@ -60,7 +60,8 @@ class AxisRegression:
         chosen = SensitiveSetSelector(**selector)
         model = JointRegression("coefficients", selector=chosen).fit(table.temperature_column, table.errors)
         lines = fit_lines(table, positions, **selector)
-        unseen = left_out(table, positions, **selector)
+        # With a set left out there may be more groups than with all; those have no single set to stand for them.
+        unseen = {name: left for name, left in left_out(table, positions, **selector).items() if name in lines}
         if method is not None and method not in lines:
             raise BadInputError(f"method '{method}' needs the poses of the sets: --poses FILE")
         best = method or min((name for name in METHODS if name in lines), key=lambda name: unseen[name].rms)
