@@ -5,7 +5,7 @@ import shutil
 import numpy as np
 import pytest
 
-from pouring_robot.compensation.controller import make_controller
+from pouring_robot.compensation.controller import make_controller, rounded_up
 from pouring_robot.compensation.path import compensate_path
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.energy import Loads
@@ -31,16 +31,27 @@ def compiled(controller, tmp_path_factory):
     return lambda poses: answers(program, poses)
 
 
-def test_on_a_thousand_poses_c_gives_the_packages_drives(controller, compiled, as_built):
-    poses = np.random.default_rng(77).uniform(BOX_LOWER, BOX_UPPER, (1000, 4))
+def test_on_thousands_of_poses_c_gives_the_packages_drives_to_what_it_states(controller, compiled, as_built):
+    poses = np.concatenate(
+        [np.random.default_rng(seed).uniform(BOX_LOWER, BOX_UPPER, (1000, 4)) for seed in (77, 79, 80)]
+    )
+    # Near the faces polynomials err most: half of the coordinates of another thousand poses lie on one.
+    random = np.random.default_rng(81)
+    pushed = np.where(random.random((1000, 4)) < 0.5, random.choice([0.0, 1.0], (1000, 4)), random.random((1000, 4)))
+    poses = np.concatenate([poses, BOX_LOWER + np.subtract(BOX_UPPER, BOX_LOWER) * pushed])
     answers = compiled(poses)
     path = compensate_path(HeatedRobot(as_built), poses)
     assert not answers[:, 0].any() and set(path.status) == {"closed"}
-    # The stated error is the largest of another thousand poses; theirs may be passed by a little.
-    assert (np.abs(answers[:, 1:] - path.drives).max(axis=0) < 1.5 * controller.drive_error).all()
+    off = np.abs(answers[:, 1:] - path.drives).max(axis=0)
+    assert (off <= controller.drive_error).all()
+    assert (off > 0.5 * controller.drive_error).all()  # and it states no more than it must
     assert controller.drive_error.max() < 1e-7 and controller.place_error_m < 1e-6
     ours = controller.drives(as_built.kinematics, poses)
     np.testing.assert_allclose(answers[:, 1:], ours, rtol=0, atol=round_off(scale=1.0, terms=sum((5, 5, 7, 8)) * 10))
+
+
+def test_what_is_stated_is_rounded_up_to_two_digits():
+    assert [rounded_up(value) for value in (0.0, 2.01e-8, 9.91e-3, 0.25)] == pytest.approx([0.0, 2.1e-8, 1e-2, 0.25])
 
 
 def test_its_drives_bring_the_ladle_there_by_the_solver_of_single_poses(controller, as_built):
@@ -50,7 +61,7 @@ def test_its_drives_bring_the_ladle_there_by_the_solver_of_single_poses(controll
         pose = PlatformPose(tuple(row[:3].tolist()), float(row[3]))
         named = dict(zip(as_built.nominal_solver.mechanism.loops.drives, drives, strict=True))
         there = as_built.forward(named, near=pose).pose_base_to_end
-        assert np.linalg.norm(there.translation - row[:3]) < 2.0 * controller.place_error_m
+        assert np.linalg.norm(there.translation - row[:3]) <= controller.place_error_m
 
 
 def test_outside_the_box_nothing_is_said(compiled):

@@ -1,4 +1,4 @@
-"""Whole paths at once: the same drives as pose by pose, cold to rounding, warm to what shadows scatter."""
+"""Whole paths at once: the same drives as pose by pose, cold to rounding, warm to what a leg's own length does."""
 
 import numpy as np
 import pytest
@@ -42,14 +42,14 @@ def test_cold_it_is_what_one_by_one_finds(robot, frame):
     assert np.abs(path.left).max() < 1e-9
 
 
-def test_warm_it_is_off_by_what_the_sampled_shadows_scatter(robot):
-    """A kelvin, 12 µm in a metre of steel, for a few millimetres: see :mod:`thermal.expansion.heated_robot`."""
+def test_warm_it_is_off_by_what_a_leg_is_longer_than_the_drawings(robot):
+    """A kelvin, 12 µm in a metre of steel, for a few millimetres of leg: see :mod:`thermal.expansion.warm_path`."""
     heated = HeatedRobot(robot, HeatSection())
     path, singly = compensate_path(heated, WANTED), one_by_one(heated, None)
     drives = np.array([list(one.drives.values()) for one in singly])
     moved = np.abs(drives - compensate_path(HeatedRobot(robot), WANTED).drives).max()
     assert moved > 1e-3  # heat moves the drives by millimetres
-    assert np.abs(path.drives - drives).max() < 3e-5
+    assert np.abs(path.drives - drives).max() < 1.2e-5
 
 
 def test_with_given_temperatures_heat_is_exact(robot):

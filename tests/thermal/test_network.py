@@ -13,7 +13,7 @@ from pouring_robot.thermal.network.elements import BarCells, link_boxes, merged
 from pouring_robot.thermal.network.leg_elements import _seen_around
 from pouring_robot.thermal.network.parts import radiation_conductances
 from pouring_robot.thermal.network.steady import steady_temperatures
-from pouring_robot.thermal.network.view_factors import Boxes, DiscSample
+from pouring_robot.thermal.network.view_factors import Boxes, DiscChords
 from tests.support import random_poses
 
 POSE = PlatformPose((-0.100, 0.020, -0.600), np.radians(10.0))
@@ -181,7 +181,7 @@ def test_leg_view_factor_is_the_mean_around_the_rod():
     no_boxes = Boxes(np.zeros((0, 3)), np.zeros((0, 3)))
     centres, along = np.tile(points, (4, 1, 1)), np.tile(-down, (4, 1))
     lit = np.ones((4, 3), dtype=bool)
-    found, harmonic = _seen_around(centres, along, np.full(3, 1e-9), lit, DiscSample.of(radius), no_boxes)
+    found, harmonic = _seen_around(centres, along, np.full(3, 1e-9), lit, DiscChords.of(radius), no_boxes)
     r, a = np.meshgrid(radius * np.sqrt((np.arange(300) + 0.5) / 300), 2 * np.pi * np.arange(400) / 400)
     for k, point in enumerate(points):
         ray = np.stack([r * np.cos(a), r * np.sin(a), 0 * r], axis=-1) - point

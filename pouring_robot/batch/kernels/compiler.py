@@ -26,18 +26,18 @@ _INNER_OPTIONS = _OPTIONS | {"forceinline": True, "no_cpython_wrapper": True, "n
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-def source_stamp() -> str:
-    """Return a name for the text of all kernels, of the arrays they are compiled for, and of the compiler."""
+def source_stamp(function: Callable[..., Any]) -> str:
+    """Return a name for the text of a kernel's file and of all here, of their arrays, and of the compiler."""
     here = Path(__file__).parent
-    files = [*sorted(here.glob("*.py")), here.parent / "structure.py"]
+    files = [*sorted(here.glob("*.py")), here.parent / "structure.py", Path(function.__code__.co_filename)]
     return content_key([numba.__version__, repr(_OPTIONS), *(path.read_bytes() for path in files)])
 
 
 class _Locator(_CacheLocator):  # type: ignore[misc]
     """Says where a kernel is kept, and what makes it stale; neither depends on where the package is installed."""
 
-    def __init__(self, folder: Path) -> None:
-        self._stamp = source_stamp()
+    def __init__(self, folder: Path, function: Callable[..., Any]) -> None:
+        self._stamp = source_stamp(function)
         self._path = str(folder / "kernels" / self._stamp)
 
     def get_cache_path(self) -> str:
@@ -51,9 +51,9 @@ class _Locator(_CacheLocator):  # type: ignore[misc]
 
     @classmethod
     def from_function(cls, py_func: Any, py_file: str) -> _Locator | None:
-        del py_func, py_file
+        del py_file
         folder = cache_folder()
-        return None if folder is None else cls(folder)
+        return None if folder is None else cls(folder, py_func)
 
 
 class _Impl(CompileResultCacheImpl):  # type: ignore[misc]

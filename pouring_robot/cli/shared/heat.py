@@ -199,7 +199,7 @@ def settled_line(state: WarmState) -> str:
 
 def unsettled_words(unsettled_m: float) -> str:
     """Return a warning where temperatures and pose did not settle to 1e-6 mm, or nothing."""
-    return "" if unsettled_m <= 1e-6 * MM else ": NOT settled, a shadow of the platform jumps at this pose"
+    return "" if unsettled_m <= 1e-6 * MM else ": NOT settled"
 
 
 def heat_figures(heated: HeatedRobot, state: WarmState) -> dict[str, Any]:

@@ -2,8 +2,7 @@
 
 Temperatures depend on the pose and the pose on temperatures. Both are settled by turns: temperatures at a closure, the
 closure at these temperatures, until a turn no longer moves the ladle. Inside one closure the temperatures are held.
-What the melt reaches between the platform's bars is sampled by points, so shadows jump (about a kelvin for a few
-millimetres); should a turn land on such a jump for ever, its size is reported, not hidden.
+What the last turn still moved is reported.
 """
 
 from __future__ import annotations

@@ -2,8 +2,7 @@
 
 Temperatures are taken once a pose, or twice: where the ladle is wanted, then where it is. Those of one pose start those
 of the next. One by one (``heated_robot``) they are taken anew where the ladle is until that moves nothing. What this
-leaves out is of the size by which the sampled shadows of the view factors scatter: about a kelvin for a few
-millimetres.
+leaves out: legs are taken as long as the drawing's at that place, millimetres off, which is about a kelvin.
 """
 
 from __future__ import annotations

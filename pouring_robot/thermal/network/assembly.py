@@ -33,7 +33,7 @@ from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.network.history import Placed
 from pouring_robot.thermal.network.leg_elements import LEGS, LegExposure, LegGrid
 from pouring_robot.thermal.network.steady import steady_temperatures
-from pouring_robot.thermal.network.view_factors import Boxes, DiscSample, hidden_view_factors
+from pouring_robot.thermal.network.view_factors import Boxes, DiscChords, hidden_view_factors
 
 _KEPT_POSES = 32
 
@@ -84,7 +84,7 @@ class ThermalNetwork:
         cladding = self.properties.moving_platform.cladding_thickness.metres
         self._moving = parts.MovingPlatform.of(boxes, self._bars_in_the_way, self._ladle, bars, cladding)
         self._fixed = BarCells.cut(link_boxes(urdf, "fixed_platform"), bars)
-        self._sample = DiscSample.of(self._ladle.melt_radius_m)
+        self._disc = DiscChords.of(self._ladle.melt_radius_m)
         clad_cells = np.flatnonzero(self._moving.clad_area_m2 > 0.0)
         self.nodes = parts.NodeMap.of(self.grid, self._moving.cells.count, clad_cells, self._fixed.count)
         bodies = parts.Bodies(self.nodes, self.grid, self._moving, self._fixed, self._ladle, entry, self.properties)
@@ -167,7 +167,7 @@ class ThermalNetwork:
                 self.grid,
                 (upper - origin) @ rotation,
                 (lower - origin) @ rotation,
-                self._sample,
+                self._disc,
                 self._bars_in_the_way,
             )
             self._placed[key] = self._build(exposure, rotation, origin), exposure, rotation
@@ -230,7 +230,7 @@ class ThermalNetwork:
         normals = np.broadcast_to(FACE_NORMALS @ rotation, (cells.count, 6, 3))
         faces = (cells.face_centres_m - origin) @ rotation
         middles = (cells.centres_m - origin) @ rotation
-        factors = hidden_view_factors(faces, middles, normals, self._sample, self._bars_in_the_way)
+        factors = hidden_view_factors(faces, middles, normals, self._disc, self._bars_in_the_way)
         return np.asarray(np.sum(cells.face_area_m2 * factors, axis=1))
 
 

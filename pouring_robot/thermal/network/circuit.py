@@ -107,9 +107,12 @@ class Circuit:
     @functools.cached_property
     def _sparse_laplacian(self) -> scipy.sparse.csc_array:
         """The Laplacian by columns, its diagonal stored even where it is zero."""
-        columns, rows = np.nonzero((self.laplacian.T != 0.0) | np.eye(self.nodes, dtype=bool))
-        starts = np.concatenate([[0], np.cumsum(np.bincount(columns, minlength=self.nodes))])
-        return scipy.sparse.csc_array((self.laplacian[rows, columns], rows, starts), shape=self.laplacian.shape)
+        stored = self.laplacian != 0.0  # symmetric: rows are columns
+        np.fill_diagonal(stored, True)
+        places = np.flatnonzero(stored)
+        starts = np.searchsorted(places, self.nodes * np.arange(self.nodes + 1))
+        values, rows = self.laplacian.ravel()[places], places % self.nodes
+        return scipy.sparse.csc_array((values, rows, starts), shape=self.laplacian.shape)
 
     @functools.cached_property
     def _diagonal_places(self) -> IndexArray:

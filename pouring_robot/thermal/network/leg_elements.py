@@ -7,6 +7,7 @@ upper U-joint centre. Where the rod is inside the housing the two touch; only wh
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.thermal.network.elements import LegSections
-from pouring_robot.thermal.network.view_factors import Boxes, DiscSample, hidden_view_factors
+from pouring_robot.thermal.network.view_factors import Boxes, DiscChords, hidden_view_factors
 
 LEGS = 4
 FACETS = 16
@@ -52,12 +53,12 @@ class LegGrid:
         """Length of an element of the fixed rod."""
         return (self.sections.housing_below_m + self.sections.housing_above_m) / self.fixed
 
-    @property
+    @functools.cached_property
     def moving_edges_m(self) -> FloatArray:
         """Ends of the moving rod's elements, from the lower U-joint centre upwards, shape (N + 1,)."""
         return np.linspace(0.0, self.sections.rod_length_m, self.moving + 1)
 
-    @property
+    @functools.cached_property
     def fixed_edges_m(self) -> FloatArray:
         """Ends of the fixed rod's elements, from the upper U-joint centre upwards, shape (F + 1,)."""
         return np.linspace(-self.sections.housing_below_m, self.sections.housing_above_m, self.fixed + 1)
@@ -121,16 +122,14 @@ class LegExposure:
     touching_m2: FloatArray
 
     @classmethod
-    def at(
-        cls, grid: LegGrid, upper_m: FloatArray, lower_m: FloatArray, sample: DiscSample, boxes: Boxes
-    ) -> LegExposure:
+    def at(cls, grid: LegGrid, upper_m: FloatArray, lower_m: FloatArray, disc: DiscChords, boxes: Boxes) -> LegExposure:
         """Place the elements and look at the melt from each.
 
         Args:
             grid: the elements.
             upper_m: upper U-joint centres in the disc's frame, shape (4, 3), in m.
             lower_m: lower ones.
-            sample: points of the disc.
+            disc: the melt's surface.
             boxes: what hides it.
         """
         along = upper_m - lower_m
@@ -145,7 +144,7 @@ class LegExposure:
         housing = np.full((LEGS, grid.fixed), 2.0 * math.pi * sections.housing_outer_m * grid.fixed_step_m)
         area = np.concatenate([2.0 * math.pi * sections.rod_radius_m * pieces, housing], axis=1)
         radii = np.repeat([sections.rod_radius_m, sections.housing_outer_m], [grid.moving, grid.fixed])
-        mean, harmonic = _seen_around(centres, along, radii, area > 0.0, sample, boxes)
+        mean, harmonic = _seen_around(centres, along, radii, area > 0.0, disc, boxes)
         edges = grid.fixed_edges_m
         inside = [_overlap(grid.moving_edges_m, lengths + a, lengths + b) for a, b in itertools.pairwise(edges)]
         touching = 2.0 * math.pi * sections.rod_radius_m * np.stack(inside, axis=-1)
@@ -175,7 +174,7 @@ def _seen_around(
     along: FloatArray,
     radii: FloatArray,
     exposed: NDArray[np.bool_],
-    sample: DiscSample,
+    disc: DiscChords,
     boxes: Boxes,
 ) -> tuple[FloatArray, FloatArray]:
     """Return mean view factor, (4, E), and its first harmonic around the rods, (4, E, 3)."""
@@ -188,6 +187,6 @@ def _seen_around(
     normals = np.broadcast_to(around[:, None], (*centres.shape[:2], FACETS, 3))
     surface = centres[:, :, None] + radii[None, :, None, None] * normals
     factors = np.zeros((*exposed.shape, FACETS))
-    factors[exposed] = hidden_view_factors(surface[exposed], centres[exposed], normals[exposed], sample, boxes)
+    factors[exposed] = hidden_view_factors(surface[exposed], centres[exposed], normals[exposed], disc, boxes)
     harmonic = 2.0 / FACETS * np.einsum("lem,lemk->lek", factors, normals)
     return factors.mean(axis=-1), harmonic

@@ -16,7 +16,7 @@ from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
 from pouring_robot.thermal.network.circuit import chain_links, laplacian
 from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, LadleSections
 from pouring_robot.thermal.network.leg_elements import LEGS, LegGrid
-from pouring_robot.thermal.network.view_factors import Boxes, DiscSample, hidden_view_factors
+from pouring_robot.thermal.network.view_factors import Boxes, DiscChords, hidden_view_factors
 
 LINING_LAYERS = 5
 _OFF_THE_FACE_M = 1e-6
@@ -87,9 +87,9 @@ class MovingPlatform:
         cells = BarCells.cut(boxes, cells_per_bar)
         normals = np.broadcast_to(FACE_NORMALS, (cells.count, 6, 3))
         points = cells.face_centres_m - ladle.melt_centre_m + _OFF_THE_FACE_M * normals
-        sample = DiscSample.of(ladle.melt_radius_m, count=2048)
+        disc = DiscChords.of(ladle.melt_radius_m, count=128)
         faces, facing = points.reshape(-1, 1, 3), normals.reshape(-1, 1, 3)
-        factors = hidden_view_factors(faces, faces[:, 0], facing, sample, in_the_way).reshape(cells.count, 6)
+        factors = hidden_view_factors(faces, faces[:, 0], facing, disc, in_the_way).reshape(cells.count, 6)
         clad = (factors > 0.0) & (cladding_m > 0.0)
         area, view = cells.face_area_m2, cells.face_area_m2 * factors
         return cls(
