@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 import scipy.optimize
-import scipy.stats
+from scipy.special import chdtri
 
 from pouring_robot.batch import engine_for
 from pouring_robot.campaign import columns
@@ -133,7 +133,7 @@ def _scatter(residual: FloatArray, free: FloatArray, causes: FloatArray, by_driv
     free_cost, log_factor = min(best(start) for start in (0.0, 2.0))
     as_stated = scipy.optimize.minimize_scalar(lambda log: cost((0.0, log)), bounds=(-15.0, 6.0), method="bounded")
     ratio = 2.0 * (float(as_stated.fun) - free_cost)
-    sure = log_factor > 0.0 and ratio > float(scipy.stats.chi2.isf(2.0 * FALSE_ALARMS, 1))
+    sure = log_factor > 0.0 and ratio > float(chdtri(1, 2.0 * FALSE_ALARMS))
     return Scatter(math.exp(log_factor), sure, by_drives)
 
 

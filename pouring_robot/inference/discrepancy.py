@@ -150,9 +150,10 @@ class Discrepancy:
         places = hypothesis.everything.places
         own = hypothesis.problem.columns[:, places]
         self._own = dict(zip(places.tolist(), range(len(places)), strict=True))
-        self._seen = [
-            [_Seen.of(process, length, hypothesis.problem, own) for length in process.lengths] for process in processes
-        ]
+        self._seen = {
+            process.name: [_Seen.of(process, length, hypothesis.problem, own) for length in process.lengths]
+            for process in processes
+        }
         self._known: dict[tuple[_Seen, _Seen], FloatArray] = {}
 
     def __len__(self) -> int:
@@ -197,24 +198,48 @@ class Discrepancy:
             most: how many there may be.
         """
         chosen: list[_Found] = []
-        tried: Iterable[_Found] = self._alone
+        tried = {one.name: one for one in self._alone}
         while len(chosen) < most:
-            taken = {one.name for one in chosen}
-            best = max((one for one in tried if one.name not in taken), key=lambda one: one.evidence, default=None)
-            if best is None or best.evidence < least_evidence:
+            best = self._best(tried, chosen, least_evidence)
+            if best is None:
                 break
             chosen = self._settled([*chosen, best], least_evidence)
             if best.name not in {one.name for one in chosen}:
                 break
-            tried = self._tried(*self._beside(chosen), chosen)
         return sorted(self._summands(chosen), key=lambda summand: -summand.size)
+
+    def _best(self, tried: dict[str, _Found], chosen: Sequence[_Found], least_evidence: float) -> _Found | None:
+        """Return the process that is worth most beside the chosen ones, if it is worth enough.
+
+        What a process is worth hardly grows as others are added, so that most need not be looked at again (lazy greedy
+        choice: Minoux, Accelerated greedy algorithms, 1978). Some is: before nothing more is said to be there, all are.
+
+        Args:
+            tried: all processes by name, as they were when last looked at; brought up to date in place.
+            chosen: what is at work already.
+            least_evidence: what is enough, in nats.
+        """
+        place, taken = self._beside(chosen), {one.name for one in chosen}
+        left = {name: one for name, one in tried.items() if name not in taken}
+        stale = set(left) if chosen else set()
+        while left:
+            best = max(left, key=lambda name: left[name].evidence)
+            enough = left[best].evidence >= least_evidence
+            if enough and best not in stale:
+                return left[best]
+            if not stale:
+                break
+            for name in [best] if enough else sorted(stale):
+                left[name] = tried[name] = self._found(self._seen[name], *place, chosen)
+                stale.discard(name)
+        return None
 
     def _settled(self, chosen: Sequence[_Found], least_evidence: float) -> list[_Found]:
         """Return the same, each with the amplitude and length it has beside the others, without what is not missed."""
         settled = list(chosen)
         for one in chosen if len(chosen) > 1 else ():
             others = [other for other in settled if other.name != one.name]
-            again = next(self._tried(*self._beside(others), others, only=one.name))
+            again = self._found(self._seen[one.name], *self._beside(others), others)
             settled = [again if other.name == one.name else other for other in settled]
             if again.evidence < least_evidence:
                 settled = others
@@ -244,8 +269,8 @@ class Discrepancy:
         """
         chosen, taken = self._again(beside), {summand.process.name for summand in beside}
         place, bounds = self._beside(chosen), {}
-        for lengths in self._seen:
-            if (name := lengths[0].process.name) not in taken:
+        for name, lengths in self._seen.items():
+            if name not in taken:
                 sizes = [max(part.rms for part in seen.parts) for seen in lengths]
                 largest = [largest_scale(*self._outside(*place, chosen, seen)) for seen in lengths]
                 bounds[name] = max(size * scale for size, scale in zip(sizes, largest, strict=True))
@@ -255,16 +280,18 @@ class Discrepancy:
     def _alone(self) -> list[_Found]:
         return list(self._tried(*self._beside(())))
 
-    def _tried(self, beside: Beside, own: Places, chosen: Sequence[_Found] = (), only: str = "") -> Iterator[_Found]:
-        """Yield each process, or only one, beside columns of the hypothesis (q,) and chosen processes."""
-        for lengths in self._seen:
-            if only and lengths[0].process.name != only:
-                continue
-            products = [self._outside(beside, own, chosen, seen) for seen in lengths]
-            worths = [bayes_factor(*one) for one in products]
-            best = int(np.argmax([worth.evidence for worth in worths]))
-            mean = float(logsumexp([worth.evidence for worth in worths]) - np.log(len(worths)))
-            yield _Found(mean, lengths[best], worths[best].scale.main, *products[best])
+    def _tried(self, beside: Beside, own: Places, chosen: Sequence[_Found] = ()) -> Iterator[_Found]:
+        """Yield each process beside columns of the hypothesis (q,) and chosen processes."""
+        for lengths in self._seen.values():
+            yield self._found(lengths, beside, own, chosen)
+
+    def _found(self, lengths: Sequence[_Seen], beside: Beside, own: Places, chosen: Sequence[_Found]) -> _Found:
+        """Return one process, at all its length scales, beside the same."""
+        products = [self._outside(beside, own, chosen, seen) for seen in lengths]
+        worths = [bayes_factor(*one) for one in products]
+        best = int(np.argmax([worth.evidence for worth in worths]))
+        mean = float(logsumexp([worth.evidence for worth in worths]) - np.log(len(worths)))
+        return _Found(mean, lengths[best], worths[best].scale.main, *products[best])
 
     def _worth(self, one: _Found, beside: Beside, own: Places, chosen: Sequence[_Found]) -> float:
         """Return what one process at its length scale is worth beside others."""
@@ -329,7 +356,7 @@ class Discrepancy:
     def _again(self, summands: Sequence[Summand]) -> list[_Found]:
         """Return what summands were made from."""
         wanted = {(summand.process.name, summand.length): summand for summand in summands}
-        every = {(seen.process.name, seen.length): seen for lengths in self._seen for seen in lengths}
+        every = {(seen.process.name, seen.length): seen for lengths in self._seen.values() for seen in lengths}
         return [
             _Found(s.evidence, every[key], s.amplitude, every[key].inner, every[key].projected)
             for key, s in wanted.items()

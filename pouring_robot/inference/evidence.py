@@ -227,35 +227,42 @@ def _by_scales(
     columns: FloatArray, projected: FloatArray, main: BoolArray | None, largest: float, unit: float
 ) -> tuple[FloatArray, list[Scale], FloatArray]:
     """Return main scales (logarithms, s), shaping scales (p) and the log evidence at each pair, (p, s) or (p, s, d)."""
-    log_scales = LOG_SCALES[np.exp(LOG_SCALES) <= largest * (1.0 + 1e-9)]
-    if main is None or main.all():
-        return log_scales, [Scale(1.0)], _over_scales(columns, projected, log_scales)[None]
-    scales = [Scale(1.0, float(s)) for s in unit * SHAPINGS]
-    values = []
-    for scale in scales:
-        weights = scale.weights(main)
-        values.append(_over_scales(weights[:, None] * columns * weights, (weights * projected.T).T, log_scales))
-    return log_scales, scales, np.array(values)
+    log_scales = LOG_SCALES[np.log(largest) + 1e-9 >= LOG_SCALES]
+    shapings = np.ones(1) if main is None or main.all() else unit * SHAPINGS
+    weights = np.where(True if main is None else main, 1.0, shapings[:, None]) * np.ones(len(columns))
+    scales = [Scale(1.0, shaping) for shaping in shapings.tolist()]
+    return log_scales, scales, _over_scales(weights, columns, projected, log_scales)
 
 
-def _over_scales(columns: FloatArray, projected: FloatArray, log_scales: FloatArray) -> FloatArray:
-    """Return the log evidence of a group of columns at each scale, (s,), or for many residuals (k, d), (s, d)."""
-    squared, axes = eigen(columns)
-    kept = squared > _NEGLIGIBLE * max(float(squared[-1]), 1.0)  # columns that nothing is left of explain nothing
-    seen = ((axes.T @ projected)[kept].T / np.sqrt(squared[kept])).T
-    variance = np.exp(2.0 * log_scales)[:, None] * squared[kept]
-    explained, paid = (variance / (1.0 + variance)) @ seen**2, np.log1p(variance).sum(axis=1)
-    return np.asarray(0.5 * (explained.T - paid).T)
+def _over_scales(weights: FloatArray, columns: FloatArray, projected: FloatArray, log_scales: FloatArray) -> FloatArray:
+    """Return the log evidence of a group of columns at each scale, (p, s), or for many residuals (k, d), (p, s, d).
+
+    Args:
+        weights: of the columns, several sets of them, (p, k).
+        columns: their inner products, (k, k).
+        projected: with the residuals, (k,) or (k, d).
+        log_scales: logarithms of the scales, (s,).
+    """
+    squared, axes = eigen(weights[:, :, None] * columns * weights[:, None, :])
+    kept = squared > _NEGLIGIBLE * np.maximum(squared[:, -1:], 1.0)  # columns that nothing is left of explain nothing
+    seen = axes.swapaxes(1, 2) @ (weights[:, :, None] * projected.reshape(len(projected), -1))
+    explained = np.divide(seen**2, squared[:, :, None], out=np.zeros_like(seen), where=kept[:, :, None])
+    variance = np.exp(2.0 * log_scales)[:, None] * np.where(kept, squared, 0.0)[:, None]
+    values = (variance / (1.0 + variance)) @ explained - np.log1p(variance).sum(axis=2)[:, :, None]
+    return np.asarray(0.5 * values.reshape(*values.shape[:2], *projected.shape[1:]))
 
 
 def eigen(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return eigenvalues and axes of a symmetric matrix.
+    """Return eigenvalues and axes of a symmetric matrix (k, k), or of each of several (p, k, k).
 
     Divide and conquer, NumPy's way, is quickest while matrices are small; of hundreds of eigenvalues that lie close
     together some kernels of OpenBLAS find none (no convergence), where relatively robust representations do.
     """
-    if len(matrix) <= _SMALL:
+    if matrix.shape[-1] <= _SMALL:
         return np.linalg.eigh(matrix)
+    if matrix.ndim > 2:
+        found = [eigen(one) for one in matrix]
+        return np.array([values for values, _ in found]), np.array([axes for _, axes in found])
     values, axes = scipy.linalg.eigh(matrix, driver="evr", check_finite=False)
     return values, axes
 
@@ -268,6 +275,6 @@ def largest_scale(columns: FloatArray, projected: FloatArray, probability: float
         projected: the same.
         probability: of being below.
     """
-    worth = _over_scales(columns, projected, LOG_SCALES)
+    worth = _over_scales(np.ones((1, len(columns))), columns, projected, LOG_SCALES)[0]
     shares = np.cumsum(np.exp(worth - worth.max()))
     return float(np.exp(LOG_SCALES[np.searchsorted(shares, probability * shares[-1])]))

@@ -39,7 +39,7 @@ class Explanation:
     largest: float = np.inf
     small: float = 0.0
 
-    @property
+    @functools.cached_property
     def key(self) -> tuple[str, str]:
         """Effect and form."""
         return self.effect, self.form
@@ -139,8 +139,12 @@ class Problem:
 
     def shaping_unit(self, item: Explanation) -> float:
         """Return the unit of an explanation's shaping scale; see :func:`~.evidence.shaping_unit`."""
-        places = self.places(item)
-        return shaping_unit(self.gram.columns[places[:, None], places], item.main)
+        return self._shaping_units[item.key]
+
+    @functools.cached_property
+    def _shaping_units(self) -> dict[tuple[str, str], float]:
+        every = [(item, self.places(item)) for item in self.explanations]
+        return {item.key: shaping_unit(self.gram.columns[at[:, None], at], item.main) for item, at in every}
 
     @functools.cached_property
     def worked_out(self) -> dict[Hashable, Any]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Collection
+from collections.abc import Collection, Hashable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -127,30 +128,39 @@ class Hypothesis:
         averaged = sum(found.evidence - found.peak for found in self._bayes_factors)
         return self._log_likelihood + averaged + sum(self.problem.log_priors[item.effect] for item in self.items)
 
-    @functools.cached_property
+    @property
     def _log_likelihood(self) -> float:
-        steps = [(level - _USUAL_LEVEL) / _LEVEL_SPREAD for level in self.levels if level]
-        return self.everything.log_likelihood - 0.5 * float(np.square(steps).sum()) / max(len(self.levels), 1)
+        if "likelihood" not in self._known:
+            steps = [(level - _USUAL_LEVEL) / _LEVEL_SPREAD for level in self.levels if level]
+            prior = -0.5 * float(np.square(steps).sum()) / max(len(self.levels), 1)
+            self._known["likelihood"] = self.everything.log_likelihood + prior
+        found: float = self._known["likelihood"]
+        return found
 
     @functools.cached_property
     def _bayes_factors(self) -> tuple[BayesFactor, ...]:
         return tuple(self.item_bayes_factor(k) for k in range(len(self.items)))
 
-    def item_bayes_factor(self, index: int, instead: Explanation | None = None) -> BayesFactor:
-        """Return what an item is worth beside the others, or what another explanation would be in its place."""
-        return self.without((index,)).candidate_bayes_factor(instead or self.items[index])
+    def item_bayes_factor(self, index: int) -> BayesFactor:
+        """Return what an item is worth beside the others."""
+        return self.without((index,)).candidate_bayes_factor(self.items[index])
 
     def candidate_bayes_factor(self, item: Explanation) -> BayesFactor:
         """Return what one more explanation would be worth, given its form."""
-        others = tuple((i.key, s) for i, s in zip(self.items, self.scales, strict=True))
-        key = item.key, others, self.levels
-        if key not in self.problem.worked_out:
+        if item.key not in self._known:
             columns, projected = self._beside.of(self.problem.places(item))
-            self.problem.worked_out[key] = bayes_factor(
+            self._known[item.key] = bayes_factor(
                 columns, projected, item.main, item.largest, self.problem.shaping_unit(item)
             )
-        found: BayesFactor = self.problem.worked_out[key]
+        found: BayesFactor = self._known[item.key]
         return found
+
+    @functools.cached_property
+    def _known(self) -> dict[Hashable, Any]:
+        """What was worked out for this hypothesis, or for an equal one."""
+        fitted = tuple((item.key, scale) for item, scale in zip(self.items, self.scales, strict=True))
+        known: dict[Hashable, Any] = self.problem.worked_out.setdefault(("fitted", fitted, self.levels), {})
+        return known
 
     def worth(self, indices: Collection[int]) -> float:
         """Return the log evidence for some items together, everything else held, in nats."""

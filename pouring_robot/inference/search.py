@@ -141,8 +141,9 @@ def _exchanged(hypothesis: Hypothesis, index: int, options: SearchOptions) -> Hy
 
     Scales and backgrounds settle anew: what looks worse at first may turn out better, so the best few are tried.
     """
-    own, key = hypothesis.item_bayes_factor(index), hypothesis.items[index].key
-    choices = [(hypothesis.item_bayes_factor(index, item), item) for item in hypothesis.choices]
+    rest, key = hypothesis.without((index,)), hypothesis.items[index].key
+    own = rest.candidate_bayes_factor(hypothesis.items[index])
+    choices = [(rest.candidate_bayes_factor(item), item) for item in hypothesis.choices]
     tried: set[str] = set()
     for found, item in sorted(choices, key=lambda pair: -pair[0].evidence):
         if found.evidence < own.evidence - _CATCHES_UP:

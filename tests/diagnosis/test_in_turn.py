@@ -25,7 +25,7 @@ def turned(residual, free):
     item = Explanation("slope", "line", COURSE[:, None], np.array([True]))
     diagnoser = SimpleNamespace(
         problem_of_every_row=lambda _: Problem.build(residual, linear.free, [], [item]),
-        options=DEFAULT_SEARCH,
+        thresholds=DEFAULT_SEARCH,
         rows=Rows(),
     )
     return held_out_in_turn(diagnoser, state, state, BLOCKS, frozenset({"slope"}))

@@ -30,7 +30,7 @@ def told(problem):
     """Return what a hypothesis with the wide explanation says of itself and of what could be added."""
     wide, narrow, other = problem.explanations
     both = Hypothesis(problem, (wide, narrow), (Scale(0.9), Scale(1.3)), (1,))
-    factors = [both.item_bayes_factor(0), both.item_bayes_factor(1), both.item_bayes_factor(1, other)]
+    factors = [both.item_bayes_factor(0), both.item_bayes_factor(1), both.without((1,)).candidate_bayes_factor(other)]
     factors.append(both.candidate_bayes_factor(other))
     return [both.log_evidence, *(value for f in factors for value in (f.evidence, f.scale.main, f.peak))]
 

@@ -304,8 +304,8 @@ def test_and_does_so_in_200_tables_while_the_literal_recipe_does_not():
 
 @pytest.mark.slow
 def test_whatever_the_seed():
-    wins = sum(count_beaten(200, seed=seed)["mean"].both for seed in range(1, 11))
-    assert wins / 2000 > 0.9
+    wins = sum(count_beaten(30, seed=seed)["mean"].both for seed in range(1, 11))
+    assert wins / 300 > 0.9
 
 
 def test_the_papers_own_way_of_leaving_out():

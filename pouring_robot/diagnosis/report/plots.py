@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import scipy.stats
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.discrepancy import described, parts_by_row
@@ -241,7 +241,7 @@ def _discrepancy(diagnosis: Conclusions) -> str:
     left.set(xlabel="rows in order of time", ylabel="residual / noise")
     left.legend(fontsize=8, loc="best")
     values = np.sort(linear.residual)
-    expected = scipy.stats.norm.ppf((np.arange(values.size) + 0.5) / values.size)
+    expected = ndtri((np.arange(values.size) + 0.5) / values.size)
     right.plot(expected, values, ".", color=AFTER, markersize=3)
     right.plot(expected, expected, color="black", linewidth=0.7)
     right.set(xlabel="as noise would be", ylabel="residual / noise, sorted")
