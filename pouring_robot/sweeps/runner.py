@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import contextlib
 import itertools
+import logging
 from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +21,8 @@ from pouring_robot.sweeps.store import SweepStore
 
 _Results = Generator[tuple[Chunk, ChunkResult], None, None]
 _CONNECT_SECONDS = 15
+# A terminal's Ctrl-C reaches all processes; this one hears it and ends the others.
+_DEAF = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 _AHEAD = 2  # chunks in flight for each thread of the cluster: none waits, and memory stays bounded
 
 
@@ -138,8 +142,12 @@ def _compute(plan: SweepPlan, chunk: Chunk) -> ChunkResult:
 
 
 def _result(future: Any) -> ChunkResult:
+    from distributed.comm.core import CommClosedError
+
     try:
         result: ChunkResult = future.result()
+    except (concurrent.futures.CancelledError, CommClosedError) as problem:
+        raise SweepWorkerError("the Dask scheduler is lost; start it again, then go on with --resume") from problem
     except Exception as problem:
         reason = f"{type(problem).__name__}: {' '.join(str(problem).split())[:200]}"
         raise SweepWorkerError(
@@ -162,11 +170,17 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
         if scheduler is None:
             cluster: Any = stack.enter_context(
                 distributed.LocalCluster(
-                    n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=40
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    processes=True,
+                    dashboard_address=None,
+                    silence_logs=logging.ERROR,
+                    preload=_DEAF,
                 )
             )
         else:
             cluster = scheduler
+            logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what it says is said here
         try:
             client = stack.enter_context(distributed.Client(cluster, timeout=_CONNECT_SECONDS, set_as_default=False))
         except (OSError, ValueError, TypeError) as problem:

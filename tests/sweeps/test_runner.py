@@ -6,12 +6,15 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import CancelledError, Future
 
 import pytest
+from distributed.comm.core import CommClosedError
 
 from pouring_robot.cli.app import main
 from pouring_robot.exceptions import SweepStoreError, SweepWorkerError
 from pouring_robot.sweeps import SweepPlan, SweepStore, run_sweep
+from pouring_robot.sweeps.runner import _result
 from tests.support import ROOT
 from tests.sweeps.sweep_files import numbers, snapshot, write
 
@@ -32,8 +35,9 @@ def finished_chunks(out):
     return len(list(out.glob("results.zarr/status/c/*/0")))
 
 
-def start(config, out):
+def start(config, out, *more):
     command = [sys.executable, "-m", "pouring_robot", "sweep", str(config), "--out", str(out), "--resume", "--json"]
+    command += more
     # A group of its own: the signal must not reach the tests.
     return subprocess.Popen(
         command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True
@@ -81,11 +85,24 @@ def test_ctrl_c_keeps_what_is_done(undisturbed, tmp_path, capsys, monkeypatch):
     assert numbers(out) == numbers(expected)
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_worker_processes_give_the_same_numbers(undisturbed, tmp_path, workers):
+def test_worker_processes_give_the_same_numbers(undisturbed, tmp_path):
     config, expected = undisturbed
-    run_sweep(SweepPlan.load(config), tmp_path / "out", workers=workers)
+    run_sweep(SweepPlan.load(config), tmp_path / "out", workers=2)
     assert numbers(tmp_path / "out") == numbers(expected)
+
+
+def test_ctrl_c_of_a_terminal_reaches_worker_processes_too(undisturbed, tmp_path):
+    config, expected = undisturbed
+    out = tmp_path / "out"
+    process = start(config, out, "--workers", "1")
+    wait_for(out, 10, process)
+    os.killpg(process.pid, signal.SIGINT)
+    _, error = process.communicate(timeout=60)
+    assert process.returncode == 130
+    said = error.decode()
+    assert said.startswith("pouring-robot: stopped; ") and said.count("\n") == 1
+    run_sweep(SweepPlan.load(config), out, resume=True)
+    assert numbers(out) == numbers(expected)
 
 
 @pytest.fixture(scope="module")
@@ -139,6 +156,14 @@ def test_a_fault_on_a_worker_is_one_line(plan, tmp_path, cluster, monkeypatch):
     with pytest.raises(SweepWorkerError, match=r"a worker of the cluster failed \(ValueError: a fault on the worker\)"):
         run_sweep(plan, tmp_path / "out", scheduler=cluster.scheduler_address)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("gone", [CancelledError(), CommClosedError("Stream is closed")])
+def test_a_lost_scheduler_is_one_line(gone):
+    future = Future()
+    future.set_exception(gone)
+    with pytest.raises(SweepWorkerError, match="the Dask scheduler is lost; start it again, then go on with --resume"):
+        _result(future)
 
 
 def test_workers_of_another_version_are_refused(plan, tmp_path, cluster, monkeypatch):
