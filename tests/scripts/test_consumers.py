@@ -3,7 +3,7 @@
 import pytest
 
 from scripts.studies import closure_elsewhere
-from scripts.studies.consumers import PROGRAMS, check, main
+from scripts.studies.consumers import PROGRAMS, REFUSED, check, main
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +19,8 @@ def test_a_program_loads_all_of_the_closed_robot(name, folder):
     rows = check(folder, [name])
     if not rows:
         pytest.skip("it is not installed here")
-    ((_, _, _, shown, mass, lip),) = rows
+    ((_, _, loads, shown, mass, lip),) = rows
+    assert loads.startswith("no: ") if name in REFUSED else loads == "yes"
     assert shown in ("160 of 160", "–")
     assert mass == "–" or abs(float(mass.split()[0])) < 1e-5
     assert lip == "–" or float(lip) < 1e-6
