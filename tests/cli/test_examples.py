@@ -22,6 +22,14 @@ def test_examples_are_copied_whole_and_work_where_they_are(run, tmp_path):
     assert run("pose", *AT, "--model", "mine/actual.yaml")[0] == 0
 
 
+def test_where_they_are_not_it_is_said_how_to_get_them(run):
+    code, _, err = run("pose", *AT, "--model", "examples/actual.yaml")
+    assert code == 2 and err.count("\n") == 1 and "'pouring-robot examples copy examples'" in err
+    assert run("examples", "copy", "examples")[0] == 0
+    assert run("pose", *AT, "--model", "examples/actual.yaml")[0] == 0
+    assert "examples copy" not in run("pose", *AT, "--model", "examples/none.yaml")[2]
+
+
 def test_a_folder_that_is_there_is_left_alone(run, tmp_path):
     (tmp_path / "mine").mkdir()
     code, _, err = run("examples", "copy", "mine")

@@ -44,7 +44,9 @@ def _may_overwrite(wanted: bool) -> bool:
 def there(path: Path | None) -> Path | None:
     """Return the path of a file to read, which must be there."""
     if path is not None and not path.exists():
-        raise BadInputError(f"{path}: cannot be read: {os.strerror(errno.ENOENT)}")
+        ours = path.parts[0] == "examples" and not Path("examples").exists()
+        hint = "; 'pouring-robot examples copy examples' puts those of the package here" if ours else ""
+        raise BadInputError(f"{path}: cannot be read: {os.strerror(errno.ENOENT)}{hint}")
     return path
 
 
