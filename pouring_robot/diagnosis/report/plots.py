@@ -13,6 +13,7 @@ from scipy.special import ndtri
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.discrepancy import described, parts_by_row
 from pouring_robot.diagnosis.gap import Gap, component_unit, in_base, table_of
+from pouring_robot.diagnosis.shapes import Shape, shape_of
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import RISE, Conditions
 from pouring_robot.effects.facts import axis_over
@@ -143,7 +144,10 @@ def _signatures(diagnosis: Conclusions) -> str:
     shown = diagnosis.firm[:_MOST_EFFECTS]
     given, known = diagnosis.rows.conditions, diagnosis.diagnoser.library.effects
     figure = new_figure(9.5, 0.3 + 2.6 * len(shown))
-    for effect, axes in zip(shown, np.atleast_1d(figure.subplots(len(shown), 1)), strict=True):
+    for effect, panel in zip(shown, figure.subfigures(len(shown), 1, squeeze=False).flat, strict=True):
+        shape = shape_of(diagnosis, effect)
+        sides = list(panel.subplots(1, 1 if shape is None else 2, squeeze=False).flat)
+        axes = sides[0]
         name = effect.cause.effect
         moved = diagnosis.moved[name] / MM
         axis = known[name].axis(given)
@@ -151,17 +155,27 @@ def _signatures(diagnosis: Conclusions) -> str:
             (dots,) = axes.plot(axis.values, moved[:, k], ".", color=colour, markersize=5, label="xyz"[k])
             tell(dots, _row_words(diagnosis, moved[:, k], f"in {'xyz'[k]}", np.isfinite(axis.values)))
         axes.axhline(0.0, color="black", linewidth=0.5)
-        axes.set(
-            xlabel=axis.label,
-            ylabel=f"moves the {given.causes.words.tip.split()[-1]} [mm]",
-            title=f"{name}: {effect.story}",
-        )
-        axes.title.set_fontsize(9)
-        if np.unique(axis.values).size <= _FEW_VALUES:
-            axes.set_xticks(np.unique(axis.values))
-        axes.grid(alpha=0.2)
-        axes.legend(fontsize=8, loc="best")
+        axes.set(xlabel=axis.label, ylabel=f"moves the {given.causes.words.tip.split()[-1]} [mm]")
+        if shape is not None:
+            _shape_panel(sides[1], shape)
+        panel.suptitle(f"{name}: {effect.story}", fontsize=9)
+        for side in sides:
+            if np.unique(axis.values).size <= _FEW_VALUES:
+                side.set_xticks(np.unique(axis.values))
+            side.grid(alpha=0.2)
+            side.legend(fontsize=8, loc="best")
     return svg_of(figure)
+
+
+def _shape_panel(axes: Any, shape: Shape) -> None:
+    """Draw what the campaign says of an effect's shape, with a band of two standard deviations, and the textbook's."""
+    order = np.argsort(shape.axis.values, kind="stable")
+    over, learned = shape.axis.values[order], shape.learned[order]
+    error = 2.0 * shape.std[order]
+    axes.errorbar(over, learned, error, fmt="none", ecolor=AFTER, alpha=0.25, linewidth=2.0, label="± 2 std")
+    axes.plot(over, learned, ".", color=AFTER, markersize=4, label="as learned")
+    axes.plot(over, shape.textbook[order], ".", color=GREY, markersize=3, label="main parameters alone")
+    axes.set(xlabel=shape.axis.label, ylabel=f"{shape.channel} [{shape.unit}]")
 
 
 def _evidence(diagnosis: Conclusions) -> str:

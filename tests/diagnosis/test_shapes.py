@@ -1,0 +1,56 @@
+"""The learned shape of an effect against what the independent machine did, which is not the textbook's."""
+
+import numpy as np
+import pytest
+
+from pouring_robot.campaign.data import Campaign
+from pouring_robot.diagnosis.diagnose import diagnose
+from pouring_robot.diagnosis.report.plots import plots
+from pouring_robot.diagnosis.shapes import shape_of
+from tests.rig import Wanted, make_campaign, write_case
+
+LAG_S = 500.0
+
+
+def hidden(folder, form):
+    """Diagnose legs that grow, and return with it the campaign as the rig told it."""
+    how = {"sessions": 1, "background": False, "full_pose": True, "spoilt": False, "rows": 70}
+    made = make_campaign("single", 5, wanted=(Wanted("leg_thermal_expansion", 8.0, form),), **how)
+    return made, diagnose(Campaign.read(write_case(folder, made) / "campaign.csv"))
+
+
+@pytest.fixture(scope="module")
+def core(tmp_path_factory):
+    return hidden(tmp_path_factory.mktemp("core"), "b")
+
+
+def grown_mm(made, leg):
+    """What a leg grew by: its core follows skin and platform with a time constant, integrated row by row."""
+    table = {name: np.array([float(row[name]) for row in made.rows]) for name in made.rows[0]}
+    around = 0.85 * table[f"leg{leg}_degC"] + 0.15 * table["platform_degC"]
+    core = around.copy()
+    for k, step in enumerate(np.diff(table["time_s"]), 1):
+        core[k] = around[k] + (core[k - 1] - around[k]) * np.exp(-step / LAG_S)
+    size = made.truth["effects"][0]["size"]
+    return 1e-5 * size * table[f"q{leg}_mm"] * (core - made.settings["reference_temperature_degC"])
+
+
+def test_what_is_learned_is_what_the_machine_does(core):
+    made, found = core
+    (effect,) = found.firm
+    shape = shape_of(found, effect)
+    assert (effect.cause.effect, shape.unit) == ("leg_thermal_expansion", "mm")
+    true = grown_mm(made, int(shape.channel.removeprefix("drive.leg")[0]))
+    off = {name: np.sqrt(np.mean((getattr(shape, name) - true) ** 2)) for name in ("learned", "textbook")}
+    assert off["learned"] < 0.2 * off["textbook"]
+    assert np.mean(np.abs(shape.learned - true) < 4.0 * shape.std) > 0.9
+
+
+def test_it_is_drawn_beside_the_textbooks(core):
+    drawn = dict(plots(core[1]))
+    assert "main parameters alone" in next(svg for title, svg in drawn.items() if title.startswith("What each effect"))
+
+
+def test_a_textbook_effect_has_no_shape_of_its_own(tmp_path):
+    _, found = hidden(tmp_path, "c")
+    assert [shape_of(found, effect) for effect in found.firm] == [None]
