@@ -69,19 +69,24 @@ def test_a_launch_file_starts_what_the_manifest_depends_on(path, monkeypatch):
     stand_in(
         monkeypatch,
         launch=["LaunchDescription"],
-        launch__actions=["DeclareLaunchArgument"],
+        launch__actions=["DeclareLaunchArgument", "IncludeLaunchDescription"],
         launch__substitutions=["Command", "LaunchConfiguration", "PathJoinSubstitution"],
         launch_ros=[],
         launch_ros__actions=["Node"],
         launch_ros__parameter_descriptions=["ParameterValue"],
         launch_ros__substitutions=["FindPackageShare"],
     )
-    (entries,) = loaded(path).generate_launch_description().args
+    (entries,) = loaded(path).generate_launch_description().args  # the shared one, or what includes it
     nodes = [entry.kwargs for entry in entries if type(entry).__name__ == "Node"]
     depends = {tag.text for tag in etree.parse(FOLDER / "package.xml").iterfind(".//exec_depend")} | {PACKAGE}
     assert {node["package"] for node in nodes} <= depends
-    assert {"robot_state_publisher", "closed_joint_states.py"} <= {node["executable"] for node in nodes}
-    for parts in re.findall(r"PathJoinSubstitution\(\[here, (.*?)\]\)", path.read_text(encoding="utf-8")):
+    included = any(type(entry).__name__ == "IncludeLaunchDescription" for entry in entries)
+    assert included != ({"robot_state_publisher", "closed_joint_states.py"} <= {node["executable"] for node in nodes})
+    parts_of = re.findall(
+        r"PathJoinSubstitution\(\[(?:here|FindPackageShare\(PACKAGE\)), (.*?)\]\)", path.read_text("utf-8")
+    )
+    assert parts_of
+    for parts in parts_of:
         assert FOLDER.joinpath(*ast.literal_eval(f"({parts},)")).is_file()
 
 
