@@ -17,6 +17,7 @@ from pouring_robot.diagnosis.suggest.contenders import Contender, contest, scale
 from pouring_robot.diagnosis.suggest.words import separating_words, untestable_words
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.discrimination import Prediction, choose, expected, total
+from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.definition import RobotDefinition
@@ -153,6 +154,7 @@ class Suggestion:
         }
 
 
+@one_blas_thread()
 def suggest_measurements(diagnosis: Findings, count: int = MOST, seed: int = 0) -> Suggestion:
     """Return up to ``count`` measurements that best separate the surviving explanations of a campaign.
 
