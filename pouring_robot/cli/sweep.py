@@ -21,6 +21,7 @@ def sweep(
     config: Annotated[Path, options.argument("CONFIG.yaml", "Sweep file; see examples/sweep.yaml.")],
     out: Annotated[Path, options.opt("--out", "Folder for the results; made if it is absent.", metavar="DIR")],
     resume: Annotated[bool, options.opt("--resume", "Go on with a sweep that was stopped.")] = False,
+    overwrite: Annotated[bool, options.opt("--overwrite", "Begin anew in place of a sweep that is there.")] = False,
     workers: Annotated[
         int, options.opt("--workers", "Processes on this machine (default: this one).", metavar="N", min=0)
     ] = 0,
@@ -52,7 +53,9 @@ def sweep(
             show(stage, chunks, of)
 
         try:
-            outcome = run(plan, out, resume=resume, workers=workers, scheduler=scheduler, progress=count)
+            outcome = run(
+                plan, out, resume=resume, overwrite=overwrite, workers=workers, scheduler=scheduler, progress=count
+            )
         except KeyboardInterrupt as stop:
             kept = f"{done} of {total} chunks are kept in {out}: go on with --resume" if done else "nothing is kept"
             raise StoppedError(f"stopped; {kept}") from stop

@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import pouring_robot
-from pouring_robot.exceptions import SweepWorkerError
+from pouring_robot.exceptions import BadInputError, SweepWorkerError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.sweeps.analysis.report import SweepReport, report
 from pouring_robot.sweeps.config import SweepConfig
 from pouring_robot.sweeps.plan import Chunk, ChunkResult, SweepPlan
-from pouring_robot.sweeps.store import SweepStore
+from pouring_robot.sweeps.store import SweepStore, remove_sweep
 
 _Results = Generator[tuple[Chunk, ChunkResult], None, None]
 _CONNECT_SECONDS = 15
@@ -31,6 +31,7 @@ def sweep(
     out: Path | str,
     *,
     resume: bool = False,
+    overwrite: bool = False,
     workers: int = 0,
     scheduler: str | None = None,
     progress: Progress = say_nothing,
@@ -41,13 +42,14 @@ def sweep(
         config: the sweep file, what stands in one, or a plan made of it.
         out: folder for the results, made if need be.
         resume: go on with a sweep that was begun there.
+        overwrite: begin anew in place of a sweep that is there.
         workers: processes on this machine; 0 computes in this one, with all its threads.
         scheduler: address of a Dask cluster to compute on instead; results are written here.
         progress: told of every chunk.
 
     Raises:
         SweepFileError: the file is wrong.
-        BadInputError: a name in it does not fit the robot.
+        BadInputError: a name in it does not fit the robot, or ``resume`` and ``overwrite`` are both asked for.
         UnreachablePoseError: a pose is out of reach.
         SweepStoreError: the folder holds other results or cannot be written to, or no space is left.
         SweepWorkerError: the cluster cannot be reached, or its workers fail.
@@ -56,7 +58,9 @@ def sweep(
     if isinstance(config, Path | str):
         config = SweepConfig.load(config)
     plan = SweepPlan(config) if isinstance(config, SweepConfig) else config
-    store = run_sweep(plan, out, resume=resume, workers=workers, scheduler=scheduler, progress=progress)
+    store = run_sweep(
+        plan, out, resume=resume, overwrite=overwrite, workers=workers, scheduler=scheduler, progress=progress
+    )
     return report(store, progress)
 
 
@@ -66,11 +70,16 @@ def run_sweep(
     folder: Path | str,
     *,
     resume: bool = False,
+    overwrite: bool = False,
     workers: int = 0,
     scheduler: str | None = None,
     progress: Progress = say_nothing,
 ) -> SweepStore:
     """Compute what is missing of a sweep and write it, chunk by chunk; arguments and errors as :func:`sweep`."""
+    if overwrite and resume:
+        raise BadInputError("give --resume or --overwrite, not both: one goes on, the other begins anew")
+    if overwrite:
+        remove_sweep(folder)
     store = SweepStore(folder, plan, resume=resume)
     with store.alone():
         try:

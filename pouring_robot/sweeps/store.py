@@ -65,7 +65,7 @@ class SweepStore:
         self._made: list[Path] = []
         if self.path.exists() or self.path.is_symlink():
             if not resume:
-                raise SweepStoreError(self.folder, "holds results already; go on with --resume or take another folder")
+                raise SweepStoreError(self.folder, "holds results already; go on with --resume, or say --overwrite")
             self._group = open_group(self.path)
             self._refuse_other()
         else:
@@ -123,20 +123,13 @@ class SweepStore:
         Raises:
             SweepStoreError: another sweep is running in the folder.
         """
-        handle = os.open(self.path, os.O_RDONLY)
-        try:
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as problem:
-                raise SweepStoreError(self.folder, "another sweep is running in this folder; wait for it") from problem
+        with _locked(self.path):
             for left in self.folder.glob(f".{STORE}.*.part"):
                 shutil.rmtree(left, ignore_errors=True)
             for name in _shapes(self.plan):
                 for left in (self.path / name).rglob("*.partial"):
                     left.unlink(missing_ok=True)
             yield
-        finally:
-            os.close(handle)  # gives the lock back
 
     def discard_empty(self) -> None:
         """Take away what the constructor made, as long as no chunk is done; call while :meth:`alone`."""
@@ -167,7 +160,9 @@ class SweepStore:
     def _refuse_left_overs(self) -> None:
         for name in REPORTS:
             if (self.folder / name).exists():
-                raise SweepStoreError(self.folder, f"holds {name} of another sweep; take another folder")
+                raise SweepStoreError(
+                    self.folder, f"holds {name} of another sweep; take another folder or say --overwrite"
+                )
 
     def _refuse_other(self) -> None:
         attributes = dict(self._group.attrs)
@@ -209,6 +204,43 @@ def open_results(folder: Path | str) -> xr.Dataset:
         return dataset
     except Exception as problem:
         raise _damaged(path, str(problem)) from problem
+
+
+def remove_sweep(folder: Path | str) -> None:
+    """Take away the store and the reports of a sweep, if there are any.
+
+    Raises:
+        SweepStoreError: what is there is not the store of a sweep, a sweep is running in it, or it cannot be removed.
+    """
+    folder = Path(folder)
+    path = folder / STORE
+    with writing(folder):
+        if path.exists() or path.is_symlink():
+            if dict(open_group(path).attrs).get("format") != FORMAT:
+                raise SweepStoreError(path, "is not the store of a sweep; take another folder")
+            with _locked(path):
+                path.rename(gone := hidden_name(path))  # as one step: what is stopped here leaves no half of a store
+                shutil.rmtree(gone)
+        for name in REPORTS:
+            (folder / name).unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Keep other sweeps away from a store.
+
+    Raises:
+        SweepStoreError: another sweep is running in its folder.
+    """
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as problem:
+            raise SweepStoreError(path.parent, "another sweep is running in this folder; wait for it") from problem
+        yield
+    finally:
+        os.close(handle)  # gives the lock back
 
 
 def open_group(path: Path) -> zarr.Group:

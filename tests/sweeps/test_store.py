@@ -7,6 +7,7 @@ import subprocess
 
 import numpy as np
 import pytest
+import zarr
 
 from pouring_robot.cli.app import main
 from pouring_robot.exceptions import SweepStoreError
@@ -80,8 +81,19 @@ def test_chunks_by_pose_give_the_same_numbers(make_plan, tmp_path, finished):
         assert np.array_equal(open_results(tmp_path)[name].values, open_results(finished[1])[name].values)
 
 
-def test_results_are_never_overwritten(copy, capsys):
+def test_results_are_only_overwritten_if_asked_for(copy, tmp_path, capsys):
     refused(*copy, "holds results already; go on with --resume", capsys)
+    refused(*copy, "give --resume or --overwrite, not both", capsys, "--resume", "--overwrite")
+    other = write(tmp_path, seed=12)
+    assert main(["sweep", str(other), "--out", str(copy[1]), "--overwrite"]) == 0
+    assert open_results(copy[1]).attrs["seed"] == 12
+    assert not [path for path in copy[1].iterdir() if path.name.startswith(".")]
+
+
+def test_what_is_no_sweep_is_not_overwritten(copy, capsys):
+    group = zarr.open_group(copy[1] / "results.zarr", mode="w")
+    group.attrs["format"] = "something else"
+    refused(*copy, "is not the store of a sweep", capsys, "--overwrite")
 
 
 @pytest.mark.parametrize(
