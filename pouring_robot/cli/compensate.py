@@ -64,6 +64,8 @@ def compensate(
     if at_once or header:
         if not isinstance(present, PouringRobot):
             raise BadInputError("--at-once and --header know the pouring robot only")
+        if commanded.given or thermal_model:
+            raise BadInputError("--at-once and --header go without --at-mm, --drives and --thermal-model")
         _in_bulk(present, warmth, frame, poses, out, header, as_json)
         return
     wanted = {0: commanded.of(present)} if poses is None else present.read_commands(poses)

@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from pouring_robot.cli.shared import bundles, options
+from pouring_robot.exceptions import BadInputError
 
 OutFolder = Annotated[Path, options.results_folder(what="the description and its meshes")]
 Form = Annotated[
     Literal["urdf", "mjcf", "sdf", "drake"],
-    options.opt("--format", "drake: SDF whose loops are bushings; sdf: loops are joints."),
+    options.opt("--format", "sdf: loops are joints, as Gazebo classic reads; drake: SDF whose loops are bushings."),
 ]
 
 
@@ -27,6 +28,9 @@ def export(
 
     Without a pose it stands in the middle of its workspace, or at the home of its robot file.
     """
+    for name, wanted in (("--zero-here", zero_here), ("--absolute-meshes", absolute_meshes)):
+        if wanted and form != "urdf":
+            raise BadInputError(f"{name} is for --format urdf: {form} stands closed and names its own meshes")
     from pouring_robot.io.files import write_together
     from pouring_robot.mechanism.poses import MM, MRAD
     from pouring_robot.robot.export.closed import ClosedRobot
