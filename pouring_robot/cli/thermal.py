@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -30,6 +31,52 @@ History = Annotated[
 ]
 
 
+@dataclass(frozen=True)
+class Moved:
+    """What moves every part."""
+
+    under: Annotated[
+        Literal["heat", "weight", "both"] | None,
+        options.opt("--under", "Say how far every part moves: truss, platforms, legs, ladle."),
+    ] = None
+    payload_kg: Annotated[
+        float | None, options.opt("--payload-kg", "Melt for --under (default: the layout's largest).", min=0.0)
+    ] = None
+    ladle_degC: Annotated[  # noqa: N815 - the unit keeps its capital
+        float | None, options.opt("--ladle-degC", "Ladle's steel for --under (default: computed).")
+    ] = None
+    stiffness: Annotated[
+        Path | None, options.reads("--stiffness", "Stiffness of the parts for --under (default: the shipped file).")
+    ] = None
+
+    def refuse_alone(self) -> None:
+        """Refuse what means nothing without ``--under``.
+
+        Raises:
+            BadInputError: there is such an option.
+        """
+        if self.under is None and self != Moved():
+            raise BadInputError("--payload-kg, --ladle-degC and --stiffness belong to --under heat, weight or both")
+        if self.under == "heat" and (self.payload_kg is not None or self.stiffness is not None):
+            raise BadInputError("--payload-kg and --stiffness belong to --under weight or both: heat bends nothing")
+
+    def field(self, heated: HeatedRobot, pose: PlatformPose) -> DisplacementField:
+        """Return how far every part moves, the drawing's parts yielding as their stiffness says where weight acts."""
+        from pouring_robot.robot.loaded import stiffness_at, truss_sag_m, under_weight
+        from pouring_robot.robot.pouring.stiffness import load_stiffness
+        from pouring_robot.thermal.expansion.displacement import DisplacementField
+        from pouring_robot.thermal.expansion.heated_robot import HeatedRobot as Heated
+
+        drawing, parts = heated.robot, load_stiffness(self.stiffness)
+        melt = drawing.layout.ladle.payload_kg if self.payload_kg is None else self.payload_kg
+        if self.under == "heat":
+            return DisplacementField.of(heated.locate(pose), self.ladle_degC)
+        loaded = under_weight(drawing, stiffness_at(drawing, pose, melt, parts), melt)
+        carried = Heated(loaded, heated.heat, heated.network) if self.under == "both" else Heated(loaded)
+        sag = truss_sag_m(drawing, melt, parts)
+        return DisplacementField.of(carried.locate(pose), self.ladle_degC, truss_sag_m=sag)
+
+
 def thermal(
     *,
     at_mm: options.AtMm = None,
@@ -45,16 +92,7 @@ def thermal(
     ] = False,
     csv: Annotated[Path | None, options.writes("--csv", "Write every element, or every row of a shift.")] = None,
     png: options.PngFile = None,
-    under: Annotated[
-        Literal["heat", "weight", "both"] | None,
-        options.opt("--under", "Say how far every part moves: truss, platforms, legs, ladle."),
-    ] = None,
-    payload_kg: Annotated[
-        float | None, options.opt("--payload-kg", "Melt for --under (default: the layout's largest).", min=0.0)
-    ] = None,
-    ladle_degC: Annotated[
-        float | None, options.opt("--ladle-degC", "Ladle's steel for --under (default: computed).")
-    ] = None,
+    moved: Moved,
     html: Annotated[
         Path | None, options.writes("--html", "Write a page: the shift, to play, or parts coloured by --under.")
     ] = None,
@@ -74,11 +112,10 @@ def thermal(
     from pouring_robot.thermal import page
     from pouring_robot.thermal.report import PoseHeat, heated_drawing
 
-    if under is None and (payload_kg is not None or ladle_degC is not None):
-        raise BadInputError("--payload-kg and --ladle-degC belong to --under heat, weight or both")
-    if under is None and history is None and html is not None:
+    moved.refuse_alone()
+    if moved.under is None and history is None and html is not None:
         raise BadInputError("--html draws a shift or what --under asks for: give --history, or --under heat")
-    if under is not None and at_mm is None:
+    if moved.under is not None and at_mm is None:
         raise BadInputError("--under is for a pose: give --at-mm and --tilt-deg")
     ladle = options.with_melt(which.built(warm=True))
     if history is not None and (melt.melt_degC is not None or melt.steady or melt.after_min is not None):
@@ -122,24 +159,24 @@ def thermal(
         scene = shift_scene(heated.robot, drawn, f"How the melt of {history.name} warms the robot")
         written.append(write_html(scene, html))
     field = None
-    if under is not None and pose is not None:
+    if moved.under is not None and pose is not None:
         with progress.stage_bars() as show:
             show("moving every part", 0, 2)
-            field = _field(heated, pose, under, payload_kg, ladle_degC)
+            field = moved.field(heated, pose)
             show("moving every part", 1, 2)
             if html is not None:
                 from pouring_robot.thermal.scene import displacement_scene
                 from pouring_robot.viewer import write_html
 
                 at = heated.robot.kinematics.configuration(pose)
-                scene = displacement_scene(heated.robot, field, f"How far every part moves under {under}", at)
+                scene = displacement_scene(heated.robot, field, f"How far every part moves under {moved.under}", at)
                 written.append(write_html(scene, html))
             show("moving every part", 2, 2)
     if as_json:
         content = found.figures()
         measured: dict[str, Any] = {"measured_degC": heat.measured_degC} if heat.measured_degC else {}
         if field is not None:
-            measured |= {"displacement": {"under": under, **field.figures()}}
+            measured |= {"displacement": {"under": moved.under, **field.figures()}}
         names = {"layout": ladle.model.layout, "radiation": not conduction_only, "written": list(map(str, written))}
         options.print_json(content | measured | names)
         return
@@ -148,31 +185,13 @@ def thermal(
     console.print(title)
     print_blocks(console, page.blocks(found))
     if field is not None:
-        rows = [(part.replace("_", " "), *(f"{v / MM:.3f}" for v in moved)) for part, moved in field.by_part.items()]
+        rows = [(part.replace("_", " "), *(f"{v / MM:.3f}" for v in far)) for part, far in field.by_part.items()]
         rows.append(("mean of the parts, largest", f"{field.mean_m / MM:.3f}", f"{field.largest_m / MM:.3f}"))
-        console.print(plain_table(("part", "mean", "largest"), rows, title=f"moved under {under}: mm"))
+        console.print(plain_table(("part", "mean", "largest"), rows, title=f"moved under {moved.under}: mm"))
     if heat.measured_degC:
         told = ", ".join(f"{part} {value:g} degC" for part, value in heat.measured_degC.items())
         console.print(f"measured temperatures of the model file take the place of computed ones in growth: {told}")
     options.print_written(console, written)
-
-
-def _field(
-    heated: HeatedRobot, pose: PlatformPose, under: str, payload_kg: float | None, ladle_degC: float | None
-) -> DisplacementField:
-    """Return how far every part moves, the drawing's parts yielding as their stiffness says where weight acts."""
-    from pouring_robot.robot.loaded import stiffness_at, truss_sag_m, under_weight
-    from pouring_robot.thermal.expansion.displacement import DisplacementField
-    from pouring_robot.thermal.expansion.heated_robot import HeatedRobot as Heated
-
-    drawing, sag = heated.robot, 0.0
-    melt = drawing.layout.ladle.payload_kg if payload_kg is None else payload_kg
-    if under == "heat":
-        return DisplacementField.of(heated.locate(pose), ladle_degC)
-    loaded = under_weight(drawing, stiffness_at(drawing, pose, melt), melt)
-    sag = truss_sag_m(drawing, melt)
-    carried = Heated(loaded, heated.heat, heated.network) if under == "both" else Heated(loaded)
-    return DisplacementField.of(carried.locate(pose), ladle_degC, truss_sag_m=sag)
 
 
 def _shift(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.cli.app import main
+from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.loaded import stiffness_at, truss_sag_m, under_weight
 from pouring_robot.robot.pouring.names import LEGS
@@ -131,3 +132,17 @@ def test_the_command(capsys, tmp_path):
     assert "moved under weight: mm" in capsys.readouterr().out
     refused = main([*at, "--html", str(page), "--overwrite"])
     assert refused == 2 and "give --history, or --under heat" in capsys.readouterr().err
+    assert main([*at, "--under", "heat", "--payload-kg", "5"]) == 2
+    assert "belong to --under weight or both" in capsys.readouterr().err
+
+
+def test_a_measured_stiffness_takes_the_place_of_the_computed_one(capsys, tmp_path):
+    """Under weight o goes sideways mostly as the torsion of the legs lets it."""
+    shipped = description_folder() / "config" / "stiffness.yaml"
+    own = tmp_path / "own.yaml"
+    own.write_text(shipped.read_text().replace("measured: {}", "measured: {leg_torsion: 1.0e+7}"))
+    told = []
+    for extra in ([], ["--stiffness", str(own)]):
+        assert main(["thermal", "--at-mm", "-100", "20", "-600", "--under", "weight", "--json", *extra]) == 0
+        told.append(json.loads(capsys.readouterr().out)["displacement"]["parts"]["platform"])
+    assert told[1]["mean_mm"] < 0.2 * told[0]["mean_mm"]
