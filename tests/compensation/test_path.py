@@ -74,6 +74,16 @@ def test_a_warm_path_is_located_as_pose_by_pose(robot):
     assert closed.closed.all()
 
 
+def test_neighbours_share_what_is_only_a_start(robot):
+    """Each pose of a dense path is where it is without the others, but for 40 µm of a leg that its first place is off."""
+    heated = HeatedRobot(robot, HeatSection())
+    dense = WANTED[0] + np.linspace(0.0, 0.015, 4)[:, None] * [1.0, -1.0, 1.0, 1.0]
+    found, _ = locate_path(heated, dense)
+    for k in range(len(dense)):
+        alone, _ = locate_path(heated, dense[k : k + 1])
+        np.testing.assert_allclose(found.error_position[k], alone.error_position[0], rtol=0, atol=1e-5)
+
+
 def test_what_has_no_answer_says_why(robot):
     far = np.array([[-0.1, 0.0, -0.6, 0.3], [-0.1, 0.0, -1.4, 0.3], [5.0, 5.0, -0.1, 0.0]])
     path = compensate_path(HeatedRobot(robot), far)

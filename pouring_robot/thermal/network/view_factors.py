@@ -93,11 +93,12 @@ def visible_share(points_m: FloatArray, normals: FloatArray, disc: DiscChords, b
         np.empty((2, 5, 2)),
         np.empty((chords, count, 2)),
         np.empty(chords, dtype=np.int64),
+        np.empty(count, dtype=np.int64),
         np.empty((facets, 2)),
         np.empty((2, facets)),
     )
     points, normals = np.ascontiguousarray(points_m), np.ascontiguousarray(normals)
-    visible_shares(points, normals, disc.chords_m, disc.way, boxes.lower_m, boxes.upper_m, room, share)
+    visible_shares(points, normals, disc.radius_m, disc.chords_m, disc.way, boxes.lower_m, boxes.upper_m, room, share)
     return share
 
 

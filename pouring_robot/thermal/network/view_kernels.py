@@ -160,17 +160,39 @@ def _add_piece(totals: FloatArray, facing: FloatArray, begin: float, end: float,
 
 
 @compiled
+def _boxes_between(
+    point: tuple[float, float, float], radius: float, lower: FloatArray, upper: FloatArray, between: IntArray
+) -> int:
+    """Write the boxes that the cone from a point to the disc may meet, by number; return how many."""
+    count = 0
+    for box in range(len(lower)):
+        # How far down the way to the disc the box begins and ends.
+        begin, end = 1.0 - upper[box, 2] / point[2], 1.0 - lower[box, 2] / point[2]
+        begin, end = max(begin, 0.0), min(end, 1.0)
+        meets = begin < end
+        for k in range(2):
+            at_begin, at_end = point[k] * (1.0 - begin), point[k] * (1.0 - end)
+            meets = meets and max(at_begin + radius * begin, at_end + radius * end) > lower[box, k]
+            meets = meets and min(at_begin - radius * begin, at_end - radius * end) < upper[box, k]
+        if meets:
+            between[count] = box
+            count += 1
+    return count
+
+
+@compiled
 def _hidden_pieces(
     point: tuple[float, float, float],
     chord: tuple[float, float, float, float, float],
     lower: FloatArray,
     upper: FloatArray,
+    between: IntArray,
     bounds: FloatArray,
     pieces: FloatArray,
 ) -> int:
     """Write the pieces of a chord that boxes hide, (boxes, 2), disjoint and in order; return how many."""
     count = 0
-    for box in range(len(lower)):
+    for box in between:
         begin, end = _shadow(point, chord, lower[box], upper[box], bounds)
         if not begin < end:
             continue
@@ -194,11 +216,12 @@ def _hidden_pieces(
 def visible_shares(
     points: FloatArray,
     normals: FloatArray,
+    radius: float,
     chords: FloatArray,
     way: tuple[float, float],
     lower: FloatArray,
     upper: FloatArray,
-    room: tuple[FloatArray, FloatArray, IntArray, FloatArray, FloatArray],
+    room: tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray, FloatArray],
     share: FloatArray,
 ) -> None:
     """Write which share of its view factor each element keeps for each of its normals, (N, M).
@@ -206,23 +229,27 @@ def visible_shares(
     Args:
         points: the elements, (N, 3).
         normals: of each, (N, M, 3).
+        radius: of the disc.
         chords: how far from the disc's middle, half the length and the weight of each, (C, 3).
         way: direction of the chords in x and y.
         lower: lower corners of the boxes, (B, 3).
         upper: their upper corners.
-        room: working arrays: (2, 5, 2), (C, B, 2), (C,), (M, 2), (2, M).
+        room: working arrays: (2, 5, 2), (C, B, 2), (C,), (B,), (M, 2), (2, M).
         share: written.
     """
-    bounds, pieces, counts, facing, totals = room
+    bounds, pieces, counts, boxes, facing, totals = room
     for n in range(len(points)):
         x, y, z = points[n]
         along, across = x * way[0] + y * way[1], y * way[0] - x * way[1]
-        found = 0
+        share[n] = 1.0
+        near = _boxes_between((x, y, z), radius, lower, upper, boxes) if z > 0.0 else 0
+        if near == 0:
+            continue
+        found, between = 0, boxes[:near]
         for c in range(len(chords)):
             chord = (-way[1] * chords[c, 0], way[0] * chords[c, 0], way[0], way[1], chords[c, 1])
-            counts[c] = _hidden_pieces((x, y, z), chord, lower, upper, bounds, pieces[c]) if z > 0.0 else 0
+            counts[c] = _hidden_pieces((x, y, z), chord, lower, upper, between, bounds, pieces[c])
             found += counts[c]
-        share[n] = 1.0
         if found == 0:
             continue
         totals[:] = 0.0
