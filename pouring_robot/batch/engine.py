@@ -76,18 +76,9 @@ class BatchEngine:
     def close(
         self, drives: FloatArray, start: BatchStart, errors: SiteErrors | FloatArray | None = None
     ) -> BatchClosure:
-        """Close the loops of every sample.
+        """Close the loops of every sample; see :meth:`~.interface.Engine.close`.
 
-        Args:
-            drives: drive values in the order of the loops file, m or rad, shape (n, drives).
-            start: where to start from, of n samples; it also holds the values of locked joints. Nothing else of it
-                counts for a serial arm.
-            errors: placement errors: one set for all samples, shape (sites * 6,), in the order of
-                :attr:`parameters`; a set for each, shape (n, sites * 6); or one displaced site a sample.
-                They displace the mechanism's present placements, as ``perturb_urdf`` does.
-
-        Raises:
-            BadInputError: a shape does not fit.
+        Of a serial arm nothing but the locked joints of ``start`` counts.
         """
         star, count = self.structure.star, len(start)
         drives = shaped(drives, (count, len(star.drives)), "drives")
@@ -149,17 +140,7 @@ class BatchEngine:
         parameters: Sequence[LocalParameter] | None = None,
         errors: SiteErrors | FloatArray | None = None,
     ) -> BatchTransfer:
-        """Return the closed chain's G, exact at any residual.
-
-        Args:
-            closed: closed samples; those that failed give NaN and keep their status.
-            parameters: placement and drive parameters, each a twist at one joint; by default all of :attr:`parameters`.
-            errors: the placement errors the samples were closed with.
-
-        Raises:
-            UnknownJointError: a parameter names a joint that is in no chain.
-            BadInputError: a parameter is of another kind, or a shape does not fit.
-        """
+        """Return G of closed samples; see :meth:`~.interface.Engine.transfer`."""
         if self.structure.is_serial:  # it is its only branch
             found = self.transfer_open_branch(closed.joints, parameters, errors)
             return replace(found, status=np.where(closed.status == 0, found.status, closed.status))

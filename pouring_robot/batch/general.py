@@ -104,16 +104,7 @@ class GeneralEngine:
     def close(
         self, drives: FloatArray, start: BatchStart, errors: SiteErrors | FloatArray | None = None
     ) -> BatchClosure:
-        """Close the loops of every sample.
-
-        Args:
-            drives: drive values in the order of the loops file, m or rad, shape (n, drives).
-            start: configurations to start from; they also hold the values of locked joints.
-            errors: placement errors, as every :class:`~pouring_robot.batch.interface.Engine` takes them.
-
-        Raises:
-            BadInputError: a shape does not fit.
-        """
+        """Close the loops of every sample; see :meth:`~.interface.Engine.close`."""
         mechanism, count = self.structure.mechanism, len(start)
         names = mechanism.loops.drives
         drives = shaped(drives, (count, len(names)), "drives")
@@ -149,17 +140,7 @@ class GeneralEngine:
         parameters: Sequence[LocalParameter] | None = None,
         errors: SiteErrors | FloatArray | None = None,
     ) -> BatchTransfer:
-        """Return the closed chain's G, exact at any residual.
-
-        Args:
-            closed: closed samples; those that failed give NaN and keep their status.
-            parameters: placement and drive parameters; by default all of :attr:`parameters`.
-            errors: the placement errors the samples were closed with.
-
-        Raises:
-            UnknownJointError: a parameter names a joint that the mechanism does not have.
-            BadInputError: a parameter is of another kind, or a shape does not fit.
-        """
+        """Return G of closed samples; see :meth:`~.interface.Engine.transfer`."""
         count, chosen = len(closed), tuple(self.parameters if parameters is None else parameters)
         for parameter in chosen:
             if not isinstance(parameter, PlacementParameter | DriveParameter):

@@ -66,9 +66,12 @@ class Engine(Protocol):
         Args:
             drives: drive values in the order of the loops file, m or rad, shape (n, drives).
             start: where to start from, of n samples; it also holds the values of locked joints.
-            errors: placement errors that displace the mechanism's present placements: one set for all samples, shape
-                (sites * 6,), translation (m) and rotation vector (rad) site by site; a set for each, shape
-                (n, sites * 6); or one displaced site a sample.
+            errors: placement errors that displace the mechanism's present placements, as ``perturb_urdf`` does: one set
+                for all samples, shape (sites * 6,), translation (m) and rotation vector (rad) site by site; a set for
+                each, shape (n, sites * 6); or one displaced site a sample.
+
+        Raises:
+            BadInputError: a shape does not fit.
         """
 
     def transfer(
@@ -77,7 +80,14 @@ class Engine(Protocol):
         parameters: Sequence[LocalParameter] | None = None,
         errors: SiteErrors | FloatArray | None = None,
     ) -> BatchTransfer:
-        """Return G of closed samples for the parameters, by default all placements of the sites.
+        """Return the closed chain's G, exact at any residual.
 
-        ``errors`` are those the samples were closed with.
+        Args:
+            closed: closed samples; those that failed give NaN and keep their status.
+            parameters: placement and drive parameters, each a twist at one joint; by default all of :attr:`parameters`.
+            errors: the placement errors the samples were closed with.
+
+        Raises:
+            UnknownJointError: a parameter names a joint that the engine does not displace.
+            BadInputError: a parameter is of another kind, or a shape does not fit.
         """

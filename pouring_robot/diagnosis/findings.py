@@ -96,10 +96,7 @@ class Findings:
             for e in self.hypothesis.rivals
             if any(i.effect == e and i.columns.any() for i in self.hypothesis.problem.explanations)
         }
-        worths = self.hypothesis.best_forms(shown)
-        return {
-            effect: worth.evidence for effect, (worth, _) in sorted(worths.items(), key=lambda w: -w[1][0].evidence)
-        }
+        return {effect: worth.evidence for effect, (worth, _) in self.hypothesis.best_forms(shown).items()}
 
     @property
     def free_residuals(self) -> FreeResiduals:

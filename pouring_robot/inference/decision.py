@@ -239,10 +239,8 @@ def _rivals(hypothesis: Hypothesis, indices: Sequence[int], close: float = 12.0)
     A form counts only as long as it is the effect it is called: where the best one is bent, the next is tried.
     """
     own, bare, rest = hypothesis.worth(indices), hypothesis.without(indices), hypothesis.without_items(indices)
-    choices = [e for e in hypothesis.problem.explanations if e.cause and e.effect in hypothesis.rivals]
-    worths = sorted(((bare.candidate_bayes_factor(item), item) for item in choices), key=lambda w: -w[0].evidence)
     found: dict[str, float] = {}
-    for worth, item in worths:
+    for worth, item in bare.contenders(hypothesis.rivals):
         if worth.evidence > own - close and item.effect not in found:
             other = rest.with_item(item, worth.scale)
             if credible(other, len(other.items) - 1):

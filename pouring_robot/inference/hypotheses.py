@@ -166,14 +166,16 @@ class Hypothesis:
         """Return the log evidence for some items together, everything else held, in nats."""
         return self.log_evidence - self.without(indices).log_evidence
 
+    def contenders(self, effects: Collection[str]) -> list[tuple[BayesFactor, Explanation]]:
+        """Return what every form of some effects would be worth, if it were added, best first."""
+        forms = [item for item in self.problem.explanations if item.cause and item.effect in effects]
+        return sorted(((self.candidate_bayes_factor(item), item) for item in forms), key=lambda w: -w[0].evidence)
+
     def best_forms(self, effects: Collection[str]) -> dict[str, tuple[BayesFactor, Explanation]]:
-        """Return of each effect the form that would be worth most, if it were added."""
+        """Return of each effect the form that would be worth most, if it were added, best first."""
         found: dict[str, tuple[BayesFactor, Explanation]] = {}
-        for item in self.problem.explanations:
-            if item.cause and item.effect in effects:
-                worth = self.candidate_bayes_factor(item)
-                if item.effect not in found or worth.evidence > found[item.effect][0].evidence:
-                    found[item.effect] = worth, item
+        for worth, item in self.contenders(effects):
+            found.setdefault(item.effect, (worth, item))
         return found
 
     def beside(self, item: Explanation, scale: Scale) -> Hypothesis:

@@ -93,9 +93,8 @@ def _less(hypothesis: Hypothesis, cause: Cause) -> Hypothesis:
 def _rivals(best: Hypothesis, cause: Cause, wanted: Collection[str] | None) -> list[Contender]:
     """Return other effects in the place of a cause, best first: the wanted ones or, by default, the next best."""
     rest, effects = _less(best, cause), best.rivals - {cause.effect}
-    forms = rest.best_forms(effects if wanted is None else effects & {*wanted}).values()
-    ordered = sorted(forms, key=lambda entry: -entry[0].evidence)[:MOST_RIVALS]
-    found = [Contender.of(item.effect, rest.with_item(item, worth.scale)) for worth, item in ordered]
+    forms = list(rest.best_forms(effects if wanted is None else effects & {*wanted}).values())[:MOST_RIVALS]
+    found = [Contender.of(item.effect, rest.with_item(item, worth.scale)) for worth, item in forms]
     return sorted(found, key=lambda c: -c.log_evidence)
 
 
