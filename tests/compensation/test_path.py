@@ -75,9 +75,9 @@ def test_a_warm_path_is_located_as_pose_by_pose(robot):
 
 
 def test_neighbours_share_what_is_only_a_start(robot):
-    """Each pose of a dense path is where it is without the others, but for 40 µm of a leg that its first place is off."""
+    """Each pose of a dense path is where it is alone, but for the 10 µm of a leg that its first place may be off."""
     heated = HeatedRobot(robot, HeatSection())
-    dense = WANTED[0] + np.linspace(0.0, 0.015, 4)[:, None] * [1.0, -1.0, 1.0, 1.0]
+    dense = WANTED[0] + np.linspace(0.0, 0.009, 4)[:, None] * [1.0, -1.0, 1.0, 1.0]
     found, _ = locate_path(heated, dense)
     for k in range(len(dense)):
         alone, _ = locate_path(heated, dense[k : k + 1])

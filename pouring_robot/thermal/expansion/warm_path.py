@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 Show = Callable[[str, int, int], None]
 """Is told of progress: stage, done, of how many."""
 _NO_LEG = (0.0, 0.0, 0.0, 0.0)
-# Over as many metres and radians a leg's growth changes by 40 µm; where that puts the ladle its temperatures change by
-# a thirtieth of a kelvin, which is less than a micrometre of a leg and 3 µm at the lip.
-_STANDS_IN = 0.02
+# Over as many metres and radians a leg's growth changes by 10 µm, which puts the ladle by a tenth of a millimetre where
+# it is weak; legs there are warmer or colder by a thirtieth of a kelvin, which moves the lip by less than 10 µm.
+_STANDS_IN = 0.005
 
 
 def strains_along(
