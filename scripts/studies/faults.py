@@ -320,6 +320,8 @@ def stop_faults(ended: Ended, sound: Ended, what: str) -> list[str]:
         return wrong
     if what == "SIGKILL":
         return wrong if ended.code == -signal.SIGKILL else [*wrong, f"exit code {ended.code}: {ended.error}"]
+    if ended.error.endswith("\nKeyboardInterrupt\n") and "in main" not in ended.error and not ended.left:
+        return wrong  # Python itself was still starting
     if ended.code != 130 or not (ended.one_line() and ": stopped" in ended.error):
         wrong.append(f"exit code {ended.code}: {ended.error}")
     left = [name for name in ended.temporary if not _resumed(name)]
@@ -514,6 +516,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--place", action="append", choices=PLACES, help="there only")
     parser.add_argument("--lines", action="store_true", help="print what was said, too")
     given = parser.parse_args(arguments)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # started in the background, all would ignore it
     commands = [command for command in COMMANDS if command.name in (given.command or command.name)]
     faults: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
