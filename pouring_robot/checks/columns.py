@@ -109,7 +109,7 @@ def _stuck_temperatures(campaign: Campaign) -> Iterator[DataFlag]:
 def _readings(campaign: Campaign) -> tuple[str, ...]:
     """Return the temperatures that were read: one that mostly stays as it is was set, or is read coarsely."""
     given = (name for name in (columns.AMBIENT, *campaign.robot.thermometers) if name in campaign.conditions)
-    return tuple(name for name in given if np.mean(np.diff(campaign.conditions[name]) == 0.0) < 0.5)
+    return tuple(name for name in given if 2 * np.sum(np.diff(campaign.conditions[name]) == 0.0) < len(campaign) - 1)
 
 
 def _stuck(campaign: Campaign, name: str, rows: Rows, severity: Severity) -> DataFlag:

@@ -71,6 +71,11 @@ def _by_size(campaign: Campaign) -> list[str]:
     return sorted(dict.fromkeys(campaign.sessions), key=lambda name: -usable.count(name))
 
 
+def _too_few(campaign: Campaign, name: str) -> CampaignError:
+    few = f"session '{name}' has fewer than {FEWEST_ROWS} whole positions, so nobody knows where it was measured from"
+    return CampaignError(campaign.path, f"{few}; measure more, or leave it out")
+
+
 def in_one_frame(campaign: Campaign, poses: PoseStack) -> Campaign:
     """Return a campaign whose sessions all measure from where the tracker stood in the largest one.
 
@@ -80,7 +85,7 @@ def in_one_frame(campaign: Campaign, poses: PoseStack) -> Campaign:
 
     Raises:
         CampaignError: a session has too few whole positions to tell where it measured from.
-        FrameFitError: so has the largest.
+        FrameFitError: of those of the largest too few have drives that reach a pose.
     """
     if campaign.metadata.frames != PER_SESSION or len(set(campaign.sessions)) < 2:
         return campaign
@@ -89,6 +94,8 @@ def in_one_frame(campaign: Campaign, poses: PoseStack) -> Campaign:
     rotation = np.full((len(campaign), 3, 3), np.nan) if vectors is None else rotation_matrices(vectors)
     measured = PoseStack(np.array(campaign.position_m), rotation)
     largest = np.flatnonzero(sessions == names[0])
+    if np.count_nonzero(campaign.usable[largest]) < FEWEST_ROWS:
+        raise _too_few(campaign, names[0])
     noise_m, noise_rad = campaign.metadata.sigma_position_m, campaign.metadata.sigma_rotation_rad
     arm_m = noise_m / noise_rad if noise_m and noise_rad else 1.0
     first = fit_frames(
@@ -99,10 +106,7 @@ def in_one_frame(campaign: Campaign, poses: PoseStack) -> Campaign:
         rows = np.flatnonzero((sessions == name) & campaign.usable)
         T_tracker_base = _seen_from(target[rows], measured[rows], arm_m)
         if T_tracker_base is None:
-            few = (
-                f"session '{name}' has fewer than {FEWEST_ROWS} whole positions, so nobody knows where it was measured"
-            )
-            raise CampaignError(campaign.path, f"{few} from; measure more, or leave it out")
+            raise _too_few(campaign, name)
         back = first.T_tracker_base * T_tracker_base.inverse()
         measured.position_m[rows] = measured.position_m[rows] @ back.rotation.T + back.translation
         measured.rotation[rows] = back.rotation @ measured.rotation[rows]

@@ -298,7 +298,7 @@ class ClosureSolver:
                 best = state = trial
                 previous, share_before = length, share
                 damping, climbs = 0.1 * damping if damping > _LEAST_DAMPING else 0.0, 0
-            elif damping == 0.0 and climbs < _PATIENCE:
+            elif damping == 0.0 and climbs < _PATIENCE and np.isfinite(trial.energy):
                 state, climbs = trial, climbs + 1
             else:
                 best = state = energy.evaluate(best.configuration, commanded)  # the Hessian reads the workspace

@@ -28,7 +28,7 @@ def _temperature(value: float, *, surroundings: bool = False) -> float:
 
 def _minutes(value: float) -> float:
     if not 0.0 < value <= LONGEST_MIN:
-        raise ValueError(f"{value:g} min is no time since the melt came; give 0 to {LONGEST_MIN:g} min")
+        raise ValueError(f"{value:g} min is no time since the melt came; give more than 0, at most {LONGEST_MIN:g}")
     return value
 
 

@@ -148,7 +148,13 @@ class Tally:
 
     said: Counter[str] = field(default_factory=Counter)
     lines: Counter[str] = field(default_factory=Counter)
-    faults: list[str] = field(default_factory=list)
+    faults: int = 0
+
+    def count(self, wrong: str) -> None:
+        """Count a fault, if there is one, and print it."""
+        if wrong:
+            self.faults += 1
+            print(" ".join(wrong.split())[:2000], file=sys.stderr, flush=True)
 
 
 class Study:
@@ -335,7 +341,7 @@ def moments(study: Study, commands: Sequence[Command], count: int, seed: int) ->
         for k in range(count):
             left, wrong = study.stopped(command, ("SIGKILL", "SIGINT")[k % 2], random_, in_time=k % 4 < 2)
             tally.said[left] += 1
-            tally.faults += [wrong] if wrong else []
+            tally.count(wrong)
         yield command, tally
 
 
@@ -498,7 +504,7 @@ def places(study: Study, commands: Sequence[Command], wanted: Sequence[str]) -> 
             ended, sound = PLACES[name](study, command)
             wrong = place_fault(ended, sound)
             if wrong:
-                tally.faults.append(f"{name}, {command.name}: {wrong}")
+                tally.count(f"{name}, {command.name}: {wrong}")
             else:
                 tally.said["right" if ended.code == 0 else "one line"] += 1
                 if ended.code:
@@ -518,7 +524,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     signal.signal(signal.SIGINT, signal.default_int_handler)  # started in the background, all would ignore it
     commands = [command for command in COMMANDS if command.name in (given.command or command.name)]
-    faults: list[str] = []
+    faults = 0
     with tempfile.TemporaryDirectory() as folder:
         study = Study(Path(folder))
         if given.what == "moments":
@@ -527,18 +533,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print("|---|---|---|---|---|---|---|---|")
             for command, tally in moments(study, commands, given.count, given.seed):
                 row = (command.name, study.undisturbed(command)[2], given.count, *(tally.said[head] for head in heads))
-                print("| " + " | ".join(map(str, (*row, len(tally.faults)))) + " |", flush=True)
+                print("| " + " | ".join(map(str, (*row, tally.faults))) + " |", flush=True)
                 faults += tally.faults
         else:
             print("| fault | commands | right | one line | faults |\n|---|---|---|---|---|")
             for name, tally in places(study, commands, given.place or list(PLACES)):
-                row = (name, len(commands), tally.said["right"], tally.said["one line"], len(tally.faults))
+                row = (name, len(commands), tally.said["right"], tally.said["one line"], tally.faults)
                 print("| " + " | ".join(map(str, row)) + " |", flush=True)
                 faults += tally.faults
                 for line, count in tally.lines.items() if given.lines else ():
                     print(f"{count} × {line}")
-    for fault in faults:
-        print(" ".join(fault.split())[:1000])
     return int(bool(faults))
 
 
