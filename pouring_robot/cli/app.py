@@ -16,6 +16,7 @@ import typer
 from typer.core import TyperGroup
 
 from pouring_robot import __version__
+from pouring_robot.cli.interrupt import heard
 from pouring_robot.cli.last_net import EXIT_CODE, caught
 from pouring_robot.cli.shared.bundles import HELP_PAGE, group_of
 from pouring_robot.exceptions import PouringRobotError, StoppedError
@@ -106,6 +107,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return _run(given)
     except Exception as error:
+        if heard():
+            _complain("stopped")
+            return StoppedError.exit_code
         _complain(caught(error, given))
         return EXIT_CODE
 

@@ -260,6 +260,7 @@ class ClosureSolver:
             read_only(commanded.copy()),  # the caller may go on with its own
         )
 
+    @np.errstate(over="ignore", invalid="ignore")  # a step too far, from which it goes back
     def _minimise(self, commanded: FloatArray) -> tuple[EnergyState, int]:
         """Run Newton: Gauss-Newton far away, the exact Hessian where residuals stay, a watchdog over both.
 

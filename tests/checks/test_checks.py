@@ -165,7 +165,7 @@ DAMAGES = {
     "no_temperatures": [
         lambda c: damaged(c, **dict.fromkeys((*c.robot.thermometers, "ambient"))),
     ],
-    "too_few_rows": [lambda c: c.subset(range(12)), lambda c: c.subset(range(3))],
+    "too_few_rows": [lambda c: c.subset(range(12)), lambda c: c.subset(range(3)), lambda c: c.subset([0])],
     "one_pose": [lambda c: damaged(c, drives=lambda v: np.repeat(v[:1], len(v), axis=0))],
     "ignored_columns": [lambda c: dataclasses.replace(c, ignored_columns=("operator",))],
     "outlier": [

@@ -133,6 +133,9 @@ def test_what_cannot_be_told_is_refused():
     few = dataclasses.replace(moved(campaign, 5), sessions=("a",) * 56 + ("b",) * 4)
     with pytest.raises(CampaignError, match="session 'b' has fewer than"):
         seen_from_one_place(few, bare(MODELS["arm"]))
+    each = dataclasses.replace(few, sessions=tuple(str(k) for k in range(60)))
+    with pytest.raises(CampaignError, match="session '0' has fewer than"):
+        seen_from_one_place(each, bare(MODELS["arm"]))
     with pytest.raises(CalibrationError, match="--hold-out region"):
         calibrate(moved(campaign, 5), bare(MODELS["arm"]), CalibrationOptions(("drives",), hold_out="session"))
 

@@ -47,7 +47,7 @@ def test_a_command_ends_right_or_with_one_line(study, place):
         (Ended(130, "pouring-robot: stopped\n", {}), ""),
         (Ended(0, "", SOUND.left), ""),
         (Ended(130, "", {}), "exit code 130"),
-        (Ended(1, "Traceback\nKeyboardInterrupt\n", {}), "exit code 1"),
+        (Ended(1, "Traceback\n in main\nKeyboardInterrupt\n", {}), "exit code 1"),
         (Ended(130, "pouring-robot: stopped\n", {"a.csv": b""}), "neither whole nor absent"),
         (Ended(130, "pouring-robot: stopped\n", {".a.csv.12.part": b"1"}), "left .a.csv.12.part"),
     ],

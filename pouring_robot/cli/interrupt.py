@@ -1,0 +1,46 @@
+"""Ctrl-C is heard wherever it comes, whatever a library makes of it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from typing import Any
+
+
+class _Heard:
+    """Whether there was one."""
+
+    yes = False
+
+
+def listen() -> None:
+    """Listen from now on, unless whoever started this process lets it ignore Ctrl-C."""
+    sys.unraisablehook = _raise_again
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _hear)
+
+
+def listen_no_more() -> None:
+    """Let Ctrl-C do nothing: all is done."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def heard() -> bool:
+    """Return whether there was one: what fails after it fails because of it (pydantic turns it into its own error)."""
+    return _Heard.yes
+
+
+def _hear(signum: int, frame: Any) -> None:
+    _Heard.yes = True
+    signal.default_int_handler(signum, frame)
+
+
+def _raise_again(lost: Any) -> None:
+    """Raise a Ctrl-C again that came where nothing can be raised, such as in the callback of a library."""
+    if issubclass(lost.exc_type, KeyboardInterrupt):
+        # Not here, where it would be lost once more.
+        threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGINT)).start()
+    else:
+        sys.__unraisablehook__(lost)

@@ -1,0 +1,52 @@
+"""Ctrl-C ends with one line and 130, also where a library swallows it or makes another error of it."""
+
+import subprocess
+import sys
+
+import pytest
+
+from tests.support import ROOT
+
+# The command of each is replaced by one that meets Ctrl-C where a library has called back.
+SWALLOWED = """
+class Callback:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(10)
+def command(**_):
+    Callback()
+    time.sleep(10)
+"""
+TURNED = """
+def command(**_):
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(10)
+    except KeyboardInterrupt:
+        raise ValueError("no schema") from None
+"""
+WHILE_LOADING = """
+class Loading:
+    def find_spec(self, name, path=None, target=None):
+        if name == "pouring_robot.cli.app":
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Loading())
+command = None
+"""
+
+
+@pytest.mark.parametrize("how", [SWALLOWED, TURNED, WHILE_LOADING])
+def test_a_stop_is_one_line(how, tmp_path):
+    start = "import os, signal, sys, time\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    run = "from pouring_robot import cli\nif command: from pouring_robot.cli import app; app.app = command\n"
+    done = subprocess.run(
+        [sys.executable, "-c", f"{start}{how}{run}sys.exit(cli.main())"],
+        cwd=ROOT,
+        env={"TMPDIR": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "pouring-robot: stopped\n")
+    assert not list(tmp_path.iterdir())
