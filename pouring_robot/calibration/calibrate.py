@@ -30,7 +30,7 @@ from pouring_robot.estimation.session_frames import session_parameters
 from pouring_robot.estimation.solver import Fit, FitOptions, first_frames, fit_with_noise, identify, seen_from_one_place
 from pouring_robot.estimation.splits import HoldOut, Rows, Split, split
 from pouring_robot.exceptions import CampaignError
-from pouring_robot.io.progress import Status, say_nothing
+from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.report.result import Result
@@ -115,7 +115,7 @@ def calibrate(
     campaign: Campaign | Path | str,
     model: RobotModel | Path | str | None = None,
     options: CalibrationOptions | None = None,
-    progress: Status = say_nothing,
+    progress: Progress = say_nothing,
 ) -> Calibration:
     """Calibrate a robot.
 
@@ -137,7 +137,7 @@ def calibrate(
     candidates = ParameterCatalogue(model.definition).groups(options.parameters)
     sessions = session_parameters(campaign)
     campaign = seen_from_one_place(campaign, model)
-    progress("checking the data")
+    progress("checking the data", 0, 0)
     flags, left_out = _checked(campaign, model)
     parts = split(campaign, left_out, options.hold_out)
     everything = MeasurementModel(model, all_parameters(candidates), options.threads, sessions)
@@ -145,12 +145,11 @@ def calibrate(
     noise = stated_noise(campaign, parts.train)
     measured = MeasuredPoses.from_campaign(campaign, noise).without(left_out)
     if noise.from_residuals:
-        progress("estimating the noise from residuals")
+        progress("estimating the noise from residuals", 0, 0)
         train, seen = rows[parts.train], measured[parts.train]
         prior = prior_std(rows.model.parameters, tolerances, framed=measured.framed, sessions=rows.model.sessions)
         noise = fit_with_noise(train, seen, first_frames(train, seen), prior, noise, options.fit)[1]
         measured = measured.with_noise(noise)
-    progress("choosing parameters")
     selection = Selection(candidates, ())
     if options.choose:
         selection = select_groups(rows, measured, parts, candidates, tolerances, options.fit, progress)
@@ -165,9 +164,9 @@ def calibrate(
         return chosen, fit, full.residual(chosen.predict(fit.unknowns))
 
     _, _, before = fitted((), curvature=options.fit.curvature)
-    progress("fitting")
+    progress("fitting", 0, 0)
     chosen, fit, after = fitted(selection.groups)
-    progress("judging")
+    progress("judging", 0, 0)
     refused = _refused(before, after, parts, left_out, selection, full.sigma) if options.choose else None
     if refused:
         selection = replace(selection, groups=())

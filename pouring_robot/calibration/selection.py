@@ -16,7 +16,7 @@ from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.estimation.solver import FitOptions, first_frames, identify
 from pouring_robot.estimation.splits import Rows, Split
 from pouring_robot.exceptions import CalibrationError
-from pouring_robot.io.progress import Status, say_nothing
+from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.parameters import ParameterGroup, all_parameters
 from pouring_robot.robot.tolerances import Tolerances
@@ -112,7 +112,7 @@ def select_groups(
     candidates: Sequence[ParameterGroup],
     tolerances: Tolerances,
     options: FitOptions | None = None,
-    progress: Status = say_nothing,
+    progress: Progress = say_nothing,
 ) -> Selection:
     """Choose groups by forward selection on the training blocks; the test block is not looked at.
 
@@ -138,8 +138,8 @@ def select_groups(
     while left:
         names = tuple(group.name for group in kept)
         trials = []
-        for group in left:
-            progress(" + ".join((*names, group.name)))
+        for tried, group in enumerate(left):
+            progress(f"choosing group {len(kept) + 1}", tried, len(left))
             trials.append(validate([*kept, group]))
         judged = [_judge(present, trial) for trial in trials]
         mean, error = [one[0] for one in judged], [one[1] for one in judged]

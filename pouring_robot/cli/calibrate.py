@@ -62,9 +62,9 @@ def calibrate(
         choose=not keep_all,
         fit=FitOptions(loss=loss),
     )
-    with progress.status() as say:
-        found = run(data, present, chosen, say)
-        say("writing")
+    with progress.stage_bars() as show:
+        found = run(data, present, chosen, show)
+        show("writing", 0, 0)
         written = found.save(out)
     if as_json:
         options.print_figures(calibration_metrics(found), written)

@@ -57,14 +57,14 @@ def diagnose(
     chosen = DiagnosisOptions(
         exclude=tuple(dict.fromkeys(exclude or ())), hold_out=hold_out, false_names=false_names, next_count=next_count
     )
-    with progress.status() as say:
-        say("reading")
+    with progress.stage_bars() as show:
+        show("reading", 0, 0)
         data = Campaign.read(campaign, present.definition)
         try:
-            found = run(data, present, chosen, say)
+            found = run(data, present, chosen, show)
         except DiagnosisError as problem:
             raise DiagnosisError(f"{campaign}: {problem.problem}", problem.mend) from problem
-        say("writing the report")
+        show("writing the report", 0, 0)
         written = found.save(out)
     if as_json:
         options.print_figures(diagnosis_metrics(found, str(out / MODEL)), written)

@@ -100,8 +100,8 @@ def _campaign_scene(file: Path, which: bundles.Which) -> Scene:
     from pouring_robot.diagnosis.report.scene import campaign_scene
 
     model = which.read()
-    with progress.status() as say:
-        say("reading and closing every row")
+    with progress.stage_bars() as show:
+        show("reading and closing every row", 0, 0)
         scene = campaign_scene(Campaign.read(file, model.definition), model)
     if scene is None:
         raise BadInputError(f"{file}: no row has a measured position, or the robot's end body has nothing to be drawn")

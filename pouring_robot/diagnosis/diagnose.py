@@ -35,7 +35,7 @@ from pouring_robot.inference.decision import DEFAULT_THRESHOLDS, Thresholds, jud
 from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.search import SearchOptions
-from pouring_robot.io.progress import Status, say_nothing
+from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.report.result import Result
 from pouring_robot.robot.model import RobotModel
@@ -111,7 +111,7 @@ def diagnose(
     campaign: Campaign | Path | str,
     model: RobotModel | Path | str | None = None,
     options: DiagnosisOptions | None = None,
-    progress: Status = say_nothing,
+    progress: Progress = say_nothing,
 ) -> Diagnosis:
     """Find where a model and a campaign disagree, name the missing effect and amend the model.
 
@@ -130,7 +130,7 @@ def diagnose(
     options, model = options or DiagnosisOptions(), RobotModel.of(model)
     campaign = seen_from_one_place(Campaign.of(campaign, model.definition), model)
     effects = chosen_effects(model.definition, options.exclude)
-    progress("checking the data")
+    progress("checking the data", 0, 0)
     flags = examine(campaign, model.definition.drawing()).flags
     errors = [flag for flag in flags if flag.severity == "error"]
     if errors:
@@ -142,7 +142,7 @@ def diagnose(
         more = found.wrong_rows()
         if not more.size:
             break
-        progress("leaving out rows that fit nothing")
+        progress("leaving out rows that fit nothing", 0, 0)
         found = work.searched(np.union1d(found.outliers, found.inliers[more]), found.hypothesis)
     return work.judged(found, tuple(flags))
 
@@ -180,7 +180,7 @@ class _Work:
     model: RobotModel
     effects: dict[str, Effect]
     options: DiagnosisOptions
-    say: Status
+    say: Progress
 
     def searched(self, wrong: NDArray[np.intp], start: Hypothesis | None = None) -> _Searched:
         """Search with some rows left out, from what was found with more rows."""
@@ -198,7 +198,7 @@ class _Work:
             fitted[parts.test] = False
         noise = stated_noise(campaign, np.flatnonzero(fitted))
         for turn in itertools.count(1):
-            self.say("searching for effects")
+            self.say("searching for effects", 0, 0)
             rows = CampaignRows(campaign, self.model, noise)
             diagnoser = Diagnoser(
                 rows, Library.of(rows, self.effects), fitted, SearchOptions(false_names=self.options.false_names)
@@ -217,7 +217,7 @@ class _Work:
 
     def judged(self, found: _Searched, flags: tuple[DataFlag, ...]) -> Diagnosis:
         """Say what may be said of what was found."""
-        self.say("asking whether what is left has structure")
+        self.say("asking whether what is left has structure", 0, 0)
         diagnoser, after, hypothesis, fitted = found.diagnoser, found.after, found.hypothesis, found.fitted
         # Where the noise is not stated, scatter from row to row is noise.
         rows, known = diagnoser.rows, not found.noise.from_residuals
@@ -229,9 +229,9 @@ class _Work:
             after = before
         in_turn = None
         if found.parts and judgement.causes and few(before.every_row, fitted):
-            self.say("holding out each block in turn")
             names = frozenset(item.effect for item in hypothesis.items if item.cause)
-            in_turn = held_out_in_turn(diagnoser, before, after, (*found.parts.folds, found.parts.test), names)
+            blocks = (*found.parts.folds, found.parts.test)
+            in_turn = held_out_in_turn(diagnoser, before, after, blocks, names, self.say)
         given, notes = rows.conditions, list(found.notes)
         notes += [
             f"single missing cells of {name} were filled in from their neighbours in time" for name in given.filled

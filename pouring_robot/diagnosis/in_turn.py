@@ -18,6 +18,7 @@ from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.rows import LinearRows
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.search import search
+from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
 
@@ -54,7 +55,12 @@ class InTurn:
 
 
 def held_out_in_turn(
-    diagnoser: Diagnoser, before: State, after: State, blocks: Sequence[NDArray[np.intp]], names: frozenset[str]
+    diagnoser: Diagnoser,
+    before: State,
+    after: State,
+    blocks: Sequence[NDArray[np.intp]],
+    names: frozenset[str],
+    progress: Progress = say_nothing,
 ) -> InTurn | None:
     """Return how well each block is foretold by the others; None where some block alone tells of the frames.
 
@@ -64,6 +70,7 @@ def held_out_in_turn(
         after: the amended model.
         blocks: rows, by index; together all of them.
         names: effects that all fitted rows name.
+        progress: is told of every block.
     """
     problem, linear = diagnoser.problem_of_every_row(after), after.every_row
     masks = [np.isin(linear.row, rows) for rows in blocks]
@@ -71,7 +78,8 @@ def held_out_in_turn(
     if any(_weakest(free[~block]) < _KNOWN for block in masks):
         return None
     given, found, agreed = np.zeros(len(linear.row)), np.zeros(len(linear.row)), 0
-    for block in masks:
+    for turn, block in enumerate(masks):
+        progress("holding out each block in turn", turn, len(masks))
         given[block] = _unforeseen(before.every_row.residual, free, block)
         left, named = _searched(diagnoser, problem, block)
         found[block] = _unforeseen(left, free, block)

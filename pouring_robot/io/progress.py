@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 Progress = Callable[[str, int, int], None]
-"""Called with the name of a stage, the number of its steps done and their number in all."""
-
-Status = Callable[[str], None]
-"""Called with what is being done now, where steps cannot be counted."""
+"""Called with what is being done now, the number of its steps done and their number in all, 0 if nobody can say."""
 
 
-def say_nothing(what: str, done: int = 0, total: int = 0) -> None:
-    """Be quiet: the default of either."""
+def say_nothing(what: str, done: int, total: int) -> None:
+    """Be quiet: the default."""

@@ -27,11 +27,13 @@ def test_keeps_what_is_off_and_nothing_else(case, drawing):
     said = []
     virtual, parts = case
     candidates = groups_of(drawing, "centres")
-    chosen = select_groups(virtual.rows, virtual.measured, parts, candidates, Tolerances.load(), progress=said.append)
+    chosen = select_groups(
+        virtual.rows, virtual.measured, parts, candidates, Tolerances.load(), progress=lambda *step: said.append(step)
+    )
     assert [group.name for group in chosen.groups] == ["drives"]
     assert [step.tried for step in chosen.steps if step.accepted] == ["", "drives"]
     assert chosen.steps[0].rms > 5.0
-    assert said[:2] == ["drives", "fixed_centres"]
+    assert said[:2] == [("choosing group 1", k, len(candidates)) for k in (0, 1)]
 
 
 def test_the_test_block_plays_no_part(case, drawing):

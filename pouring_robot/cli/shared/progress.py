@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 from pouring_robot.cli.shared.options import is_quiet
 
 if TYPE_CHECKING:
-    from pouring_robot.io.progress import Progress, Status
+    from pouring_robot.io.progress import Progress
+
+_WIDEST = 60
 
 
 def time_left(done: float, total: float | None, elapsed_s: float, since_s: float) -> str:
@@ -33,7 +35,8 @@ def stage_bars() -> Iterator[Progress]:
     """Show a bar a stage with the time gone and left, and take them away at the end.
 
     Yields:
-        A function that is told the name of a stage, the number of its steps done and their number in all.
+        A function that is told the name of a stage, the number of its steps done and their number in all, 0 if nobody
+        can say.
     """
     from rich import progress
     from rich.console import Console
@@ -44,11 +47,15 @@ def stage_bars() -> Iterator[Progress]:
             since = time.monotonic() - task.fields["stepped"]
             return Text(time_left(task.completed, task.total, task.elapsed or 0.0, since))
 
+    class Steps(progress.MofNCompleteColumn):
+        def render(self, task: progress.Task) -> Text:
+            return super().render(task) if task.total else Text()
+
     errors = Console(stderr=True)
     columns = (
         progress.TextColumn("{task.description}"),
         progress.BarColumn(),
-        progress.MofNCompleteColumn(),
+        Steps(),
         progress.TimeElapsedColumn(),
         Left(),
     )
@@ -58,25 +65,9 @@ def stage_bars() -> Iterator[Progress]:
 
         def show(stage: str, done: int, total: int) -> None:
             if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=total, stepped=time.monotonic())
-            bars.update(tasks[stage], completed=done, total=total, stepped=time.monotonic())
+                for known in bars.tasks:
+                    bars.update(known.id, visible=known.finished)
+                tasks[stage] = bars.add_task(stage[:_WIDEST], total=total or None, stepped=time.monotonic())
+            bars.update(tasks[stage], completed=done, total=total or None, stepped=time.monotonic(), visible=True)
 
         yield show
-
-
-@contextmanager
-def status() -> Iterator[Status]:
-    """Show in words what is being done, and for how long.
-
-    Yields:
-        A function that says what is being done now.
-    """
-    from rich import progress
-    from rich.console import Console
-
-    errors = Console(stderr=True, highlight=False)
-    columns = (progress.SpinnerColumn(), progress.TextColumn("{task.description}"), progress.TimeElapsedColumn())
-    hidden = is_quiet() or not errors.is_terminal
-    with progress.Progress(*columns, console=errors, transient=True, disable=hidden) as bars:
-        task = bars.add_task("reading", total=None)
-        yield lambda text: bars.update(task, description=text[:100])
