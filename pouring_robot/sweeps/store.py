@@ -25,6 +25,7 @@ import fcntl
 import json
 import os
 import shutil
+import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -148,7 +149,9 @@ class SweepStore:
             _write_empty(part, self.plan)
             part.rename(self.path)
         except BaseException as problem:
-            shutil.rmtree(part, ignore_errors=True)
+            for _ in range(3):  # Zarr's own thread may be at a file yet
+                shutil.rmtree(part, ignore_errors=True)
+                time.sleep(0.05)
             for folder in made:
                 with contextlib.suppress(OSError):  # another sweep has begun there
                     folder.rmdir()

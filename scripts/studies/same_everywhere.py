@@ -1,0 +1,130 @@
+"""Run the same commands under other BLAS kernels and thread counts, and say how far their answers differ.
+
+    python scripts/studies/same_everywhere.py
+
+NumPy and SciPy each carry an OpenBLAS, which takes the kernel that ``OPENBLAS_CORETYPE`` names, not the machine's.
+Each run is a process of its own: where the ladle is, a calibration, diagnoses of campaigns with something, and with
+nothing, missing. Prints a Markdown table of the largest differences to the first run; exit code 1 if a verdict differs.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pouring_robot.robot.files import examples_path
+
+ROOT = Path(__file__).resolve().parents[2]
+KERNELS = ("Prescott", "Haswell", "Zen", "SkylakeX")
+THREADS = (1, 2)
+ACTUAL = examples_path() / "actual.yaml"
+POSES = examples_path() / "poses.csv"
+CAMPAIGN, SOUND = "missing.csv", "sound.csv"
+COMMANDS = {
+    "path": f"path {POSES} --model {ACTUAL} --json",
+    "calibrate": f"calibrate {CAMPAIGN} --out calibrated --overwrite --json",
+    "diagnose, errors missing": f"diagnose {CAMPAIGN} --out found --overwrite --json",
+    "diagnose, nothing missing": f"diagnose {SOUND} --model {ACTUAL} --out none --overwrite --json",
+}
+_RUN = """
+import sys
+from threadpoolctl import threadpool_info
+from pouring_robot.cli import main
+code = main()
+used = {(info["architecture"], info["num_threads"]) for info in threadpool_info() if info["user_api"] == "blas"}
+print("\\n" + repr(sorted(used)), file=sys.stderr)
+sys.exit(code)
+"""
+
+
+def run(command: str, folder: Path, kernel: str = "", threads: int = 1) -> tuple[dict[str, Any], str]:
+    """Run a command and return its figures and the kernels that it says it used."""
+    chosen = {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": str(threads)}
+    chosen |= {"OPENBLAS_CORETYPE": kernel} if kernel else {}
+    done = subprocess.run(
+        [sys.executable, "-c", _RUN, *command.split()],
+        cwd=folder,
+        env=os.environ | chosen,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        raise SystemExit(f"{command} under {kernel}: {done.stderr}")
+    return json.loads(done.stdout) if "--json" in command else {}, done.stderr.splitlines()[-1]
+
+
+def numbers(figures: Any, name: str = "") -> dict[str, float]:
+    """Return all numbers of figures, by where they stand; how long something took is none."""
+    if isinstance(figures, dict):
+        return {k: v for key, value in figures.items() for k, v in numbers(value, f"{name}.{key}").items()}
+    if isinstance(figures, list):
+        return {k: v for at, value in enumerate(figures) for k, v in numbers(value, f"{name}[{at}]").items()}
+    if isinstance(figures, bool) or not isinstance(figures, int | float) or "seconds" in name:
+        return {}
+    return {name: float(figures)}
+
+
+def words(figures: Any) -> Any:
+    """Return all that is no number: verdicts, names, their order."""
+    if isinstance(figures, dict):
+        return {key: words(value) for key, value in figures.items()}
+    if isinstance(figures, list):
+        return [words(value) for value in figures]
+    return figures if isinstance(figures, str | bool | None) else 0
+
+
+def largest(one: dict[str, float], other: dict[str, float]) -> tuple[float, str]:
+    """Return the largest difference of two runs' numbers, as a share of the largest number of its kind, and the kind.
+
+    Numbers whose key has the same name are of a kind: the forces of all chains at all poses, all standard deviations.
+    """
+    if one.keys() != other.keys():
+        return np.inf, "other figures"
+    scale: dict[str, float] = {}
+    for name, value in one.items():
+        scale[kind_of(name)] = max(scale.get(kind_of(name), 0.0), abs(value))
+    apart = {name: abs(value - other[name]) / (scale[kind_of(name)] or 1.0) for name, value in one.items()}
+    worst = max(apart, key=lambda name: apart[name], default="")
+    return apart.get(worst, 0.0), kind_of(worst)
+
+
+def kind_of(name: str) -> str:
+    """Return the last key on the way to a number."""
+    return re.sub(r"\[\d+\]", "", name).rsplit(".", 1)[-1]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the study and return its exit code."""
+    del arguments
+    differ = 0
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for out, more in ((CAMPAIGN, "--seed 1"), (SOUND, "--seed 2")):
+            run(f"campaign simulate --random 50 {more} --model {ACTUAL} --out {out}", folder)
+        print("| command | asked for | used, threads | words the same | numbers | largest difference, share | of |")
+        print("|---|---|---|---|---|---|---|")
+        for what, command in COMMANDS.items():
+            first: dict[str, Any] | None = None
+            for kernel, threads in [(kernel, 1) for kernel in KERNELS] + [(KERNELS[1], t) for t in THREADS[1:]]:
+                figures, used = run(command, folder, kernel, threads)
+                first = first or figures
+                same = words(figures) == words(first)
+                share, where = largest(numbers(first), numbers(figures))
+                differ += not same
+                row = (what, kernel, used, "yes" if same else "NO", len(numbers(figures)), f"{share:.1e}", where or "–")
+                print("| " + " | ".join(map(str, row)) + " |", flush=True)
+    return int(bool(differ))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
