@@ -26,4 +26,6 @@ def main() -> int:
     except KeyboardInterrupt:  # while the program was being loaded
         print("pouring-robot: stopped", file=sys.stderr)
         return 130
+    finally:
+        exec("")  # Python ends itself by the signal where code made from text met it; this it takes for the last such
     return code

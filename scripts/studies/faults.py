@@ -328,8 +328,7 @@ def stop_faults(ended: Ended, sound: Ended, what: str) -> list[str]:
         return wrong if ended.code == -signal.SIGKILL else [*wrong, f"exit code {ended.code}: {ended.error}"]
     if ended.error.endswith("\nKeyboardInterrupt\n") and "in main" not in ended.error and not ended.left:
         return wrong  # Python itself was still starting
-    # Where Ctrl-C met code made from text, Python ends itself by the signal, which a shell calls 130, too.
-    if ended.code not in (130, -signal.SIGINT) or not (ended.one_line() and ": stopped" in ended.error):
+    if ended.code != 130 or not (ended.one_line() and ": stopped" in ended.error):
         wrong.append(f"exit code {ended.code}: {ended.error}")
     left = [name for name in ended.temporary if not _resumed(name)]
     return [*wrong, f"left {', '.join(left)}"] if left else wrong

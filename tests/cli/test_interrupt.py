@@ -25,6 +25,10 @@ def command(**_):
     except KeyboardInterrupt:
         raise ValueError("no schema") from None
 """
+FROM_TEXT = """
+def command(**_):
+    exec("os.kill(os.getpid(), signal.SIGINT); time.sleep(10)")
+"""
 WHILE_LOADING = """
 class Loading:
     def find_spec(self, name, path=None, target=None):
@@ -35,7 +39,7 @@ command = None
 """
 
 
-@pytest.mark.parametrize("how", [SWALLOWED, TURNED, WHILE_LOADING])
+@pytest.mark.parametrize("how", [SWALLOWED, TURNED, FROM_TEXT, WHILE_LOADING])
 def test_a_stop_is_one_line(how, tmp_path):
     start = "import os, signal, sys, time\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
     run = "from pouring_robot import cli\nif command: from pouring_robot.cli import app; app.app = command\n"
