@@ -473,7 +473,7 @@ PLACES: dict[str, Place] = {
     "names with spaces": named("a b  c"),
     "names in Unicode": named("Kelle-\u00e9\u4e2d\U0001f525\u202e"),
     "names of 255 bytes": named("\U0001f525" * 62),
-    "names with a leading dash": named("-a"),
+    "names with a leading dash": named("-Kelle"),
     "names with markup": named("[red]<script>alert(1)"),
 }
 
