@@ -41,7 +41,8 @@ def by_chance(null: Hypothesis, rate: float, draws: int = DRAWS, seed: int = SEE
     """
     problem, inner = null.problem, null.everything.gram.columns
     squared, axes = eigen(inner)
-    spread = axes * np.sqrt(np.maximum(squared, 0.0))
+    # The symmetric root: any other depends on the signs and the order of axes that this machine's library chose.
+    spread = (axes * np.sqrt(np.maximum(squared, 0.0))) @ axes.T
     projected = spread @ np.random.default_rng(seed).normal(size=(len(inner), draws))
     largest = np.zeros(draws)
     for item in problem.explanations:
