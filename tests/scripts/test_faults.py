@@ -5,7 +5,8 @@ import signal
 
 import pytest
 
-from scripts.studies.faults import COMMANDS, PLACES, Ended, Study, place_fault, stop_faults
+from scripts.studies.fault_places import PLACES, place_fault
+from scripts.studies.fault_study import COMMANDS, Ended, Study, stop_faults
 
 BY_NAME = {command.name: command for command in COMMANDS}
 SOUND = Ended(0, "", {"a.csv": b"1", "a.yaml": b"2"})
