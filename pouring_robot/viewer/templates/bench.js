@@ -1,7 +1,7 @@
 "use strict";
 // Sliders that ask the program which shows the page for the robot. It remembers nothing: a question holds every value.
 const bench = content.bench, inputs = new Map(), errors = { ...bench.errors.values };
-let wish = null, asked = 0, commanded = bench.groups[0].name;
+let wish = null, asked = 0, moving = false, commanded = bench.groups[0].name;
 
 function element(tag, more, ...children) {
   const made = Object.assign(document.createElement(tag), more);
@@ -33,6 +33,7 @@ function ask(moved, settled) {
   if (bench.groups.find(group => group.name === moved)?.commands) { commanded = moved; }
   const values = Object.fromEntries([...inputs].map(([id, input]) => [id, input.value()]));
   wish = { commanded, settled, values, errors };
+  moving = !settled;
   send();
 }
 
@@ -55,6 +56,7 @@ socket.onmessage = message => {
     film = { ...film, ...answer.film };
     robots.forEach(robot => { robot.course = course(film.robots[robot.name]); });
     arrows.forEach((item, n) => { item.ends = floats(film.arrows[n].ends); });
+    if (software) { sharpness((moving ? 0.4 : 1) * window.devicePixelRatio); }  // coarser while a hand is on a slider
     show();
   }
   send();
