@@ -13,6 +13,7 @@ from pouring_robot.diagnosis.rows import SCALE
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.effects.drives import channel
 from pouring_robot.effects.facts import Axis
+from pouring_robot.inference.processes import variances_of
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 
@@ -43,12 +44,11 @@ def shape_of(diagnosis: Findings, effect: NamedEffect) -> Shape | None:
     parameters = [found.parameter for found in effect.parameters]
     if all(p.main for p in parameters) or not effect.cause.indices:
         return None
-    values, covariance = _posterior(diagnosis, effect, parameters)
+    values = np.array([found.value for found in effect.parameters])
     moves = {name: _moves(name, parameters) for p in parameters for name in p.changes}
     most = max(moves, key=lambda name: float(np.square(moves[name] @ values).sum()))
     main = np.array([p.main for p in parameters])
-    spread = np.einsum("np,pq,nq->n", moves[most], covariance, moves[most], optimize=True)
-    std = np.sqrt(np.maximum(spread, 0.0))
+    std = np.sqrt(variances_of(moves[most], _covariance(diagnosis, effect, parameters)))
     learned, textbook = moves[most] @ values, moves[most] @ (main * values)
     if np.square(learned - textbook).mean() <= np.square(std).mean():
         return None
@@ -57,18 +57,16 @@ def shape_of(diagnosis: Findings, effect: NamedEffect) -> Shape | None:
     return Shape(most, unit, axis, learned / factor, std / factor, textbook / factor)
 
 
-def _posterior(
-    diagnosis: Findings, effect: NamedEffect, parameters: list[EffectParameter]
-) -> tuple[FloatArray, FloatArray]:
-    """Return mean (p,) and covariance (p, p) of an effect's parameters, in their units."""
+def _covariance(diagnosis: Findings, effect: NamedEffect, parameters: list[EffectParameter]) -> FloatArray:
+    """Return that of an effect's parameters, in their units, (p, p)."""
     hypothesis = diagnosis.hypothesis
     weights = hypothesis.weights()
     places = list(pairwise(accumulate((len(own) for own in weights), initial=0)))
     first = len(weights) - len(hypothesis.items)  # backgrounds stand before items
     own = np.concatenate([np.arange(*places[first + k]) for k in effect.cause.indices])
     units = np.concatenate(weights)[own] * np.array([p.prior_std for p in parameters])
-    mean, covariance = hypothesis.coefficients()
-    return units * mean[own], units[:, None] * covariance[own[:, None], own] * units
+    covariance = hypothesis.coefficients()[1]
+    return np.asarray(units[:, None] * covariance[own[:, None], own] * units)
 
 
 def _moves(name: str, parameters: list[EffectParameter]) -> FloatArray:

@@ -228,8 +228,9 @@ def _by_scales(
 ) -> tuple[FloatArray, list[Scale], FloatArray]:
     """Return main scales (logarithms, s), shaping scales (p) and the log evidence at each pair, (p, s) or (p, s, d)."""
     log_scales = LOG_SCALES[np.log(largest) + 1e-9 >= LOG_SCALES]
-    shapings = np.ones(1) if main is None or main.all() else unit * SHAPINGS
-    weights = np.where(True if main is None else main, 1.0, shapings[:, None]) * np.ones(len(columns))
+    main = np.ones(len(columns), dtype=bool) if main is None else main
+    shapings = np.ones(1) if main.all() else unit * SHAPINGS
+    weights = np.where(main, 1.0, shapings[:, None])
     scales = [Scale(1.0, shaping) for shaping in shapings.tolist()]
     return log_scales, scales, _over_scales(weights, columns, projected, log_scales)
 
