@@ -22,12 +22,13 @@ from numpy.polynomial import chebyshev
 
 from pouring_robot.compensation.path import PathSearch
 from pouring_robot.exceptions import NoSolutionError
+from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.result import Result
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
-from pouring_robot.thermal.expansion.warm_path import Show, strains_along
+from pouring_robot.thermal.expansion.warm_path import strains_along
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -109,13 +110,13 @@ class Controller(Result):
         return str(template.render(controller=self, points=POINTS, listed=listed))
 
 
-def make_controller(heated: HeatedRobot, frame: str | None = None, show: Show | None = None) -> Controller:
+def make_controller(heated: HeatedRobot, frame: str | None = None, show: Progress = say_nothing) -> Controller:
     """Return polynomials for the robot as built and as warm as it is, over the workspace box.
 
     Args:
         heated: the robot as built and how warm it is; without loads.
         frame: the frame whose position shall be right; by default the moving platform.
-        show: told of progress: stage, done, of how many.
+        show: told of progress.
 
     Raises:
         BadInputError: the robot carries loads.

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure
 from pouring_robot.compensation.search import TOLERANCE
+from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.mechanism.rotations import rotation_vectors
@@ -23,7 +24,7 @@ from pouring_robot.report.result import Result
 from pouring_robot.robot.location import OUT_OF_REACH, as_poses
 from pouring_robot.robot.pouring.names import DRIVE_COLUMNS
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
-from pouring_robot.thermal.expansion.warm_path import Show, WarmPath, strains_along
+from pouring_robot.thermal.expansion.warm_path import WarmPath, strains_along
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -94,7 +95,7 @@ def compensate_path(
     poses: ArrayLike,
     frame: str | None = None,
     threads: int = 2,
-    show: Show | None = None,
+    show: Progress = say_nothing,
 ) -> CompensatedPath:
     """Return drive values that bring the actual ladle to many poses.
 
@@ -103,7 +104,7 @@ def compensate_path(
         poses: x, y, z in m and the tilt in rad, shape (n, 4), best along a path: neighbours start each other.
         frame: the frame whose position shall be right; by default the moving platform.
         threads: that share the temperatures.
-        show: told of progress: stage, done, of how many.
+        show: told of progress.
 
     Raises:
         BadInputError: the poses have another shape, or the robot carries loads.

@@ -8,7 +8,6 @@ that place, millimetres off, which is about a kelvin.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.batch.samples import BatchClosure, BatchStart
+from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import drive_parameters
@@ -28,8 +28,6 @@ from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 if TYPE_CHECKING:
     import xarray as xr
 
-Show = Callable[[str, int, int], None]
-"""Is told of progress: stage, done, of how many."""
 _NO_LEG = (0.0, 0.0, 0.0, 0.0)
 # Over as many metres and radians a leg's growth changes by 10 µm, which puts the ladle by a tenth of a millimetre where
 # it is weak; legs there are warmer or colder by a thirtieth of a kelvin, which moves the lip by less than 10 µm.
@@ -40,7 +38,7 @@ def strains_along(
     heated: HeatedRobot,
     poses: FloatArray,
     threads: int = 2,
-    show: Show | None = None,
+    show: Progress = say_nothing,
 ) -> FloatArray:
     """Return how much the parts have grown at poses that are held, (n, 6): legs, moving and fixed platform."""
     strain = np.zeros((len(poses), 6))
@@ -57,8 +55,7 @@ def strains_along(
             grown = own.expansion(field)
             strain[row] = *grown.leg_strain, grown.platform_strain, grown.fixed_platform_strain
             done[0] += 1
-            if show:
-                show("temperatures", done[0], len(poses))
+            show("temperatures", done[0], len(poses))
 
     pieces = np.array_split(np.arange(len(poses)), min(threads, len(poses)))
     with one_blas_thread(), ThreadPoolExecutor(len(pieces)) as pool:
@@ -116,7 +113,7 @@ class WarmPath:
 
 
 def locate_path(
-    heated: HeatedRobot, poses: ArrayLike, threads: int = 2, show: Show | None = None
+    heated: HeatedRobot, poses: ArrayLike, threads: int = 2, show: Progress = say_nothing
 ) -> tuple[xr.Dataset, BatchClosure]:
     """Return where the ladle should be and where it is, warm, for many commanded poses, and the closures.
 
