@@ -56,7 +56,7 @@ socket.onmessage = message => {
     film = { ...film, ...answer.film };
     robots.forEach(robot => { robot.course = course(film.robots[robot.name]); });
     arrows.forEach((item, n) => { item.ends = floats(film.arrows[n].ends); });
-    if (software) { sharpness((moving ? 0.4 : 1) * window.devicePixelRatio); }  // coarser while a hand is on a slider
+    if (software) { sharpness((moving ? 0.3 : 1) * window.devicePixelRatio, !moving); }  // while a hand is on a slider
     show();
   }
   send();

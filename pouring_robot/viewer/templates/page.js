@@ -93,9 +93,9 @@ function build(robot) {
     part.mesh = new three.Mesh(surface, new three.MeshLambertMaterial({
       color: colour, opacity: robot.opacity, transparent: ghost, depthWrite: !ghost,
       polygonOffset: true, polygonOffsetFactor: ghost ? 3 : 1, polygonOffsetUnits: ghost ? 12 : 1 }));
-    const lines = new three.LineSegments(edges, new three.LineBasicMaterial({
+    part.lines = new three.LineSegments(edges, new three.LineBasicMaterial({
       color: colour.clone().multiplyScalar(0.45), opacity: ghost ? 0.45 : 0.55, transparent: true }));
-    groups.get(part.body).add(part.mesh, lines);
+    groups.get(part.body).add(part.mesh, part.lines);
   }
   const links = new Map(robot.visuals.map(visual => [visual.name, visual.body]));
   root.add(whole);
@@ -287,14 +287,15 @@ function step_at(place) {  // the step, with its fraction, of a place on the axi
 function go(k) { at = k; show(); }
 
 let before = 0, slow = 0;
-function sharpness(ratio) {  // a coarser picture while it moves, where the browser cannot keep up
+function sharpness(ratio, edged = true) {  // a coarser picture while it moves, where the browser cannot keep up
   if (viewer && viewer.renderer.getPixelRatio() !== ratio) { viewer.renderer.setPixelRatio(ratio); }
+  robots.forEach(robot => robot.parts.forEach(part => { part.lines.visible = edged; }));
 }
 
 function play(now) {
   if (!speed) { sharpness(window.devicePixelRatio); show(); return; }
   slow = 0.8 * slow + 0.2 * (now - before);
-  if (slow > 40) {
+  if (slow > 1000 / 30) {
     sharpness(Math.max(0.5, 0.8 * viewer.renderer.getPixelRatio()));
     if (software) { notice.textContent = `${Math.round(1000 / slow)} pictures a second: this browser draws without a graphics card`; }
   }
