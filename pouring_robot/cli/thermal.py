@@ -14,7 +14,7 @@ from pouring_robot.exceptions import BadInputError
 if TYPE_CHECKING:
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.pouring.poses import PlatformPose
-    from pouring_robot.thermal.expansion.displacement import DisplacementField
+    from pouring_robot.thermal.expansion.displacement import MovedParts
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
     from pouring_robot.thermal.report import PoseHeat, ShiftHeat
 
@@ -60,21 +60,25 @@ class Moved:
         if self.under == "heat" and (self.payload_kg is not None or self.stiffness is not None):
             raise BadInputError("--payload-kg and --stiffness belong to --under weight or both: heat bends nothing")
 
-    def field(self, heated: HeatedRobot, pose: PlatformPose) -> DisplacementField:
+    def parts(self, heated: HeatedRobot, pose: PlatformPose) -> MovedParts:
         """Return how far every part moves, the drawing's parts yielding as their stiffness says where weight acts."""
         from pouring_robot.robot.loaded import stiffness_at, truss_sag_m, under_weight
         from pouring_robot.robot.pouring.stiffness import load_stiffness
-        from pouring_robot.thermal.expansion.displacement import DisplacementField
+        from pouring_robot.thermal.expansion.displacement import DisplacementField, MovedParts
         from pouring_robot.thermal.expansion.heated_robot import HeatedRobot as Heated
+        from pouring_robot.thermal.expansion.truss import TrussMotion
 
-        drawing, parts = heated.robot, load_stiffness(self.stiffness)
-        melt = drawing.layout.ladle.payload_kg if self.payload_kg is None else self.payload_kg
-        if self.under == "heat":
-            return DisplacementField.of(heated.locate(pose), self.ladle_degC)
-        loaded = under_weight(drawing, stiffness_at(drawing, pose, melt, parts), melt)
-        carried = Heated(loaded, heated.heat, heated.network) if self.under == "both" else Heated(loaded)
-        sag = truss_sag_m(drawing, melt, parts)
-        return DisplacementField.of(carried.locate(pose), self.ladle_degC, truss_sag_m=sag)
+        drawing, carried, sag = heated.robot, heated, 0.0
+        if self.under != "heat":
+            parts = load_stiffness(self.stiffness)
+            melt = drawing.layout.ladle.payload_kg if self.payload_kg is None else self.payload_kg
+            loaded = under_weight(drawing, stiffness_at(drawing, pose, melt, parts), melt)
+            carried = Heated(loaded, heated.heat, heated.network) if self.under == "both" else Heated(loaded)
+            sag = truss_sag_m(drawing, melt, parts)
+        state, motion = carried.locate(pose), TrussMotion.under_weight(drawing.dimensions, sag)
+        if warm := carried.truss(state):
+            motion += TrussMotion.under_heat(drawing.dimensions, warm, heated.properties)
+        return MovedParts(DisplacementField.of(state, self.ladle_degC), motion, warm)
 
 
 def thermal(
@@ -106,10 +110,10 @@ def thermal(
     """
     from pouring_robot.cli.shared.tables import plain_table, print_blocks
     from pouring_robot.io.files import write_whole
-    from pouring_robot.mechanism.poses import MM
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.pouring.poses import PlatformPose
     from pouring_robot.thermal import page
+    from pouring_robot.thermal.expansion.displacement import MOVED_HEAD
     from pouring_robot.thermal.report import PoseHeat, heated_drawing
 
     moved.refuse_alone()
@@ -162,14 +166,16 @@ def thermal(
     if moved.under is not None and pose is not None:
         with progress.stage_bars() as show:
             show("moving every part", 0, 2)
-            field = moved.field(heated, pose)
+            field = moved.parts(heated, pose)
             show("moving every part", 1, 2)
             if html is not None:
                 from pouring_robot.thermal.scene import displacement_scene
                 from pouring_robot.viewer import write_html
 
                 at = heated.robot.kinematics.configuration(pose)
-                scene = displacement_scene(heated.robot, field, f"How far every part moves under {moved.under}", at)
+                scene = displacement_scene(
+                    heated.robot, field.hall, f"How far every part moves under {moved.under}", at
+                )
                 written.append(write_html(scene, html))
             show("moving every part", 2, 2)
     if as_json:
@@ -185,9 +191,8 @@ def thermal(
     console.print(title)
     print_blocks(console, page.blocks(found))
     if field is not None:
-        rows = [(part.replace("_", " "), *(f"{v / MM:.3f}" for v in far)) for part, far in field.by_part.items()]
-        rows.append(("mean of the parts, largest", f"{field.mean_m / MM:.3f}", f"{field.largest_m / MM:.3f}"))
-        console.print(plain_table(("part", "mean", "largest"), rows, title=f"moved under {moved.under}: mm"))
+        console.print(plain_table(MOVED_HEAD, field.rows(), title=f"moved under {moved.under}: mm"))
+        console.print(field.truss_line)
     if heat.measured_degC:
         told = ", ".join(f"{part} {value:g} degC" for part, value in heat.measured_degC.items())
         console.print(f"measured temperatures of the model file take the place of computed ones in growth: {told}")

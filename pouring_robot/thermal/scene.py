@@ -23,7 +23,7 @@ _LEG_INKS = ((0.0, 0.45, 0.70), (0.35, 0.70, 0.90), (0.0, 0.62, 0.45), (0.60, 0.
 def displacement_scene(robot: PouringRobot, field: DisplacementField, title: str, configuration: FloatArray) -> Scene:
     """Return the drawing, every visual in the colour of its part's point nearest to its middle.
 
-    What belongs to no part of the field, such as a truss that stands still, keeps its own colour.
+    What belongs to no part of the field, such as the rails, keeps its own colour.
 
     Args:
         robot: the drawing.
@@ -48,7 +48,8 @@ def displacement_scene(robot: PouringRobot, field: DisplacementField, title: str
     ]
     scale = ColourScale("displacement", "mm", 0.0, field.largest_m / MM)
     scene = Scene(title, (_coloured(drawn, scale, values[None]),), steps=(Step("", tuple(rows)),), scale=scale)
-    return dataclasses.replace(scene, camera=camera_on(scene, VIEW_DIRECTION))
+    # The truss is a part here: its colour counts, so it is not drawn pale.
+    return dataclasses.replace(scene, camera=camera_on(scene, VIEW_DIRECTION), background_links=())
 
 
 def shift_scene(robot: PouringRobot, shift: ShiftHeat, title: str) -> Scene:

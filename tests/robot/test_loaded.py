@@ -27,6 +27,11 @@ def test_parts_by_hand(drawing):
     assert stiffness.leg_torsion == pytest.approx(7.9e10 * np.pi * 0.023**4 / 2 / 0.5)
     along = ("spindle", "housing", "nut", "thrust bearing")
     assert stiffness.leg_axial == pytest.approx(1.0 / sum(stiffness.shares[name] for name in along))
+    # Gearbox and leg 4, whose moment of 1 at the lower joint falls to 0 at the upper one: ∫ (1 - s/L)² ds / (E I).
+    along_leg = (np.arange(62_000) + 0.5) * 1e-5
+    inertia = np.where(along_leg < 0.5, 0.023**4, 0.048**4 - 0.028**4) * np.pi / 4
+    bends = np.sum((1.0 - along_leg / 0.62) ** 2 / inertia) * 1e-5 / 2.06e11
+    assert 1.0 / stiffness.tilt_drive == pytest.approx(1.0 / 3.0e5 + bends, rel=1e-4)
     # Palmgren: twice the load, 2^0.9 times the way.
     twice = PartStiffness.of(drawing.dimensions, np.full(4, 0.62), 3400.0)
     assert twice.shares["bearings"] == pytest.approx(stiffness.shares["bearings"] * 2.0**-0.1)

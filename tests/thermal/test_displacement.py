@@ -13,6 +13,7 @@ from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.thermal.expansion.displacement import DisplacementField
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+from pouring_robot.thermal.expansion.truss import TrussMotion
 from pouring_robot.thermal.network.history import HeatHistory, PoseSchedule
 from pouring_robot.thermal.report import ShiftHeat, heated_drawing
 from pouring_robot.thermal.scene import displacement_scene, shift_scene
@@ -68,7 +69,7 @@ def test_weight_alone_and_both(drawing, state):
     heat = DisplacementField.of(state)
     missed = np.linalg.norm(both.moved_m - weight.moved_m - heat.moved_m, axis=1).max()
     assert missed < 0.15 * both.largest_m
-    assert set(both.by_part) == set(PARTS) and len(both.to_frame()) == len(both.parts)
+    assert set(both.by_part) == set(PARTS)
 
 
 def test_the_truss_sags_as_a_beam_and_takes_the_robot_along(drawing):
@@ -79,10 +80,24 @@ def test_the_truss_sags_as_a_beam_and_takes_the_robot_along(drawing):
     assert 500.0 * 9.81 < force < 2500.0 * 9.81
     assert sag - truss_sag_m(drawing, 0.0) == pytest.approx(500.0 * 9.80665 * 27.0 / (96.0 * 2.06e11 * inertia))
     cold = HeatedRobot(drawing).locate(POSE)
-    field = DisplacementField.of(cold, truss_sag_m=sag)
+    field = DisplacementField.of(cold).on(TrussMotion.under_weight(drawing.dimensions, sag))
     truss = np.array(field.parts) == "truss"
     assert field.moved_m[~truss] == pytest.approx(np.tile([0.0, 0.0, -sag], (int(np.sum(~truss)), 1)), abs=1e-12)
     assert field.distance_m[truss].max() == pytest.approx(sag) and field.distance_m[truss].min() == 0.0
+
+
+def test_the_hall_sees_truss_and_robot_together(drawing, state):
+    field, heated = DisplacementField.of(state), HeatedRobot(drawing, HeatSection())
+    motion = TrussMotion.under_heat(drawing.dimensions, heated.truss(state), heated.properties)
+    seen = field.on(motion)
+    robot = np.array(seen.parts) != "truss"
+    origin = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0]])
+    assert motion.carried_m(origin)[1] - motion.carried_m(origin)[0] == pytest.approx(
+        0.3 * np.cross(motion.turn_rad, [1.0, 0.0, 0.0])
+    )
+    np.testing.assert_allclose(seen.moved_m[robot] - field.moved_m, motion.carried_m(field.points_m), atol=1e-15)
+    # A bare truss over an open ladle sinks by more than the robot under it grows.
+    assert -motion.shift_m[2] > field.largest_m and seen.mean_m > field.mean_m
 
 
 def test_colours_follow_the_field(drawing, state):
@@ -126,10 +141,14 @@ def test_the_command(capsys, tmp_path):
     at = ["thermal", "--at-mm", "-100", "20", "-600", "--tilt-deg", "10"]
     page = tmp_path / "field.html"
     assert main([*at, "--under", "both", "--html", str(page), "--json"]) == 0
-    parts = json.loads(capsys.readouterr().out)["displacement"]["parts"]
-    assert set(parts) == {*PARTS, "truss"} and page.stat().st_size > 1e5
+    told = json.loads(capsys.readouterr().out)["displacement"]
+    assert set(told["parts"]) == {*PARTS, "truss"} and set(told["from_fixed_platform"]["parts"]) == set(PARTS)
+    assert told["truss"]["girders_hottest_degC"] > 100.0 and page.stat().st_size > 1e5
     assert main([*at, "--under", "weight", "--payload-kg", "0"]) == 0
-    assert "moved under weight: mm" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "moved under weight: mm" in printed and "truss: it moves the fixed platform by +0.00 +0.00 -" in printed
+    assert main([*at, "--under", "heat", "--after-min", "1", "--conduction-only"]) == 0
+    assert "girders up to 20 degC" in capsys.readouterr().out
     refused = main([*at, "--html", str(page), "--overwrite"])
     assert refused == 2 and "give --history, or --under heat" in capsys.readouterr().err
     assert main([*at, "--under", "heat", "--payload-kg", "5"]) == 2

@@ -10,7 +10,7 @@ from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.circuit import Circuit
 from pouring_robot.thermal.network.history import HeatHistory, PoseSchedule, read_shift
-from pouring_robot.thermal.network.transient import TransientOptions, _integrate, simulate
+from pouring_robot.thermal.network.transient import TransientOptions, integrate, simulate
 
 POSE = PlatformPose((-0.100, 0.020, -0.600), 0.2)
 OTHER = PlatformPose((-0.060, -0.030, -0.800), -0.1)
@@ -28,7 +28,7 @@ def test_a_lump_cools_exponentially(method):
     history = HeatHistory.constant(20.0, 20.0, 2000.0)
     times = np.linspace(0.0, 2000.0, 9)
     start = np.array([793.15])
-    reported, _ = _integrate(circuit, history, (0.0, 2000.0), start, times, TransientOptions(method))
+    reported, _ = integrate(circuit, history, (0.0, 2000.0), start, times, TransientOptions(method))
     expected = 293.15 + 500.0 * np.exp(-times / 500.0)
     assert np.array(reported)[:, 0] == pytest.approx(expected, abs=5e-3)
 
@@ -36,7 +36,7 @@ def test_a_lump_cools_exponentially(method):
 def test_a_lump_follows_a_ramp():
     circuit = Circuit(np.zeros((1, 1)), np.zeros(1), np.array([2.0]), np.zeros(1), np.zeros(1), np.array([1000.0]))
     history = HeatHistory(np.array([0.0, 5000.0]), np.array([20.0, 20.0]), np.array([20.0, 520.0]))
-    reported, last = _integrate(
+    reported, last = integrate(
         circuit, history, (0.0, 5000.0), np.array([293.15]), np.array([5000.0]), TransientOptions()
     )
     expected = 293.15 + 0.1 * (5000.0 - 500.0 * (1.0 - np.exp(-10.0)))

@@ -24,6 +24,7 @@ PARTS = (*LEGS, "platform", "fixed_platform")
 
 _Celsius = Annotated[float, OnlyOfType(), Field(ge=ABSOLUTE_ZERO_DEGC)]
 _Fraction = Annotated[float, OnlyOfType(), Field(gt=0.0, le=1.0)]
+_Share = Annotated[float, OnlyOfType(), Field(ge=0.0, le=1.0)]
 _Thickness = Annotated[float, OnlyOfType(), Field(ge=0.0)]
 _Expansion = Annotated[float, OnlyOfType(), Field(ge=0.0, le=1e-3)]
 
@@ -100,6 +101,12 @@ class MovingPlatformProperties(StrictModel):
     cladding_thickness: Thickness
 
 
+class TrussProperties(StrictModel):
+    """The truss over the robot: which share of the melt's radiation gets there."""
+
+    exposed: Entry[_Share, Literal["1"]] = Entry[_Share, Literal["1"]](value=1.0, unit="1", source="assumed")
+
+
 class ContactProperties(StrictModel):
     """Where heat passes from part to part."""
 
@@ -124,6 +131,7 @@ class ThermalProperties(StrictModel):
         insulation: of lining and cladding.
         ladle: its wall.
         moving_platform: its cladding.
+        truss: its shield.
         contact: of nut and U joints.
         expansion: reference temperature.
     """
@@ -134,6 +142,7 @@ class ThermalProperties(StrictModel):
     insulation: InsulationProperties
     ladle: LadleProperties
     moving_platform: MovingPlatformProperties
+    truss: TrussProperties = TrussProperties()
     contact: ContactProperties
     expansion: ExpansionProperties
 

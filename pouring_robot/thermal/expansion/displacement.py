@@ -1,31 +1,33 @@
 """How far every part of the robot moves at a pose under heat, weight or both: the paper's Fig. 8.
 
 Points of the legs lie on the line between their grown U-joint centres, those of a platform and of the ladle move with
-it and grow from its origin; the ladle grows from the middle of its trunnion axis. All are seen from where the fixed
-platform stands on the drawing. The truss, which the thermal network leaves cold, counts where it sags under weight, as
-beams do, and takes everything down with it.
+it and grow from its origin; the ladle grows from the middle of its trunnion axis. All are seen from the fixed platform;
+on a truss that warms and sags they are seen from the hall, and the truss is a part among them.
 """
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure import ClosureResult
+from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
 from pouring_robot.thermal.expansion.heated_robot import WarmState
-
-if TYPE_CHECKING:
-    import pandas as pd
+from pouring_robot.thermal.expansion.truss import TrussMotion
+from pouring_robot.thermal.network.truss import TrussTemperatures
 
 _ON_A_LEG = 12
 _ON_A_CIRCLE = 16
 _ON_A_BAR = 5
+MOVED_HEAD = ("part", "mean", "largest", "from fixed platform: mean", "largest")
+"""Of :meth:`MovedParts.rows`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +36,7 @@ class DisplacementField:
 
     Attributes:
         parts: name of the part that each point belongs to, (n,): ``fixed_platform``, ``leg1`` …, ``platform``,
-            ``ladle``; ``truss`` where it sags.
+            ``ladle``; ``truss`` if it is seen from the hall.
         points_m: on the drawing, in the fixed platform, shape (n, 3).
         moved_m: displacement, shape (n, 3).
     """
@@ -44,21 +46,13 @@ class DisplacementField:
     moved_m: FloatArray
 
     @classmethod
-    def of(
-        cls,
-        state: WarmState,
-        ladle_degC: float | None = None,
-        *,
-        ladle_from_o: bool = False,
-        truss_sag_m: float = 0.0,
-    ) -> DisplacementField:
+    def of(cls, state: WarmState, ladle_degC: float | None = None, *, ladle_from_o: bool = False) -> DisplacementField:
         """Return it for a closed warm robot, or a cold one under loads.
 
         Args:
             state: the robot at its pose.
             ladle_degC: temperature of the ladle's steel; by default the network's shell, or the drawing's when cold.
             ladle_from_o: whether the ladle grows from o, which the paper takes for its centre, not from its trunnions.
-            truss_sag_m: how far the girders sag in their middle.
         """
         robot = state.robot
         start = robot.kinematics.configuration(robot.pose)
@@ -68,7 +62,7 @@ class DisplacementField:
             properties = state.field.properties
             shell = state.field.shell_degC if ladle_degC is None else ladle_degC
             growth = properties.steel.expansion.value * (shell - properties.expansion.reference_temperature.value)
-        return cls.between(cold, state.result, robot.expansion, robot.dimensions, growth, ladle_from_o, truss_sag_m)
+        return cls.between(cold, state.result, robot.expansion, robot.dimensions, growth, ladle_from_o)
 
     @classmethod
     def between(
@@ -79,7 +73,6 @@ class DisplacementField:
         layout: LayoutEntry,
         ladle_strain: float = 0.0,
         ladle_from_o: bool = False,
-        truss_sag_m: float = 0.0,
     ) -> DisplacementField:
         """Return it between two closures of the same command.
 
@@ -90,7 +83,6 @@ class DisplacementField:
             layout: sizes of the parts.
             ladle_strain: growth of the ladle per length.
             ladle_from_o: as in :meth:`of`.
-            truss_sag_m: likewise.
         """
         fixed, moving = layout.fixed_centres.metres, layout.moving_centres.metres
         shares = np.linspace(0.0, 1.0, _ON_A_LEG)
@@ -119,12 +111,16 @@ class DisplacementField:
         middle = np.zeros(3) if ladle_from_o else trunnions
         swollen = middle * (1.0 + expansion.platform_strain) + (ladle - middle) * (1.0 + ladle_strain)
         add("ladle", placed(cold, ladle), placed(warm, swollen))
-        if truss_sag_m > 0.0:
-            down = np.array([0.0, 0.0, -truss_sag_m])
-            moved = [shift + down for shift in moved]
-            girders, share = _girder_points(layout)
-            add("truss", girders, girders + share[:, None] * down)
         return cls(tuple(parts), np.concatenate(points), np.concatenate(moved))
+
+    def on(self, truss: TrussMotion) -> DisplacementField:
+        """Return the same seen from the hall: the truss moves too, and takes everything with it."""
+        moved = self.moved_m + truss.carried_m(self.points_m)
+        return DisplacementField(
+            (*self.parts, *["truss"] * len(truss.points_m)),
+            np.concatenate([self.points_m, truss.points_m]),
+            np.concatenate([moved, truss.moved_m]),
+        )
 
     @property
     def distance_m(self) -> FloatArray:
@@ -150,19 +146,62 @@ class DisplacementField:
 
     def figures(self) -> dict[str, Any]:
         """Return mean and largest of each part in mm, ready for JSON."""
-        parts = {part: {"mean_mm": mean * 1e3, "largest_mm": most * 1e3} for part, (mean, most) in self.by_part.items()}
-        return {"parts": parts, "mean_mm": self.mean_m * 1e3, "largest_mm": self.largest_m * 1e3}
+        parts = {part: {"mean_mm": mean / MM, "largest_mm": most / MM} for part, (mean, most) in self.by_part.items()}
+        return {"parts": parts, "mean_mm": self.mean_m / MM, "largest_mm": self.largest_m / MM}
 
-    def to_frame(self) -> pd.DataFrame:
-        """Return one row a point, in mm."""
-        import pandas as pd
 
-        columns = {"part": list(self.parts)}
-        table = pd.DataFrame(columns)
-        table[["x_mm", "y_mm", "z_mm"]] = self.points_m * 1e3
-        table[["moved_x_mm", "moved_y_mm", "moved_z_mm"]] = self.moved_m * 1e3
-        table["moved_mm"] = self.distance_m * 1e3
-        return table
+@dataclass(frozen=True, eq=False)
+class MovedParts:
+    """How far every part of a robot on its truss moves.
+
+    Attributes:
+        own: of the robot's parts, seen from the fixed platform.
+        truss: where the truss goes.
+        warm: its temperatures; None for a cold one.
+    """
+
+    own: DisplacementField
+    truss: TrussMotion
+    warm: TrussTemperatures | None
+
+    @functools.cached_property
+    def hall(self) -> DisplacementField:
+        """All parts, seen from the hall."""
+        return self.own.on(self.truss)
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Return a row a part and one for all, in mm: mean and largest from the hall, then from the fixed platform."""
+        rows = {
+            name: [field.by_part[name] for field in (self.hall, self.own) if name in field.by_part]
+            for name in self.hall.by_part
+        }
+        rows["mean of the parts, largest"] = [(field.mean_m, field.largest_m) for field in (self.hall, self.own)]
+        return [
+            (name.replace("_", " "), *(f"{value / MM:.3f}" for pair in pairs for value in pair))
+            for name, pairs in rows.items()
+        ]
+
+    @property
+    def truss_line(self) -> str:
+        """How warm the truss is and where it takes the fixed platform."""
+        warm = ""
+        if self.warm is not None:
+            girders, trolley = (v.max() for v in (self.warm.girders_degC, self.warm.trolley_degC))
+            warm = f"girders up to {girders:.0f} degC, trolley up to {trolley:.0f}; "
+        x, y, z = (f"{value / MM:+.2f}" for value in self.truss.shift_m)
+        rx, ry, _ = (f"{value / MRAD:+.2f}" for value in self.truss.turn_rad)
+        return f"truss: {warm}it moves the fixed platform by {x} {y} {z} mm and turns it by {rx} {ry} mrad"
+
+    def figures(self) -> dict[str, Any]:
+        """Return mean and largest of each part in mm, from the hall and from the fixed platform, ready for JSON."""
+        truss: dict[str, Any] = {
+            "shift_mm": (self.truss.shift_m / MM).tolist(),
+            "turn_mrad": (self.truss.turn_rad / MRAD).tolist(),
+        }
+        if self.warm is not None:
+            truss["girders_hottest_degC"] = float(self.warm.girders_degC.max())
+            truss["trolley_hottest_degC"] = float(self.warm.trolley_degC.max())
+        return self.hall.figures() | {"from_fixed_platform": self.own.figures(), "truss": truss}
 
 
 def _outline(corners: FloatArray) -> FloatArray:
@@ -186,13 +225,3 @@ def _ladle_points(layout: LayoutEntry) -> tuple[FloatArray, FloatArray]:
     lip = np.array([[rim[0] + top + ladle.lip_reach.metres, 0.0, rim[2]]])
     middle = np.array(rim) - np.array([0.0, 0.0, layout.moving_platform.trunnion_drop.metres])
     return np.concatenate([*rings, lip]), middle
-
-
-def _girder_points(layout: LayoutEntry) -> tuple[FloatArray, FloatArray]:
-    """Return points along both girders in the fixed platform, and their share of the sag under a load in the middle."""
-    truss = layout.truss
-    along = np.linspace(0.0, 1.0, 2 * _ON_A_BAR + 1)
-    near = np.minimum(along, 1.0 - along)
-    x, side, up = (along - 0.5) * truss.gauge.metres, truss.girder_offset.metres, truss.platform_drop.metres
-    points = np.concatenate([np.column_stack([x, np.full_like(x, y), np.full_like(x, up)]) for y in (side, -side)])
-    return points, np.tile(3.0 * near - 4.0 * near**3, 2)

@@ -28,6 +28,7 @@ from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.network.history import HeatHistory, Placed
 from pouring_robot.thermal.network.transient import simulate
+from pouring_robot.thermal.network.truss import TrussNetwork, TrussTemperatures
 
 SETTLED_M = 1e-10
 """A turn of temperatures and closure that moves the platform's origin by less ends the turns."""
@@ -141,6 +142,17 @@ class HeatedRobot:
         duration = 60.0 * self.heat.after_min
         history = HeatHistory.constant(melt, ambient, duration)
         return simulate(self.network, history, pose, times_s=np.array([duration]))[-1]
+
+    def truss(self, state: WarmState) -> TrussTemperatures | None:
+        """Return how warm the truss is over the robot in a state; None for a cold robot.
+
+        Raises:
+            ThermalSolutionError: no temperatures are found.
+        """
+        if self.heat is None or state.field is None:
+            return None
+        after_s = None if self.heat.after_min is None else 60.0 * self.heat.after_min
+        return TrussNetwork(self.network).temperatures(state.result, state.field.melt_K, state.field.ambient_K, after_s)
 
     def expansion(self, field: TemperatureField | None) -> ThermalExpansion:
         """Return how much the parts have grown; measured temperatures take the place of computed ones."""

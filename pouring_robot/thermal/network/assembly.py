@@ -207,7 +207,7 @@ class ThermalNetwork:
         area[nodes.cladding] = moving.clad_area_m2[nodes.clad_cells]
         view[nodes.cladding] = moving.clad_view_area_m2[nodes.clad_cells]
         area[nodes.fixed_platform] = self._fixed.face_area_m2.sum(axis=1)
-        view[nodes.fixed_platform] = self._fixed_platform_view(rotation, origin)
+        view[nodes.fixed_platform] = self._view_area(self._fixed, rotation, origin)
         area[nodes.shell] = self._ladle.outer_area_m2
         melt_contact = np.zeros(nodes.count)
         melt_contact[nodes.lining[0]] = self._melt_contact
@@ -224,9 +224,12 @@ class ThermalNetwork:
             self._capacity,
         )
 
-    def _fixed_platform_view(self, rotation: FloatArray, origin: FloatArray) -> FloatArray:
-        """Return area times view factor of the fixed platform's cells, shape (Q,), in m²."""
-        cells = self._fixed
+    def view_area_m2(self, cells: BarCells, pose: Placed) -> FloatArray:
+        """Return area times view factor to the melt of cells that stand in the fixed platform, shape (N,)."""
+        _, _, rotation, position = self._placements(pose)
+        return self._view_area(cells, rotation, position + rotation @ self._ladle.melt_centre_m)
+
+    def _view_area(self, cells: BarCells, rotation: FloatArray, origin: FloatArray) -> FloatArray:
         normals = np.broadcast_to(FACE_NORMALS @ rotation, (cells.count, 6, 3))
         faces = (cells.face_centres_m - origin) @ rotation
         middles = (cells.centres_m - origin) @ rotation

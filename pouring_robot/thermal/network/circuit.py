@@ -3,10 +3,10 @@
 Heat flow into node i, in W, with temperatures in K:
 
     Q_i = -Σ_j K_ij T_j + m_i (T_melt - T_i) + f_i (T_ambient - T_i)
-          + r_i (T_melt⁴ - T_i⁴) + e_i (T_ambient⁴ - T_i⁴)
+          + r_i (T_melt⁴ - T_i⁴) + e_i (T_ambient⁴ - T_i⁴) - Σ_j R_ij T_j⁴
 
-K is the Laplacian of the conductances between nodes. Radiation leaves a node only towards melt and surroundings, so
-the nonlinear part of the Jacobian is diagonal.
+K is the Laplacian of the conductances between nodes, R that of radiation between them, which only a hollow body has.
+Without it radiation leaves a node towards melt and surroundings, and the nonlinear part of the Jacobian is diagonal.
 """
 
 # ruff: noqa: N802, N815 - units keep their capitals: K, W, degC
@@ -64,6 +64,7 @@ class Circuit:
         melt_radiation: emissivities times area times view factor times Stefan's constant, shape (n,), in W/K⁴.
         ambient_radiation: the same to the surroundings, shape (n,), in W/K⁴.
         capacity: shape (n,), in J/K.
+        radiating: radiation between nodes, shape (n, n), in W/K⁴, on the pattern of a Laplacian; None: there is none.
     """
 
     laplacian: FloatArray
@@ -72,6 +73,7 @@ class Circuit:
     melt_radiation: FloatArray
     ambient_radiation: FloatArray
     capacity: FloatArray
+    radiating: scipy.sparse.csc_array | None = None
 
     @property
     def nodes(self) -> int:
@@ -87,6 +89,7 @@ class Circuit:
             + self.melt_radiation * (melt_K**4 - t**4)
             + self.ambient_radiation * (ambient_K**4 - t**4)
             - self._sparse_laplacian @ t
+            - (0.0 if self.radiating is None else self.radiating @ t**4)
         )
 
     def jacobian_diagonal(self, temperatures_K: FloatArray) -> FloatArray:
@@ -95,14 +98,16 @@ class Circuit:
         return np.asarray(-(self.melt_contact + self.film + radiation))
 
     def jacobian(self, temperatures_K: FloatArray) -> scipy.sparse.csc_array:
-        """Return d heat / d temperature, shape (n, n), in W/K; symmetric, negative definite, sparse.
+        """Return d heat / d temperature, shape (n, n), in W/K; sparse; without ``radiating`` symmetric and definite.
 
         Sparse for speed: a dense factorisation of this size is slower, and much slower where several threads of a
         linear-algebra library get into each other's way.
         """
         matrix = -self._sparse_laplacian
         matrix.data[self._diagonal_places] += self.jacobian_diagonal(temperatures_K)
-        return matrix
+        if self.radiating is None:
+            return matrix
+        return (matrix - self.radiating @ scipy.sparse.diags_array(4.0 * temperatures_K**3)).tocsc()
 
     @functools.cached_property
     def _sparse_laplacian(self) -> scipy.sparse.csc_array:

@@ -22,8 +22,13 @@ FACE_NORMALS = np.concatenate([-np.eye(3), np.eye(3)])
 _TOUCHING_M = 1e-7
 
 
-def link_boxes(urdf: str, link: str) -> Boxes:
+def link_boxes(urdf: str, link: str, *, skip_round: bool = False) -> Boxes:
     """Return the boxes a link is drawn with, in the link's frame.
+
+    Args:
+        urdf: text of the description.
+        link: name of the link.
+        skip_round: whether cylinders are left out, such as wheels.
 
     Raises:
         DescriptionError: the URDF has no such link, or it is drawn with other shapes or with turned boxes.
@@ -31,6 +36,8 @@ def link_boxes(urdf: str, link: str) -> Boxes:
     root = etree.fromstring(urdf.encode())
     found = root.find(f"link[@name='{link}']")
     visuals = [] if found is None else found.findall("visual")
+    if skip_round:
+        visuals = [one for one in visuals if one.find("geometry/cylinder") is None]
     if not visuals:
         raise DescriptionError("URDF", f"link '{link}', which the thermal model needs, is missing or has no shape")
     lower, upper = [], []

@@ -95,7 +95,7 @@ def simulate(
         if end == edges[-1]:
             inside = wanted[wanted >= begin]
         circuit = network.circuit(schedule.at(float(begin)))
-        reported, state = _integrate(circuit, history, (float(begin), float(end)), state, inside, options)
+        reported, state = integrate(circuit, history, (float(begin), float(end)), state, inside, options)
         states += reported
     return tuple(
         network.field(schedule.at(float(time)), values, *history.at(float(time)))
@@ -111,15 +111,27 @@ def _check_times(times: FloatArray, history: HeatHistory) -> None:
         raise HistoryError(f"the times to report, {times[0]:g} to {times[-1]:g} s, leave the history, {span}")
 
 
-def _integrate(
+def integrate(
     circuit: Circuit,
     history: HeatHistory,
     span_s: tuple[float, float],
     state: FloatArray,
     times_s: FloatArray,
-    options: TransientOptions,
+    options: TransientOptions = DEFAULT_OPTIONS,
 ) -> tuple[list[FloatArray], FloatArray]:
-    """Integrate over a smooth stretch; return the states at the given times and at the end."""
+    """Integrate over a smooth stretch; return the states at the given times and at the end.
+
+    Args:
+        circuit: the network, n nodes.
+        history: melt and ambient temperature.
+        span_s: start and end of the stretch.
+        state: temperatures at its start, shape (n,), in K.
+        times_s: when to report, within the stretch.
+        options: tolerances.
+
+    Raises:
+        ThermalSolutionError: the integrator gives up.
+    """
     inverse = 1.0 / circuit.capacity
     scale = scipy.sparse.diags_array(inverse).tocsc()
 

@@ -1,0 +1,159 @@
+"""Temperatures of the truss above the robot: the trolley's frame and the two girders it stands on.
+
+Bars and box girders are cut into cells that conduct, give heat to the air, radiate, and see the melt as the platforms
+do, behind the moving platform's bars. Inside a girder plates radiate to each other: view factors of a long duct are
+those of crossed strings (H. Hottel and A. Sarofim, Radiative Transfer), surfaces two by two grey. It is a network of
+its own, which takes nothing from the robot's: wheels and bolts pass little, and the trolley's low frame is about as
+warm as the fixed platform under it. End carriages, rails and posts are far away and stay cold. A shield under the truss
+is the property ``truss.exposed``.
+"""
+
+# ruff: noqa: N815 - units keep their capitals: K, W, degC
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse
+from scipy.constants import Stefan_Boltzmann
+
+from pouring_robot.io.temperatures import ZERO_CELSIUS_K
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.pouring.layout_schema import LayoutEntry
+from pouring_robot.thermal.network.assembly import ThermalNetwork
+from pouring_robot.thermal.network.circuit import Circuit, laplacian
+from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, link_boxes
+from pouring_robot.thermal.network.history import HeatHistory, Placed
+from pouring_robot.thermal.network.parts import radiation_conductances
+from pouring_robot.thermal.network.steady import steady_temperatures
+from pouring_robot.thermal.network.transient import integrate
+from pouring_robot.thermal.network.view_factors import Boxes
+
+GIRDER_CELLS, TROLLEY_CELLS = 24, 6
+_SIDES = (1.0, -1.0)
+_INSIDE_M = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class TrussTemperatures:
+    """How warm the truss is.
+
+    Attributes:
+        girders_degC: by girder (left, right), plate (bottom, webs below and above, top) and cell, shape (2, 6, cells).
+        trolley_degC: by bar and cell from its lower end, shape (bars, cells).
+        girders: cells of the plates, in the fixed platform.
+        trolley: those of the trolley's bars.
+    """
+
+    girders_degC: FloatArray
+    trolley_degC: FloatArray
+    girders: BarCells
+    trolley: BarCells
+
+
+class TrussNetwork:
+    """The truss under the melt of a robot.
+
+    Args:
+        robot: the robot's network, which knows its melt, its surroundings and what stands in the way.
+    """
+
+    def __init__(self, robot: ThermalNetwork) -> None:
+        """Cut the bars."""
+        self._robot = robot
+        layout = robot.robot.dimensions
+        self._girders = _girder_cells(layout)
+        self._inside = _inside_girders(layout, robot.properties.steel.emissivity.value)
+        frame = link_boxes(robot.robot.model.nominal_urdf(), "trolley", skip_round=True)
+        up = np.array([0.0, 0.0, layout.truss.platform_drop.metres])
+        self._trolley = BarCells.cut(Boxes(frame.lower_m + up, frame.upper_m + up), TROLLEY_CELLS)
+        self._density = layout.materials.steel_density.value
+
+    def temperatures(
+        self, pose: Placed, melt_K: float, ambient_K: float, after_s: float | None = None
+    ) -> TrussTemperatures:
+        """Return how warm the truss is where the robot is held.
+
+        Args:
+            pose: where it is held, the trolley in the middle of its girders.
+            melt_K: temperature of the melt.
+            ambient_K: temperature of the surroundings.
+            after_s: time since the melt came to the cold robot; None: until nothing changes.
+
+        Raises:
+            ThermalSolutionError: no temperatures are found.
+        """
+        found = []
+        for cells, inside in ((self._girders, self._inside), (self._trolley, None)):
+            circuit = self._circuit(cells, inside, pose)
+            if after_s is None:
+                state = steady_temperatures(circuit, melt_K, ambient_K)
+            else:
+                history = HeatHistory.constant(melt_K - ZERO_CELSIUS_K, ambient_K - ZERO_CELSIUS_K, after_s)
+                cold = np.full(circuit.nodes, ambient_K)
+                _, state = integrate(circuit, history, (0.0, after_s), cold, np.array([after_s]))
+            found.append(state - ZERO_CELSIUS_K)
+        return TrussTemperatures(
+            found[0].reshape(2, -1, GIRDER_CELLS), found[1].reshape(-1, TROLLEY_CELLS), self._girders, self._trolley
+        )
+
+    def _circuit(self, cells: BarCells, inside: scipy.sparse.csc_array | None, pose: Placed) -> Circuit:
+        properties, area = self._robot.properties, cells.face_area_m2.sum(axis=1)
+        steel, on = properties.steel, 1.0 if self._robot.radiation else 0.0
+        view = properties.truss.exposed.value * self._robot.view_area_m2(cells, pose)
+        to_melt, to_ambient = radiation_conductances(
+            area, view, steel.emissivity.value, properties.melt.emissivity.value
+        )
+        return Circuit(
+            laplacian(cells.count, [(a, b, steel.conductivity.value * shape) for a, b, shape in cells.contacts]),
+            np.zeros(cells.count),
+            properties.ambient.film_coefficient.value * area,
+            on * to_melt,
+            on * to_ambient,
+            self._density * steel.heat_capacity.value * cells.volume_m3,
+            None if inside is None else on * inside,
+        )
+
+
+def _girder_cells(layout: LayoutEntry) -> BarCells:
+    """Return the cells of both girders' plates in the fixed platform, without the faces inside the boxes."""
+    truss = layout.truss
+    wall, up = truss.girder_wall.metres, truss.platform_drop.metres
+    x, y, z = 0.5 * truss.gauge.metres, 0.5 * truss.girder_width.metres, 0.5 * truss.girder_height.metres
+    plates = [
+        ([-x, -y, -z], [x, y, wall - z]),
+        ([-x, -y, wall - z], [x, wall - y, 0.0]),
+        ([-x, y - wall, wall - z], [x, y, 0.0]),
+        ([-x, -y, 0.0], [x, wall - y, z - wall]),
+        ([-x, y - wall, 0.0], [x, y, z - wall]),
+        ([-x, -y, z - wall], [x, y, z]),
+    ]
+    middles = np.array([[0.0, side * truss.girder_offset.metres, up] for side in _SIDES])
+    lower, upper = (
+        np.concatenate([np.array(corner) + middle for middle in middles]) for corner in zip(*plates, strict=True)
+    )
+    cells = BarCells.cut(Boxes(lower, upper), GIRDER_CELLS)
+    outside = cells.face_centres_m + _INSIDE_M * FACE_NORMALS
+    inside = np.zeros(cells.face_area_m2.shape, dtype=bool)
+    for middle in middles:
+        inside |= np.all(np.abs(outside - middle) < np.array([x, y, z]), axis=2)
+    return replace(cells, face_area_m2=np.where(inside, 0.0, cells.face_area_m2))
+
+
+def _inside_girders(layout: LayoutEntry, emissivity: float) -> scipy.sparse.csc_array:
+    """Return what the plates of each girder radiate to each other, cell by cell along it, in W/K⁴."""
+    truss, wall = layout.truss, layout.truss.girder_wall.metres
+    wide, high = truss.girder_width.metres - 2.0 * wall, truss.girder_height.metres - 2.0 * wall
+    # Corners of the strips in the section, in the order of the plates.
+    corners = np.array([[0.0, 0.0], [wide, 0.0], [0.0, 0.5 * high], [wide, 0.5 * high], [0.0, high], [wide, high]])
+    strips = [(0, 1), (0, 2), (1, 3), (2, 4), (3, 5), (4, 5)]
+    one = np.zeros((len(strips), len(strips)))
+    for i, (a, b) in enumerate(strips):
+        for j, (c, d) in enumerate(strips):
+            ends = corners[[a, b]][:, None] - corners[[c, d]]
+            lengths = np.linalg.norm(ends, axis=2)
+            # Crossed strings less uncrossed ones; which is which follows from the order of the ends.
+            one[i, j] = 0.0 if i == j else 0.5 * abs(lengths[0, 1] + lengths[1, 0] - lengths[0, 0] - lengths[1, 1])
+    one *= Stefan_Boltzmann / (2.0 / emissivity - 1.0) * truss.gauge.metres / GIRDER_CELLS
+    one = np.diag(one.sum(axis=1)) - one
+    return scipy.sparse.csc_array(scipy.sparse.kron(np.eye(len(_SIDES)), np.kron(one, np.eye(GIRDER_CELLS))))
