@@ -70,7 +70,9 @@ def svg_of(figure: Any) -> str:
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "pouring_robot"}):
         figure.savefig(stream, format="svg", transparent=True, metadata=unsaid)
     root = etree.fromstring(stream.getvalue())
-    root.set("style", "stroke-linejoin: round; stroke-linecap: butt; fill: currentColor")
+    # As small as it was drawn, so that a phone keeps the letters' size and scrolls; a page is 60rem wide at most.
+    least = f"min-width: min({root.get('width')}, 60rem)"
+    root.set("style", f"stroke-linejoin: round; stroke-linecap: butt; fill: currentColor; {least}")
     for style in root.iter(f"{_SVG}style"):
         style.getparent().remove(style)  # it would be the whole page's
     for group in root.iter(f"{_SVG}g"):
