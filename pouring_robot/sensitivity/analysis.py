@@ -67,7 +67,8 @@ def sensitivity(
         ErrorSamples(kind, parameters, *_moved(matrix, rotation @ offset, sizes)) for kind, matrix, rotation in found
     )
     check = _against_exact(engine, drives, start, samples[0], sizes, offset)
-    return SensitivityReport(definition.name, frame, request, tuple(parameters), samples, check)
+    table = catalogue.table.parameters if catalogue.table else ()
+    return SensitivityReport(definition.name, frame, request, tuple(parameters), samples, check, table)
 
 
 def _chosen(catalogue: ParameterCatalogue, request: Request) -> tuple[Parameter, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.result import Result
+from pouring_robot.robot.dh.parameters import DHParameter
 from pouring_robot.robot.parameters import Parameter
 from pouring_robot.sensitivity.request import Request
 from pouring_robot.sensitivity.samples import AXES, ErrorSamples, median_place, peak, uniform_gap
@@ -105,6 +106,7 @@ class SensitivityFindings(Result):
         parameters: the errors, P of them.
         samples: displacements by model, the closed chain first.
         missed_m: by how much first order misses exact closures at most, and how far the robot moves there.
+        dh: the DH table, chain by chain and transform by transform a, α, d, θ; empty for another robot.
     """
 
     robot: str
@@ -113,6 +115,7 @@ class SensitivityFindings(Result):
     parameters: tuple[Parameter, ...]
     samples: tuple[ErrorSamples[Parameter], ...]
     missed_m: tuple[float, float]
+    dh: tuple[DHParameter, ...] = ()
 
     @functools.cached_property
     def rows(self) -> tuple[ErrorRow, ...]:
@@ -177,7 +180,21 @@ class SensitivityFindings(Result):
             ],
             "first_order_misses_mm": {"by": self.missed_m[0] / MM, "where_it_moves": self.missed_m[1] / MM},
             "parameters": [row.figures() for row in self.rows],
-        }
+        } | ({"dh_table": self.dh_rows()} if self.dh else {})
+
+    def dh_rows(self) -> list[dict[str, Any]]:
+        """Return the nominal DH table, a row a transform: numbers, the joint whose value is added, what drops out."""
+        rows = []
+        for first in range(0, len(self.dh), 4):
+            a, alpha, d, theta = transform = self.dh[first : first + 4]
+            rows.append(
+                {"chain": a.chain, "transform": a.transform, "part": a.part}
+                | {"a_mm": a.nominal / MM, "alpha_deg": math.degrees(alpha.nominal)}
+                | {"d_mm": d.nominal / MM, "theta_deg": math.degrees(theta.nominal)}
+                | {"joint": d.moves_with or theta.moves_with or ""}
+                | {"drops_out": " ".join(one.symbol for one in transform if one.drops_out)}
+            )
+        return rows
 
     def _row(self, samples: ErrorSamples[Parameter], k: int) -> ErrorRow:
         parameter = self.parameters[k]

@@ -54,6 +54,8 @@ class SensitivityReport(SensitivityFindings):
             Heading("Each error alone"),
             errors_table(self),
         ]
+        if self.dh:
+            blocks += [Heading("The DH table"), dh_table(self)]
         links = {"a row an error": "sensitivity.csv", "all figures": "sensitivity.json"}
         title = f"Sensitivity of {self.robot}"
         files[folder / "report.html"] = html_page(title, title, blocks, links=links)
@@ -84,6 +86,13 @@ def errors_table(found: SensitivityFindings) -> Table:
         rows.append([row.parameter.name, row.parameter.part, *_cells(row), row.shape, *beside])
     head = ["error", "part", "largest mm", "class", "mrad", "main", "spread"]
     return Table(head + (["open mm", "class", "mrad", "main"] if opened else []), rows)
+
+
+def dh_table(found: SensitivityFindings) -> Table:
+    """Return the nominal DH table, a row a transform."""
+    rows = found.dh_rows()
+    cells = [[f"{v:.4g}" if isinstance(v, float) else str(v) for v in row.values()] for row in rows]
+    return Table([name.replace("_", " ") for name in rows[0]], cells)
 
 
 def _cells(row: ErrorRow) -> list[str]:

@@ -113,7 +113,12 @@ def test_everything_is_written(pouring, tmp_path):
     written = {path.name for path in pouring.save(tmp_path / "out")}
     assert {"sensitivity.csv", "sensitivity.json", "sizes_open_branch.png", "spread_closed_chain.png"} <= written
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert pouring.headline in html.unescape(page) and page.count("<svg") == 4 and page.count("<tr>") == 101
+    assert pouring.headline in html.unescape(page) and page.count("<svg") == 4 and page.count("<tr>") == 101 + 33
     record = json.loads((tmp_path / "out" / "sensitivity.json").read_text(encoding="utf-8"))
     assert len(record["parameters"]) == 200 and record["poses"] == 300
     assert len(pouring.to_frame()) == 200
+    table = {(row["chain"], row["transform"]): row for row in record["dh_table"]}
+    assert len(table) == 32 and table[1, "34"]["joint"] == "leg1_s3" and table[4, "56"]["drops_out"] == ""
+    # Leg 1's foot: 330 mm and 182.5 mm from o.
+    assert abs(table[1, "56"]["d_mm"]) == pytest.approx(330.0) and table[1, "6o"]["a_mm"] == pytest.approx(182.5)
+    assert table[1, "O0"]["drops_out"] == "a alpha d" and abs(table[1, "34"]["alpha_deg"]) == pytest.approx(90.0)
