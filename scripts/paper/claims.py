@@ -41,8 +41,8 @@ class Claim:
 
     @property
     def reasons(self) -> str:
-        """Reading, rule and reason, one line each; a statement read as printed says nothing of its reading."""
-        said = {"read": self.reading.removeprefix("as printed"), "agrees if": self.rule, "why": self.why}
+        """Reading, rule and reason, one line each."""
+        said = {"read": self.reading, "agrees if": self.rule, "why": self.why}
         return "\n".join(f"{word}: {text}" for word, text in said.items() if text)
 
 

@@ -113,7 +113,7 @@ def test_only_the_pose_helps_in_y(study):
 
 def test_the_ladles_growth_adds_to_what_o_moves(study):
     for pose in study.box:
-        assert pose.o_m < pose.largest_m < pose.hung_largest_m
+        assert pose.o_m < pose.largest_m < pose.hung_largest_m < pose.hall_largest_m
         assert pose.mean_m < pose.largest_m and pose.hot_mean_m < pose.hot_largest_m
 
 

@@ -152,7 +152,11 @@ class HeatedRobot:
         if self.heat is None or state.field is None:
             return None
         after_s = None if self.heat.after_min is None else 60.0 * self.heat.after_min
-        return TrussNetwork(self.network).temperatures(state.result, state.field.melt_K, state.field.ambient_K, after_s)
+        return self._truss.temperatures(state.result, state.field.melt_K, state.field.ambient_K, after_s)
+
+    @functools.cached_property
+    def _truss(self) -> TrussNetwork:
+        return TrussNetwork(self.network)
 
     def expansion(self, field: TemperatureField | None) -> ThermalExpansion:
         """Return how much the parts have grown; measured temperatures take the place of computed ones."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
 from pouring_robot.report.plots import ASH, COLOURS, new_figure, svg_of, tell, tidy
-from pouring_robot.thermal.regression.methods import NONE
+from pouring_robot.thermal.regression.methods import HELPS_BELOW, NONE, PAPER, POSE
 from pouring_robot.thermal.regression.report import AxisRegression, RegressionReport
 
 
@@ -71,10 +71,10 @@ def _warnings(axes: dict[str, AxisRegression]) -> list[str]:
             left, before = (one.unseen[name].rms * 1e3 for name in (one.method, NONE))
             notes.append(
                 f"{where}no method helps: of sets left out '{one.method}' leaves {left:.3f} of {before:.3f} "
-                f"{one.unit}. "
-                "Poses err in opposite directions or too differently for one line; give --poses, or do not compensate"
+                f"{one.unit}. Poses err in opposite directions or too differently for one line; "
+                + ("do not compensate" if POSE in one.unseen else "give --poses, or do not compensate")
             )
-        elif one.unseen["paper"].rms > 0.9 * one.unseen[NONE].rms:
+        elif one.unseen[PAPER].rms > HELPS_BELOW * one.unseen[NONE].rms:
             notes.append(f"{where}the paper's P_end does not help here: poses err in opposite directions")
         vif = one.model.selector_.vif_[one.model.selector_.sensitive_[-1]]
         if not one.model.selector_.guard_held_.all():

@@ -86,7 +86,7 @@ class GeometryReport(PaperReport):
             claims_table(
                 "The same statements on the closed chain: four chains hold the platform", self.closed, short=True
             ),
-            Text(tally(self.closed)),
+            Text(f"{tally(self.closed)}; readings and rules are those above, why: {_CLOSED}"),
             "",
             _axes_table(self.axes),
             "",

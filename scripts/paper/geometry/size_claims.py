@@ -95,6 +95,7 @@ def length_size(study: OpenStudy, errors: ErrorSamples) -> Claim:
         judge(not outside),
         "every length error's largest distance lies from 0.1 to 1 mm",
         f"in an open branch a displaced joint displaces o by as much; outside: {listed(outside)}",
+        reading="implied: errors of 1e0 mm “are all caused by” angles, and 1e-1 is the class below; Table 3 is lost",
         figures={"largest_mm": dict(zip(lengths.labels, (top / MM).tolist(), strict=True)), "outside": outside},
     )
 

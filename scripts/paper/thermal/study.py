@@ -22,6 +22,7 @@ from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.thermal.expansion.displacement import DisplacementField
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmState
+from pouring_robot.thermal.expansion.truss import TrussMotion
 from pouring_robot.thermal.expansion.warm_robot import WarmRobot
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.field import TemperatureField
@@ -89,6 +90,7 @@ class BoxPose:
         mean_m, largest_m: over all parts, the ladle's steel as warm as the network has it behind its lining.
         hung_largest_m: with the ladle's steel at the paper's hottest local temperature.
         hot_mean_m, hot_largest_m: the same, growing from o, which the paper takes for the ladle's centre.
+        hall_largest_m: ``largest_m`` seen from the hall, on a truss that warms, too.
     """
 
     o_m: float
@@ -97,6 +99,7 @@ class BoxPose:
     hung_largest_m: float
     hot_mean_m: float
     hot_largest_m: float
+    hall_largest_m: float
 
 
 @dataclass(frozen=True)
@@ -212,7 +215,11 @@ def _box(network: ThermalNetwork, random: np.random.Generator, count: int, tilt_
         o = float(np.linalg.norm(state.result.pose_base_to_end.translation - np.array(pose.position_m)))
         own, hung = (DisplacementField.of(state, degC) for degC in (None, LADLE_STEEL_DEGC))
         hot = DisplacementField.of(state, LADLE_STEEL_DEGC, ladle_from_o=True)
-        found.append(BoxPose(o, own.mean_m, own.largest_m, hung.largest_m, hot.mean_m, hot.largest_m))
+        truss = heated.truss(state)
+        assert truss is not None  # it is warm
+        hall = own.on(TrussMotion.under_heat(robot.dimensions, truss, heated.properties))
+        of_parts = own.mean_m, own.largest_m, hung.largest_m, hot.mean_m, hot.largest_m, hall.largest_m
+        found.append(BoxPose(o, *of_parts))
     return found
 
 
