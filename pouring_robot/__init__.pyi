@@ -13,6 +13,9 @@ from .design.planning import plan_campaign as plan_campaign
 from .diagnosis.diagnose import Diagnosis as Diagnosis
 from .diagnosis.diagnose import DiagnosisOptions as DiagnosisOptions
 from .diagnosis.diagnose import diagnose as diagnose
+from .effects.under import RobotUnderConditions as RobotUnderConditions
+from .effects.under import compensate_under as compensate_under
+from .effects.under import robots_under as robots_under
 from .exceptions import BadInputError as BadInputError
 from .exceptions import NoSolutionError as NoSolutionError
 from .exceptions import PouringRobotError as PouringRobotError

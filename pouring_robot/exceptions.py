@@ -343,6 +343,23 @@ class DiagnosisError(DataError):
     """A campaign cannot be diagnosed; nothing is written."""
 
 
+class MissingConditionsError(BadInputError):
+    """A model's effect depends on conditions that nobody gave.
+
+    Attributes:
+        effect: its id.
+        headings: columns, or keys of a campaign's YAML, that say them.
+    """
+
+    def __init__(self, effect: str, headings: Sequence[str]) -> None:
+        """Keep them."""
+        self.effect, self.headings = effect, tuple(headings)
+        super().__init__(
+            f"the model's effect '{effect}' needs {', '.join(headings)}: give it as a column of that name beside the "
+            f"poses, or for all of them by --condition {next(iter(headings))}=VALUE"
+        )
+
+
 class ThermalFileError(DescriptionError):
     """The file of thermal properties is wrong."""
 

@@ -60,6 +60,11 @@ def condition_columns(robot: RobotDefinition) -> tuple[Quantity, ...]:
     )
 
 
+def condition_headings(robot: RobotDefinition) -> tuple[str, ...]:
+    """Return the headings that columns of conditions may have."""
+    return tuple(heading for quantity in condition_columns(robot) for heading in quantity.headings)
+
+
 def condition_names(robot: RobotDefinition) -> tuple[str, ...]:
     """Return the conditions that are one number a row: neither names nor sides of approach."""
     return tuple(q.name for q in condition_columns(robot) if q.kind not in ("label", "sign", "force", "moment"))

@@ -15,6 +15,7 @@ from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.base import Command, Robot
 from pouring_robot.robot.description.command import command_box
+from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
 
@@ -49,6 +50,12 @@ class PosePlan:
     def rows(self) -> FloatArray:
         """The commands number by number, (n, k), in m and rad."""
         return np.array([(*p.position_m, p.tilt_rad) if isinstance(p, PlatformPose) else p for p in self.poses])
+
+    def given(self, robot: RobotDefinition) -> dict[str, FloatArray | tuple[str, ...]]:
+        """Return the conditions by heading in inner units; sessions where there are several."""
+        numbers = {q.canonical: self.conditions.get(q.name) for q in columns.condition_columns(robot)}
+        sessions = {"session": self.sessions} if len(set(self.sessions)) > 1 else {}
+        return {heading: values for heading, values in numbers.items() if values is not None} | sessions
 
     @property
     def platform_poses(self) -> Iterator[PlatformPose]:
@@ -92,7 +99,7 @@ def read_plan(path: Path | str, robot: Robot) -> PosePlan:
         commands.drives,
         samples,
         columns.sessions_of(table),
-        _approaches(robot, commands.drives) | conditions,
+        approaches(definition, commands.drives) | conditions,
     )
 
 
@@ -123,15 +130,14 @@ def random_plan(robot: Robot, count: int, seed: int) -> PosePlan:
     if len(poses) < count:
         raise BadInputError("hardly any pose of the workspace is within the joint limits; check the layout or the URDF")
     commanded = np.array(drives)
-    conditions = _approaches(robot, commanded) | _random_conditions(robot, count, random)
+    conditions = approaches(robot.model.definition, commanded) | _random_conditions(robot, count, random)
     return PosePlan(tuple(poses), commanded, tuple(str(i) for i in range(count)), ("1",) * count, conditions)
 
 
-def _approaches(robot: Robot, drives: FloatArray) -> dict[str, FloatArray]:
-    """Return +1 where a drive rose to its value from the pose before, -1 where it fell; the first rose."""
+def approaches(robot: RobotDefinition, drives: FloatArray) -> dict[str, FloatArray]:
+    """Return +1 where a drive rose to its value, (n, drives), from the one before, -1 where it fell; the first rose."""
     steps = np.diff(drives, axis=0, prepend=drives[:1] - 1.0)
-    names = columns.approach_names(robot.model.definition)
-    return {name: np.where(steps[:, k] >= 0.0, 1.0, -1.0) for k, name in enumerate(names)}
+    return {name: np.where(steps[:, k] >= 0.0, 1.0, -1.0) for k, name in enumerate(columns.approach_names(robot))}
 
 
 def _random_conditions(robot: Robot, count: int, random: np.random.Generator) -> dict[str, FloatArray]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,6 @@ from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.robot.base import Robot
 from pouring_robot.robot.robot import PouringRobot
 
-ActualPoses = Callable[[PosePlan], list[pin.SE3]]
 _SCREW_PITCH_M = 0.010
 
 
@@ -115,7 +114,7 @@ def simulate_campaign(
     options: MeasurementOptions | None = None,
     *,
     path: Path | str = "campaign.csv",
-    actual_poses: ActualPoses | None = None,
+    robots: Sequence[Robot] | None = None,
     progress: Progress = say_nothing,
 ) -> VirtualMeasurement:
     """Measure a robot as built without having it.
@@ -125,8 +124,7 @@ def simulate_campaign(
         plan: the poses.
         options: noise, outliers, frames, seed.
         path: the name the campaign is to have.
-        actual_poses: gives the poses instead of the robot's closure, moving platform in fixed platform, row by row:
-            for effects that depend on the conditions of the plan.
+        robots: as it stands at each pose, where that depends on the conditions of the plan.
         progress: told of every row.
 
     Raises:
@@ -140,7 +138,7 @@ def simulate_campaign(
     path = Path(path)
     random = np.random.default_rng([options.seed, 2])
     outer, inner = _frames(options, random)
-    actual = actual_poses(plan) if actual_poses else _close(robot, plan, path, progress)
+    actual = _close(robots or [robot] * rows, plan, path, progress)
     seen = [outer * pose * inner for pose in actual]
     position = np.array([pose.translation for pose in seen]) + random.normal(size=(rows, 3)) * options.sigma_position_m
     wrong = np.sort(random.choice(rows, options.outliers, replace=False))
@@ -159,9 +157,9 @@ def simulate_campaign(
     )
 
 
-def _close(robot: Robot, plan: PosePlan, path: Path, progress: Progress) -> list[pin.SE3]:
+def _close(robots: Sequence[Robot], plan: PosePlan, path: Path, progress: Progress) -> list[pin.SE3]:
     actual = []
-    for row, command in enumerate(plan.poses):
+    for row, (robot, command) in enumerate(zip(robots, plan.poses, strict=True)):
         try:
             actual.append(robot.location_of(command).actual.pose_base_to_end)
         except NoSolutionError as error:

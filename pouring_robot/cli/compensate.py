@@ -7,17 +7,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
 from pouring_robot.cli.shared import bundles, options, progress
-from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseError, UnknownFrameError
+from pouring_robot.exceptions import BadInputError, NoSolutionError, UnknownFrameError
 
 if TYPE_CHECKING:
     from pouring_robot.cli.shared.heat import ThermalLaw
+    from pouring_robot.compensation.drives import DriveCompensation
     from pouring_robot.compensation.result import Compensation
+    from pouring_robot.effects.under import RobotUnderConditions
     from pouring_robot.robot.base import Command, Robot
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.pouring.poses import PlatformPose
     from pouring_robot.robot.robot import PouringRobot
 
-Found = TypeVar("Found")
+Found = TypeVar("Found", "Compensation", "DriveCompensation")
 PosesFile = Annotated[
     Path | None, options.argument("POSES.csv", "Wanted poses, as 'path' reads them. Or --at-mm, or --drives.")
 ]
@@ -40,6 +42,7 @@ def compensate(
     poses: PosesFile = None,
     commanded: bundles.Commanded,
     which: bundles.Which,
+    under: bundles.Under,
     frame: Frame = None,
     out: OutFile = None,
     at_once: options.AtOnce = False,
@@ -56,7 +59,7 @@ def compensate(
 
     if poses is not None and commanded.given:
         raise BadInputError("give a file of poses or one command by options, one of the two")
-    present = which.built(warm=True)
+    present = which.built(warm=True, under=True)
     from pouring_robot.robot.robot import PouringRobot
 
     _check_frame(present.nominal_solver.mechanism.loops.reported_frames, frame)
@@ -66,22 +69,25 @@ def compensate(
             raise BadInputError("--at-once and --header know the pouring robot only")
         if commanded.given or thermal_model:
             raise BadInputError("--at-once and --header go without --at-mm, --drives and --thermal-model")
+        options.refuse_conditional(present, "--at-once" if at_once else "--header")
         _in_bulk(present, warmth, frame, poses, out, header, as_json)
         return
-    wanted = {0: commanded.of(present)} if poses is None else present.read_commands(poses)
+    wanted = {0: commanded.of(present)} if poses is None else under.read_commands(present, poses)
+    standing = under.of(present, poses)
     if isinstance(present, PouringRobot):
         law = thermal_law(thermal_model, present, warmth)
-        _ladle(present, law.heat if law else warmth, wanted, frame, poses, out, as_json, law)
+        _ladle(present, law.heat if law else warmth, wanted, standing, frame, poses, out, as_json, law)
     elif thermal_model is not None:
         raise BadInputError("--thermal-model is for the pouring robot")
     else:
-        _tool(present, wanted, frame, poses, out, as_json)
+        _tool(present, wanted, standing, frame, poses, out, as_json)
 
 
 def _ladle(
     robot: PouringRobot,
     heat: HeatSection | None,
     wanted: Mapping[int, Command],
+    under: RobotUnderConditions | None,
     frame: str | None,
     poses: Path | None,
     out: Path | None,
@@ -94,16 +100,17 @@ def _ladle(
     from pouring_robot.compensation.search import compensate as compensated
     from pouring_robot.io.files import write_whole
     from pouring_robot.robot.pouring.poses import PlatformPose
+    from pouring_robot.robot.robot import PouringRobot
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 
     heated = HeatedRobot(robot, heat)
 
-    def bring(command: Command) -> Compensation:
-        if not isinstance(command, PlatformPose):
+    def bring(command: Command, standing: Robot) -> Compensation:
+        if not isinstance(command, PlatformPose) or not isinstance(standing, PouringRobot):
             raise BadInputError("a ladle is brought to a pose: give --at-mm and --tilt-deg")
-        return compensated(heated, command, frame, law.moves_m(command) if law else None)
+        return compensated(heated.built_as(standing), command, frame, law.moves_m(command) if law else None)
 
-    found = _each(wanted, bring, poses)
+    found = _each(robot, wanted, under, bring, poses)
     written = [write_whole(out, commands_csv(found))] if out else []
     if as_json:
         rows = [one.figures() | {"heat": warm.heat_figures(heated, one.state)} for one in found]
@@ -119,8 +126,9 @@ def _ladle(
         console.print(warm.alone_line(heat))
     if law is not None:
         console.print(f"{law.words}; the drives follow from the paper's sum, what is left is that of the full closure")
-    if robot.model.is_drawing and heat is None:
+    if robot.model.is_drawing and heat is None and under is None:
         console.print("note: the drawing, cold, needs no compensation; give --model, --melt-degC or both")
+    options.print_notes(console, under.notes if under else ())
     outside = [str(i) for i, one in enumerate(found, start=1) if _is_outside(robot, one.wanted)]
     if outside:
         console.print(f"note: outside the workspace box: pose {', '.join(outside)}")
@@ -176,14 +184,23 @@ def _in_bulk(
 
 
 def _tool(
-    robot: Robot, wanted: Mapping[int, Command], frame: str | None, poses: Path | None, out: Path | None, as_json: bool
+    robot: Robot,
+    wanted: Mapping[int, Command],
+    under: RobotUnderConditions | None,
+    frame: str | None,
+    poses: Path | None,
+    out: Path | None,
+    as_json: bool,
 ) -> None:
     """Compensate a robot that is commanded by drive values."""
     from pouring_robot.cli.shared.tables import few_rows
     from pouring_robot.compensation.drives import compensate_drives, drives_csv
     from pouring_robot.io.files import write_whole
 
-    found = _each(wanted, lambda command: compensate_drives(robot, robot.location_of(command), frame), poses)
+    def bring(command: Command, standing: Robot) -> DriveCompensation:
+        return compensate_drives(standing, standing.location_of(command), frame)
+
+    found = _each(robot, wanted, under, bring, poses)
     written = [write_whole(out, drives_csv(found))] if out else []
     if as_json:
         options.print_figures({**robot.name, "poses": [one.figures() for one in found]}, written)
@@ -196,22 +213,34 @@ def _tool(
     if not out:
         console.print("drives to command; how far off without and with it", style="italic")
         console.print(few_rows(head, rows, "--out FILE.csv writes all"), markup=False, soft_wrap=True)
-    if robot.model.is_drawing:
+    options.print_notes(console, under.notes if under else ())
+    if robot.model.is_drawing and under is None:
         console.print("note: the drawing needs no compensation; give --model")
     options.print_written(console, written)
 
 
-def _each(wanted: Mapping[int, Command], bring: Callable[[Command], Found], poses: Path | None) -> list[Found]:
+def _each(
+    robot: Robot,
+    wanted: Mapping[int, Command],
+    under: RobotUnderConditions | None,
+    bring: Callable[[Command, Robot], Found],
+    poses: Path | None,
+) -> list[Found]:
     """Return what is found for each command; an error names the line of its table."""
-    found: list[Found] = []
+    lines = list(wanted)
+
+    def at(k: int, standing: Robot) -> Found:
+        with bundles.at_line(poses, lines[k]):
+            return bring(wanted[lines[k]], standing)
+
     with progress.stage_bars() as show:
-        for line, command in wanted.items():
-            try:
-                found.append(bring(command))
-            except NoSolutionError as error:
-                if poses is None:
-                    raise
-                raise PathPoseError(poses, line, error) from error
+        if under is not None:
+            from pouring_robot.effects.under import compensate_under
+
+            return compensate_under(under, list(wanted.values()), at, show)
+        found: list[Found] = []
+        for k in range(len(lines)):
+            found.append(at(k, robot))
             show("compensating", len(found), len(wanted))
     return found
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pouring_robot.cli.shared import bundles, options, progress
-from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseError
+from pouring_robot.exceptions import BadInputError, NoSolutionError
 
 if TYPE_CHECKING:
     from pouring_robot.robot.base import Command, Robot
@@ -27,6 +27,7 @@ def path(
     *,
     poses: PosesFile,
     which: bundles.Which,
+    under: bundles.Under,
     as_json: options.AsJson = False,
     out: Annotated[Path | None, options.writes("--out", "Write the table.", metavar="FILE.csv")] = None,
     drawing: bundles.Drawing,
@@ -42,29 +43,30 @@ def path(
     from pouring_robot.robot.location import LadleLocation
     from pouring_robot.robot.metrics import location_figures
 
-    present = which.built(warm=True)
-    commanded = present.read_commands(poses)
+    present = which.built(warm=True, under=True)
+    commanded = under.read_commands(present, poses)
     warmth = heat.of(present)
     if at_once:
         if drawing.html or drawing.png:
             raise BadInputError("--at-once draws nothing; leave out --html and --png, or --at-once")
+        options.refuse_conditional(present, "--at-once")
         _at_once(present, warmth, commanded, drawing.joints, out, as_json)
         return
+    robots, conditions = under.robots(present, commanded, poses)
     heated = warm.heated_of(present, warmth)
     found: list[warm.Warmth] = []
     figures = []
     with progress.stage_bars() as show:
-        for line, command in commanded.items():
-            try:
-                one = warm.Warmth.of(present, heated, command)
+        for (line, command), robot in zip(commanded.items(), robots, strict=True):
+            with bundles.at_line(poses, line):
+                one = warm.Warmth.of(robot, heated and heated.built_as(options.with_melt(robot)), command)
                 found.append(one)
                 if as_json:  # may find a singular pose: before anything is written
                     figures.append(location_figures(one.location, one.robot.dexterity(one.location)) | one.figures())
-            except NoSolutionError as error:
-                raise PathPoseError(poses, line, error) from error
             show("closing", len(found), len(commanded))
     locations = [one.location for one in found]
     notes = places.location_notes(present, drawing.html, drawing.png, model_file=which.model is not None)
+    notes += conditions
     rows = [_row(location) for location in locations]
     written = _write(out, rows) + drawing.write(locations, present.model, warm=heated is not None)
     if as_json:

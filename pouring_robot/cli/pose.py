@@ -9,6 +9,7 @@ def pose(
     *,
     commanded: bundles.Commanded,
     which: bundles.Which,
+    under: bundles.Under,
     as_json: options.AsJson = False,
     drawing: bundles.Drawing,
     heat: bundles.Heat,
@@ -22,8 +23,9 @@ def pose(
     from pouring_robot.cli.shared import locations
     from pouring_robot.robot.metrics import location_figures
 
-    present = which.built(warm=True)
-    command = commanded.of(present)
+    built = which.built(warm=True, under=True)
+    command = commanded.of(built)
+    (present,), conditions = under.robots(built, {0: command})
     law = warm.thermal_law(thermal_model, present, heat.of(present))
     heated = warm.heated_of(present, law.heat if law else heat.of(present))
     warmth = warm.Warmth.of(present, heated, command, shares=True)
@@ -31,6 +33,7 @@ def pose(
     # Both may find a singular pose: before anything is written.
     dexterity, weakness = found.dexterity(location), found.axis_weakness(location)
     notes = locations.location_notes(found, drawing.html, drawing.png, model_file=which.model is not None)
+    notes += conditions
     written = drawing.write([location], present.model, warm=heated is not None)
     if as_json:
         figures = location_figures(location, dexterity, weakness)

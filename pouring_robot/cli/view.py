@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pouring_robot.cli.shared import bundles, options, progress
-from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseError
+from pouring_robot.exceptions import BadInputError
 
 if TYPE_CHECKING:
     from pouring_robot.robot.base import Robot
@@ -23,6 +23,7 @@ def view(
     *,
     commanded: bundles.Commanded,
     which: bundles.Which,
+    under: bundles.Under,
     path: Annotated[
         Path | None,
         typer.Option("--path", metavar="POSES.csv", callback=options.there, help="Play the poses of a table."),
@@ -46,14 +47,16 @@ def view(
         raise BadInputError("give one of a command, --path and --campaign")
     if campaign is not None and exaggerate is not None:
         raise BadInputError("--exaggerate is for a robot or a path; the page of a campaign has a slider for it")
+    if path is None and under.condition:
+        raise BadInputError("--condition belongs to --path: sliders take the robot as it stands")
     console, bench = options.console(), None
     if campaign is not None:
         scene = _campaign_scene(campaign, which)
     else:
-        present = which.built()
+        present = which.built(under=path is not None)
         options.print_notes(console, present.picture_notes)
         if path is not None:
-            scene = _path_scene(present, path, exaggerate)
+            scene = _path_scene(present, path, under, exaggerate)
         else:
             bench = _bench(present, commanded, exaggerate)
             scene = bench.scene
@@ -81,16 +84,16 @@ def _bench(robot: Robot, commanded: bundles.Commanded, exaggerate: float | None)
     return RobotBench(robot, location, exaggerate)
 
 
-def _path_scene(robot: Robot, path: Path, exaggerate: float | None) -> Scene:
+def _path_scene(robot: Robot, path: Path, under: bundles.Under, exaggerate: float | None) -> Scene:
     from pouring_robot.robot.scene import pose_scene
 
-    locations, commands = [], robot.read_commands(path)
+    locations, commands = [], under.read_commands(robot, path)
+    robots, notes = under.robots(robot, commands, path)
+    options.print_notes(options.console(), notes)
     with progress.stage_bars() as show:
-        for line, command in commands.items():
-            try:
-                locations.append(robot.location_of(command))
-            except NoSolutionError as error:
-                raise PathPoseError(path, line, error) from error
+        for (line, command), standing in zip(commands.items(), robots, strict=True):
+            with bundles.at_line(path, line):
+                locations.append(standing.location_of(command))
             show("closing", len(locations), len(commands))
     return pose_scene(locations, exaggerate)
 

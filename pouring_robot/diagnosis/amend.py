@@ -14,6 +14,7 @@ from pouring_robot.calibration.amend import amended_model
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.problem import BACKGROUND
 from pouring_robot.effects.base import EffectParameter
+from pouring_robot.effects.conditions import learned_in
 from pouring_robot.estimation.frames import FRAMES
 from pouring_robot.estimation.measurement import MeasurementModel
 from pouring_robot.mechanism.arrays import FloatArray
@@ -45,7 +46,14 @@ def amended(diagnosis: Findings) -> RobotModel:
             if chosen:
                 entries.append(_entry(effect, form, wanted, chosen))
     model = amended_model(diagnosis.model, inside, _local(inside, placed))
-    return model.model_copy(update={"effects": [*diagnosis.model.effects, *entries]})
+    if all(entry.placed for entry in entries):
+        return model.model_copy(update={"effects": [*diagnosis.model.effects, *entries]})
+    learned, name = dict(diagnosis.model.learned), diagnosis.campaign.path.stem
+    while name in learned:
+        name += "_again"
+    learned[name] = learned_in(diagnosis.rows.campaign, diagnosis.rows.conditions)
+    entries = [entry if entry.placed else entry.model_copy(update={"learned": name}) for entry in entries]
+    return model.model_copy(update={"effects": [*diagnosis.model.effects, *entries], "learned": learned})
 
 
 def stands_still(parameter: EffectParameter, inside: Sequence[str]) -> bool:

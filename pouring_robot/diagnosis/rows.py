@@ -8,19 +8,19 @@ effect are the product of the Jacobian by local parameters with the changes that
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pouring_robot.batch import engine_for
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.diagnosis.nominal import nominal_rows
 from pouring_robot.effects.base import EffectParameter, Form
-from pouring_robot.effects.conditions import Conditions, conditions_of
+from pouring_robot.effects.conditions import Conditions, NominalRows, conditions_of, told
 from pouring_robot.effects.drives import channel
-from pouring_robot.effects.registry import all_effects
+from pouring_robot.effects.nominal import nominal_rows
+from pouring_robot.effects.stack import local_changes, stack_of
 from pouring_robot.estimation.frames import FRAMES, OuterFrames
 from pouring_robot.estimation.measurement import MeasurementModel, Prediction
 from pouring_robot.estimation.noise_level import NoiseLevel
@@ -28,14 +28,14 @@ from pouring_robot.estimation.priors import FRAME_STD
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.estimation.session_frames import base_displacements, session_parameters
 from pouring_robot.estimation.solver import first_frames
-from pouring_robot.exceptions import BadInputError, DiagnosisError, closest
+from pouring_robot.exceptions import DiagnosisError, MissingConditionsError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import (
     COMPONENTS,
     GeometricParameter,
     LocalParameter,
 )
-from pouring_robot.robot.effect_stack import EffectEntry
+from pouring_robot.robot.effect_stack import LearnedCampaign
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterCatalogue
 
@@ -165,20 +165,19 @@ class CampaignRows:
         self._session = np.array([own.index(name) if name in own else -1 for name in campaign.sessions], dtype=np.intp)
         first = first_frames(modelled, self.measured).frames
         self.frames = SeenFrom(first.T_tracker_base, first.T_end_target, np.zeros(6 * len(own)))
-        self.conditions = self._conditions()
+        self._nominal = self._by_the_drawing()
+        self.conditions = conditions_of(campaign, self._nominal)
         self._given = self._by_stack(model)
 
     def __len__(self) -> int:
         """Return the number of rows."""
         return len(self.campaign)
 
-    def _conditions(self) -> Conditions:
-        """Return the conditions by the drawing, so that they stay when errors found are put into the model."""
-        bare: dict[str, Any] = {"joint_placements": {}, "drive_offsets": {}}
-        drawing = self.measurement
+    def _by_the_drawing(self) -> NominalRows:
+        """Return the rows of the drawing: conditions by it stay when errors found are put into the model."""
+        robot, engine = self.model.definition, self.measurement.engine
         if not self.model.is_drawing:
-            drawing = MeasurementModel(self.model.model_copy(update=bare), drawing.parameters)
-        engine = drawing.engine
+            engine = engine_for(robot.mechanism())
         closure = engine.close(self.campaign.drives, self._start)
         if not (closure.status == 0).all():
             raise DiagnosisError(
@@ -186,31 +185,24 @@ class CampaignRows:
                 "leave them out (`pouring-robot campaign check` lists them)",
             )
         self._start = closure.as_start()
-        return conditions_of(self.campaign, nominal_rows(drawing, closure))
+        return nominal_rows(robot, engine, closure)
 
     def _by_stack(self, model: RobotModel) -> RowChanges:
         """Return what the effects that the model already has change in these rows."""
-        parameters: list[EffectParameter] = []
-        values: list[float] = []
-        known = all_effects(model.definition)
-        for entry in model.effects:
-            if entry.placed:
-                continue
-            effect = known.get(entry.effect)
-            if effect is None:
-                raise BadInputError(f"the model has an effect '{entry.effect}'{closest(entry.effect, known)}")
-            missing = effect.missing(self.conditions)
-            if missing:
-                raise DiagnosisError(
-                    f"the model's effect '{entry.effect}' needs {', '.join(missing)}, and the campaign does not say it",
-                    "add it to the campaign, or take the effect out of the model file",
-                )
-            form = {p.name: p for p in effect.form(entry.form, self.conditions).parameters}
-            for name, given in entry.parameters.items():
-                _check_parameter(entry, name, form)
-                parameters.append(form[name])
-                values.append(given.value)
-        return self.changes(parameters, np.array(values))
+        if not model.conditional:
+            return self.unchanged()
+        try:
+            found = stack_of(model, told(self.campaign), self._counted)
+        except MissingConditionsError as problem:
+            raise DiagnosisError(
+                f"the model's effect '{problem.effect}' needs {', '.join(problem.headings)}, and the campaign does not "
+                "say it",
+                "add it to the campaign, or take the effect out of the model file",
+            ) from problem
+        return self.changes([parameter for parameter, _ in found], np.array([value for _, value in found]))
+
+    def _counted(self, learned: LearnedCampaign | None) -> Conditions:
+        return conditions_of(self.campaign, self._nominal, learned) if learned else self.conditions
 
     def unchanged(self) -> RowChanges:
         """Return no change at all."""
@@ -225,17 +217,16 @@ class CampaignRows:
             values: one a parameter, in its unit.
         """
         total = self.unchanged()
-        for parameter, value in zip(parameters, values.tolist(), strict=True):
-            for name, change in parameter.changes.items():
-                kind, _, rest = name.partition(".")
-                if name == SCALE:
-                    total.scale[:] += value * change
-                elif kind == "base":
-                    total.base[:, COMPONENTS.index(rest)] += value * change
-                elif kind == "drive":
-                    total.drives[:, self._drive_places[rest]] += value * change
-                else:
-                    total.placements[:, self._sites[name]] += value * change
+        for name, change in local_changes(parameters, values.tolist()).items():
+            kind, _, rest = name.partition(".")
+            if name == SCALE:
+                total.scale[:] += change
+            elif kind == "base":
+                total.base[:, COMPONENTS.index(rest)] += change
+            elif kind == "drive":
+                total.drives[:, self._drive_places[rest]] += change
+            else:
+                total.placements[:, self._sites[name]] += change
         return total
 
     def refined_frames(self, fitted: NDArray[np.bool_]) -> SeenFrom:
@@ -309,18 +300,6 @@ class CampaignRows:
     def drive_columns(self, linear: LinearRows) -> FloatArray:
         """Return the whitened signature of every drive, shape (m, D), per m or rad."""
         return np.column_stack([self.channel(channel(drive), linear) for drive in self.conditions.robot.drives])
-
-
-def _check_parameter(entry: EffectEntry, name: str, form: Mapping[str, EffectParameter]) -> None:
-    """Check that an entry of a model file has a parameter that its form has here, in its unit."""
-    if name not in form:
-        raise BadInputError(
-            f"the model's effect '{entry.effect}' in the form '{entry.form}' has no parameter '{name}' "
-            f"under the conditions of this campaign{closest(name, form)}"
-        )
-    if entry.parameters[name].unit != form[name].unit:
-        given, wanted = entry.parameters[name].unit, form[name].unit
-        raise BadInputError(f"the model's '{name}' of '{entry.effect}' is in '{given}'; it must be in '{wanted}'")
 
 
 def least_squares(columns: FloatArray, values: FloatArray) -> FloatArray:

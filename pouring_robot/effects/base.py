@@ -79,6 +79,10 @@ class Effect(ABC):
     """One line for people: what happens on the machine."""
     needs: tuple[str, ...] = ()
     """Conditions without which it cannot be tested: names of what :meth:`Conditions.value` may not have."""
+    shaped_by: tuple[str, ...] = ()
+    """Conditions that shape it, too, where a campaign has them; what was learned with them needs them elsewhere."""
+    moves_robot: bool = True
+    """Whether it moves the robot, not only what is seen of it."""
     driven_by: str = ""
     """Condition that it is drawn over and that must vary so that it shows, one of
     :func:`~pouring_robot.effects.facts.known_facts`; by default the first of :attr:`needs`."""

@@ -15,8 +15,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from pouring_robot.campaign.columns import approach_names, force_names
+from pouring_robot.campaign.columns import approach_names, condition_columns, force_names
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.effects.defaults import causes_of
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
@@ -24,6 +25,7 @@ from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.robot.description.causes import Causes
 from pouring_robot.robot.description.definition import Drive, RobotDefinition
+from pouring_robot.robot.effect_stack import LearnedCampaign
 
 RISE, FORCE = "_rise_k", "_force"
 _TURNED, _STILL = 1e-9, 1e-6
@@ -64,7 +66,8 @@ class Conditions:
         drives: commanded drives, (n, D), in m and rad.
         position_m: nominal origin of the end body in the base, (n, 3).
         rotation: nominal axes of the end body, (n, 3, 3).
-        session: number of the session from 0, (n,).
+        session: number of the session from 0, (n,); -1 for one in which nothing was learned, -2
+            where nobody says which.
         time_s: time of measurement, (n,); without a time column the number of the row stands for it.
         time_known: whether there was a time column.
         swing_rad: angle of the joint about which each drive's chain swings, (n, D); NaN for a drive without one.
@@ -77,6 +80,7 @@ class Conditions:
         travels: where the base stands along its axes, by name, (n,), in m.
         screw_pitch_m: travel of a sliding drive a turn.
         truss_span_m: length of the rails.
+        learned: the campaign that shapes count from; None: these very rows.
         filled: conditions of which single cells were missing and were filled in from their neighbours in time.
         assumed: what was assumed, one line each.
     """
@@ -97,6 +101,7 @@ class Conditions:
     travels: Mapping[str, FloatArray] = field(default_factory=dict)
     screw_pitch_m: float | None = None
     truss_span_m: float | None = None
+    learned: LearnedCampaign | None = None
     filled: tuple[str, ...] = ()
     assumed: tuple[str, ...] = ()
 
@@ -149,8 +154,35 @@ class Conditions:
 
     @property
     def passed(self) -> FloatArray:
-        """How much of the campaign's time has passed, 0 to 1, (n,)."""
-        return np.asarray((self.time_s - self.time_s.min()) / max(float(np.ptp(self.time_s)), 1e-9))
+        """How much of the campaign's time has passed, 0 to 1 in it, (n,)."""
+        first, last = self.learned.time_s if self.learned else (self.time_s.min(), self.time_s.max())
+        return np.asarray((self.time_s - first) / max(float(last - first), 1e-9))
+
+    @property
+    def timed(self) -> bool:
+        """Whether the time of rows is that which shapes count in."""
+        return self.learned is None or self.time_known == self.learned.timed
+
+    @property
+    def mean_span_m(self) -> FloatArray:
+        """Mean of :attr:`spans` in the campaign, (D,)."""
+        return np.array(self.learned.mean_span_m) if self.learned else self.spans.mean(axis=0)
+
+    @property
+    def mean_force(self) -> FloatArray:
+        """Mean of the absolute force on each drive in the campaign, (D,); empty where it is not known."""
+        if self.learned:
+            return np.array(self.learned.mean_force)
+        return np.zeros(0) if self.drive_force is None else np.abs(self.drive_force).mean(axis=0)
+
+    def mean_rise_k(self, thermometer: str) -> float:
+        """Return the mean temperature above the reference in the campaign."""
+        return self.learned.mean_rise_k[thermometer] if self.learned else float(self.rises[thermometer].mean())
+
+    @property
+    def session_shares(self) -> FloatArray:
+        """Share of the campaign's rows in each session, (sessions,)."""
+        return np.array(list(self.learned.sessions.values())) if self.learned else np.bincount(self.session) / len(self)
 
     def value(self, name: str) -> Any:
         """Return a condition by its name: (n,) or (n, k), or a number for the whole campaign; None if there is none."""
@@ -167,8 +199,17 @@ class Conditions:
             return None if self.drive_force is None or not group else self.drive_force[:, self.places(group)]
         return self.travels.get(name.removesuffix("_m"))
 
+    def in_session(self, number: int) -> FloatArray:
+        """Return 1 in rows of a session, else 0, (n,); NaN where nobody says which it is."""
+        return np.where(self.session < -1, np.nan, self.session == number)
+
     def behind(self, values: FloatArray, lag_s: float) -> FloatArray:
-        """Return values (n,) or (n, k) that follow given ones with a time constant, in the order of time."""
+        """Return values (n,) or (n, k) that follow given ones with a time constant, in the order of time.
+
+        Before the first row they had settled. Of rows of which nobody knows the time nothing is said: NaN.
+        """
+        if not self.timed and len(self) > 1:
+            return np.full_like(values, np.nan)
         out = np.array(values, dtype=float)
         order = np.argsort(self.time_s, kind="stable")
         for before, now in itertools.pairwise(order):
@@ -211,28 +252,29 @@ class NominalRows:
     payload_m: FloatArray | None
 
 
-def conditions_of(campaign: Campaign, nominal: NominalRows) -> Conditions:
+def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCampaign | None = None) -> Conditions:
     """Return the conditions of a campaign.
 
     Args:
         campaign: the data; all its rows are usable.
         nominal: the same rows by the drawing.
+        learned: another campaign, which shapes shall count from and whose facts of the machine hold.
     """
     filler = _Filler(campaign)
-    metadata, robot = campaign.metadata, nominal.robot
-    reference = metadata.reference_temperature_degC
+    facts, robot = learned or campaign.metadata, nominal.robot
+    reference = facts.reference_temperature_degC
     assumed = []
     if reference is None:
         reference = REFERENCE_DEGC
         assumed.append(f"reference temperature {reference:g} °C")
-    weight, force, by_weight = _loads(campaign, nominal, filler.one("payload"))
+    weight, force, by_weight = _loads(facts, nominal, filler.one("payload"))
     for k, name in enumerate(force_names(robot)):
         measured = filler.one(name)
         if measured is not None:
             force = np.zeros(campaign.drives.shape) if force is None else np.array(force)
             force[:, k] = measured
     known = filler.one("time")
-    names = {name: k for k, name in enumerate(dict.fromkeys(campaign.sessions))}
+    names = {name: k for k, name in enumerate(learned.sessions if learned else dict.fromkeys(campaign.sessions))}
     thermometers = (member for kind in causes_of(robot).thermometers for member in kind.members)
     warm = {member: filler.one(member) for member in thermometers if member in campaign.conditions}
     travels = {name: filler.one(name) for name in robot.travels}
@@ -241,7 +283,7 @@ def conditions_of(campaign: Campaign, nominal: NominalRows) -> Conditions:
         drives=np.array(campaign.drives),
         position_m=nominal.position_m,
         rotation=nominal.rotation,
-        session=np.array([names[name] for name in campaign.sessions], dtype=np.intp),
+        session=np.array([names.get(name, -1 if name else -2) for name in campaign.sessions], dtype=np.intp),
         time_s=np.arange(len(campaign), dtype=float) if known is None else known,
         time_known=known is not None,
         swing_rad=nominal.swing_rad,
@@ -251,21 +293,54 @@ def conditions_of(campaign: Campaign, nominal: NominalRows) -> Conditions:
         force_by_weight=by_weight,
         rises={name: values - reference for name, values in warm.items() if values is not None},
         travels={name: values for name, values in travels.items() if values is not None},
-        screw_pitch_m=metadata.screw_pitch_m,
-        truss_span_m=metadata.truss_span_m,
+        screw_pitch_m=facts.screw_pitch_m,
+        truss_span_m=facts.truss_span_m,
+        learned=learned,
         filled=tuple(filler.filled),
         assumed=tuple(assumed),
     )
 
 
+def told(campaign: Campaign) -> dict[str, FloatArray]:
+    """Return drives and conditions that a campaign has, (n,) each, by heading in inner units."""
+    robot = campaign.robot
+    asked = [q for q in (*robot.drive_columns, *condition_columns(robot)) if q.kind not in ("label", "sign")]
+    found = {q.canonical: campaign.command(q.name) for q in asked}
+    return {heading: values for heading, values in found.items() if values is not None}
+
+
+def learned_in(campaign: Campaign, conditions: Conditions) -> LearnedCampaign:
+    """Return what effects that are learned in a campaign are to be counted from elsewhere.
+
+    Args:
+        campaign: the data.
+        conditions: of its rows.
+    """
+    metadata, names = campaign.metadata, list(dict.fromkeys(campaign.sessions))
+    reference = metadata.reference_temperature_degC
+    return LearnedCampaign(
+        ranges={name: (float(np.nanmin(v)), float(np.nanmax(v))) for name, v in told(campaign).items()},
+        time_s=(float(conditions.time_s.min()), float(conditions.time_s.max())),
+        timed=conditions.time_known,
+        sessions=dict(zip(names, conditions.session_shares.tolist(), strict=True)),
+        mean_span_m=conditions.mean_span_m.tolist(),
+        mean_force=conditions.mean_force.tolist(),
+        mean_rise_k={name: float(rise.mean()) for name, rise in conditions.rises.items()},
+        reference_temperature_degC=REFERENCE_DEGC if reference is None else reference,
+        screw_pitch_m=metadata.screw_pitch_m,
+        truss_span_m=metadata.truss_span_m,
+        ladle_tare_kg=metadata.ladle_tare_kg,
+        ladle_centre_of_mass_m=metadata.ladle_centre_of_mass_m,
+    )
+
+
 def _loads(
-    campaign: Campaign, nominal: NominalRows, payload_kg: FloatArray | None
+    facts: CampaignMetadata | LearnedCampaign, nominal: NominalRows, payload_kg: FloatArray | None
 ) -> tuple[FloatArray | None, FloatArray | None, FloatArray | None]:
     """Return the weight carried, (n,), what it and the links' own weight put on every drive, and its share a newton."""
-    metadata = campaign.metadata
     if payload_kg is None:
         return None, nominal.own_force, None
-    tare, place = metadata.ladle_tare_kg, metadata.ladle_centre_of_mass_m
+    tare, place = facts.ladle_tare_kg, facts.ladle_centre_of_mass_m
     if nominal.payload_m is not None:
         tare, place = 0.0, tuple(nominal.payload_m)  # what the end body weighs is among its links
     if tare is None or place is None:

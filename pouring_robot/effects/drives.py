@@ -68,9 +68,9 @@ class Zero(Family):
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """All drives, or one alone; each session's homing may scatter by a fiftieth."""
         one = np.ones(len(conditions))
-        sessions = int(conditions.session.max()) + 1
+        sessions = len(conditions.session_shares)
         homing = [
-            of_drive(d, f"homing_session_{s + 1}", self._HOMING, (conditions.session == s).astype(float), main=False)
+            of_drive(d, f"homing_session_{s + 1}", self._HOMING, conditions.in_session(s), main=False)
             for d in self.drives
             for s in range(sessions if sessions > 1 else 0)
         ]
@@ -236,7 +236,7 @@ class LostMotion(Family):
         half_stroke_m: to either side.
     """
 
-    needs = ("approach",)
+    needs, shaped_by = ("approach",), ("weight_n",)
     _LOADED, _LATER, _WORN = 0.3, 0.1, 0.1
 
     def __init__(self, id_: str, story: str, drives: Drives, middle_m: float = 0.0, half_stroke_m: float = 1.0) -> None:
@@ -263,9 +263,9 @@ class LostMotion(Family):
                 for k, d in drives
                 if d.unit == "m"
             ]
-            if conditions.drive_force is not None:
+            if conditions.drive_force is not None and conditions.mean_force.size:
                 force = np.abs(conditions.drive_force[:, places])
-                relative = force / np.maximum(force.mean(axis=0), 1e-9) - 1.0
+                relative = force / np.maximum(conditions.mean_force[places], 1e-9) - 1.0
                 parameters += [
                     of_drive(d, name, std, sides[:, k] * relative[:, k] ** power, main=False)
                     for name, std, power in (("play_by_load", self._LOADED, 1), ("play_by_load_2", self._LATER, 2))

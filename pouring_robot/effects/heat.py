@@ -38,14 +38,15 @@ class DriveGrowth(Family):
     def __init__(self, id_: str, story: str, drives: Drives, thermometers: str, neighbour: str) -> None:
         """Keep the thermometers."""
         super().__init__(id_, story, drives)
-        self.neighbour, self.needs = neighbour, (f"{thermometers}{RISE}",)
+        self.neighbour, self.shaped_by, self.needs = neighbour, (f"{neighbour}{RISE}",), (f"{thermometers}{RISE}",)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """All of its length, or a rod of its own length; the thermometer may be biased, lag, or see another part."""
         thermometers = conditions.causes.drive_thermometers
         lengths = conditions.spans[:, conditions.places(self.drives)]
+        usual = conditions.mean_span_m[conditions.places(self.drives)].mean()
         rise = np.column_stack([conditions.rises[thermometers[d.joint]] for d in self.drives])
-        hot = {"own_temperature": lengths, "own_length": np.full_like(lengths, lengths.mean())}
+        hot = {"own_temperature": lengths, "own_length": np.full_like(lengths, usual)}
         return tuple(
             Form(name, self._parameters(conditions, rise, length, [o for n, o in hot.items() if n != name]))
             for name, length in hot.items()
@@ -76,21 +77,27 @@ class DriveGrowth(Family):
 
 
 @functools.lru_cache(maxsize=16)
-def levers(robot: RobotDefinition) -> Mapping[str, tuple[str, FloatArray]]:
-    """Return of every joint, fixed and moving, the link it stands on and its place there, (3,), in its own axes, in m.
-
-    A link that grows evenly about its origin displaces the joint by this times its strain.
-    """
+def standing(robot: RobotDefinition) -> Mapping[str, tuple[str, pin.SE3]]:
+    """Return of every joint, fixed and moving, the link it stands on and its placement in that link."""
     model = robot.mechanism().shared_model
-    found: dict[str, tuple[str, FloatArray]] = {}
+    found: dict[str, tuple[str, pin.SE3]] = {}
     for frame in model.frames:
         if frame.type not in (pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT):
             continue
         link = model.frames[frame.parentFrame]
         fixed = frame.type == pin.FrameType.FIXED_JOINT
         placed = link.placement.actInv(frame.placement if fixed else model.jointPlacements[frame.parentJoint])
-        found[frame.name] = link.name, np.asarray(placed.rotation.T @ placed.translation)
+        found[frame.name] = link.name, placed
     return found
+
+
+def levers(robot: RobotDefinition) -> Mapping[str, tuple[str, FloatArray]]:
+    """Return of every joint, fixed and moving, the link it stands on and its place there, (3,), in its own axes, in m.
+
+    A link that grows evenly about its origin displaces the joint by this times its strain.
+    """
+    placed = standing(robot).items()
+    return {joint: (link, np.asarray(at.rotation.T @ at.translation)) for joint, (link, at) in placed}
 
 
 def chain_ends(robot: RobotDefinition, places: Collection[str]) -> list[tuple[str, str, FloatArray]]:

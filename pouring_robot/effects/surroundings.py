@@ -19,9 +19,13 @@ _SETTLING = (0.15, 0.3, 0.6)
 
 
 class BaseDrift(Family):
-    """The base creeps with time."""
+    """The base creeps with time. Its place counts from that in the middle of the campaign's time, or from its mean."""
 
     driven_by = "time_s"
+
+    def missing(self, conditions: Conditions) -> tuple[str, ...]:
+        """The order of rows stands for time in the campaign itself only."""
+        return () if conditions.timed else ("time_s",)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Steady with a slow change of rate, settling, or with the logarithm of time."""
@@ -37,10 +41,11 @@ class BaseDrift(Family):
                 ),
             )
         ]
-        courses = {f"settling_{share:g}": 1.0 - np.exp(-t / share) for share in _SETTLING}
-        courses["logarithmic"] = np.log1p(4.0 * t) / np.log(5.0)
+        # Less the mean over even times; which constant is taken does not matter, as the frames are free.
+        courses = {f"settling_{s:g}": s * (1.0 - np.exp(-1.0 / s)) - np.exp(-t / s) for s in _SETTLING}
+        courses["logarithmic"] = (np.log1p(4.0 * t) + 1.0) / np.log(5.0) - 1.25
         for name, course in courses.items():
-            forms.append(Form(name, (*_moved(course - course.mean()), *_moved(middle, "steady", 0.2))))
+            forms.append(Form(name, (*_moved(course), *_moved(middle, "steady", 0.2))))
         return tuple(forms)
 
 
@@ -59,15 +64,14 @@ class SessionOffset(Family):
 
     def missing(self, conditions: Conditions) -> tuple[str, ...]:
         """It takes several sessions."""
-        return () if conditions.session.max() > 0 else ("session",)
+        return () if len(conditions.session_shares) > 1 else ("session",)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """Six displacements of the base a session; what all share is the frames'."""
-        sessions = [(conditions.session == k).astype(float) for k in range(int(conditions.session.max()) + 1)]
+        """Six displacements of the base a session; what all share is the frames'. Of another session none is known."""
         moved = [
             replace(parameter, name=f"session_{k + 1}_{parameter.name}")
-            for k, course in enumerate(sessions)
-            for parameter in _moved(course - course.mean())
+            for k, share in enumerate(conditions.session_shares.tolist())
+            for parameter in _moved(np.where(conditions.session == -1, 0.0, conditions.in_session(k) - share))
         ]
         return (Form("each_session", tuple(moved)),)
 
@@ -75,6 +79,7 @@ class SessionOffset(Family):
 class MetrologyScale(Family):
     """The measuring device's scale is wrong."""
 
+    moves_robot = False
     told_apart_by = "measure a calibrated length with the same device"
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
@@ -84,7 +89,9 @@ class MetrologyScale(Family):
         if "ambient" not in conditions.rises:
             return (Form("constant", (constant,)),)
         rise = conditions.rises["ambient"]
-        air = EffectParameter("scale_by_air", "1e-6/K", 3.0, {"metrology.scale": ppm * (rise - rise.mean())})
+        air = EffectParameter(
+            "scale_by_air", "1e-6/K", 3.0, {"metrology.scale": ppm * (rise - conditions.mean_rise_k("ambient"))}
+        )
         return (
             Form("constant", (constant, replace(air, main=False))),
             Form("air", (air, replace(constant, main=False))),

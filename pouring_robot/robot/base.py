@@ -13,7 +13,7 @@ import contextlib
 import copy
 import functools
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -86,7 +86,7 @@ class Robot:
         """Load a robot from a model, a model file or a robot file.
 
         The robot stands cold and without effects that depend on conditions: where the model tells of them, a warning
-        says so.
+        says so. ``robots_under`` applies them.
 
         Raises:
             DescriptionError: a file is wrong.
@@ -211,8 +211,12 @@ class Robot:
         """What one should know of its pictures, in a line each."""
         return ()
 
-    def read_commands(self, path: Path) -> Mapping[int, Command]:
+    def read_commands(self, path: Path, beside: Iterable[str] = ()) -> Mapping[int, Command]:
         """Read commands from a table, by the line they stand on; see :mod:`pouring_robot.robot.pose_table`.
+
+        Args:
+            path: the table.
+            beside: headings of columns that may stand there and are left to others.
 
         Raises:
             TableError: the file is wrong.
@@ -247,9 +251,18 @@ class Robot:
             BadInputError: it is no command of this robot.
             NoSolutionError: as those.
         """
+        return self.location_to(command) if isinstance(command, Target) else self.location_at(self.drives_of(command))
+
+    def drives_of(self, command: Command) -> FloatArray:
+        """Return the drive values that a command means, (drives,), in m and rad.
+
+        Raises:
+            BadInputError: it is no command of this robot.
+            NoSolutionError: the drawing does not come there.
+        """
         if isinstance(command, PlatformPose):
             raise BadInputError(f"{self.model.definition.name} is commanded by drive values or a target, not a tilt")
-        return self.location_to(command) if isinstance(command, Target) else self.location_at(command)
+        return self.drives_to(command).drives if isinstance(command, Target) else np.asarray(command, dtype=float)
 
     def location_at(self, drives: Sequence[float] | FloatArray) -> Location:
         """Return where the robot should be and where it is for one command (drives,), in m and rad.

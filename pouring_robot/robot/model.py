@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,7 +27,7 @@ from pouring_robot.mechanism.poses import MM, MRAD, PlacementError
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.robot_file import FORMAT as ROBOT_FORMAT
 from pouring_robot.robot.description.urdf import perturb_urdf
-from pouring_robot.robot.effect_stack import EffectEntry
+from pouring_robot.robot.effect_stack import EffectEntry, LearnedCampaign
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.pouring.definition import PouringDefinition
 
@@ -104,6 +105,7 @@ class RobotModel(StrictModel):
         drive_offsets: what is added to the command of each drive that has an offset, by URDF joint name.
         heat: how warm it is; left out: as cold as the drawing.
         effects: effects that diagnosis found, in the order they were added.
+        learned: campaigns that effects were learned in, by name.
     """
 
     format: Literal["pouring_robot/model/1"] = "pouring_robot/model/1"
@@ -115,9 +117,17 @@ class RobotModel(StrictModel):
     drive_offsets: dict[str, DriveOffset] = pydantic.Field(default_factory=dict)
     heat: HeatSection | None = None
     effects: list[EffectEntry] = pydantic.Field(default_factory=list)
+    learned: dict[str, LearnedCampaign] = pydantic.Field(default_factory=dict)
 
     _folder: Path = pydantic.PrivateAttr(default_factory=Path)
     _defined: tuple[Any, RobotDefinition] | None = pydantic.PrivateAttr(default=None)
+
+    @pydantic.model_validator(mode="after")
+    def _learned_somewhere(self) -> RobotModel:
+        for entry in self.effects:
+            if entry.learned and entry.learned not in self.learned:
+                raise ValueError(f"'{entry.effect}' was learned in '{entry.learned}', which 'learned' does not have")
+        return self
 
     @pydantic.model_validator(mode="after")
     def _one_robot(self) -> RobotModel:
@@ -241,22 +251,30 @@ class RobotModel(StrictModel):
     @property
     def is_drawing(self) -> bool:
         """Whether the model says nothing that makes the robot as built differ from the drawing."""
-        told = {"format", "description", "robot", "layout", "layouts_file", "heat", "effects"}
+        told = {"format", "description", "robot", "layout", "layouts_file", "heat", "effects", "learned"}
         return not _says_something(self.model_dump(exclude=told, exclude_defaults=True))
 
-    def left_out(self, who: str, name: str = "the model", *, warm: bool = False) -> tuple[str, ...]:
+    @property
+    def conditional(self) -> tuple[str, ...]:
+        """The effects that depend on conditions, by id."""
+        return tuple(dict.fromkeys(entry.effect for entry in self.effects if not entry.placed))
+
+    def left_out(
+        self, who: str, name: str = "the model", *, warm: bool = False, under: bool = False
+    ) -> tuple[str, ...]:
         """Return, in a line each, what a robot that is taken as it stands leaves out of the model.
 
         Args:
             who: takes the robot, for the lines.
             name: of the model, likewise.
             warm: whether the heat section is cared for.
+            under: whether effects that depend on conditions are.
         """
         lines = []
         if self.heat is not None and not warm:
             lines.append(f"{who} takes the robot cold; the heat section of {name} is left out")
-        effects = ", ".join(dict.fromkeys(entry.effect for entry in self.effects if not entry.placed))
-        if effects:
+        if self.conditional and not under:
+            effects = ", ".join(self.conditional)
             lines.append(f"{who} does not apply the effects of {name} that depend on conditions: {effects}")
         return tuple(lines)
 
@@ -267,6 +285,23 @@ class RobotModel(StrictModel):
     def drive_offset_values(self) -> dict[str, float]:
         """Return the offset of each drive that has one, in m or rad."""
         return {drive: offset.to_si() for drive, offset in self.drive_offsets.items()}
+
+    def displaced(self, placements: Mapping[str, pin.SE3], drives: Mapping[str, float]) -> RobotModel:
+        """Return the robot with joints displaced further and drives standing further beyond their commands.
+
+        Args:
+            placements: the pose of the new placement in the present one, by joint.
+            drives: what is added to offsets, in m and rad, by joint.
+        """
+        joints = dict(self.joint_placements)
+        for joint, moved in placements.items():
+            joints[joint] = JointPlacement.from_se3(joints[joint].to_se3() * moved if joint in joints else moved)
+        offsets, units = dict(self.drive_offsets), {drive.joint: drive.unit for drive in self.definition.drives}
+        for joint, added in drives.items():
+            total = added + (offsets[joint].to_si() if joint in offsets else 0.0)
+            own = {"offset_mm": total / MM} if units[joint] == "m" else {"offset_mrad": total / MRAD}
+            offsets[joint] = DriveOffset(**own)
+        return self.model_copy(update={"joint_placements": joints, "drive_offsets": offsets})
 
     def check_errors(self) -> None:
         """Check that every offset is one of a drive, in its unit, and that no error is too large to be one.

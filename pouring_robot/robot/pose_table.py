@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -27,8 +28,12 @@ def read_poses(path: Path | str) -> list[PlatformPose]:
     return list(read_pose_lines(path).values())
 
 
-def read_pose_lines(path: Path | str) -> dict[int, PlatformPose]:
+def read_pose_lines(path: Path | str, beside: Iterable[str] = ()) -> dict[int, PlatformPose]:
     """Read commanded poses: columns x, y, z (``_mm`` or ``_m``) and tilt (``_deg``, ``_rad`` or ``_mrad``).
+
+    Args:
+        path: the table.
+        beside: headings of columns that may stand there and are left to others.
 
     Returns:
         The poses in the file's order, by the line they stand on.
@@ -38,7 +43,7 @@ def read_pose_lines(path: Path | str) -> dict[int, PlatformPose]:
             a cell is no finite number.
     """
     table = read_table(path, "x_mm, y_mm, z_mm, tilt_deg")
-    table.refuse_others([f"{name}_{unit}" for name, units in _UNITS.items() for unit in units])
+    table.refuse_others([*(f"{name}_{unit}" for name, units in _UNITS.items() for unit in units), *beside])
     columns = [_column(table, name) for name in _UNITS]
     if not len(table):
         raise TableError(path, "holds no pose below its header line")

@@ -7,7 +7,7 @@ built takes these drive values and closes its own loops. The difference of the t
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
@@ -149,13 +149,13 @@ class PouringRobot(Robot):
         note = stale_mesh_note(self.layout)
         return (note,) if note else ()
 
-    def read_commands(self, path: Path) -> dict[int, PlatformPose]:
-        """Read poses from a table, by the line they stand on.
+    def read_commands(self, path: Path, beside: Iterable[str] = ()) -> dict[int, PlatformPose]:
+        """Read poses from a table, by the line they stand on, as :meth:`Robot.read_commands`.
 
         Raises:
             TableError: the file is wrong.
         """
-        return read_pose_lines(path)
+        return read_pose_lines(path, beside)
 
     def pose_command(self, position_m: FloatArray, turn_rad: FloatArray | None) -> PlatformPose:
         """Return the pose of a place and a turn about y."""
@@ -174,6 +174,13 @@ class PouringRobot(Robot):
         """Return the pose of x, y, z in m and the tilt in rad, (4,)."""
         x, y, z, tilt = values.tolist()
         return PlatformPose((x, y, z), tilt)
+
+    def drives_of(self, command: Command) -> FloatArray:
+        """Return the drive values, (4,), in m and rad, that a pose, a target or drive values mean."""
+        if not isinstance(command, PlatformPose):
+            return super().drives_of(command)
+        drives = self.kinematics.inverse(command)
+        return np.array([drives[name] for name in self.nominal_solver.mechanism.loops.drives])
 
     def location_of(self, command: Command) -> Location:
         """Return where the ladle should be and where it is for a pose, a target or drive values (4,), in m and rad."""
@@ -237,7 +244,7 @@ def load_robot(model: RobotModel | Path | str | None = None) -> PouringRobot:
     """Load a robot from a model, a model file, or (default) the drawing of the default layout.
 
     The robot stands cold and without effects that depend on conditions: where the model tells of them, a warning says
-    so. ``HeatedRobot(robot, robot.model.heat)`` cares for the heat.
+    so. ``HeatedRobot(robot, robot.model.heat)`` cares for the heat, ``robots_under`` for the effects.
 
     Args:
         model: a model, or the path of its file.

@@ -8,10 +8,11 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pouring_robot.batch import engine_for
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
-from pouring_robot.diagnosis.nominal import nominal_rows
 from pouring_robot.effects.conditions import conditions_of
+from pouring_robot.effects.nominal import nominal_rows
 from pouring_robot.estimation.frames import OuterFrames
 from pouring_robot.estimation.instruments import KINDS, component_name, kind_of
 from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
@@ -20,7 +21,7 @@ from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.estimation.solver import FitOptions, first_frames, identify
 from pouring_robot.exceptions import CampaignError, FrameFitError
-from pouring_robot.mechanism.parameters import DriveParameter, drive_parameters
+from pouring_robot.mechanism.parameters import DriveParameter
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.model import RobotModel
 
@@ -185,9 +186,9 @@ def test_columns_of_distances_and_forces(tmp_path, drives):
     assert campaign.usable.all()
     assert campaign.seen == "distances"
     assert campaign.distance_start.tolist() == [-1, *[0] * 7]
-    drawing = MeasurementModel(RobotModel(robot=str(ARM)), drive_parameters(campaign.robot.mechanism()))
-    closure = drawing.engine.close(campaign.drives, drawing.at(campaign.drives).start)
-    nominal = nominal_rows(drawing, closure)
+    engine = engine_for(campaign.robot.mechanism())
+    closure = engine.close(campaign.drives, campaign.robot.drawing().starts(campaign.drives))
+    nominal = nominal_rows(campaign.robot, engine, closure)
     force = conditions_of(campaign, nominal).drive_force
     np.testing.assert_allclose(force[:, 2], 5.0 + np.arange(8))
     np.testing.assert_allclose(force[:, 1], nominal.own_force[:, 1])

@@ -23,6 +23,7 @@ def simulate(
     random: Annotated[int | None, options.opt("--random", "N poses all over the workspace.", metavar="N")] = None,
     seed: Annotated[int, options.opt("--seed", "Seed of everything random.", min=0)] = 0,
     which: bundles.Which,
+    under: bundles.Under,
     noise_mm: Annotated[float, options.opt("--noise-mm", "Noise of a coordinate.")] = 0.05,
     noise_mrad: Annotated[float, options.opt("--noise-mrad", "Noise of a rotation component.")] = 0.05,
     position_only: Annotated[bool, options.opt("--position-only", "Measure no rotations.")] = False,
@@ -53,8 +54,10 @@ def simulate(
     if (plan is None) == (random is None):
         raise BadInputError("give the poses by --plan FILE or by --random N, one of the two")
     options.refuse_present([out, out.with_suffix(".yaml"), *([truth] if truth else [])])
-    present = which.built()
+    present = which.built(under=True)
     poses = read_plan(plan, present) if plan is not None else random_plan(present, random or 0, seed)
+    standing = under.of(present, poses.given(present.model.definition))
+    robots = None if standing is None else standing.robots(poses.drives)
     settings = MeasurementOptions(
         sigma_position_m=noise_mm * 1e-3,
         sigma_rotation_rad=None if position_only else noise_mrad * 1e-3,
@@ -66,7 +69,7 @@ def simulate(
         seed=seed,
     )
     with progress.stage_bars() as show:
-        measured = simulate_campaign(present, poses, settings, path=out, progress=show)
+        measured = simulate_campaign(present, poses, settings, path=out, robots=robots, progress=show)
     files = measured.campaign.contents(out)
     if truth:
         files[truth] = measured.truth_text(which.model).encode()

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_type_hints
@@ -12,9 +13,10 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 import typer
 
 from pouring_robot.cli.shared import options
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseError
 
 if TYPE_CHECKING:
+    from pouring_robot.effects.under import RobotUnderConditions
     from pouring_robot.robot.base import Command, Robot
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.location import Location
@@ -38,12 +40,15 @@ class Which:
         """Return its model."""
         return options.model_of(self.model, self.robot, self.layout)
 
-    def built(self, *, warm: bool = False) -> Robot:
-        """Return the robot, cold; unless the command cares for heat (``warm``), a line says what is left out of it."""
+    def built(self, *, warm: bool = False, under: bool = False) -> Robot:
+        """Return the robot, cold and without what depends on conditions.
+
+        Unless the command cares for heat (``warm``) and conditions (``under``), a line says what is left out.
+        """
         from pouring_robot.robot.robot import robot_of
 
         present = self.read()
-        options.say_left_out(present, self.model, warm=warm)
+        options.say_left_out(present, self.model, warm=warm, under=under)
         return robot_of(present)
 
 
@@ -90,6 +95,88 @@ class Commanded:
             wanted = ", ".join(f"{drive.joint} ({unit})" for drive, (_, unit) in zip(entries, units, strict=True))
             raise BadInputError(f"--drives '{self.drives}': give one number for each of {wanted}")
         return np.array(values) * [factor for factor, _ in units]
+
+
+@dataclass(frozen=True)
+class Under:
+    """Under which conditions it works."""
+
+    condition: options.Conditions = None
+
+    def read_commands(self, robot: Robot, path: Path) -> Mapping[int, Command]:
+        """Return the commands of a table, by the line they stand on; conditions may stand beside them.
+
+        Raises:
+            TableError: the file is wrong.
+        """
+        from pouring_robot.campaign.columns import condition_headings
+
+        return robot.read_commands(path, condition_headings(robot.model.definition))
+
+    def of(self, robot: Robot, beside: Path | Mapping[str, Any] | None = None) -> RobotUnderConditions | None:
+        """Return a robot under its conditions; None: nothing of it depends on any.
+
+        Args:
+            robot: as built.
+            beside: table of commands with conditions beside them, or these by heading.
+
+        Raises:
+            BadInputError: a condition is none, is given twice, or nothing depends on it.
+        """
+        if not robot.model.conditional:
+            if self.condition:
+                raise BadInputError("nothing in the model depends on conditions: leave out --condition")
+            return None
+        from pouring_robot.effects.under import RobotUnderConditions, conditions_beside
+
+        given: dict[str, Any] = {}
+        for text in self.condition or ():
+            name, equals, value = (part.strip() for part in text.partition("="))
+            if not equals or not value:
+                raise BadInputError(f"--condition '{text}': write NAME=VALUE, such as time_s=3600")
+            if name in given:
+                raise BadInputError(f"--condition '{text}': '{name}' is given twice")
+            given[name] = value
+        told = conditions_beside(beside, robot.model.definition) if isinstance(beside, Path) else dict(beside or {})
+        if twice := given.keys() & told.keys():
+            raise BadInputError(f"'{min(twice)}' is given by --condition and by a column; keep one")
+        return RobotUnderConditions(robot, told | given)
+
+    def robots(
+        self, robot: Robot, commands: Mapping[int, Command], poses: Path | None = None
+    ) -> tuple[list[Robot], tuple[str, ...]]:
+        """Return the robot as it stands at each command, and what one should know of the conditions.
+
+        Args:
+            robot: as built.
+            commands: by the line of their table.
+            poses: that table, if they are from one.
+
+        Raises:
+            BadInputError: as :meth:`of`, or a condition is missing.
+            NoSolutionError: a command has no answer.
+        """
+        import numpy as np
+
+        under = self.of(robot, poses)
+        if under is None:
+            return [robot] * len(commands), ()
+        drives = []
+        for line, command in commands.items():
+            with at_line(poses, line):
+                drives.append(robot.drives_of(command))
+        return under.robots(np.array(drives)), under.notes
+
+
+@contextlib.contextmanager
+def at_line(path: Path | None, line: int) -> Iterator[None]:
+    """Say of an error which line of a table it comes from, if there is one."""
+    try:
+        yield
+    except NoSolutionError as error:
+        if path is None:
+            raise
+        raise PathPoseError(path, line, error) from error
 
 
 @dataclass(frozen=True)

@@ -168,6 +168,10 @@ ThermalModelFile = Annotated[
     Path | None, reads("--thermal-model", "What heat adds by a regression, from 'regress --out'.")
 ]
 Cold = Annotated[bool, opt("--cold", "Leave out the heat that the model file tells of.")]
+Conditions = Annotated[
+    list[str] | None,
+    opt("--condition", "A condition of what the model learned, as a campaign's column; repeat.", metavar="NAME=VALUE"),
+]
 Overwrite = Annotated[bool, opt("--overwrite", "Replace files that are there.", is_eager=True, callback=_may_overwrite)]
 Quiet = Annotated[
     bool, typer.Option("--quiet", "-q", is_eager=True, callback=_be_quiet, help="Print nothing but errors and JSON.")
@@ -191,6 +195,19 @@ def with_melt(robot: Robot) -> PouringRobot:
     )
 
 
+def refuse_conditional(robot: Robot, option: str) -> None:
+    """Refuse an option that takes one robot for all poses, where effects depend on conditions.
+
+    Raises:
+        BadInputError: the model has such effects.
+    """
+    if robot.model.conditional:
+        effects = ", ".join(robot.model.conditional)
+        raise BadInputError(
+            f"{option} takes the same robot at every pose, and {effects} depend on conditions; leave it out"
+        )
+
+
 def model_of(model: Path | None, robot: Path | None, layout: str | None = None) -> RobotModel:
     """Return the model of a model file, or the drawing of a robot file or of a layout.
 
@@ -207,12 +224,12 @@ def model_of(model: Path | None, robot: Path | None, layout: str | None = None) 
     return RobotModel(layout=layout) if layout else RobotModel.of(model)
 
 
-def say_left_out(model: RobotModel, file: Path | str | None, *, warm: bool = False) -> None:
-    """Say on standard error what a command leaves out of a model: heat, and effects that only a campaign tells of.
+def say_left_out(model: RobotModel, file: Path | str | None, *, warm: bool = False, under: bool = False) -> None:
+    """Say on standard error what a command leaves out of a model: heat, and effects that depend on conditions.
 
     A drawing (no file) has neither.
     """
-    for line in () if _QUIET.get() else model.left_out("this command", str(file), warm=warm):
+    for line in () if _QUIET.get() else model.left_out("this command", str(file), warm=warm, under=under):
         print(f"note: {line}", file=sys.stderr)
 
 

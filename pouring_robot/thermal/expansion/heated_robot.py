@@ -103,6 +103,10 @@ class HeatedRobot:
         self.robot, self.heat = robot, heat
         self._given_network = network
 
+    def built_as(self, robot: PouringRobot) -> HeatedRobot:
+        """Return another robot of the same drawing in the same heat; the network is shared."""
+        return self if robot is self.robot else HeatedRobot(robot, self.heat, self.network)
+
     @functools.cached_property
     def network(self) -> ThermalNetwork:
         """The robot's thermal network.

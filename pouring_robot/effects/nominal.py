@@ -5,28 +5,27 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.batch import BatchClosure
+from pouring_robot.batch import BatchClosure, Engine
 from pouring_robot.effects.conditions import NominalRows
 from pouring_robot.effects.defaults import causes_of
-from pouring_robot.estimation.measurement import MeasurementModel
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureSolver
-from pouring_robot.mechanism.parameters import DriveParameter, drive_parameters
+from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
+from pouring_robot.robot.description.definition import RobotDefinition
 
 
-def nominal_rows(drawing: MeasurementModel, closure: BatchClosure) -> NominalRows:
+def nominal_rows(robot: RobotDefinition, engine: Engine, closure: BatchClosure) -> NominalRows:
     """Return what the drawing says of closed rows.
 
     Args:
-        drawing: without errors; every drive is among its parameters.
-        closure: of its engine, all rows closed.
+        robot: the drawing.
+        engine: of the robot without errors.
+        closure: of the engine, all rows closed.
     """
-    robot = drawing.model.definition
-    engine = drawing.engine
     mechanism = engine.structure.mechanism
-    drives = [p for p in drawing.parameters if isinstance(p, DriveParameter)]
+    drives = drive_parameters(mechanism)
     values = engine.structure.joint_values(closure.joints)
     own, hangs = causes_of(robot).own_weight, robot.file.payload_frame or str(mechanism.loops.end_frame)
     return NominalRows(

@@ -1,0 +1,102 @@
+"""The effects that a model file has: what they change, row by row, under given conditions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pouring_robot.effects.base import EffectParameter
+from pouring_robot.effects.conditions import Conditions
+from pouring_robot.effects.facts import sources
+from pouring_robot.effects.registry import all_effects
+from pouring_robot.exceptions import BadInputError, MissingConditionsError, closest
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.robot.effect_stack import EffectEntry, LearnedCampaign
+from pouring_robot.robot.model import RobotModel
+
+Stack = list[tuple[EffectParameter, float]]
+"""Parameters of effects under conditions, each with its value in its unit."""
+
+
+def stack_of(
+    model: RobotModel,
+    given: Collection[str],
+    conditions: Callable[[LearnedCampaign | None], Conditions],
+    *,
+    seen: bool = True,
+) -> Stack:
+    """Return what of a model depends on conditions.
+
+    Args:
+        model: its effects that are not placed count.
+        seen: whether those count, too, that do not move the robot but what is seen of it.
+        given: headings of all conditions that are known, in inner units.
+        conditions: gives those of the rows, as shapes that were learned in a campaign count them.
+
+    Raises:
+        MissingConditionsError: an effect needs one that is not given.
+        BadInputError: an effect, a form or a parameter is unknown, or in another unit.
+    """
+    found: Stack = []
+    known, counted = all_effects(model.definition), dict[str, Conditions]()
+    for entry in model.effects:
+        if entry.placed:
+            continue
+        effect = known.get(entry.effect)
+        if effect is None:
+            raise BadInputError(f"the model has an effect '{entry.effect}'{closest(entry.effect, known)}")
+        if not (effect.moves_robot or seen):
+            continue
+        learned = model.learned.get(entry.learned)
+        if entry.learned not in counted:
+            counted[entry.learned] = conditions(learned)
+        rows = counted[entry.learned]
+        missing = sources(effect.missing(rows), model.definition)
+        lost = [heading for heading in learned.ranges if heading not in given] if learned else []
+        missing += tuple(heading for heading in sources(effect.shaped_by, model.definition) if heading in lost)
+        if missing:  # facts of the machine, which have a dot, stand in the model with the campaign
+            raise MissingConditionsError(entry.effect, [h for h in missing if not learned or "." not in h] or missing)
+        form = {p.name: p for p in effect.form(entry.form, rows).parameters}
+        for name, parameter in entry.parameters.items():
+            if name not in form and lost:
+                raise MissingConditionsError(entry.effect, lost)
+            _check_parameter(entry, name, form)
+            if parameter.value and not _is_known(form[name]):
+                some = replace(rows, session=np.full_like(rows.session, -1))
+                by_session = _is_known({p.name: p for p in effect.form(entry.form, some).parameters}[name])
+                raise MissingConditionsError(entry.effect, ("session" if by_session else "time_s",))
+            found.append((form[name], parameter.value))
+    return found
+
+
+def _is_known(parameter: EffectParameter) -> bool:
+    return all(np.isfinite(change).all() for change in parameter.changes.values())
+
+
+def local_changes(parameters: Sequence[EffectParameter], values: Sequence[float]) -> dict[str, FloatArray]:
+    """Return the change of local parameters that effects make together, (n,) each, in m and rad, by name.
+
+    Args:
+        parameters: under the conditions of n rows.
+        values: one a parameter, in its unit.
+    """
+    total: dict[str, FloatArray] = {}
+    for parameter, value in zip(parameters, values, strict=True):
+        if value:
+            for name, change in parameter.changes.items():
+                total[name] = total.get(name, 0.0) + value * change
+    return total
+
+
+def _check_parameter(entry: EffectEntry, name: str, form: Mapping[str, EffectParameter]) -> None:
+    """Check that an entry of a model file has a parameter that its form has here, in its unit."""
+    if name not in form:
+        raise BadInputError(
+            f"the model's effect '{entry.effect}' in the form '{entry.form}' has no parameter '{name}' "
+            f"under the conditions of this campaign{closest(name, form)}"
+        )
+    if entry.parameters[name].unit != form[name].unit:
+        given, wanted = entry.parameters[name].unit, form[name].unit
+        raise BadInputError(f"the model's '{name}' of '{entry.effect}' is in '{given}'; it must be in '{wanted}'")

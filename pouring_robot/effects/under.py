@@ -1,0 +1,285 @@
+"""A robot whose effects depend on conditions, as it stands at each of many commands.
+
+    robots = robots_under("found/model.yaml", poses, {"time_s": 3600.0, "leg1_degC": temperatures})
+    robots[0].locate(poses[0])
+
+What effects change at a command is put into placements and drive offsets, so that all that a robot can do (locate,
+transfer, compensate, draw) it can do under conditions. A base that moves takes every joint that stands on it along: the
+robot is then seen from where its base stood by the drawing, or in the mean of the campaign where only frames tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from pouring_robot.batch import engine_for
+from pouring_robot.campaign.columns import approach_names, condition_columns, condition_headings
+from pouring_robot.campaign.data import Campaign, arrays_from
+from pouring_robot.campaign.metadata import CampaignMetadata
+from pouring_robot.campaign.plan import approaches
+from pouring_robot.compensation.drives import DriveCompensation
+from pouring_robot.compensation.result import Compensation
+from pouring_robot.effects.conditions import Conditions, conditions_of, told
+from pouring_robot.effects.heat import standing
+from pouring_robot.effects.nominal import nominal_rows
+from pouring_robot.effects.registry import all_effects
+from pouring_robot.effects.stack import local_changes, stack_of
+from pouring_robot.exceptions import BadInputError, CompensationError, MissingConditionsError, NoSolutionError, closest
+from pouring_robot.io.progress import Progress, say_nothing
+from pouring_robot.io.quantities import UNITS, to_inner
+from pouring_robot.io.tables import read_table
+from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.parameters import COMPONENTS
+from pouring_robot.robot.base import Command, Robot
+from pouring_robot.robot.description.definition import RobotDefinition
+from pouring_robot.robot.effect_stack import LearnedCampaign
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.robot import robot_of
+
+Given = Mapping[str, ArrayLike | str | Sequence[str]]
+"""Conditions by a campaign's heading: a number for all commands, or one for each; of ``session`` a name or names."""
+Found = TypeVar("Found", Compensation, DriveCompensation)
+_SETTLED, _MOST_TURNS = 1e-11, 40
+_SAME = 1e-6  # of its range: by how much a condition may lie beyond it
+
+
+def understood(robot: RobotDefinition, given: Given) -> dict[str, Any]:
+    """Return conditions by quantity name, numbers in inner units.
+
+    Raises:
+        BadInputError: a heading is no condition of the robot, one is said twice, or a value is impossible.
+    """
+    known = {heading: quantity for quantity in condition_columns(robot) for heading in quantity.headings}
+    found: dict[str, Any] = {}
+    for heading, values in given.items():
+        if heading not in known:
+            raise BadInputError(f"'{heading}' is no condition of {robot.name}{closest(heading, known)}")
+        quantity = known[heading]
+        if quantity.name in found:
+            raise BadInputError(f"'{heading}': the condition '{quantity.name}' is given twice; keep one")
+        if quantity.kind == "label":
+            found[quantity.name] = values
+            continue
+        try:
+            numbers = np.asarray(values, dtype=float)
+        except ValueError:
+            numbers = np.array(np.nan)
+        if UNITS[quantity.kind]:
+            numbers = np.asarray(to_inner(numbers, heading.removeprefix(f"{quantity.name}_")))
+        cold = quantity.kind == "temperature" and bool((numbers < ABSOLUTE_ZERO_DEGC).any())
+        if not np.isfinite(numbers).all() or cold or (quantity.kind == "sign" and (np.abs(numbers) != 1.0).any()):
+            wanted = {"temperature": "a temperature", "sign": "+1 or -1"}.get(quantity.kind, "a finite number")
+            shown = "" if np.ndim(numbers) else f", not {values!s}"
+            raise BadInputError(f"{heading}: give {wanted} for every command{shown}")
+        found[quantity.name] = numbers
+    return found
+
+
+def conditions_beside(path: Path, robot: RobotDefinition) -> dict[str, FloatArray | tuple[str, ...]]:
+    """Return the conditions that stand beside the commands of a table, by heading.
+
+    Raises:
+        TableError: the file cannot be read, or a condition is missing in a row or no number.
+    """
+    table, found = read_table(path, "time_s"), dict[str, FloatArray | tuple[str, ...]]()
+    known = condition_headings(robot)
+    for index, heading in enumerate(table.headings):
+        if heading == "session":
+            found[heading] = table.labels(index)
+        elif heading in known:
+            found[heading] = table.numbers(index, empty="the value is missing; a condition is told of every pose")
+    return found
+
+
+class RobotUnderConditions:
+    """A robot and the conditions it works under.
+
+    Args:
+        robot: as built; those of its model's effects that depend on conditions are to come on top.
+        given: the conditions.
+
+    Attributes:
+        notes: what one should know of the commands and conditions asked for last, in a line each.
+
+    Raises:
+        BadInputError: a condition is none of the robot's, or an effect does not say in which campaign it was learned.
+    """
+
+    def __init__(self, robot: Robot, given: Given) -> None:
+        """Keep them."""
+        self.robot, self.definition = robot, robot.model.definition
+        self.given, self.notes = understood(self.definition, given), tuple[str, ...]()
+        lost = [entry.effect for entry in robot.model.effects if not entry.placed and not entry.learned]
+        if lost:
+            raise BadInputError(
+                f"the model's effect '{lost[0]}' does not say in which campaign it was learned, so nobody knows what "
+                "it does elsewhere; diagnose that campaign again"
+            )
+
+    def robots(self, drives: FloatArray) -> list[Robot]:
+        """Return the robot as it stands at each command, in their order.
+
+        Args:
+            drives: commanded drives, (n, drives), in m and rad.
+
+        Raises:
+            MissingConditionsError: an effect needs a condition that is not given.
+            BadInputError: there are not as many values of a condition as commands.
+            NoSolutionError: the drawing does not close at a command.
+        """
+        if not self.robot.model.conditional:
+            return [self.robot] * len(drives)
+        campaign = self._rows(drives)
+        engine = engine_for(self.robot.nominal_solver.mechanism)
+        closure = engine.close(drives, self.robot.drawing.starts(drives))
+        if (closure.status != 0).any():
+            raise NoSolutionError(f"command {int(np.argmax(closure.status != 0)) + 1}: no pose has these drive values")
+        nominal = nominal_rows(self.definition, engine, closure)
+
+        def counted(learned: LearnedCampaign | None) -> Conditions:
+            if learned is None:
+                raise TypeError("every effect says where it was learned")
+            found = conditions_of(campaign, nominal, learned)
+            # The order of rows stands for time in the campaign itself only.
+            return found if learned.timed else replace(found, time_known=True)
+
+        given = told(campaign)
+        try:
+            stack = stack_of(self.robot.model, given, counted, seen=False)
+        except MissingConditionsError as problem:
+            if problem.headings == ("time_s",) and "time_s" in given:
+                said = f"the model's effect '{problem.effect}' was learned in a campaign without times"
+                raise BadInputError(f"{said}, so nobody knows what it does elsewhere; take it out") from problem
+            raise
+        self.notes = self._notes(given)
+        changes = local_changes([parameter for parameter, _ in stack], [value for _, value in stack])
+        return [self._standing({name: float(c[k]) for name, c in changes.items()}) for k in range(len(drives))]
+
+    def _rows(self, drives: FloatArray) -> Campaign:
+        """Return the commands as rows of a campaign in which nothing was measured."""
+        count = len(drives)
+        numbers = {name: values for name, values in self.given.items() if name != "session"}
+        sides = approach_names(self.definition)
+        if count > 1 and not any(name in numbers for name in sides):
+            numbers |= approaches(self.definition, drives)
+        commanded = zip(self.definition.drives, drives.T, strict=True)
+        try:
+            numbers = {name: np.broadcast_to(values, (count,)) for name, values in numbers.items()}
+            session = np.broadcast_to(self.given.get("session", ""), (count,))
+        except ValueError as problem:
+            raise BadInputError(f"give each condition one value, or one for each of the {count} commands") from problem
+        numbers |= {drive.column: drive.commanded(values) for drive, values in commanded}
+        names = tuple(map(str, session.tolist()))
+        return Campaign(
+            robot=self.definition,
+            path=Path("commands"),
+            metadata=CampaignMetadata(),
+            lines=np.arange(1, count + 1),
+            samples=("",) * count,
+            sessions=names,
+            headings={},
+            ignored_columns=(),
+            **arrays_from(numbers, self.definition),
+        )
+
+    def _standing(self, changes: Mapping[str, float]) -> Robot:
+        """Return the robot with local parameters changed, in m and rad."""
+        base, drives, twists = np.zeros(6), dict[str, float](), dict[str, FloatArray]()
+        for name, change in changes.items():
+            kind, _, rest = name.partition(".")
+            if kind == "base":
+                base[COMPONENTS.index(rest)] = change
+            elif kind == "drive":
+                drives[rest] = change
+            else:
+                twists.setdefault(kind, np.zeros(6))[COMPONENTS.index(rest)] = change
+        moved = {joint: pin.SE3(pin.exp3(twist[3:]), twist[:3]) for joint, twist in twists.items()}
+        model = self.robot.model.displaced(moved, drives)
+        if base.any():
+            built, carried = model.placement_errors(), dict[str, pin.SE3]()
+            shift, own = pin.SE3(pin.exp3(base[3:]), base[:3]), self.definition.loops.base_frame
+            for joint, (link, at) in standing(self.definition).items():
+                if link == own:
+                    there = at * built[joint].to_se3() if joint in built else at
+                    carried[joint] = there.actInv(shift * there)
+            model = model.displaced(carried, {})
+        return self.robot.built_as(model)
+
+    def _notes(self, told: Mapping[str, FloatArray]) -> tuple[str, ...]:
+        """Return what one should know of drives and conditions, by heading, in a line each."""
+        stack = [entry for entry in self.robot.model.effects if not entry.placed]
+        learned, known, lines = [self.robot.model.learned[e.learned] for e in stack], all_effects(self.definition), []
+        for heading, values in told.items():
+            ranges = np.array([one.ranges[heading] for one in learned if heading in one.ranges])
+            if ranges.size:
+                low, high = ranges[:, 0].min(), ranges[:, 1].max()
+                far = float(values[np.argmax(np.maximum(low - values, values - high))])
+                if max(low - far, far - high) > _SAME * (high - low):
+                    over = f"{low:.6g} to {high:.6g}, over which effects were learned"
+                    lines.append(f"{heading} {far:.6g} lies beyond {over}")
+        seen = [entry.effect for entry in stack if not known[entry.effect].moves_robot]
+        return (*lines, *(f"{effect} moves no robot: it is of the measuring device" for effect in seen))
+
+
+def robots_under(model: Robot | RobotModel | Path | str, commands: Sequence[Command], given: Given) -> list[Robot]:
+    """Return a robot as it stands at each command under conditions; a robot as any other each.
+
+    Args:
+        model: the robot as built, or its model or model file.
+        commands: poses of the pouring robot, or drive values in m and rad, in the order in which they are reached.
+        given: conditions by a campaign's heading, such as ``leg1_degC``: a number, or one a command. What is not given
+            of sides of approach follows from the order of the commands.
+
+    Raises:
+        MissingConditionsError: an effect needs a condition that is not given.
+        BadInputError: a condition is none of the robot's, or a value is impossible.
+        NoSolutionError: a command has no answer.
+    """
+    robot = model if isinstance(model, Robot) else robot_of(RobotModel.of(model))
+    return RobotUnderConditions(robot, given).robots(np.array([robot.drives_of(command) for command in commands]))
+
+
+def compensate_under(
+    under: RobotUnderConditions,
+    wanted: Sequence[Command],
+    bring: Callable[[int, Robot], Found],
+    show: Progress = say_nothing,
+) -> list[Found]:
+    """Return what brings a robot to wanted poses, where what its effects do depends on what is commanded.
+
+    The robot is taken as it stands at the last commands, and brought to the poses, until commands no longer move.
+
+    Args:
+        under: the robot and its conditions.
+        wanted: the poses.
+        bring: compensates a robot that stands still, for the pose of a number.
+        show: told of progress.
+
+    Raises:
+        CompensationError: commands do not settle.
+        BadInputError: as :meth:`RobotUnderConditions.robots`.
+        NoSolutionError: what ``bring`` raises, or as that.
+    """
+    commands, moving = np.array([under.robot.drives_of(command) for command in wanted]), np.arange(len(wanted))
+    found: dict[int, Found] = {}
+    for _ in range(_MOST_TURNS):
+        robots, before = under.robots(commands), commands.copy()
+        for k in moving.tolist():
+            brought: Found = bring(k, robots[k])
+            # How far off it is without is said of the command that was wanted: the first turn's.
+            found[k] = replace(brought, before=found[k].before) if k in found else brought
+            commands[k] = list(brought.drives.values())
+        moving = np.flatnonzero(np.abs(commands - before).max(axis=1) > _SETTLED)
+        show("compensating", len(wanted) - moving.size, len(wanted))
+        if not moving.size or not under.robot.model.conditional:
+            return list(found.values())
+    first = int(moving[0])
+    raise CompensationError(f"pose {first + 1}", found[first].left.distance_m, found[first].left.angle_rad)

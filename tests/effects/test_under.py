@@ -1,0 +1,286 @@
+"""Effects that depend on conditions, put into the robot at any command: the same robot that a diagnosis closes."""
+
+import dataclasses
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from pouring_robot import HeatedRobot, PlatformPose, RobotUnderConditions, compensate, compensate_under, robots_under
+from pouring_robot.compensation.drives import compensate_drives
+from pouring_robot.diagnosis.rows import CampaignRows
+from pouring_robot.effects import all_effects
+from pouring_robot.effects.conditions import learned_in, told
+from pouring_robot.exceptions import BadInputError, MissingConditionsError
+from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.robot import robot_of
+from tests.effects.bench import EFFECTS, NOISE, SIGMA_M
+from tests.examples.machines import MACHINES
+from tests.support import ROOT, random_poses
+
+MOVING = [effect for effect in EFFECTS.values() if effect.moves_robot]
+
+
+def entry_of(kind, conditions, random, form=0):
+    """Return an effect in one of its forms with values drawn, as a diagnosis writes it."""
+    form = kind.forms(conditions)[form]
+    values = {
+        p.name: ParameterEntry(value=0.3 * p.prior_std * float(random.normal()), unit=p.unit) for p in form.parameters
+    }
+    return EffectEntry(effect=kind.id, form=form.name, learned="bench", parameters=values)
+
+
+def model_with(rows, *entries, **given):
+    """Return a robot that has learned effects in the campaign of some rows."""
+    learned = {"bench": learned_in(rows.campaign, rows.conditions)}
+    return RobotModel(effects=list(entries), learned=learned, **given)
+
+
+def given_of(campaign):
+    """Return the conditions of a campaign by heading, as a user would give them."""
+    drives = {quantity.canonical for quantity in campaign.robot.drive_columns}
+    sides = {f"approach_q{k + 1}": campaign.approach[:, k] for k in range(4)}
+    numbers = {heading: values for heading, values in told(campaign).items() if heading not in drives}
+    return sides | numbers | {"session": campaign.sessions}
+
+
+def places(robots, drives):
+    """Return where the end bodies of robots are in the base, (n, 4, 4)."""
+    both = zip(robots, drives, strict=True)
+    return np.array([robot.location_at(row).actual.pose_base_to_end.homogeneous for robot, row in both])
+
+
+def predicted(rows):
+    """Return the same by the rows of a diagnosis: closed at once, the base displaced behind the closure."""
+    frames = dataclasses.replace(rows.frames, T_tracker_base=pin.SE3.Identity(), T_end_target=pin.SE3.Identity())
+    seen = rows.predicted(rows.unchanged(), frames)
+    return np.concatenate([seen.rotation, seen.position_m[:, :, None]], axis=2)
+
+
+def rows_of(campaign, model):
+    return CampaignRows(campaign, model, NOISE)
+
+
+@pytest.mark.parametrize("form", [0, -1])
+@pytest.mark.parametrize("kind", MOVING, ids=lambda kind: kind.id)
+def test_a_robot_stands_where_the_diagnosis_closes_it(bench, rng, kind, form):
+    """Rows out of their order; 1e-7 m: placements are composed, where a diagnosis adds up twists."""
+    rows = rows_of(bench.campaign, RobotModel())
+    crooked = {"leg2_s1": {"translation_mm": (0.3, -0.2, 0.1), "rotation_mrad": (0.4, 0.1, -0.3)}}
+    model = model_with(rows, entry_of(kind, rows.conditions, rng, form), joint_placements=crooked)
+    robots = robots_under(model, list(bench.campaign.drives), given_of(bench.campaign))
+    found, expected = places(robots, bench.campaign.drives), predicted(rows_of(bench.campaign, model))
+    assert np.abs(found[:, :3] - expected).max() <= 1e-7
+    bare = places([robot_of(RobotModel(joint_placements=crooked))] * len(robots), bench.campaign.drives)
+    assert np.abs(found - bare).max() >= 1e-6, "the effect must do something in these rows"
+
+
+@pytest.mark.parametrize("machine", sorted(MACHINES))
+def test_a_base_that_moves_takes_any_robot_along(machine):
+    """A closed form: the pose of the robot of the drawing behind the displacement of the base."""
+    model = RobotModel.for_robot(ROOT / "examples" / "robots" / machine / "robot.yaml")
+    robot = robot_of(model)
+    home = model.definition.home_drives
+    moved = np.array([1e-3, -2e-3, 0.5e-3, 1e-3, 2e-3, -1e-3])
+    names = [f"base.{name}" for name in ("tx", "ty", "tz", "rx", "ry", "rz")]
+    standing = RobotUnderConditions(robot, {})._standing(dict(zip(names, moved.tolist(), strict=True)))
+    there = pin.SE3(pin.exp3(moved[3:]), moved[:3]) * robot.location_at(home).actual.pose_base_to_end
+    np.testing.assert_allclose(
+        standing.location_at(home).actual.pose_base_to_end.homogeneous, there.homogeneous, atol=1e-9
+    )
+
+
+def test_rows_alone_are_what_they_are_among_others(bench, rng):
+    """Shapes count from the campaign they were learned in, not from the rows at hand."""
+    rows = rows_of(bench.campaign, RobotModel())
+    some = np.array([3, 9, 17, 25, 33, 40, 58, 66])
+    for name in ("base_drift", "drive_backlash", "leg_thermal_expansion", "drive_zero_offset"):
+        kind = EFFECTS[name]
+        entry = entry_of(kind, rows.conditions, rng, -1)
+        settled = {n: p for n, p in entry.parameters.items() if not n.startswith("lag")}
+        model = model_with(rows, entry.model_copy(update={"parameters": settled}))
+        every, alone = (predicted(rows_of(c, model)) for c in (bench.campaign, bench.campaign.subset(some)))
+        np.testing.assert_allclose(alone, every[some], atol=1e-9)
+
+
+def test_the_measuring_device_moves_no_robot(bench):
+    rows = rows_of(bench.campaign, RobotModel())
+    scale = {"scale": ParameterEntry(value=500.0, unit="1e-6")}
+    model = model_with(rows, EffectEntry(effect="metrology_scale", form="constant", learned="bench", parameters=scale))
+    under = RobotUnderConditions(robot_of(model), {})
+    (standing,) = under.robots(bench.campaign.drives[:1])
+    assert standing.model.joint_placements == {}
+    assert under.notes == ("metrology_scale moves no robot: it is of the measuring device",)
+
+
+def test_sides_of_approach_follow_from_the_order(bench):
+    rows = rows_of(bench.campaign, RobotModel())
+    play = {"l1_play": ParameterEntry(value=0.2, unit="mm")}
+    model = model_with(rows, EffectEntry(effect="drive_backlash", form="both_sides", learned="bench", parameters=play))
+    poses = [PlatformPose.from_mm_deg(-100, 0, z, 0) for z in (-600, -650, -620)]
+    offsets = [
+        [robot.model.drive_offsets["leg1_s3"].offset_mm for robot in robots_under(model, order, {"payload_kg": 200.0})]
+        for order in (poses, poses[::-1])
+    ]
+    np.testing.assert_allclose(np.abs(offsets), 0.2, atol=1e-12)
+    down = np.sign(offsets[0][0])  # the first rose
+    assert np.sign(offsets).tolist() == [[down, down, -down], [down, down, -down]]
+    with pytest.raises(MissingConditionsError, match="'drive_backlash' needs approach_q1, approach_q2"):
+        robots_under(model, poses[:1], {"payload_kg": 200.0})
+
+
+LACKING = {
+    "leg_thermal_expansion": ("leg3_degC", "leg3_degC"),
+    "platform_thermal_expansion": ("platform_degC", "platform_degC"),
+    "leg_compliance": ("payload_kg", "payload_kg"),
+    "truss_deflection": ("truss_travel_m", "truss_travel_m"),
+    "drive_backlash": ("payload_kg", "payload_kg"),
+    "base_drift": ("time_s", "time_s"),
+}
+
+
+@pytest.mark.parametrize(("name", "lost"), [*LACKING.items(), ("drive_zero_offset", ("session", "session"))])
+def test_what_is_missing_is_named_with_how_to_give_it(bench, rng, name, lost):
+    rows, (heading, said) = rows_of(bench.campaign, RobotModel()), lost
+    model = model_with(rows, entry_of(EFFECTS[name], rows.conditions, rng, -1))
+    given = given_of(bench.campaign)
+    del given[heading]
+    with pytest.raises(MissingConditionsError) as problem:
+        robots_under(model, list(bench.campaign.drives), given)
+    assert problem.value.effect == name
+    assert said in problem.value.headings
+    assert "ladle" not in str(problem.value), "the ladle's mass stands in the model"
+    assert f"--condition {problem.value.headings[0]}=VALUE" in str(problem.value)
+    assert "\n" not in str(problem.value)
+
+
+def test_lags_need_the_time_of_many_rows_only(bench, rng):
+    rows = rows_of(bench.campaign, RobotModel())
+    model = model_with(rows, entry_of(EFFECTS["leg_thermal_expansion"], rows.conditions, rng))
+    given = {heading: values for heading, values in given_of(bench.campaign).items() if heading.endswith("degC")}
+    with pytest.raises(MissingConditionsError, match="needs time_s:"):
+        robots_under(model, list(bench.campaign.drives), given)
+    first = {heading: values[0] for heading, values in given.items()}
+    (standing,) = robots_under(model, [bench.campaign.drives[0]], first)  # at rest as warm as they say
+    assert standing.model.drive_offsets
+
+
+def test_another_session_has_no_homing_of_its_own(bench, rng):
+    rows = rows_of(bench.campaign, RobotModel())
+    kind = EFFECTS["drive_zero_offset"]
+    homed, plain = (entry_of(kind, rows.conditions, np.random.default_rng(1), form) for form in (-1, 0))
+    homed = entry_of(
+        kind,
+        rows.conditions,
+        np.random.default_rng(1),
+        [f.name for f in kind.forms(rows.conditions)].index("all_homed"),
+    )
+    command = [bench.campaign.drives[0]]
+    (new,) = robots_under(model_with(rows, homed), command, {"session": "tomorrow"})
+    (none,) = robots_under(model_with(rows, plain), command, {})
+    assert new.model.drive_offsets == none.model.drive_offsets
+    (known,) = robots_under(model_with(rows, homed), command, {"session": bench.campaign.sessions[0]})
+    assert known.model.drive_offsets != none.model.drive_offsets
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"leg1_degK": 40.0}, "'leg1_degK' is no condition of pouring_robot; did you mean 'leg1_degC'?"),
+        ({"time_s": 1.0, "time_min": 1.0}, "'time_min': the condition 'time' is given twice"),
+        ({"time_s": "noon"}, "time_s: give a finite number for every command, not noon"),
+        ({"time_s": [1.0, np.nan]}, "time_s: give a finite number for every command"),
+        ({"leg1_degC": -300.0}, "leg1_degC: give a temperature for every command, not -300"),
+        ({"approach_q1": 0.5}, "approach_q1: give +1 or -1 for every command, not 0.5"),
+        ({"time_s": [1.0, 2.0, 3.0]}, "give each condition one value, or one for each of the 2 commands"),
+    ],
+)
+def test_bad_conditions_are_refused_on_one_line(bench, given, said):
+    rows = rows_of(bench.campaign, RobotModel())
+    model = model_with(rows, EffectEntry(effect="base_drift", form="steady", learned="bench"))
+    with pytest.raises(BadInputError) as problem:
+        robots_under(model, list(bench.campaign.drives[:2]), {"time_s": 0.0} | given if "time_s" in given else given)
+    assert said in str(problem.value)
+    assert "\n" not in str(problem.value)
+
+
+def test_what_was_learned_nowhere_is_refused():
+    model = RobotModel(effects=[EffectEntry(effect="base_drift", form="steady")])
+    with pytest.raises(BadInputError, match="'base_drift' does not say in which campaign it was learned"):
+        RobotUnderConditions(robot_of(model), {})
+
+
+def test_what_was_learned_without_times_is_refused_elsewhere(bench):
+    rows = rows_of(bench.campaign.with_conditions(time=None), RobotModel())
+    drift = {"tx": ParameterEntry(value=0.3, unit="mm")}
+    model = model_with(rows, EffectEntry(effect="base_drift", form="steady", learned="bench", parameters=drift))
+    with pytest.raises(BadInputError, match="learned in a campaign without times, so nobody knows"):
+        robots_under(model, [bench.campaign.drives[0]], {"time_s": 10.0})
+    again = predicted(rows_of(rows.campaign, model))
+    assert np.ptp(again[:, 0, 3] - predicted(rows)[:, 0, 3]) == pytest.approx(0.3e-3, rel=1e-3)
+
+
+def test_beyond_what_was_learned_is_said(bench):
+    rows = rows_of(bench.campaign, RobotModel())
+    model = model_with(rows, EffectEntry(effect="base_drift", form="steady", learned="bench"))
+    under = RobotUnderConditions(robot_of(model), {"time_h": 1000.0})
+    under.robots(bench.campaign.drives[:1])
+    (line,) = under.notes
+    last = bench.campaign.time_s.max()
+    assert line.startswith("time_s 3.6e+06 lies beyond ")
+    assert f"{last:.6g}, over which effects were learned" in line
+
+
+COMPENSATED = ("leg_compliance", "drive_cyclic", "base_drift", "tilt_encoder_eccentricity", "leg_thermal_expansion")
+
+
+def test_compensation_closes_the_error_by_another_way_of_closing(bench, rng):
+    """Drives that are found are rows of a campaign: what a diagnosis predicts of them is the wanted poses."""
+    rows = rows_of(bench.campaign, RobotModel())
+    model = model_with(rows, *(entry_of(EFFECTS[name], rows.conditions, rng) for name in COMPENSATED))
+    wanted = random_poses(12, 4)
+    given = {h: v[:12] for h, v in given_of(bench.campaign).items()}
+    under = RobotUnderConditions(robot_of(model), given)
+    found = compensate_under(under, wanted, lambda k, robot: compensate(HeatedRobot(robot), wanted[k]))
+    commands = np.array([list(one.drives.values()) for one in found])
+    campaign = dataclasses.replace(bench.campaign.subset(np.arange(12)), drives=commands)
+    reached = predicted(rows_of(campaign, model))[:, :, 3]
+    off = np.linalg.norm(reached - [pose.position_m for pose in wanted], axis=1)
+    assert off.max() <= 1e-7  # placements are composed, where a diagnosis adds up twists
+    before = np.array([one.before.distance_m for one in found])
+    plain = robots_under(under.robot, wanted, given)
+    located = zip(plain, wanted, strict=True)
+    end = bench.campaign.robot.loops.end_frame
+    expected = np.array([robot.locate(pose).difference(end).distance_m for robot, pose in located])
+    np.testing.assert_allclose(before, expected, atol=1e-9)
+    assert before.min() > 10.0 * SIGMA_M
+
+
+def test_compensation_of_any_robot(tmp_path):
+    model = RobotModel.for_robot(ROOT / "examples" / "robots" / "delta" / "robot.yaml")
+    home = model.definition.home_drives
+    drawing = robot_of(model)
+    load = all_effects(model.definition)["joint_periodic"]
+    rows = 5
+    drives = home + np.linspace(-0.05, 0.05, rows)[:, None]
+    learned = RobotUnderConditions(drawing, {})._rows(drives)
+    from pouring_robot.effects.examples import complete_conditions
+
+    conditions = complete_conditions(model.definition, rows)
+    form = load.forms(conditions)[0]
+    wave = {form.parameters[k].name: ParameterEntry(value=2.0, unit=form.parameters[k].unit) for k in range(2)}
+    entry = EffectEntry(effect=load.id, form=form.name, learned="rows", parameters=wave)
+    taught = model.model_copy(
+        update={
+            "effects": [entry],
+            "learned": {"rows": learned_in(learned, dataclasses.replace(conditions, drives=drives))},
+        }
+    )
+    under = RobotUnderConditions(robot_of(taught), {})
+    wanted = list(drives)
+    found = compensate_under(under, wanted, lambda k, robot: compensate_drives(robot, robot.location_at(wanted[k])))
+    commands = np.array([list(one.drives.values()) for one in found])
+    reached = places(under.robots(commands), commands)
+    np.testing.assert_allclose(reached, places([drawing] * rows, drives), atol=1e-9)
+    assert min(one.before.distance_m for one in found) > 1e-5
