@@ -17,6 +17,7 @@ from pouring_robot.thermal.expansion.truss import TrussMotion
 from pouring_robot.thermal.network.history import HeatHistory, PoseSchedule
 from pouring_robot.thermal.report import ShiftHeat, heated_drawing
 from pouring_robot.thermal.scene import displacement_scene, shift_scene
+from pouring_robot.viewer.solids import colours_at
 
 POSE = PlatformPose.from_mm_deg(-100.0, 20.0, -600.0, 10.0)
 PARTS = ("fixed_platform", *LEGS, "platform", "ladle")
@@ -90,12 +91,17 @@ def test_the_hall_sees_truss_and_robot_together(drawing, state):
     field, heated = DisplacementField.of(state), HeatedRobot(drawing, HeatSection())
     motion = TrussMotion.under_heat(drawing.dimensions, heated.truss(state), heated.properties)
     seen = field.on(motion)
-    robot = np.array(seen.parts) != "truss"
+    of_robot = np.array(seen.parts) != "truss"
     origin = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0]])
     assert motion.carried_m(origin)[1] - motion.carried_m(origin)[0] == pytest.approx(
         0.3 * np.cross(motion.turn_rad, [1.0, 0.0, 0.0])
     )
-    np.testing.assert_allclose(seen.moved_m[robot] - field.moved_m, motion.carried_m(field.points_m), atol=1e-15)
+    np.testing.assert_allclose(seen.moved_m[of_robot] - field.moved_m, motion.carried_m(field.points_m), atol=1e-15)
+    scene = displacement_scene(drawing, seen, "heat", drawing.kinematics.configuration(POSE))
+    (robot,), scale = scene.robots, scene.scale
+    places = [k for k, item in enumerate(robot.visual.geometryObjects) if item.name == "truss_bridge_0"]
+    middle = float(np.linalg.norm(motion.moved_m[11 + 5])) * 1e3  # of the right girder
+    assert colours_at(scene, robot, 0)[places] == pytest.approx(scale.colours(np.array([middle])), abs=1e-9)
     # A bare truss over an open ladle sinks by more than the robot under it grows.
     assert -motion.shift_m[2] > field.largest_m and seen.mean_m > field.mean_m
 

@@ -12,6 +12,7 @@ from pouring_robot.thermal.expansion.truss import TrussMotion
 from pouring_robot.thermal.network import truss as network_of_truss
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.truss import TrussNetwork
+from pouring_robot.thermal.network.view_factors import Boxes
 
 MELT_K, AMBIENT_K, ALPHA = 1973.15, 293.15, 1.2e-5
 POSE = PlatformPose.from_mm_deg(-100.0, 20.0, -600.0, 10.0)
@@ -105,10 +106,18 @@ def test_jacobian_with_radiation_inside_against_differences(truss):
 
 
 def test_finer_cells_hardly_matter(robot, found, monkeypatch):
-    monkeypatch.setattr(network_of_truss, "GIRDER_CELLS", 48)
+    monkeypatch.setattr(network_of_truss, "GIRDER_CELLS", 96)
     monkeypatch.setattr(network_of_truss, "TROLLEY_CELLS", 12)
     finer = TrussNetwork(robot).temperatures(POSE, MELT_K, AMBIENT_K)
     assert motion(robot, finer).shift_m[2] == pytest.approx(motion(robot, found).shift_m[2], rel=0.02)
+
+
+def test_what_stands_between_hides_its_share():
+    ends = np.array([[x, y, 0.0] for x in np.linspace(-1, 1, 40) for y in np.linspace(-1, 1, 40)])
+    starts = np.array([[0.0, 0.0, 2.0], [0.5, 0.0, 1.0], [0.0, 0.0, 0.5]])
+    # A plate half way down: from above it covers the half of the ends with x > 0, from within itself nothing.
+    plate = Boxes(np.array([[0.0, -9.0, 0.99]]), np.array([[9.0, 9.0, 1.01]]))
+    assert network_of_truss._clear_share(starts, ends, plate) == pytest.approx([0.5, 1.0, 1.0])
 
 
 def test_below_is_warmer_and_time_comes_to_the_steady_state(truss, found):

@@ -229,6 +229,14 @@ class ThermalNetwork:
         _, _, rotation, position = self._placements(pose)
         return self._view_area(cells, rotation, position + rotation @ self._ladle.melt_centre_m)
 
+    def melt_points_m(self, pose: Placed, count: int) -> FloatArray:
+        """Return points spread evenly over the melt's surface (Vogel's spiral), in the fixed platform, (count, 3)."""
+        _, _, rotation, position = self._placements(pose)
+        turns = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
+        radii = self._disc.radius_m * np.sqrt((np.arange(count) + 0.5) / count)
+        on_disc = np.column_stack([radii * np.cos(turns), radii * np.sin(turns), np.zeros(count)])
+        return np.asarray(position + (on_disc + self._ladle.melt_centre_m) @ rotation.T)
+
     def _view_area(self, cells: BarCells, rotation: FloatArray, origin: FloatArray) -> FloatArray:
         normals = np.broadcast_to(FACE_NORMALS @ rotation, (cells.count, 6, 3))
         faces = (cells.face_centres_m - origin) @ rotation

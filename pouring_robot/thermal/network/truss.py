@@ -1,11 +1,11 @@
 """Temperatures of the truss above the robot: the trolley's frame and the two girders it stands on.
 
 Bars and box girders are cut into cells that conduct, give heat to the air, radiate, and see the melt as the platforms
-do, behind the moving platform's bars. Inside a girder plates radiate to each other: view factors of a long duct are
-those of crossed strings (H. Hottel and A. Sarofim, Radiative Transfer), surfaces two by two grey. It is a network of
-its own, which takes nothing from the robot's: wheels and bolts pass little, and the trolley's low frame is about as
-warm as the fixed platform under it. End carriages, rails and posts are far away and stay cold. A shield under the truss
-is the property ``truss.exposed``.
+do, behind the moving platform's bars; of points spread over the melt those of fixed platform and trolley hide some.
+Inside a girder plates radiate to each other: view factors of a long duct are those of crossed strings (H. Hottel and
+A. Sarofim, Radiative Transfer), surfaces two by two grey. It is a network of its own, which takes nothing from the
+robot's: wheels and bolts pass little, and the trolley's low frame is about as warm as the fixed platform under it. End
+carriages, rails and posts are far away and stay cold. A shield under the truss is the property ``truss.exposed``.
 """
 
 # ruff: noqa: N815 - units keep their capitals: K, W, degC
@@ -22,14 +22,15 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.circuit import Circuit, laplacian
-from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, link_boxes
+from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, link_boxes, merged
 from pouring_robot.thermal.network.history import HeatHistory, Placed
 from pouring_robot.thermal.network.parts import radiation_conductances
 from pouring_robot.thermal.network.steady import steady_temperatures
 from pouring_robot.thermal.network.transient import integrate
 from pouring_robot.thermal.network.view_factors import Boxes
 
-GIRDER_CELLS, TROLLEY_CELLS = 24, 6
+GIRDER_CELLS, TROLLEY_CELLS = 36, 6
+_MELT_POINTS = 100
 _SIDES = (1.0, -1.0)
 _INSIDE_M = 1e-4
 
@@ -64,9 +65,13 @@ class TrussNetwork:
         layout = robot.robot.dimensions
         self._girders = _girder_cells(layout)
         self._inside = _inside_girders(layout, robot.properties.steel.emissivity.value)
-        frame = link_boxes(robot.robot.model.nominal_urdf(), "trolley", skip_round=True)
+        urdf = robot.robot.model.nominal_urdf()
+        frame, platform = link_boxes(urdf, "trolley", skip_round=True), link_boxes(urdf, "fixed_platform")
         up = np.array([0.0, 0.0, layout.truss.platform_drop.metres])
-        self._trolley = BarCells.cut(Boxes(frame.lower_m + up, frame.upper_m + up), TROLLEY_CELLS)
+        frame = Boxes(frame.lower_m + up, frame.upper_m + up)
+        self._trolley = BarCells.cut(frame, TROLLEY_CELLS)
+        pairs = zip((frame.lower_m, frame.upper_m), (platform.lower_m, platform.upper_m), strict=True)
+        self._in_the_way = merged(Boxes(*(np.concatenate(pair) for pair in pairs)))
         self._density = layout.materials.steel_density.value
 
     def temperatures(
@@ -100,7 +105,8 @@ class TrussNetwork:
     def _circuit(self, cells: BarCells, inside: scipy.sparse.csc_array | None, pose: Placed) -> Circuit:
         properties, area = self._robot.properties, cells.face_area_m2.sum(axis=1)
         steel, on = properties.steel, 1.0 if self._robot.radiation else 0.0
-        view = properties.truss.exposed.value * self._robot.view_area_m2(cells, pose)
+        clear = _clear_share(cells.centres_m, self._robot.melt_points_m(pose, _MELT_POINTS), self._in_the_way)
+        view = properties.truss.exposed.value * clear * self._robot.view_area_m2(cells, pose)
         to_melt, to_ambient = radiation_conductances(
             area, view, steel.emissivity.value, properties.melt.emissivity.value
         )
@@ -113,6 +119,18 @@ class TrussNetwork:
             self._density * steel.heat_capacity.value * cells.volume_m3,
             None if inside is None else on * inside,
         )
+
+
+def _clear_share(starts_m: FloatArray, ends_m: FloatArray, boxes: Boxes) -> FloatArray:
+    """Return which share of the ways from each start (N, 3) to all ends (K, 3) meets no box but its own, shape (N,)."""
+    ways = ends_m - starts_m[:, None]
+    hidden = np.zeros(ways.shape[:2], dtype=bool)
+    for lower, upper in zip(boxes.lower_m, boxes.upper_m, strict=True):
+        inside = np.all((lower <= starts_m) & (starts_m <= upper), axis=1)
+        one, other = ((side - starts_m)[:, None] / ways for side in (lower, upper))
+        enters, leaves = np.minimum(one, other).max(axis=2), np.maximum(one, other).min(axis=2)
+        hidden |= (enters < leaves) & (leaves > 0.0) & (enters < 1.0) & ~inside[:, None]
+    return np.asarray(1.0 - hidden.mean(axis=1))
 
 
 def _girder_cells(layout: LayoutEntry) -> BarCells:

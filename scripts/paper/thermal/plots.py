@@ -79,7 +79,7 @@ def deformation(study: ThermalStudy) -> bytes:
         sizes.text(value, sizes.get_ylim()[1], f" paper's {name}", fontsize=8, color=ASH, va="top")
     sizes.set_xlabel("moved by heat, mm")
     sizes.set_ylabel(f"poses of {len(study.box)} in the workspace")
-    sizes.legend(fontsize=9, frameon=False)
+    sizes.legend(fontsize=9, frameon=False, ncols=2, loc="lower center", bbox_to_anchor=(0.5, 0.99))
     for panel in (arrows, sizes):
         tidy(panel)
     figure.suptitle("Fig. 8: deformation", fontsize=11)
