@@ -123,12 +123,14 @@ class TrussNetwork:
 
 def _clear_share(starts_m: FloatArray, ends_m: FloatArray, boxes: Boxes) -> FloatArray:
     """Return which share of the ways from each start (N, 3) to all ends (K, 3) meets no box but its own, shape (N,)."""
-    ways = ends_m - starts_m[:, None]
-    hidden = np.zeros(ways.shape[:2], dtype=bool)
+    # Coordinates first: the largest of three arrays is found much faster than that of many threes.
+    at, to = np.ascontiguousarray(starts_m.T)[..., None], np.ascontiguousarray(ends_m.T)[:, None]
+    per_way = 1.0 / (to - at)
+    hidden = np.zeros(per_way.shape[1:], dtype=bool)
     for lower, upper in zip(boxes.lower_m, boxes.upper_m, strict=True):
         inside = np.all((lower <= starts_m) & (starts_m <= upper), axis=1)
-        one, other = ((side - starts_m)[:, None] / ways for side in (lower, upper))
-        enters, leaves = np.minimum(one, other).max(axis=2), np.maximum(one, other).min(axis=2)
+        one, other = ((side[:, None, None] - at) * per_way for side in (lower, upper))
+        enters, leaves = np.minimum(one, other).max(axis=0), np.maximum(one, other).min(axis=0)
         hidden |= (enters < leaves) & (leaves > 0.0) & (enters < 1.0) & ~inside[:, None]
     return np.asarray(1.0 - hidden.mean(axis=1))
 
