@@ -182,7 +182,8 @@ class Conditions:
     @property
     def session_shares(self) -> FloatArray:
         """Share of the campaign's rows in each session, (sessions,)."""
-        return np.array(list(self.learned.sessions.values())) if self.learned else np.bincount(self.session) / len(self)
+        counts = np.array(list(self.learned.sessions.values())) if self.learned else np.bincount(self.session)
+        return np.asarray(counts / counts.sum())
 
     def value(self, name: str) -> Any:
         """Return a condition by its name: (n,) or (n, k), or a number for the whole campaign; None if there is none."""
@@ -316,13 +317,11 @@ def learned_in(campaign: Campaign, conditions: Conditions) -> LearnedCampaign:
         campaign: the data.
         conditions: of its rows.
     """
-    metadata, names = campaign.metadata, list(dict.fromkeys(campaign.sessions))
+    metadata = campaign.metadata
     reference = metadata.reference_temperature_degC
     return LearnedCampaign(
         ranges={name: (float(np.nanmin(v)), float(np.nanmax(v))) for name, v in told(campaign).items()},
-        time_s=(float(conditions.time_s.min()), float(conditions.time_s.max())),
-        timed=conditions.time_known,
-        sessions=dict(zip(names, conditions.session_shares.tolist(), strict=True)),
+        sessions={name: rows.size for name, rows in campaign.rows_by_session().items()},
         mean_span_m=conditions.mean_span_m.tolist(),
         mean_force=conditions.mean_force.tolist(),
         mean_rise_k={name: float(rise.mean()) for name, rise in conditions.rises.items()},

@@ -25,10 +25,8 @@ class LearnedCampaign(StrictModel):
     """The campaign that effects were learned in: what their shapes count from, and over what. SI units and °C.
 
     Attributes:
-        ranges: least and largest value of each condition that the campaign has, by heading in inner units.
-        time_s: first and last.
-        timed: whether that is time; without a time column the number of the row stood for it.
-        sessions: share of the rows that each session has.
+        ranges: least and largest value of each drive and condition that the campaign has, by heading in inner units.
+        sessions: how many rows each session has.
         mean_span_m: mean distance of the joints at both ends of each drive, or value of one that turns.
         mean_force: mean of the absolute force or moment on each drive, in N and Nm; empty: not known.
         mean_rise_k: mean temperature above the reference, by thermometer.
@@ -40,9 +38,7 @@ class LearnedCampaign(StrictModel):
     """
 
     ranges: dict[str, tuple[float, float]] = pydantic.Field(default_factory=dict)
-    time_s: tuple[float, float]
-    timed: bool = True
-    sessions: dict[str, float]
+    sessions: dict[str, pydantic.PositiveInt] = pydantic.Field(min_length=1)
     mean_span_m: list[float]
     mean_force: list[float] = pydantic.Field(default_factory=list)
     mean_rise_k: dict[str, float] = pydantic.Field(default_factory=dict)
@@ -51,6 +47,16 @@ class LearnedCampaign(StrictModel):
     truss_span_m: float | None = None
     ladle_tare_kg: float | None = None
     ladle_centre_of_mass_m: tuple[float, float, float] | None = None
+
+    @property
+    def timed(self) -> bool:
+        """Whether times are known; without a time column the number of the row stood for it."""
+        return "time_s" in self.ranges
+
+    @property
+    def time_s(self) -> tuple[float, float]:
+        """First and last time, or number of a row."""
+        return self.ranges.get("time_s", (0.0, sum(self.sessions.values()) - 1.0))
 
 
 class EffectEntry(StrictModel):

@@ -340,11 +340,11 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
     if diagnosis.judgement.minor:
         minor = ", ".join(diagnosis.judgement.minor)
         lines.append(f"fitted beside, but no causes, as they add less than what nothing explains: {minor}")
-    stays = [entry.effect for entry in diagnosis.amended.effects if not entry.placed]
+    stays = diagnosis.amended.conditional
     if stays:
         lines.append(
-            f"{', '.join(dict.fromkeys(stays))} depend{'s' if len(set(stays)) == 1 else ''} on conditions: "
-            "diagnose applies this part of model.yaml, other commands do not"
+            f"{', '.join(stays)} depend{'s' if len(stays) == 1 else ''} on conditions: other commands apply this part "
+            "of model.yaml under what --condition or columns beside their poses say"
         )
     told = (FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES)
     seen = [flag for flag in diagnosis.flags if flag.severity == "warning" and flag.code not in told]

@@ -1,0 +1,147 @@
+"""What a diagnosis saved is applied by other commands: they predict the rows that were measured, and can undo it."""
+
+import csv
+import json
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from pouring_robot import Campaign, random_plan, robots_under
+from pouring_robot.campaign.nominal import PoseStack
+from pouring_robot.cli.app import main
+from pouring_robot.diagnosis.amend import amended
+from pouring_robot.diagnosis.diagnose import diagnose
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.robot import robot_of
+from tests.diagnosis.hidden import DRIFT, HOT, campaign
+from tests.rig import Wanted
+
+PLAY = (Wanted("drive_backlash", 6.0, "a"),)
+BEAM = (Wanted("truss_deflection", 6.0, "a"),)
+CASES = {"drift": DRIFT, "hot": HOT, "play": PLAY, "beam": BEAM}
+CONDITIONS = ("time_s", *(f"leg{k}_degC" for k in range(1, 5)), "platform_degC", "payload_kg", "truss_travel_m")
+SIDES = tuple(f"approach_q{k}" for k in range(1, 5))
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request, tmp_path_factory):
+    """A campaign of the independent machine, what was found in it, its model file, and its poses as a table."""
+    folder = tmp_path_factory.mktemp(request.param)
+    found = diagnose(campaign(folder, CASES[request.param]))
+    assert {named.cause.effect for named in found.effects} == {CASES[request.param][0].effect}
+    file = amended(found).save(folder / "model.yaml")
+    data = found.rows.campaign
+    conditions = [data.conditions[name.rpartition("_")[0]] for name in CONDITIONS]
+    table = np.column_stack([_poses(data), *conditions, data.approach])
+    head = ",".join(("x_m", "y_m", "z_m", "tilt_rad", *CONDITIONS, *SIDES))
+    np.savetxt(folder / "poses.csv", table, delimiter=",", header=head, comments="", fmt="%.15g")
+    return found, file, folder / "poses.csv"
+
+
+def _poses(data):
+    """Return what a user would have asked for, (n, 4): where the drawing stands at the drives."""
+    drawing = data.robot.drawing()
+    found = [drawing.forward(data.drive_values(row)) for row in range(len(data))]
+    return np.array([(*pose.position_m, pose.tilt_rad) for pose in found])
+
+
+def _seen(found, poses):
+    """Return where the tracker sees the target by poses of the moving platform, (n, 3) in m, in the frames found."""
+    shift, turn = (np.array([one[key] for one in poses]) for key in ("translation", "rotation"))
+    return found.after.frames.seen(PoseStack(shift, turn)).position_m
+
+
+def _poses_of(printed):
+    """Return the poses of the moving platform by the JSON of ``path``."""
+    found = []
+    for one in json.loads(printed)["poses"]:
+        frame = one["frames"]["moving_platform"]
+        tilted = pin.exp3(np.array([0.0, np.radians(one["commanded"]["tilt_deg"]), 0.0]))
+        turned = pin.exp3(1e-3 * np.array(frame["error"]["rotation_mrad"])) @ tilted
+        found.append({"translation": 1e-3 * np.array(frame["actual_mm"]), "rotation": turned})
+    return found
+
+
+def test_a_path_predicts_what_was_measured_as_well_as_the_diagnosis(case, capsys):
+    """Its residuals are the diagnosis's own to 1e-6 m, a fiftieth of the noise: placements are composed exactly."""
+    found, file, poses = case
+    assert main(["path", str(poses), "--model", str(file), "--json"]) == 0
+    seen = _seen(found, _poses_of(capsys.readouterr().out))
+    left = found.rows.campaign.position_m - seen
+    rows = found.after.every_row
+    own = np.full((len(left), 6), np.nan)
+    own[rows.row, rows.component] = rows.residual * rows.tracker
+    np.testing.assert_allclose(left, own[:, :3], atol=1e-6)
+    floor = found.held_out.position("floor")
+    assert np.sqrt(np.mean(left**2)) < 1.2 * floor < found.held_out.position("before") / 2.0
+
+
+def test_compensated_commands_bring_it_where_it_is_wanted(case, tmp_path, capsys):
+    """Ten poses; commanded by the pose that a controller of the drawing understands, ``path`` finds it there."""
+    _, file, poses = case
+    head, *lines = poses.read_text().splitlines()
+    some = [line.split(",") for line in lines[5:15]]
+    few = tmp_path / "few.csv"
+    few.write_text("\n".join([head, *map(",".join, some)]) + "\n")
+    assert main(["compensate", str(few), "--model", str(file), "--out", str(tmp_path / "commands.csv")]) == 0
+    with (tmp_path / "commands.csv").open() as stream:
+        commands = list(csv.DictReader(stream))
+    for row, command in zip(some, commands, strict=True):
+        row[:3] = [str(1e-3 * float(command[f"command_{name}_mm"])) for name in "xyz"]
+        row[3] = str(np.radians(float(command["command_tilt_deg"])))
+    few.write_text("\n".join([head, *map(",".join, some)]) + "\n")
+    capsys.readouterr()
+    assert main(["path", str(few), "--model", str(file), "--json"]) == 0
+    reached = np.array([one["translation"] for one in _poses_of(capsys.readouterr().out)])
+    wanted = np.array([[float(cell) for cell in line.split(",")[:3]] for line in lines[5:15]])
+    assert np.abs(reached - wanted).max() < 1e-9
+    assert max(float(command["before_mm"]) for command in commands) > 0.1
+
+
+def test_a_condition_that_is_not_given_ends_in_one_line(case, capsys):
+    _, file, poses = case
+    bare = poses.with_name("bare.csv")
+    bare.write_text("\n".join(",".join(line.split(",")[:4]) for line in poses.read_text().splitlines()) + "\n")
+    for command in (["path", str(bare)], ["compensate", str(bare)], ["pose", "--at-mm", "-100", "0", "-600"]):
+        assert main([*command, "--model", str(file)]) == 2
+        said = capsys.readouterr().err
+        assert said.count("\n") == 1
+        assert "give it as a column of that name beside the poses, or for all of them by --condition" in said
+
+
+def test_an_option_that_takes_one_robot_for_all_poses_is_refused(case, capsys):
+    _, file, poses = case
+    for command in ("path", "compensate"):
+        assert main([command, str(poses), "--model", str(file), "--at-once"]) == 2
+        assert "--at-once takes the same robot at every pose" in capsys.readouterr().err
+
+
+def test_a_condition_may_stand_in_one_place_only(case, capsys):
+    _, file, poses = case
+    assert main(["path", str(poses), "--model", str(file), "--condition", "time_s=3"]) == 2
+    assert "'time_s' is given by --condition and by a column; keep one" in capsys.readouterr().err
+    assert main(["path", str(poses), "--model", str(file), "--condition", "time_s"]) == 2
+    assert "--condition 'time_s': write NAME=VALUE" in capsys.readouterr().err
+    assert main(["pose", "--at-mm", "-100", "0", "-600", "--condition", "time_s=3"]) == 2
+    assert "nothing in the model depends on conditions: leave out --condition" in capsys.readouterr().err
+
+
+def test_a_virtual_tracker_measures_it_under_the_conditions_of_its_plan(case, tmp_path):
+    """Measured by the same robot without noise, seen from the same frames: what ``path`` predicts."""
+    _, file, _ = case
+    robot = robot_of(RobotModel.load(file))
+    plan = random_plan(robot, 8, 1)
+    given = plan.given(robot.model.definition)
+    standing = robots_under(robot, plan.poses, given)
+    out = tmp_path / "measured.csv"
+    table = tmp_path / "plan.csv"
+    head = ["x_m", "y_m", "z_m", "tilt_rad", *given]
+    rows = np.column_stack([plan.rows, *given.values()])
+    np.savetxt(table, rows, delimiter=",", header=",".join(head), comments="", fmt="%.15g")
+    frame = ["--tracker-frame", *"000000", "--target-frame", *"000000"]
+    wanted = ["campaign", "simulate", "--plan", str(table), "--model", str(file), "--noise-mm", "0", "--out", str(out)]
+    assert main([*wanted, *frame]) == 0
+    measured = Campaign.read(out).position_m
+    expected = [r.locate(p).actual.pose_base_to_end.translation for r, p in zip(standing, plan.poses, strict=True)]
+    np.testing.assert_allclose(measured, expected, atol=1e-9)
