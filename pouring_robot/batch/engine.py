@@ -19,7 +19,7 @@ from pouring_robot.batch.kernels.serial import carry_samples
 from pouring_robot.batch.kernels.transfer import Columns, branch_samples, make_transfer_room, transfer_samples
 from pouring_robot.batch.kernels.workspace import make_room
 from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, no_column, shaped
-from pouring_robot.batch.structure import StarStructure, fixed
+from pouring_robot.batch.structure import IntArray, StarStructure, fixed
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -84,6 +84,13 @@ class BatchEngine:
         drives = shaped(drives, (count, len(star.drives)), "drives")
         self._check(start)
         placed = SiteErrors.take(errors, count, self.structure.site_count)
+        start, before = self._grown(drives, start, placed)
+        closed = self._close(drives, start, placed)
+        return replace(closed, iterations=closed.iterations + before).locked()
+
+    def _close(self, drives: FloatArray, start: BatchStart, placed: SiteErrors) -> BatchClosure:
+        """Close every sample straight from its start."""
+        star, count = self.structure.star, len(start)
         result = BatchClosure.empty(count, star.revolute.shape, len(self.structure.mechanism.anchors))
         status, iterations = np.empty(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
         options = self.options
@@ -132,7 +139,25 @@ class BatchEngine:
 
         self._share(carry if self.structure.is_serial else run, count)
         result.status[:], result.iterations[:] = status, iterations
-        return result.locked()
+        return result
+
+    def _grown(self, drives: FloatArray, start: BatchStart, placed: SiteErrors) -> tuple[BatchStart, IntArray]:
+        """Return where samples start, and Newton's steps to there: with large errors where errors not quite grown end.
+
+        As ``closure.ClosureSolver``: a step at which a sample does not close is left out.
+        """
+        mechanism, options = self.structure.mechanism, self.options
+        own = np.linalg.norm(placed.errors[..., 3:], axis=-1).max(axis=1, initial=mechanism.largest_turn)
+        steps = options.growth_steps(np.nan_to_num(own) if own.size else mechanism.largest_turn)
+        steps, spent = np.broadcast_to(steps, len(start)), np.zeros(len(start), dtype=np.int64)
+        for number in () if self.structure.is_serial else np.unique(steps[steps > 1]).tolist():
+            rows = np.flatnonzero(steps == number)
+            for step in range(1, number):
+                share = step / number
+                engine = BatchEngine(mechanism.grown(share), self.threads, options) if mechanism.errors else self
+                closed = engine._close(drives[rows], start[rows], placed.scaled(share, rows))
+                start, spent[rows] = start.replaced(rows, closed), spent[rows] + closed.iterations
+        return start, spent
 
     def transfer(
         self,

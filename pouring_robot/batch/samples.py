@@ -60,6 +60,13 @@ class BatchStart:
         """Return some samples, or the same ones many times, by index."""
         return BatchStart(self.position[samples], self.rotation[samples], self.joints[samples])
 
+    def replaced(self, samples: IntArray, closed: BatchClosure) -> BatchStart:
+        """Return the starts with some samples where they closed; those that did not stay as they are."""
+        arrays, done = (self.position.copy(), self.rotation.copy(), self.joints.copy()), closed.status == 0
+        for array, new in zip(arrays, (closed.position, closed.rotation, closed.joints), strict=True):
+            array[samples[done]] = new[done]
+        return BatchStart(*arrays)
+
 
 @dataclass(frozen=True, eq=False)
 class BatchCommand:
@@ -134,6 +141,12 @@ class SiteErrors:
         error = np.zeros((len(parameter), 6))
         error[np.arange(len(parameter)), parameter % 6] = value
         return cls.one_each(parameter // 6, error)
+
+    def scaled(self, share: float, samples: IntArray) -> SiteErrors:
+        """Return a share of the errors of some samples."""
+        common = len(self.errors) < 2 and not self.site.size
+        errors = self.errors if common else self.errors[samples]
+        return SiteErrors(fixed(share * errors), self.site[samples] if self.site.size else self.site)
 
     @classmethod
     def take(cls, errors: SiteErrors | FloatArray | None, count: int, sites: int) -> SiteErrors:

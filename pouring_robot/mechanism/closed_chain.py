@@ -52,6 +52,11 @@ class LoopAnchor:
     placement_b: pin.SE3
 
 
+def _composed(first: Mapping[str, pin.SE3], second: Mapping[str, pin.SE3]) -> dict[str, pin.SE3]:
+    """Return displacements one after the other."""
+    return dict(first) | {name: first[name] * pose if name in first else pose for name, pose in second.items()}
+
+
 class ClosedChainMechanism:
     """URDF + loops as one immutable object; everything that moves lives in the solvers built on it.
 
@@ -61,6 +66,7 @@ class ClosedChainMechanism:
         source: the file to name in error messages.
         displacements: joints, fixed or moving, that stand off from where the URDF puts them: the pose of the actual
             placement in the URDF's.
+        built_in: displacements from the drawing that the URDF holds already, which closures of large ones must know.
 
     Raises:
         DescriptionError: Pinocchio cannot build the URDF, or the loops name absent frames or joints.
@@ -73,11 +79,12 @@ class ClosedChainMechanism:
         loops: LoopsFile,
         source: Path | str = "loops.yaml",
         displacements: Mapping[str, pin.SE3] = MappingProxyType({}),
+        built_in: Mapping[str, pin.SE3] = MappingProxyType({}),
     ) -> None:
         """Build the Pinocchio model once and resolve every name to an index."""
         self._urdf, self._loops, self._source = urdf, loops, Path(source)
         self._workspace = threading.local()
-        self._model, self._displacements = self._build(), dict(displacements)
+        self._model, self._displacements, self._built_in = self._build(), dict(displacements), dict(built_in)
         for name in displacements:
             self.require_placement(name)
         displace_model(self._model, displacements)
@@ -93,7 +100,7 @@ class ClosedChainMechanism:
 
     def __reduce__(self) -> tuple[type[ClosedChainMechanism], tuple[Any, ...]]:
         """Pickle as what it was built from: Pinocchio's constraint models cannot be pickled."""
-        return type(self), (self._urdf, self._loops, self._source, self._displacements)
+        return type(self), (self._urdf, self._loops, self._source, self._displacements, self._built_in)
 
     def displaced(self, displacements: Mapping[str, pin.SE3]) -> ClosedChainMechanism:
         """Return the mechanism with joints displaced further; ten times faster than building it from a URDF.
@@ -112,11 +119,27 @@ class ClosedChainMechanism:
         other._model = self._model.copy()
         displace_model(other._model, displacements)
         other._anchors = other._find_anchors()
-        other._displacements = self._displacements | {
-            name: self._displacements[name] * new if name in self._displacements else new
-            for name, new in displacements.items()
-        }
+        other._displacements = _composed(self._displacements, displacements)
         return other
+
+    @property
+    def errors(self) -> dict[str, pin.SE3]:
+        """How joints are displaced from the drawing: the pose of the actual placement in the drawn one, by joint."""
+        return _composed(self._built_in, self._displacements)
+
+    @property
+    def largest_turn(self) -> float:
+        """Largest angle of an error, in rad."""
+        return max((float(np.linalg.norm(pin.log3(pose.rotation))) for pose in self.errors.values()), default=0.0)
+
+    def grown(self, share: float) -> ClosedChainMechanism:
+        """Return the mechanism with a share of all errors: of the way and of the angle."""
+        return self.displaced(
+            {
+                name: pose.inverse() * pin.SE3(pin.exp3(share * pin.log3(pose.rotation)), share * pose.translation)
+                for name, pose in self.errors.items()
+            }
+        )
 
     def with_stiffness(self, stiffness: LoopStiffness) -> ClosedChainMechanism:
         """Return the mechanism with other stiffness of its closures; where joints stand does not depend on it."""
@@ -128,7 +151,7 @@ class ClosedChainMechanism:
     def with_drives(self, drives: tuple[str, ...]) -> ClosedChainMechanism:
         """Return the mechanism with other drives, or none: what is driven no longer is found by the closure."""
         loops = self._loops.model_copy(update={"drives": drives})
-        return type(self)(self._urdf, loops, self._source, self._displacements)
+        return type(self)(self._urdf, loops, self._source, self._displacements, self._built_in)
 
     def require_placement(self, joint: str) -> None:
         """Refuse a joint that cannot be displaced.

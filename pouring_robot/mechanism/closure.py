@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import eigenpy
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from pouring_robot.exceptions import BadInputError, ClosureError
 from pouring_robot.mechanism.arrays import FloatArray, read_only
@@ -51,6 +52,9 @@ class ClosureOptions:
         max_gap_m: largest distance that may be left open; ``max_gap_rad``: largest angle.
         closed_below: loops open by less than this (m or rad) count as closed exactly, where Gauss-Newton
             converges quadratically and the exact Hessian adds nothing.
+        growth_step: largest turn of a displaced joint (rad) that is closed in one go. Beyond some times that a
+            mechanism may have several assembly modes; the one that is found grows out of the drawing's.
+        most_steps: in how many steps such errors grow at most.
     """
 
     step_tolerance: float = 1e-7
@@ -60,6 +64,12 @@ class ClosureOptions:
     max_gap_m: float = 0.01
     max_gap_rad: float = 0.1
     closed_below: float = 1e-9
+    growth_step: float = 0.007
+    most_steps: int = 10
+
+    def growth_steps(self, turns: FloatArray | float) -> NDArray[np.int64]:
+        """Return in how many steps errors of these angles (rad) grow."""
+        return np.clip(np.ceil(np.asarray(turns) / self.growth_step), 1, self.most_steps).astype(np.int64)
 
 
 DEFAULT_OPTIONS = ClosureOptions()
@@ -238,7 +248,10 @@ class ClosureSolver:
         if not np.all(np.isfinite(configuration)):
             raise BadInputError("the start configuration holds a value that is not a finite number")
         configuration = self.mechanism.with_mimics(configuration, values)
-        state, iterations = self._minimise(configuration)
+        start, before = self._grown(configuration)
+        energy = self.energy
+        state, iterations = self._minimise(energy, energy.evaluate(start, configuration), configuration)
+        iterations += before
         result = self._result(state, configuration, iterations)
         if result.gap_m > self.options.max_gap_m or result.gap_rad > self.options.max_gap_rad:
             raise self._failure("the parts do not fit together", state, iterations, settled=True)
@@ -260,8 +273,27 @@ class ClosureSolver:
             read_only(commanded.copy()),  # the caller may go on with its own
         )
 
+    @functools.cached_property
+    def _growing(self) -> tuple[ClosureEnergy, ...]:
+        """Energies of the same mechanism with smaller errors, growing; none where they are small."""
+        mechanism, loads = self.mechanism, self.energy.loads
+        steps = int(self.options.growth_steps(mechanism.largest_turn)) if mechanism.anchors else 1
+        return tuple(ClosureEnergy(mechanism.grown(step / steps), loads) for step in range(1, steps))
+
+    def _grown(self, commanded: FloatArray) -> tuple[FloatArray, int]:
+        """Return where to start: the closed pose of displacements not quite grown, and the Newton steps to it."""
+        start, spent = commanded, 0
+        for energy in self._growing:
+            try:
+                state, count = self._minimise(energy, energy.evaluate(start, commanded), commanded)
+            except ClosureError as error:  # it is left out: the next one starts from the last that closed
+                spent += error.iterations
+                continue
+            start, spent = state.configuration, spent + count
+        return start, spent
+
     @np.errstate(over="ignore", invalid="ignore")  # a step too far, from which it goes back
-    def _minimise(self, commanded: FloatArray) -> tuple[EnergyState, int]:
+    def _minimise(self, energy: ClosureEnergy, state: EnergyState, commanded: FloatArray) -> tuple[EnergyState, int]:
         """Run Newton: Gauss-Newton far away, the exact Hessian where residuals stay, a watchdog over both.
 
         The energy is a curved valley, stiff across and soft along, so a good step along it first climbs the wall.
@@ -269,15 +301,14 @@ class ClosureSolver:
         Lemarechal and Pedersen, Math. Programming Study 16, 1982); if they come to nothing, the search returns to
         the best state and shortens its steps by Levenberg's term.
         """
-        options, energy = self.options, self.energy
-        best = state = energy.evaluate(commanded, commanded)
+        options, best = self.options, state
         if not energy.free_columns.size:  # the drives alone say where everything is
             return state, 0
         damping, climbs, exact, kept = 0.0, 0, False, False
         previous, share_before = np.inf, 1.0
         for iteration in range(1, options.max_iterations + 1):
             # Next to the minimum the factors of the last Hessian still serve, and cost nothing.
-            step = self._step(state, exact, damping, kept)
+            step = self._step(energy, state, exact, damping, kept)
             length = max(step.max(), -step.min())
             trial = energy.evaluate(pin.integrate(energy.model, state.configuration, step), commanded)
             closed = energy.can_close and np.abs(trial.residual).max(initial=0.0) < options.closed_below
@@ -306,9 +337,8 @@ class ClosureSolver:
                 damping, climbs = max(10.0 * damping, 1e-4), 0
         raise self._failure("Newton's steps do not settle", best, options.max_iterations, settled=False)
 
-    def _step(self, state: EnergyState, exact: bool, damping: float, kept: bool) -> FloatArray:
+    def _step(self, energy: ClosureEnergy, state: EnergyState, exact: bool, damping: float, kept: bool) -> FloatArray:
         """Return the Newton step over all velocity columns, or one with the kept factors of the step before; (nv,)."""
-        energy = self.energy
         downhill = -energy.reduced(state.gradient)
         if kept and self._factors is not None:
             return energy.expanded(self._factors.solve(downhill))

@@ -390,7 +390,8 @@ class RobotModel(StrictModel):
 
     def mechanism(self) -> ClosedChainMechanism:
         """Return the mechanism as built."""
-        return ClosedChainMechanism(self.urdf(), self.loops(), self.definition.path)
+        errors = {joint: error.to_se3() for joint, error in self.placement_errors().items()}
+        return ClosedChainMechanism(self.urdf(), self.loops(), self.definition.path, built_in=errors)
 
 
 def _says_something(content: Any) -> bool:
