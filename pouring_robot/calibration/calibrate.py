@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import scipy.special
-from numpy.typing import NDArray
 
 from pouring_robot.calibration.acceptance import Refusal, acceptable, row_scores
 from pouring_robot.calibration.amend import amended_model
@@ -19,7 +18,7 @@ from pouring_robot.calibration.metrics import Misfit, pose_performance
 from pouring_robot.calibration.selection import Selection, select_groups
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import check_campaign
-from pouring_robot.checks.flags import ROW_CODES, DataFlag, Severity, outlier_rows
+from pouring_robot.checks.flags import usable_without
 from pouring_robot.estimation.frames import FRAMES
 from pouring_robot.estimation.identifiability import base_parameters
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
@@ -29,7 +28,6 @@ from pouring_robot.estimation.residuals import MeasuredPoses, observed, regresso
 from pouring_robot.estimation.session_frames import session_parameters
 from pouring_robot.estimation.solver import Fit, FitOptions, first_frames, fit_with_noise, identify, seen_from_one_place
 from pouring_robot.estimation.splits import HoldOut, Rows, Split, split
-from pouring_robot.exceptions import CampaignError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
@@ -138,7 +136,8 @@ def calibrate(
     sessions = session_parameters(campaign)
     campaign = seen_from_one_place(campaign, model)
     progress("checking the data", 0, 0)
-    flags, left_out = _checked(campaign, model)
+    flags = tuple(check_campaign(campaign, model.definition.drawing()))
+    left_out = usable_without(campaign, flags)
     parts = split(campaign, left_out, options.hold_out)
     everything = MeasurementModel(model, all_parameters(candidates), options.threads, sessions)
     rows = everything.at(campaign.drives, sessions=campaign.sessions)
@@ -206,15 +205,6 @@ def calibrate(
         ),
         performance=pose_performance(measured, before, after, alike),
     )
-
-
-def _checked(campaign: Campaign, model: RobotModel) -> tuple[tuple[DataFlag, ...], NDArray[np.intp]]:
-    """Return what the checks found and the rows to leave out; refuse data that are wrong as a whole."""
-    flags = tuple(check_campaign(campaign, model.definition.drawing()))
-    for flag in flags:
-        if flag.severity == Severity.ERROR and flag.code not in ROW_CODES:
-            raise CampaignError(campaign.path, f"{flag.message}; {flag.remedy}")
-    return flags, outlier_rows(flags)
 
 
 def _refused(

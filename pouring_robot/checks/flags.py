@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.exceptions import CampaignError
 
 Rows = NDArray[np.intp]
 FEW_ROWS = 20
@@ -197,6 +198,20 @@ def found(
     headings = tuple(campaign.heading(name) for name in quantities)
     indices = tuple(int(row) for row in rows)
     return DataFlag(code, severity or code.severity, message, remedy or code.remedy, indices, headings, metrics or {})
+
+
+def usable_without(campaign: Campaign, flags: Sequence[DataFlag]) -> Rows:
+    """Return the rows to leave out, ascending, of data that are of use without them.
+
+    Raises:
+        CampaignError: they are wrong as a whole, or more than half of the rows are, which no robust fit survives.
+    """
+    rows = outlier_rows(flags)
+    many = 2 * rows.size > np.count_nonzero(campaign.usable)
+    for flag in flags:
+        if flag.severity is Severity.ERROR and (many or flag.code not in ROW_CODES):
+            raise CampaignError(campaign.path, f"{flag.message}; {flag.remedy}")
+    return rows
 
 
 def outlier_rows(flags: Iterable[DataFlag]) -> Rows:

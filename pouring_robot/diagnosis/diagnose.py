@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import examine
-from pouring_robot.checks.flags import DataFlag, outlier_rows
+from pouring_robot.checks.flags import DataFlag, usable_without
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.in_turn import few, held_out_in_turn
@@ -132,10 +132,7 @@ def diagnose(
     effects = chosen_effects(model.definition, options.exclude)
     progress("checking the data", 0, 0)
     flags = examine(campaign, model.definition.drawing()).flags
-    errors = [flag for flag in flags if flag.severity == "error"]
-    if errors:
-        raise CampaignError(campaign.path, f"{errors[0].message}; {errors[0].remedy}")
-    wrong = outlier_rows(flags)
+    wrong = usable_without(campaign, flags)
     work = _Work(campaign, model, effects, options, progress)
     found = work.searched(wrong)
     for _ in range(_OUTLIER_ROUNDS):

@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.checks.check import check_campaign
-from pouring_robot.checks.flags import FlagCode, Severity, outlier_rows
+from pouring_robot.checks.flags import FlagCode, Severity, found, outlier_rows, usable_without
+from pouring_robot.exceptions import CampaignError
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, codes, damaged, measure
 from tests.estimation.test_session_frames import moved
 
@@ -341,3 +342,18 @@ def test_a_rough_error_of_one_drive_is_no_noise(drawing, clean):
     random = np.random.default_rng(2)
     rough = damaged(clean.campaign, drives=lambda v: v + random.normal(size=v.shape) * [0.0, 3e-4, 0.0, 0.0])
     assert "noise_too_small" not in codes(check_campaign(rough, drawing.kinematics))
+
+
+def test_a_few_rows_that_are_far_off_are_left_out_and_the_rest_is_used(clean, drawing):
+    off = damaged(clean.campaign, position_m=set_rows([7, 20], 0, 0.5))
+    assert usable_without(off, check_campaign(off, drawing.kinematics)).tolist() == [7, 20]
+
+
+def test_data_that_are_wrong_as_a_whole_or_in_most_rows_are_refused(clean, drawing):
+    metres = damaged(clean.campaign, position_m=lambda v: v * 1e-3)
+    with pytest.raises(CampaignError, match="metres"):
+        usable_without(metres, check_campaign(metres, drawing.kinematics))
+    campaign = clean.campaign
+    most = [found(campaign, FlagCode.UNREACHABLE_POSE, "far", [k]) for k in range(len(campaign) // 2 + 1)]
+    with pytest.raises(CampaignError, match="far"):
+        usable_without(campaign, most)
