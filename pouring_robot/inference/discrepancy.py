@@ -16,7 +16,6 @@ from functools import cached_property
 
 import numpy as np
 import scipy.linalg
-from scipy.special import logsumexp
 
 from pouring_robot.inference.evidence import Beside, Gram, Places, bayes_factor, largest_scale
 from pouring_robot.inference.explanations import Problem
@@ -289,8 +288,8 @@ class Discrepancy:
         """Return one process, at all its length scales, beside the same."""
         products = [self._outside(beside, own, chosen, seen) for seen in lengths]
         worths = [bayes_factor(*one) for one in products]
-        best = int(np.argmax([worth.evidence for worth in worths]))
-        mean = float(logsumexp([worth.evidence for worth in worths]) - np.log(len(worths)))
+        evidences = np.array([worth.evidence for worth in worths])
+        best, mean = int(np.argmax(evidences)), float(np.logaddexp.reduce(evidences) - np.log(len(worths)))
         return _Found(mean, lengths[best], worths[best].scale.main, *products[best])
 
     def _worth(self, one: _Found, beside: Beside, own: Places, chosen: Sequence[_Found]) -> float:
@@ -305,6 +304,8 @@ class Discrepancy:
 
     def _shared(self, one: _Seen, other: _Seen) -> FloatArray:
         """Return the inner products of two processes beside what free unknowns explain, (k, l)."""
+        if (other, one) in self._known:
+            return self._known[other, one].T
         if (one, other) not in self._known:
             self._known[one, other] = between(one.parts, other.parts) - one.absorbed.T @ other.absorbed
         return self._known[one, other]

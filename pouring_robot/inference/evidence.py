@@ -124,8 +124,9 @@ class Beside:
     def _solved(self, values: FloatArray) -> FloatArray:
         if not len(self._weights):
             return values
-        # Millions of small solutions: the routine itself, without what checks its arguments.
-        solution: FloatArray = scipy.linalg.lapack.dtrtrs(self._factor, values, lower=1)[0]
+        # Millions of small solutions: the routine itself, without what checks its arguments, and in its order of
+        # memory: a factor by rows is the transposed one by columns, and need not be copied.
+        solution: FloatArray = scipy.linalg.lapack.dtrtrs(self._factor.T, values, lower=0, trans=1)[0]
         return solution
 
     def _seen(self, places: Places) -> FloatArray:
@@ -201,6 +202,22 @@ def bayes_factor(
     peak = float(values[shape, best])
     evidence = peak + float(np.log(np.exp(values - peak).mean()))
     return BayesFactor(evidence, Scale(float(np.exp(log_scales[best])), scales[shape].shaping), peak)
+
+
+def most_evidence(
+    columns: FloatArray,
+    projected: FloatArray,
+    main: BoolArray | None = None,
+    largest: float = np.inf,
+    unit: float = 1.0,
+) -> float:
+    """Return what :func:`bayes_factor` of the same does not exceed: all that the widest scales explain, for nothing."""
+    widest = float(np.exp(LOG_SCALES[-1])) if np.isinf(largest) else min(largest, float(np.exp(LOG_SCALES[-1])))
+    weights = np.full(len(columns), widest) if main is None else np.where(main, 1.0, unit * SHAPINGS.max()) * widest
+    inner = weights[:, None] * columns * weights
+    inner.flat[:: len(columns) + 1] += 1.0
+    pulled = weights * projected
+    return 0.5 * float(pulled @ scipy.linalg.lapack.dposv(inner, pulled, lower=1)[1])
 
 
 def evidences(

@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Collection, Hashable
+import heapq
+from collections.abc import Collection, Hashable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from pouring_robot.inference.evidence import BayesFactor, Beside, Gram, Places, Scale, bayes_factor
+from pouring_robot.inference.evidence import (
+    BayesFactor,
+    Beside,
+    BoolArray,
+    Gram,
+    Places,
+    Scale,
+    bayes_factor,
+    most_evidence,
+)
 from pouring_robot.inference.explanations import Explanation, Problem
 from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.mechanism.arrays import FloatArray
@@ -148,12 +158,35 @@ class Hypothesis:
     def candidate_bayes_factor(self, item: Explanation) -> BayesFactor:
         """Return what one more explanation would be worth, given its form."""
         if item.key not in self._known:
-            columns, projected = self._beside.of(self.problem.places(item))
-            self._known[item.key] = bayes_factor(
-                columns, projected, item.main, item.largest, self.problem.shaping_unit(item)
-            )
+            self._known[item.key] = bayes_factor(*self._seen_of(item))
         found: BayesFactor = self._known[item.key]
         return found
+
+    def ranked(self, items: Iterable[Explanation]) -> Iterator[tuple[BayesFactor, Explanation]]:
+        """Yield what each of some explanations would be worth, if it were added, best first.
+
+        Only as many are weighed as are asked for: the others can be worth no more than what they explain at most.
+        """
+        queue: list[tuple[float, int, BayesFactor | None, Explanation]] = []
+        for number, item in enumerate(items):
+            known: BayesFactor | None = self._known.get(item.key)
+            if known is None and ("most", item.key) not in self._known:
+                self._known["most", item.key] = most_evidence(*self._seen_of(item))
+            bound = self._known["most", item.key] if known is None else known.evidence
+            queue.append((-bound, number, known, item))
+        heapq.heapify(queue)
+        while queue:
+            _, number, found, item = heapq.heappop(queue)
+            if found is None:
+                found = self.candidate_bayes_factor(item)
+                heapq.heappush(queue, (-found.evidence, number, found, item))
+            else:
+                yield found, item
+
+    def _seen_of(self, item: Explanation) -> tuple[FloatArray, FloatArray, BoolArray, float, float]:
+        """Return what the worth of one more explanation follows from."""
+        seen = *self._beside.of(self.problem.places(item)), item.main, item.largest, self.problem.shaping_unit(item)
+        return seen
 
     @functools.cached_property
     def _known(self) -> dict[Hashable, Any]:
@@ -313,6 +346,7 @@ class Hypothesis:
         return self.everything.outside(own.T @ columns, columns.T @ columns, columns.T @ residual)
 
 
+@functools.cache
 def _neighbours(levels: tuple[int, ...]) -> list[tuple[int, ...]]:
     """Return the levels a step away, all together or one alone, none, and the likely ones.
 

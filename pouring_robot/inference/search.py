@@ -110,13 +110,11 @@ def _forward(current: Hypothesis, options: SearchOptions) -> Iterator[Hypothesis
     """
     bases = [current, *([current.with_levels_of(())] if any(current.levels) else [])]
     for base in bases:
-        found = [(base.candidate_bayes_factor(item), item) for item in base.choices]
-        found.sort(key=lambda pair: -pair[0].evidence)
         seen: set[str] = set()
-        for worth, item in found:
-            if len(seen) >= options.branches or worth.evidence <= 0.0:
-                break
-            if seen and worth.evidence < _WORTH_TRYING * found[0][0].evidence:
+        best = 0.0
+        for worth, item in base.ranked(base.choices):
+            best = best or worth.evidence
+            if len(seen) >= options.branches or worth.evidence <= 0.0 or worth.evidence < _WORTH_TRYING * best:
                 break
             if item.effect not in seen:
                 seen.add(item.effect)
@@ -143,9 +141,8 @@ def _exchanged(hypothesis: Hypothesis, index: int, options: SearchOptions) -> Hy
     """
     rest, key = hypothesis.without((index,)), hypothesis.items[index].key
     own = rest.candidate_bayes_factor(hypothesis.items[index])
-    choices = [(rest.candidate_bayes_factor(item), item) for item in hypothesis.choices]
     tried: set[str] = set()
-    for found, item in sorted(choices, key=lambda pair: -pair[0].evidence):
+    for found, item in rest.ranked(hypothesis.choices):
         if found.evidence < own.evidence - _CATCHES_UP:
             break
         if item.effect in tried or (item.effect == key[0] and found.evidence < own.evidence):

@@ -7,7 +7,16 @@ import pytest
 from scipy.integrate import quad
 from sklearn.linear_model import Ridge
 
-from pouring_robot.inference.evidence import LOG_SCALES, SHAPINGS, Beside, Gram, Scale, bayes_factor, shaping_unit
+from pouring_robot.inference.evidence import (
+    LOG_SCALES,
+    SHAPINGS,
+    Beside,
+    Gram,
+    Scale,
+    bayes_factor,
+    most_evidence,
+    shaping_unit,
+)
 from tests.inference.problems import beside, log_density
 from tests.support import round_off
 
@@ -22,6 +31,20 @@ def factor(columns, residual, groups=(), largest=np.inf):
     """Return what a group of columns is worth beside others of unit coefficients."""
     seen, places = beside(groups, columns, residual)
     return bayes_factor(*seen.of(places), largest=largest)
+
+
+@pytest.mark.parametrize("largest", [np.inf, 0.5])
+@pytest.mark.parametrize("unit", [1.0, 7.0])
+def test_a_group_is_worth_no_more_than_it_explains_at_most(rng, largest, unit):
+    main = np.array([True, False, False])
+    for size in (0.1, 1.0, 30.0):
+        columns = rng.normal(size=(12, 3))
+        gram = Gram.of(columns, size * columns @ rng.normal(size=3) + rng.normal(size=12))
+        for kept in (main, None):
+            found = bayes_factor(gram.columns, gram.projected, kept, largest, unit)
+            most = most_evidence(gram.columns, gram.projected, kept, largest, unit)
+            assert found.evidence <= found.peak <= most
+    assert most == pytest.approx(found.peak, rel=0.2), "of a strong group the bound is near"
 
 
 def test_inner_products_are_those_of_the_inverse(rng):

@@ -38,6 +38,18 @@ def test_evidence_of_one_item_is_the_density_averaged_over_scales(rng):
     assert settled.scales[0].main == pytest.approx(np.exp(LOG_SCALES[int(np.argmax(values))]))
 
 
+def test_candidates_come_best_first_and_no_more_are_weighed_than_asked_for(rng):
+    items = library(rng)
+    hypothesis = Hypothesis.nothing(problem(planted(rng, items[4:5], [3.0]), items))
+    best = next(iter(hypothesis.ranked(items)))
+    weighed = [item for item in items if item.key in hypothesis._known]
+    assert 1 <= len(weighed) < len(items)
+    expected = sorted(((hypothesis.candidate_bayes_factor(item), item) for item in items), key=lambda w: -w[0].evidence)
+    assert best == expected[0]
+    again = Hypothesis.nothing(problem(hypothesis.problem.residual, items))
+    assert [item.key for _, item in again.ranked(items)] == [item.key for _, item in expected]
+
+
 @pytest.mark.parametrize("sizes", [(2.0, 2.0), (5.0, 1.0), (1.0, 0.5)])
 def test_evidence_of_two_items_is_near_the_double_average(rng, sizes):
     """One scale at a time is averaged, the other at its most probable; the double average is by brute force."""

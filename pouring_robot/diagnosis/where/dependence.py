@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import scipy.stats
 
 from pouring_robot.diagnosis.processes import CHANCE, CONSTANT, SIDE, Places, disagreements_of
 from pouring_robot.diagnosis.where.finding import CONDITION, Finding, size_text
+from pouring_robot.diagnosis.where.ranks import rank_correlation
 from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.facts import in_words, known_facts
@@ -97,7 +97,7 @@ def _opening(main: Summand, given: Conditions) -> str:
     if values is None or np.ptp(values) == 0.0:
         return f"Depends on the {by}"
     low, high = np.quantile(values, [0.025, 0.975])
-    rank = abs(float(scipy.stats.spearmanr(values, main.movement[:, 0]).statistic))
+    rank = abs(rank_correlation(values, main.movement[:, 0]))
     unit = label.rpartition("[")[2].rstrip("]")
     return f"{'Grows' if rank > _MONOTONE else 'Changes'} with {by} from {low:.3g} to {high:.3g} {unit}"
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import scipy.stats
 from numpy.typing import NDArray
 
 from pouring_robot.diagnosis.where.finding import REGION, Finding, size_text
+from pouring_robot.diagnosis.where.ranks import larger
 from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.mechanism.arrays import FloatArray
@@ -37,7 +37,7 @@ def regions(data: FreeResiduals, given: Conditions) -> list[Finding]:
         here, there = inside & seen, ~inside & seen
         if min(here.sum(), there.sum()) < _FEWEST or not (counts[here].any() and counts[there].any()):
             continue
-        p_value = float(scipy.stats.mannwhitneyu(score[here], score[there], alternative="greater").pvalue)
+        p_value = larger(score[here], score[there])
         inside_m, outside_m = (float(np.sqrt(squares[part].sum() / counts[part].sum())) for part in (here, there))
         sizes = f"{size_text(inside_m)} rms there, {size_text(outside_m)} elsewhere"
         sentence = f"Largest where the {given.causes.words.moved} is {words}: {sizes}."
