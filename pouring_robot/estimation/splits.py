@@ -67,7 +67,8 @@ def split(campaign: Campaign, left_out: Rows, hold_out: HoldOut = "auto") -> Spl
     Args:
         campaign: the data.
         left_out: rows that no fit should use, such as outliers.
-        hold_out: kind of block; ``auto``: sessions where there are four or more, else regions of the workspace.
+        hold_out: kind of block; ``auto``: sessions where there are four or more and the last is large enough, else
+            regions of the workspace.
 
     Raises:
         CalibrationError: there are too few rows.
@@ -78,21 +79,23 @@ def split(campaign: Campaign, left_out: Rows, hold_out: HoldOut = "auto") -> Spl
             f"sessions have frames of their own, which a block held out by {hold_out} would not know",
             "choose --hold-out region",
         )
-    many = len(set(campaign.sessions)) >= _FEWEST_SESSIONS and not own_frames
-    kind: BlockKind = hold_out if hold_out != "auto" else "session" if many else "region"
+    kinds: tuple[BlockKind, ...] = (hold_out,) if hold_out != "auto" else ("region",)
+    if hold_out == "auto" and len(set(campaign.sessions)) >= _FEWEST_SESSIONS and not own_frames:
+        kinds = ("session", "region")
     kept = ~np.isin(np.arange(len(campaign)), left_out)
-    parts = [(name, rows[kept[rows]]) for name, rows in blocks(campaign, kind).items()]
-    parts = [(name, rows) for name, rows in parts if rows.size]
-    name, test = parts[-1] if parts else ("", np.zeros(0, dtype=np.intp))
-    folds = tuple(rows for _, rows in parts[:-1])
-    train = sum(rows.size for rows in folds)
-    if len(folds) < 2 or train < _FEWEST_TRAIN or test.size < _FEWEST_TEST:
-        raise CalibrationError(
-            f"held-out blocks by {kind} need {_FEWEST_TRAIN} rows to fit (there are {train}) in two blocks or more "
-            f"(there are {len(folds)}), and {_FEWEST_TEST} rows to test (there are {test.size})",
-            "measure more poses" + ("" if kind == "region" else ", or choose --hold-out region"),
-        )
-    return Split(kind, test, name, folds)
+    for kind in kinds:
+        parts = [(name, rows[kept[rows]]) for name, rows in blocks(campaign, kind).items()]
+        parts = [(name, rows) for name, rows in parts if rows.size]
+        name, test = parts[-1] if parts else ("", np.zeros(0, dtype=np.intp))
+        folds = tuple(rows for _, rows in parts[:-1])
+        train = sum(rows.size for rows in folds)
+        if len(folds) >= 2 and train >= _FEWEST_TRAIN and test.size >= _FEWEST_TEST:
+            return Split(kind, test, name, folds)
+    raise CalibrationError(
+        f"held-out blocks by {kind} need {_FEWEST_TRAIN} rows to fit (there are {train}) in two blocks or more "
+        f"(there are {len(folds)}), and {_FEWEST_TEST} rows to test (there are {test.size})",
+        "measure more poses" + ("" if kind == "region" else ", or choose --hold-out region"),
+    )
 
 
 # --- blocks ---------------------------------------------------------------------------------------------------------

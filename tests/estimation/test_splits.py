@@ -37,6 +37,13 @@ def test_sessions_serve_where_there_are_four(clean):
     assert split(clean.campaign, NONE).kind == "region"
 
 
+def test_sessions_of_single_rows_give_way_to_regions(clean):
+    campaign = dataclasses.replace(clean.campaign, sessions=tuple(str(k) for k in range(60)))
+    assert split(campaign, NONE).kind == "region"
+    with pytest.raises(CalibrationError, match="choose --hold-out region"):
+        split(campaign, NONE, "session")
+
+
 def test_measurements_play_no_part(clean):
     moved = damaged(clean.campaign, position_m=lambda p: p[::-1] + 5.0)
     first, second = split(clean.campaign, NONE), split(moved, NONE)
