@@ -28,6 +28,7 @@ _MOST_ROWS = 400  # a start needs no more
 _SETS = 32  # of six rows; were a quarter of them wrong, all sets would hold a wrong one once in 500 times
 _SEED = 20260722
 _STEPS = 20
+_CONVERGED = 1e-9  # rad: the next step would be its square
 _LONGEST_TURN = 0.7  # rad: beyond it a quadratic says little of rotations
 _APART = 0.15  # of matrices, 0.1 rad: nearer starts are the same
 _MOST_STARTS = 3
@@ -157,28 +158,33 @@ class _Form:
 
     def least(self) -> FloatArray:
         """Return the rotation A of the least sum of squares, (K, 3, 3), of each set."""
-        form, vector = self.matrix[:, None], self.vector[:, None]
-        rotation = np.tile(Rotation.create_group("O").as_matrix(), (len(self.matrix), 1, 1, 1))
+        group = Rotation.create_group("O").as_matrix()
+        rotation = np.tile(group, (len(self.matrix), 1, 1))
+        sets = np.repeat(np.arange(len(self.matrix)), len(group))
         axes = skew(np.eye(3))
         twice = 0.5 * (axes[:, None] @ axes + axes @ axes[:, None])
-        floor = _ROUND_OFF * np.trace(self.matrix, axis1=1, axis2=2)[:, None, None] + np.finfo(float).tiny
+        floor = _ROUND_OFF * np.trace(self.matrix, axis1=1, axis2=2)[:, None] + np.finfo(float).tiny
+        moving = np.arange(len(rotation))
         for _ in range(_STEPS):
-            flat = rotation.reshape(*rotation.shape[:2], 9)
-            slope = flat @ self.matrix - vector
-            along = (rotation[:, :, None] @ axes).reshape(*flat.shape[:2], 3, 9)
+            form, flat = self.matrix[sets[moving]], rotation[moving].reshape(-1, 9)
+            slope = (flat[:, None] @ form)[:, 0] - self.vector[sets[moving]]
+            along = (rotation[moving, None] @ axes).reshape(-1, 3, 9)
             gradient = (along @ slope[..., None])[..., 0]
-            back = np.swapaxes(rotation, 2, 3) @ slope.reshape(rotation.shape)
-            curvature = along @ form @ np.swapaxes(along, 2, 3) + np.einsum("ksij,abij->ksab", back, twice)
+            back = np.swapaxes(rotation[moving], 1, 2) @ slope.reshape(-1, 3, 3)
+            curvature = along @ form @ np.swapaxes(along, 1, 2) + np.einsum("sij,abij->sab", back, twice)
             size, frame = np.linalg.eigh(curvature)
             # Downhill whatever the curvature's sign.
-            parts = (np.swapaxes(frame, 2, 3) @ gradient[..., None])[..., 0] / np.maximum(np.abs(size), floor)
+            parts = (np.swapaxes(frame, 1, 2) @ gradient[..., None])[..., 0]
+            parts /= np.maximum(np.abs(size), floor[sets[moving]])
             step = -(frame @ parts[..., None])[..., 0]
             length = np.linalg.norm(step, axis=-1, keepdims=True)
-            rotation = rotation @ rotation_matrices(step * np.minimum(1.0, _LONGEST_TURN / np.maximum(length, 1e-12)))
-        flat = rotation.reshape(*rotation.shape[:2], 9)
-        cost = np.einsum("ksi,ksi->ks", flat @ self.matrix - 2.0 * vector, flat)
-        best: FloatArray = rotation[np.arange(len(rotation)), np.argmin(cost, axis=1)]
-        return best
+            turn = rotation_matrices(step * np.minimum(1.0, _LONGEST_TURN / np.maximum(length, 1e-12)))
+            rotation[moving] = rotation[moving] @ turn
+            moving = moving[length[:, 0] > _CONVERGED]
+        flat = rotation.reshape(-1, 9)
+        cost = ((flat[:, None] @ self.matrix[sets])[:, 0] - 2.0 * self.vector[sets]) * flat
+        best = np.argmin(cost.sum(axis=1).reshape(-1, len(group)), axis=1)
+        return np.asarray(rotation.reshape(-1, len(group), 3, 3)[np.arange(len(best)), best])
 
     def rest(self, rotations: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return the absolute misfit of all rows (K,), in m, and c (K, 3), t_2 (K, 3), R_2 (K, 3, 3) for given A."""
