@@ -12,7 +12,7 @@ from pouring_robot.diagnosis.parameters import NamedEffect
 from pouring_robot.diagnosis.rows import SCALE
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.effects.drives import channel
-from pouring_robot.effects.facts import Axis
+from pouring_robot.effects.facts import Axis, of_drives
 from pouring_robot.inference.processes import variances_of
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
@@ -81,7 +81,7 @@ def _axis(diagnosis: Findings, effect: NamedEffect, name: str) -> Axis:
     given = diagnosis.rows.conditions
     known = diagnosis.diagnoser.library.effects[effect.cause.effect]
     drives = [channel(drive) for drive in given.robot.drives]
-    if name in drives and known.driver in ("lengths_m", "angles_rad", "screw_pitch_m"):
+    if name in drives and known.driver in of_drives(given.robot):
         drive = given.robot.drives[drives.index(name)]
         return Axis(f"{drive.words} [{drive.unit}]", given.drives[:, drives.index(name)])
     return known.axis(given)

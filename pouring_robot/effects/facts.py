@@ -85,7 +85,7 @@ def known_facts(robot: RobotDefinition) -> dict[str, Facts]:
         record="the session of every row (session)",
         vary="set base and device up anew and measure the same poses",
     )
-    return found | _of_drives(robot) | _OF_POSE
+    return found | of_drives(robot) | _OF_POSE
 
 
 def facts_of(name: str, robot: RobotDefinition) -> Facts:
@@ -156,7 +156,7 @@ def _approach(robot: RobotDefinition) -> Facts:
     )
 
 
-def _of_drives(robot: RobotDefinition) -> dict[str, Facts]:
+def of_drives(robot: RobotDefinition) -> dict[str, Facts]:
     """Return the facts of the drives' own values: those of a robot that has such drives."""
     found = {}
     slides, turns = ([drive for drive in robot.drives if drive.unit == unit] for unit in ("m", "rad"))
