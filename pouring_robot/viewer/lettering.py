@@ -50,7 +50,8 @@ class Panel:
 
     def __init__(self, scene: Scene, size: tuple[int, int]) -> None:
         """Measure the words; letters grow with the picture, so that it can be shown at any size."""
-        self._caption, self._unit = scene.steps[scene.first].caption, _unit(size)
+        step, self._unit = scene.steps[scene.first], _unit(size)
+        self._caption = step.caption
         self._legend, self._scale = legend(scene), exaggeration_text(scene)
         self._title = _font(round(1.1 * self._unit), True)
         self._plain, self._bold = _font(self._unit), _font(self._unit, True)
@@ -63,7 +64,7 @@ class Panel:
             what + 1.6 * self._unit + figure,
             *(self._swatch_width + self._plain.getlength(entry.words) for entry in self._legend),
         )
-        self._lines = _wrapped(scene.title, self._title, narrow)
+        self._lines = [*_wrapped(scene.title, self._title, narrow), *_wrapped(step.label, self._title, narrow)]
         widest = max((self._title.getlength(one) for one in self._lines), default=0.0)
         self._inner = max(narrow, widest)
         self._pad = round(0.9 * self._unit)

@@ -275,7 +275,7 @@ function draw_curves() {
 function move_cursor() {  // a layer of its own: the curves are not painted again
   if (!$("cursor")) { return; }
   const low = Math.min(Math.floor(at), film.at.length - 2), x = across(low) + (at - low) * (across(low + 1) - across(low));
-  $("cursor").style.transform = `translateX(${x / 1000 * $("plot").clientWidth}px)`;
+  $("cursor").style.transform = `translateX(${x / 10}%)`;  // of its own width, the plot's: right at every size of the window
 }
 
 function step_at(place) {  // the step, with its fraction, of a place on the axis
