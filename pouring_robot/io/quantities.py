@@ -163,19 +163,12 @@ def _understand(table: Table, quantities: Sequence[Quantity]) -> dict[str, int]:
     for quantity in quantities:
         if quantity.required and not {quantity.name, quantity.unless} & found.keys():
             remedy = f"the column is missing; add {' or '.join(quantity.headings)}"
-            raise table.heading_fault(remedy + _separators(table), quantity.canonical)
+            raise table.heading_fault(remedy + table.separators(), quantity.canonical)
         if quantity.part_of in wholes and quantity.name not in found:
             *parts, last = [other.name for other in quantities if other.part_of == quantity.part_of]
             remedy = f"the column is missing; {quantity.part_of} needs {', '.join(parts)} and {last}"
             raise table.heading_fault(remedy, quantity.canonical)
     return found
-
-
-def _separators(table: Table) -> str:
-    """Return what may be wrong with a table of one column."""
-    if len(table.headings) == 1 and any(mark in table.headings[0] for mark in ";\t"):
-        return " (columns must be parted by commas, and the decimal mark must be a point)"
-    return ""
 
 
 def _refuse_slip(table: Table, heading: str, quantities: Sequence[Quantity], known: dict[str, Quantity]) -> None:
@@ -189,4 +182,4 @@ def _refuse_slip(table: Table, heading: str, quantities: Sequence[Quantity], kno
     lower = {name.lower(): name for name in known}
     near = difflib.get_close_matches(heading.lower(), lower, n=1, cutoff=0.85)
     if near:
-        raise table.heading_fault(f"unknown column; did you mean '{lower[near[0]]}'?" + _separators(table), heading)
+        raise table.heading_fault(f"unknown column; did you mean '{lower[near[0]]}'?" + table.separators(), heading)

@@ -56,8 +56,16 @@ class Table:
         """Refuse headings that are none of these, and those that stand twice."""
         for heading in self.headings:
             if heading not in known:
-                raise self.heading_fault(f"unknown column '{heading}'{closest(heading, known)}")
+                with_unit = [name for name in known if name.startswith(f"{heading}_")] if heading else []
+                said = f" names no unit; write {' or '.join(with_unit)}" if with_unit else closest(heading, known)
+                raise self.heading_fault(f"unknown column '{heading}'{self.separators() or said}")
         self.refuse_doubled()
+
+    def separators(self) -> str:
+        """Return what may be wrong with a table of one column."""
+        if len(self.headings) == 1 and any(mark in self.headings[0] for mark in ";\t"):
+            return " (columns must be parted by commas, and the decimal mark must be a point)"
+        return ""
 
     def refuse_doubled(self) -> None:
         """Refuse headings that stand twice."""
@@ -136,7 +144,8 @@ def read_table(
     width = len(first)
     for line, cells in rows:
         if len(cells) > width or (len(cells) < width and not short_rows):
-            raise error(path, f"{len(cells)} cells for {width} columns; is the row cut off?", line)
+            why = f"does line {heading_line} name every column?" if len(cells) > width else "is the row cut off?"
+            raise error(path, f"{len(cells)} cells for {width} columns; {why}", line)
         cells.extend([""] * (width - len(cells)))
     lines = np.array([line for line, _ in rows], dtype=np.int64)
     headings = tuple(str(cell).strip() for cell in first)

@@ -98,8 +98,11 @@ def validate(
     try:
         return model.model_validate(content)
     except pydantic.ValidationError as problem:
-        # A misspelt key is also a missing one; the misspelling is what to mend.
-        errors = sorted(problem.errors(include_url=False), key=lambda error: error["type"] != "extra_forbidden")
+        # A file of another kind says so in its format; a misspelt key is also a missing one. Those are what to mend.
+        errors = sorted(
+            problem.errors(include_url=False),
+            key=lambda one: (one["loc"] != ("format",) or one["type"] == "missing", one["type"] != "extra_forbidden"),
+        )
         first, *others = errors
         location = [part for part in first["loc"] if not str(part).startswith("function-")]
         where = ".".join(str(part) for part in location)

@@ -31,6 +31,8 @@ def read_poses(path: Path | str) -> list[PlatformPose]:
 def read_pose_lines(path: Path | str, beside: Iterable[str] = ()) -> dict[int, PlatformPose]:
     """Read commanded poses: columns x, y, z (``_mm`` or ``_m``) and tilt (``_deg``, ``_rad`` or ``_mrad``).
 
+    A column ``sample``, which plans have, is left out.
+
     Args:
         path: the table.
         beside: headings of columns that may stand there and are left to others.
@@ -43,7 +45,7 @@ def read_pose_lines(path: Path | str, beside: Iterable[str] = ()) -> dict[int, P
             a cell is no finite number.
     """
     table = read_table(path, "x_mm, y_mm, z_mm, tilt_deg")
-    table.refuse_others([*(f"{name}_{unit}" for name, units in _UNITS.items() for unit in units), *beside])
+    table.refuse_others([*(f"{name}_{unit}" for name, units in _UNITS.items() for unit in units), "sample", *beside])
     columns = [_column(table, name) for name in _UNITS]
     if not len(table):
         raise TableError(path, "holds no pose below its header line")

@@ -271,7 +271,7 @@ def test_a_shift_at_one_pose_is_that_of_after_min(run, tmp_path):
         ("time_min,melt_degC\n0,1700\n30,1e9\n", "line 3, column melt_degC: 1e+09 degC is hotter"),
         ("time_min,melt_degC\n0,1700\n30,\n", "line 3, column melt_degC: '' is not a finite number"),
         ("time_min,melt_degC\n0,1700\n30,1700,5\n", "line 3: 3 cells"),
-        ("time_min,melt\n0,1700\n", "did you mean 'melt_degC'"),
+        ("time_min,melt\n0,1700\n", "write melt_degC"),
         ("time_min,melt_degC,x_mm\n0,1700,1\n2,1700,1\n", "column 'y_mm' is missing"),
         (SHIFT, "leave --at-mm out"),
         ("", "line 1"),

@@ -1,5 +1,7 @@
 """Errors in YAML files name the file, the line and the key."""
 
+from typing import Literal
+
 import pydantic
 import pytest
 
@@ -17,6 +19,7 @@ class Part(StrictModel):
 class Machine(StrictModel):
     """A machine."""
 
+    format: Literal["machine/1"] = "machine/1"
     parts: tuple[Part, ...] = ()
     named: dict[str, Part] = pydantic.Field(default_factory=dict)
     base: Part | None = None
@@ -54,6 +57,7 @@ def test_reads_what_is_right(written):
         ("named:\n  a: {mass_kg: heavy}\n", 2, "it is 'heavy'"),
         ("party:\n- 1\n", 1, "unknown key 'party'; did you mean 'parts'"),
         ("parts: 5\n", 1, "it is 5"),
+        ("party: 1\nformat: ship/1\n", 2, r"'machine/1' \(it is 'ship/1'\) \(and 1 more\)"),
         ("parts:\n- {name: x}\n", 2, "key 'parts.0.mass_kg' is missing"),
     ],
 )

@@ -45,8 +45,9 @@ def test_poses_are_known_by_their_lines(written):
         f"x_mm,y_mm,z_mm,tilt_rad\r\n-100,20,-600,{math.pi / 6!r}\r\n ,,,\r\n",
         b"\xef\xbb\xbfx_mm,y_mm,z_mm,tilt_deg\n-100,20,-600,30\n",
         '"x_mm","y_mm","z_mm","tilt_deg"\n"-100","20","-600","30"',
+        "sample,x_mm,y_mm,z_mm,tilt_deg\nnext_1,-100,20,-600,30\n",
     ],
-    ids=["plain", "other units and order", "blanks", "CRLF", "byte order mark", "quotes"],
+    ids=["plain", "other units and order", "blanks", "CRLF", "byte order mark", "quotes", "a plan's"],
 )
 def test_units_ride_on_the_names(written, content):
     (pose,) = read_poses(written(content))
@@ -71,6 +72,9 @@ def test_units_ride_on_the_names(written, content):
         ("x_mm,y_mm,z_mm,tilt_deg,x_m\n1,2,3,4,5\n", "line 1: the column for x .* stands twice"),
         ("x_mm,y_mm,z_mm,tilt_dge\n1,2,3,4\n", "line 1: unknown column 'tilt_dge'; did you mean 'tilt_deg'"),
         ("x_cm,y_mm,z_mm,tilt_deg\n1,2,3,4\n", "line 1: unknown column 'x_cm'"),
+        ("x,y,z,tilt\n1,2,3,4\n", "line 1: unknown column 'x' names no unit; write x_mm or x_m"),
+        ("x_mm;y_mm;z_mm;tilt_deg\n1;2;3;4\n", "line 1: .* must be parted by commas"),
+        ("format: mine\nat: [1, 2, 3]\n", r"line 2: 3 cells for 1 columns; does line 1 name every column\?"),
         (b"\xff\xfe\x00", "UTF-8"),
         (HEADER + "1,2,3,4,5\n", "line 2"),
         (HEADER + '"1\n\n",2,3,4\n5,6,7,x\n', "line 5"),

@@ -158,7 +158,7 @@ def test_a_history_file(tmp_path):
     ("text", "says"),
     [
         ("", "line 1"),
-        ("time_s,melt\n0,1\n", "unknown column 'melt'; did you mean 'melt_degC'"),
+        ("time_s,melt\n0,1\n", "unknown column 'melt' names no unit; write melt_degC"),
         ("time_s,time_min,melt_degC\n0,0,1\n", "one time column"),
         ("time_s,melt_degC,melt_degC\n0,0,1\n", "stands twice"),
         ("time_s,melt_degC\n0,1700\n5,\n", "line 3, column melt_degC"),
