@@ -178,7 +178,11 @@ def metadata_path(path: Path | str) -> Path:
     except (OSError, ValueError) as error:
         raise CampaignError(table, f"is no usable file name: {error}") from error
     beside = table.with_suffix(".yaml").name
-    raise CampaignError(table, f"the file {beside} with metrology noise and robot data is missing beside it; write one")
+    raise CampaignError(
+        table,
+        f"the file {beside} with metrology noise and robot data is missing beside it; write one, "
+        "as 'campaign simulate' does",
+    )
 
 
 def read_metadata(path: Path | str) -> CampaignMetadata:

@@ -127,7 +127,8 @@ def _run(given: list[str]) -> int:
     except typer.TyperException as error:  # every complaint about arguments
         # Typer passes on words of the library that checks values.
         problem = error.format_message().replace("Value error, ", "").rstrip(".")
-        _complain(f"{problem}; see pouring-robot --help")
+        asked = getattr(getattr(error, "ctx", None), "command_path", "pouring-robot")
+        _complain(f"{problem}; see {asked} --help")
         return 2
     except ModuleNotFoundError as error:
         module = str(error.name).partition(".")[0]

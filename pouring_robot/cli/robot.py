@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,6 +11,7 @@ import typer
 
 from pouring_robot.cli.shared import options
 from pouring_robot.cli.shared.bundles import group_of
+from pouring_robot.exceptions import BadInputError
 
 Urdf = Annotated[Path, options.argument("URDF", "The robot's URDF, or a xacro.")]
 Out = Annotated[Path | None, options.writes("--out", "Where to write it (default: robot.yaml beside the URDF).")]
@@ -122,7 +124,13 @@ def _asked(key: str, usual: Any) -> Any:
         if isinstance(usual, str)
         else f"{usual:g}"
     )
-    return typer.prompt(QUESTIONS[key], default=shown, value_proc=parsed)
+    try:
+        return typer.prompt(QUESTIONS[key], default=shown, value_proc=parsed)
+    except typer.Abort:
+        if sys.stdin.isatty():  # Ctrl-C
+            raise
+        print()  # behind the question
+        raise BadInputError("nobody is there to answer; --yes asks nothing") from None
 
 
 robot = group_of("Robots of your own: the pouring robot in other sizes, and any other.", [init, new])

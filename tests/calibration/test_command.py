@@ -76,5 +76,5 @@ def test_a_wrong_choice_is_refused_in_the_users_words(tmp_path, capsys):
     assert main(["calibrate", "c.csv", "--out", str(tmp_path / "out"), "--loss", "cauchy"]) == 2
     assert capsys.readouterr().err.rstrip() == (
         "pouring-robot: Invalid value for '--loss': 'cauchy' is not one of 'huber', 'soft_l1', 'linear'; "
-        "see pouring-robot --help"
+        "see pouring-robot calibrate --help"
     )

@@ -81,6 +81,21 @@ def test_every_line_of_a_first_file_is_known_to_the_reader(run, urdf):
     assert RobotFile.load(urdf.parent / "robot.yaml").loops == ()
 
 
+def test_a_slide_that_cannot_stand_at_zero_starts_in_the_middle_of_its_range(run, tmp_path, urdf):
+    limit = '<limit lower="0" upper="1"'
+    assert ARM.count(limit) == 1
+    urdf.write_text(ARM.replace(limit, limit.replace('"0"', '"0.25"')), encoding="utf-8")
+    run("robot", "init", urdf)
+    assert RobotFile.load(tmp_path / "robot.yaml").home == {"reach": 0.625}
+    assert run("robots", "--robot", tmp_path / "robot.yaml")[0] == 0
+
+
+def test_a_new_robot_that_nobody_describes_says_how_to_go_on(run, monkeypatch):
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    code, _, err = run("robot", "new")
+    assert (code, err) == (2, "pouring-robot: nobody is there to answer; --yes asks nothing\n")
+
+
 def test_rows_of_drives_are_located_in_their_units(run, tmp_path):
     """The arm with its wrist bent by 90 degrees: 150 + 310 + 310 mm in front, 450 + 600 + 120 - 100 mm high."""
     (tmp_path / "c.csv").write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,0,0,0,90,0\n90,0,0,0,90,0\n")

@@ -62,6 +62,17 @@ class _Tree:
 
         return sorted(leaves, key=rank)
 
+    def homes(self) -> dict[str, float]:
+        """Return the middle of the range (m, rad) of each joint that cannot stand at zero."""
+        found: dict[str, float] = {}
+        for name, joint in self.joints.items():
+            limit = joint.find("limit")
+            if limit is not None and joint.get("type") in ("revolute", "prismatic") and joint.find("mimic") is None:
+                lower, upper = (float(limit.get(end, "0")) for end in ("lower", "upper"))
+                if not lower <= 0.0 <= upper:
+                    found[name] = (lower + upper) / 2.0
+        return found
+
 
 def _link(joint: etree._Element, end: str) -> str:
     found = joint.find(end)
@@ -113,7 +124,8 @@ def first_robot_file(urdf: Path, beside: Path) -> str:
     file = load_loops(closed) if closed else LoopsFile(loops=(), locked_joints=locked, **said)
     mechanism = ClosedChainMechanism(text, file.model_copy(update=said), urdf)  # before a file is written
     names |= {"drawing": "xacro" if rendered else "urdf", "loops": os.path.relpath(closed, beside) if closed else ""}
-    return _text(names, drives, locked, others, () if closed else _meetings(mechanism, (end, *others)))
+    meetings = () if closed else _meetings(mechanism, (end, *others))
+    return _text(names, drives, locked, others, meetings, tree.homes())
 
 
 def loops_beside(urdf: Path) -> Path | None:
@@ -150,6 +162,7 @@ def _text(
     aside: Sequence[str],
     others: Sequence[str],
     meetings: Sequence[tuple[str, str, str]],
+    homes: Mapping[str, float],
 ) -> str:
     quoted = {key: _quoted(value) for key, value in names.items()}
     lines = [
@@ -188,7 +201,9 @@ def _text(
         "# Joints that carry the base, such as rails.",
         "travel: []",
         "# Joint values (m, rad) near which the robot closes, of all joints; zero if left out.",
-        "#   home: {elbow: 0.5}",
+        f"home: {{{', '.join(f'{_quoted(name)}: {value:g}' for name, value in homes.items())}}}"
+        if homes
+        else "#   home: {elbow: 0.5}",
     ]
     return "\n".join(lines) + "\n"
 
