@@ -128,7 +128,7 @@ def _ladle(
         console.print(f"{law.words}; the drives follow from the paper's sum, what is left is that of the full closure")
     if robot.model.is_drawing and heat is None and under is None:
         console.print("note: the drawing, cold, needs no compensation; give --model, --melt-degC or both")
-    options.print_notes(console, under.notes if under else ())
+    options.print_notes(console, (*(under.notes if under else ()), *warm.twice_lines(robot, heat)))
     outside = [str(i) for i, one in enumerate(found, start=1) if _is_outside(robot, one.wanted)]
     if outside:
         console.print(f"note: outside the workspace box: pose {', '.join(outside)}")
@@ -213,7 +213,7 @@ def _tool(
     if not out:
         console.print("drives to command; how far off without and with it", style="italic")
         console.print(few_rows(head, rows, "--out FILE.csv writes all"), markup=False, soft_wrap=True)
-    options.print_notes(console, under.notes if under else ())
+    options.print_notes(console, (*(under.notes if under else ()), *warm.twice_lines(robot, heat)))
     if robot.model.is_drawing and under is None:
         console.print("note: the drawing needs no compensation; give --model")
     options.print_written(console, written)

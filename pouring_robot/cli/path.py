@@ -66,7 +66,7 @@ def path(
             show("closing", len(found), len(commanded))
     locations = [one.location for one in found]
     notes = places.location_notes(present, drawing.html, drawing.png, model_file=which.model is not None)
-    notes += conditions
+    notes += (*conditions, *warm.twice_lines(present, warmth))
     rows = [_row(location) for location in locations]
     written = _write(out, rows) + drawing.write(locations, present.model, warm=heated is not None)
     if as_json:

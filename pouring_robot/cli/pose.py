@@ -33,7 +33,7 @@ def pose(
     # Both may find a singular pose: before anything is written.
     dexterity, weakness = found.dexterity(location), found.axis_weakness(location)
     notes = locations.location_notes(found, drawing.html, drawing.png, model_file=which.model is not None)
-    notes += conditions
+    notes += (*conditions, *warm.twice_lines(built, heat.of(built)))
     written = drawing.write([location], present.model, warm=heated is not None)
     if as_json:
         figures = location_figures(location, dexterity, weakness)

@@ -17,6 +17,20 @@ POSES = ROOT / "examples" / "poses.csv"
 AT = ["--at-mm", "-100", "20", "-600", "--tilt-deg", "17"]
 POSE = PlatformPose.from_mm_deg(-100.0, 20.0, -600.0, 17.0)
 HEAT = "format: pouring_robot/model/1\nheat: {melt_degC: 1650, after_min: 45, measured_degC: {leg1: 210.5}}\n"
+LEARNED = """format: pouring_robot/model/1
+effects:
+- effect: leg_thermal_expansion
+  form: own_temperature
+  learned: campaign
+  parameters:
+    expansion: {value: 5.0, std: 0.1, unit: 1e-6/K}
+learned:
+  campaign:
+    ranges: {leg1_degC: [20, 200], leg2_degC: [20, 200], leg3_degC: [20, 200], leg4_degC: [20, 200]}
+    sessions: {'1': 60}
+    mean_span_m: [0.59455, 0.59463, 0.73764, -0.10723]
+    reference_temperature_degC: 20.0
+"""
 SHIFT = (
     "time_min,melt_degC,ambient_degC,x_mm,y_mm,z_mm,tilt_deg\n0,1650,20,-100,0,-800,-20\n20,1680,20,-100,0,-800,-20\n"
     "30,1700,22,-60,20,-500,50\n60,400,22,-60,20,-500,50\n"
@@ -31,6 +45,21 @@ def shift(tmp_path):
 
 
 # --- pose and path ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", ["pose", "compensate"])
+def test_heat_that_the_model_has_learned_and_that_the_melt_brings_is_not_counted_twice_in_silence(
+    run, tmp_path, command
+):
+    model = tmp_path / "learned.yaml"
+    model.write_text(LEARNED, encoding="utf-8")
+    warm = [text for leg in (1, 2, 3, 4) for text in ("--condition", f"leg{leg}_degC=80")]
+    code, out, err = run(command, *AT, "--model", model, *warm)
+    assert (code, err) == (0, "")
+    assert "twice" not in out
+    code, out, err = run(command, *AT, "--model", model, *warm, "--melt-degC", "1700", "--steady")
+    assert (code, err) == (0, "")
+    assert "heat counts twice: the melt warms the robot, and so does leg_thermal_expansion" in out
 
 
 def test_a_warm_pose_as_json_says_what_the_library_says(run, as_built):

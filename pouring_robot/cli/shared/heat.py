@@ -164,6 +164,20 @@ def heated_of(robot: Robot, heat: HeatSection | None) -> HeatedRobot | None:
     return HeatedRobot(with_melt(robot), heat)
 
 
+def twice_lines(robot: Robot, heat: HeatSection | None) -> tuple[str, ...]:
+    """Return, in a line, that the model's effects say what heat does, as the melt does; nothing if they do not."""
+    if heat is None or not robot.model.conditional:
+        return ()
+    from pouring_robot.effects.conditions import RISE
+    from pouring_robot.effects.registry import all_effects
+
+    known = all_effects(robot.model.definition)
+    names = [name for name in robot.model.conditional if any(need.endswith(RISE) for need in known[name].needs)]
+    if not names:
+        return ()
+    return (f"heat counts twice: the melt warms the robot, and so does {', '.join(names)} of the model; keep one",)
+
+
 def heat_line(heated: HeatedRobot, state: WarmState) -> str:
     """Return on one line how warm the robot is."""
     if heated.heat is None or state.field is None:
