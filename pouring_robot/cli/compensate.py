@@ -213,7 +213,7 @@ def _tool(
     if not out:
         console.print("drives to command; how far off without and with it", style="italic")
         console.print(few_rows(head, rows, "--out FILE.csv writes all"), markup=False, soft_wrap=True)
-    options.print_notes(console, (*(under.notes if under else ()), *warm.twice_lines(robot, heat)))
+    options.print_notes(console, under.notes if under else ())
     if robot.model.is_drawing and under is None:
         console.print("note: the drawing needs no compensation; give --model")
     options.print_written(console, written)
