@@ -91,8 +91,10 @@ def test_every_point_of_the_residuals_says_its_line_and_value(hot, drawn):
 
 def test_measurements_stand_with_the_most_telling_first(hot, page):
     table = re.search("Measurements that tell most.*?</table>", page, re.DOTALL)[0]
-    nats = [float(cell) for cell in re.findall(r"<tr><td>([\d.]+)</td>", table)]
+    rows = re.findall(r'<td class="l">next_(\d+)</td><td>([\d.]+)</td>.*?<td>(\d+)</td></tr>', table)
+    nats = [float(cell) for _, cell, _ in rows]
     assert nats == sorted(nats, reverse=True) and len(nats) == len(hot.suggestion.measurements) > 0
+    assert all(hot.suggestion.measurements[int(sample) - 1].rank == int(number) for sample, _, number in rows)
 
 
 def test_the_report_does_not_send_to_the_report(page):

@@ -21,6 +21,10 @@ from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
 
+_ADDED = (
+    "Each adds to those of a lower number; the device is taken as set up anew, so the first may add nothing. Who makes "
+    "only some makes those of the lowest numbers. Samples are called as in next.csv."
+)
 _PARAMETER_HEAD = ("parameter", "value", "± 95 %", "unit", "")
 _MOST_OPEN = 14
 
@@ -45,7 +49,7 @@ def html_report(diagnosis: Conclusions, links: Mapping[str, str] | None = None) 
     blocks += [Heading("Pictures"), *others]
     suggested = tells_most(diagnosis)
     if suggested:
-        blocks += [Heading("Measurements that tell most"), _measurements(suggested)]
+        blocks += [Heading("Measurements that tell most"), Paragraph(_ADDED), _measurements(diagnosis, suggested)]
     blocks += [Heading("Findings of the data checks"), Lines([str(f) for f in diagnosis.flags] or ["nothing"])]
     title = f"Diagnosis of {diagnosis.campaign.path.name}"
     return html_page(title, title, blocks, links=links, data=[diagnosis.campaign.path])
@@ -97,12 +101,20 @@ def _effect(diagnosis: Conclusions, effect: NamedEffect) -> list[Block]:
     return [Heading(title, 3), Paragraph(words), *said, Table(_PARAMETER_HEAD, rows, folded)]
 
 
-def _measurements(suggested: list[SuggestedMeasurement]) -> Table:
-    """Return what to measure next."""
+def _measurements(diagnosis: Conclusions, suggested: list[SuggestedMeasurement]) -> Table:
+    """Return what to measure next, each by the number it has in the plan."""
+    planned = diagnosis.suggestion.measurements
     return Table(
-        ("nats", "pose and conditions", "hours later", "tells apart", "if only some are made"),
+        ("sample", "adds, nats", "pose and conditions", "hours later", "tells apart", "number"),
         [
-            (f"{m.nats:.1f}", measurement_text(m), f"{m.hours_later:.1f}", " / ".join(m.separates), f"number {m.rank}")
+            (
+                m.plan_row(planned.index(m) + 1)["sample"],
+                f"{m.nats:.1f}",
+                measurement_text(m),
+                f"{m.hours_later:.1f}",
+                " / ".join(m.separates),
+                str(m.rank),
+            )
             for m in suggested
         ],
     )
