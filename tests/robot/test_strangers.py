@@ -110,3 +110,23 @@ def test_entities_neither_multiply_nor_read_files(folder):
         with pytest.raises(DescriptionError) as error:
             first_robot_file(path, folder)
         assert "treasure" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("joints", "said"),
+    [
+        ([("a", "b"), ("b", "c"), ("c", "b")], "'b' hangs on several joints"),
+        ([("b", "c"), ("c", "b")], "is carried by itself"),
+        ([("a", "b"), ("b", "")], "joint 'j1' does not say which two links it joins"),
+    ],
+)
+def test_a_urdf_that_is_no_tree_is_refused(folder, joints, said):
+    links = "".join(f"<link name='{name}'/>" for name in "abc")
+    for k, (parent, child) in enumerate(joints):
+        ends = f"<parent link='{parent}'/>" + (f"<child link='{child}'/>" if child else "")
+        ends += "<limit lower='-1' upper='1' effort='1' velocity='1'/>"
+        links += f"<joint name='j{k}' type='revolute'>{ends}</joint>"
+    path = folder / "r.urdf"
+    path.write_text(f"<robot name='r'>{links}</robot>", encoding="utf-8")
+    with pytest.raises(DescriptionError, match=said):
+        first_robot_file(path, folder)

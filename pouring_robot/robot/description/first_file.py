@@ -6,6 +6,7 @@ import itertools
 import json
 import os
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -41,11 +42,26 @@ class _Tree:
             raise DescriptionError(path, "is no URDF with joints; give the URDF, or a file whose name ends in .xacro")
         self.joints = {str(joint.get("name")): joint for joint in joints}
         self.above = {_link(joint, "child"): joint for joint in joints}
+        for name, joint in self.joints.items():
+            if not (_link(joint, "parent") and _link(joint, "child")):
+                raise DescriptionError(path, f"joint '{name}' does not say which two links it joins")
+        children = Counter(_link(joint, "child") for joint in joints)
+        for link in self.above:
+            if children[link] > 1 or self._is_under_itself(link):
+                why = "hangs on several joints" if children[link] > 1 else "is carried by itself"
+                raise DescriptionError(path, f"link '{link}' {why}; a URDF is a tree, what closes it is said elsewhere")
+
+    def _is_under_itself(self, link: str) -> bool:
+        seen = set[str]()
+        while link in self.above and link not in seen:
+            seen.add(link)
+            link = _link(self.above[link], "parent")
+        return link in seen
 
     def moving(self, link: str) -> list[str]:
         """Return the joints that move on the way from the root down to a link."""
         found: list[str] = []
-        while (joint := self.above.get(link)) is not None and len(found) <= len(self.joints):
+        while (joint := self.above.get(link)) is not None:
             if joint.get("type") != "fixed":
                 found.insert(0, str(joint.get("name")))
             link = _link(joint, "parent")
