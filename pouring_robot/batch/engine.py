@@ -24,6 +24,7 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import DEFAULT_OPTIONS, ClosureOptions
+from pouring_robot.mechanism.growth import grown, largest_turn
 from pouring_robot.mechanism.parameters import DriveParameter, LocalParameter, PlacementParameter
 
 _SAMPLES_AT_A_TIME = 512
@@ -147,14 +148,14 @@ class BatchEngine:
         As ``closure.ClosureSolver``: a step at which a sample does not close is left out.
         """
         mechanism, options = self.structure.mechanism, self.options
-        own = np.linalg.norm(placed.errors[..., 3:], axis=-1).max(axis=1, initial=mechanism.largest_turn)
-        steps = options.growth_steps(np.nan_to_num(own) if own.size else mechanism.largest_turn)
+        own = np.linalg.norm(placed.errors[..., 3:], axis=-1).max(axis=1, initial=largest_turn(mechanism))
+        steps = options.growth_steps(np.nan_to_num(own) if own.size else largest_turn(mechanism))
         steps, spent = np.broadcast_to(steps, len(start)), np.zeros(len(start), dtype=np.int64)
         for number in () if self.structure.is_serial else np.unique(steps[steps > 1]).tolist():
             rows = np.flatnonzero(steps == number)
             for step in range(1, number):
                 share = step / number
-                engine = BatchEngine(mechanism.grown(share), self.threads, options) if mechanism.errors else self
+                engine = BatchEngine(grown(mechanism, share), self.threads, options) if mechanism.errors else self
                 closed = engine._close(drives[rows], start[rows], placed.scaled(share, rows))
                 start, spent[rows] = start.replaced(rows, closed), spent[rows] + closed.iterations
         return start, spent

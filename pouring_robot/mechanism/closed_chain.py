@@ -127,20 +127,6 @@ class ClosedChainMechanism:
         """How joints are displaced from the drawing: the pose of the actual placement in the drawn one, by joint."""
         return _composed(self._built_in, self._displacements)
 
-    @property
-    def largest_turn(self) -> float:
-        """Largest angle of an error, in rad."""
-        return max((float(np.linalg.norm(pin.log3(pose.rotation))) for pose in self.errors.values()), default=0.0)
-
-    def grown(self, share: float) -> ClosedChainMechanism:
-        """Return the mechanism with a share of all errors: of the way and of the angle."""
-        return self.displaced(
-            {
-                name: pose.inverse() * pin.SE3(pin.exp3(share * pin.log3(pose.rotation)), share * pose.translation)
-                for name, pose in self.errors.items()
-            }
-        )
-
     def with_stiffness(self, stiffness: LoopStiffness) -> ClosedChainMechanism:
         """Return the mechanism with other stiffness of its closures; where joints stand does not depend on it."""
         other = object.__new__(type(self))

@@ -21,6 +21,7 @@ from pouring_robot.exceptions import BadInputError, ClosureError
 from pouring_robot.mechanism.arrays import FloatArray, read_only
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism, IndexArray
 from pouring_robot.mechanism.energy import NO_LOADS, ClosureEnergy, EnergyState, Loads
+from pouring_robot.mechanism.growth import grown, largest_turn
 from pouring_robot.mechanism.null_space import Spectrum, is_regular
 from pouring_robot.report.result import Result
 
@@ -277,8 +278,8 @@ class ClosureSolver:
     def _growing(self) -> tuple[ClosureEnergy, ...]:
         """Energies of the same mechanism with smaller errors, growing; none where they are small."""
         mechanism, loads = self.mechanism, self.energy.loads
-        steps = int(self.options.growth_steps(mechanism.largest_turn)) if mechanism.anchors else 1
-        return tuple(ClosureEnergy(mechanism.grown(step / steps), loads) for step in range(1, steps))
+        steps = int(self.options.growth_steps(largest_turn(mechanism))) if mechanism.anchors else 1
+        return tuple(ClosureEnergy(grown(mechanism, step / steps), loads) for step in range(1, steps))
 
     def _grown(self, commanded: FloatArray) -> tuple[FloatArray, int]:
         """Return where to start: the closed pose of displacements not quite grown, and the Newton steps to it."""

@@ -13,11 +13,14 @@ from pouring_robot.sweeps.analysis.plots import map_of, study_figure
 def summary_lines(found: SweepFindings) -> list[str]:
     """Return how far the tool is off, which share is within the requirement, and what had no solution."""
     figures = found.summary.figures()
-    quantiles = ", ".join(f"{float(k):.2%} {v:.3f}" for k, v in figures["quantiles_mm"].items() if v is not None)
+    quantiles = ", ".join(
+        f"{v:.3f} mm in {100 * float(k):g} %" for k, v in figures["quantiles_mm"].items() if v is not None
+    )
     what = "errors alone" if found.store.plan.config.study == "one_at_a_time" else "robots"
     lines = [
-        f"{figures['robots']} {what} at {figures['poses']} poses: {figures['frame']} is off by {quantiles} mm "
-        f"(shares), at most {figures['largest_mm']:.3f} mm and {figures['largest_mrad']:.3f} mrad",
+        f"{figures['robots']} {what} at {figures['poses']} poses: {figures['frame']} is off by up to "
+        f"{quantiles} of them, never by more than {figures['largest_mm']:.3f} mm "
+        f"and {figures['largest_mrad']:.3f} mrad",
         f"within {figures['accuracy_mm']:g} mm: {figures['share_within']:.2%} of all, "
         f"{figures['share_of_robots_within_everywhere']:.2%} of the {what} at every pose",
     ]
