@@ -14,7 +14,7 @@ Limits = tuple[float, float] | None
 OutFolder = Annotated[
     Path | None, options.results_folder("sensitivity.csv", "sensitivity.json", "report.html", what="pictures")
 ]
-_SHOWN = 25
+_SHOWN, _PARTS_SHOWN = 25, 6
 
 
 def sensitivity(
@@ -73,7 +73,10 @@ def sensitivity(
     console.print(plain_table(table.head, table.rows[:_SHOWN], (0, 1, 6), title=title))
     if len(found.parameters) > _SHOWN:
         console.print(f"… and {len(found.parameters) - _SHOWN} weaker ones (--out DIR, --json)")
-    for line in report.control_lines(found):
+    controls = report.control_lines(found)
+    for line in controls[:_PARTS_SHOWN]:
         options.print_indented(console, line)
     console.print(report.missed_line(found))
+    if len(controls) > _PARTS_SHOWN:
+        console.print(f"  … and {len(controls) - _PARTS_SHOWN} more parts (--out DIR, --json)")
     options.print_written(console, written)
