@@ -76,7 +76,7 @@ def sensitivity(
     controls = report.control_lines(found)
     for line in controls[:_PARTS_SHOWN]:
         options.print_indented(console, line)
-    console.print(report.missed_line(found))
     if len(controls) > _PARTS_SHOWN:
         console.print(f"  … and {len(controls) - _PARTS_SHOWN} more parts (--out DIR, --json)")
+    console.print(report.missed_line(found))
     options.print_written(console, written)
