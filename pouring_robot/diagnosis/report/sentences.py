@@ -146,6 +146,8 @@ def effect_lines(diagnosis: Conclusions, effect: NamedEffect, *, short: bool = T
         f"{form}{', '.join(parameter_text(*item) for item in shown)} (95 %)"
         + (f"; {more} more {'in the report' if short else 'below'}" if more else "")
     )
+    if not clear:
+        lines.append("what they do together is sure, no single value of them is")
     return lines
 
 
