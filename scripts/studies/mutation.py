@@ -41,7 +41,7 @@ TARGETS = {
     ),
     "G": Target("pouring_robot/mechanism/transfer.py", ("tests/mechanism/test_transfer.py",)),
     "evidence": Target("pouring_robot/inference/evidence.py", ("tests/inference",)),
-    "verdict": Target("pouring_robot/inference/decision.py", ("tests/inference", "tests/diagnosis/test_summary.py")),
+    "verdict": Target("pouring_robot/inference/decision.py", ("tests/inference/test_decision.py", "tests/inference")),
 }
 
 

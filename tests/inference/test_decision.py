@@ -1,0 +1,568 @@
+"""What a diagnosis names: each rule from both sides, on problems whose answer is in closed form or obvious.
+
+Most problems are on orthogonal axes: an effect that moves one row alone changes a standard normal variable there into a
+normal one of variance 1 + s², whatever happens in the other rows.
+"""
+
+from dataclasses import FrozenInstanceError, replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.special import logit, logsumexp
+from scipy.stats import norm
+
+from pouring_robot.inference.decision import (
+    Cause,
+    Judgement,
+    Thresholds,
+    _above,
+    _cause,
+    _instead,
+    _named,
+    _rivals,
+    background_cause,
+    judge,
+)
+from pouring_robot.inference.discrepancy import Challenge, Structure
+from pouring_robot.inference.evidence import LOG_SCALES, Scale
+from pouring_robot.inference.explanations import Background, Explanation
+from pouring_robot.inference.hypotheses import BACKGROUND_LEVELS, Hypothesis
+from pouring_robot.inference.processes import Process
+from tests.inference.problems import ROWS, explanation, log_density, problem
+
+AXES = np.eye(ROWS)
+SCALES = np.exp(LOG_SCALES)
+SURE = 20.0
+"""Amplitude of something beyond doubt, in noise standard deviations."""
+EITHER_SIDE = ((1.0 - 1e-6, True), (1.0 + 1e-6, False))
+
+
+def axis(*places):
+    return AXES[:, list(places)]
+
+
+def tilted(first, second, share):
+    """Return a column of length 1 that shares so much of its length with one axis and the rest with another one."""
+    return share * axis(first) + np.sqrt(1.0 - share**2) * axis(second)
+
+
+def residual(amplitudes):
+    return sum((a * AXES[k] for k, a in amplitudes.items()), np.zeros(ROWS))
+
+
+def by_scale(amplitude):
+    return norm.logpdf(amplitude, scale=np.sqrt(1.0 + SCALES**2)) - norm.logpdf(amplitude)
+
+
+def worth(amplitude):
+    """Return the log evidence of an effect of one row that is so large there."""
+    return float(logsumexp(by_scale(amplitude)) - np.log(len(SCALES)))
+
+
+def share(amplitude):
+    """Return the most probable part of that effect: a conditional mean."""
+    variance = SCALES[int(np.argmax(by_scale(amplitude)))] ** 2
+    return amplitude * variance / (1.0 + variance)
+
+
+def amplitude_worth(evidence):
+    return brentq(lambda a: worth(a) - evidence, 0.0, 1000.0, xtol=1e-12)
+
+
+def fitted(amplitudes, items, count=1, backgrounds=()):
+    """Return the settled hypothesis of the first explanations of a problem."""
+    built = problem(residual(amplitudes), items, backgrounds)
+    start = Hypothesis(built, built.explanations[:count], (Scale(1.0),) * count, (0,) * len(backgrounds))
+    return start.settled()
+
+
+class Left:
+    """What processes find, made up."""
+
+    def __init__(self, structures=(), challenges=None, tried=1):
+        self._structures, self._challenges, self._tried = list(structures), challenges or {}, tried
+        self.asked = []
+
+    def __len__(self):
+        return self._tried
+
+    def structures(self):
+        return self._structures
+
+    def challenge(self, indices):
+        return self._challenges.get(indices, Challenge("", -np.inf))
+
+    def sum(self, least_evidence, most):
+        self.asked.append((least_evidence, most))
+        return ["summand"]
+
+
+def structure(evidence, size, by="time"):
+    return Structure(Process("place", by, {}), "", 1.0, evidence, size)
+
+
+def cause(effect="a", evidence=100.0, size=1.0, alternatives=()):
+    return Cause(effect, "plain", (0,), alternatives, 1.0, evidence, size)
+
+
+@pytest.mark.parametrize("tried", [1, 7, 200])
+def test_so_much_evidence_keeps_the_rate_of_false_answers(tried):
+    """Of so many things tried, what is worth e^-L by chance is believed at most at the accepted rate (Markov)."""
+    assert tried * np.exp(-Thresholds().least_evidence(tried)) == pytest.approx(0.01)
+    assert tried * np.exp(-Thresholds(false_names=0.2).least_evidence(tried)) == pytest.approx(0.2)
+
+
+def test_nothing_tried_asks_for_as_much_as_one():
+    assert Thresholds().least_evidence(0) == Thresholds().least_evidence(1)
+
+
+def hidden(false_names):
+    """Return the distance d at which N(d/2, d) exceeds the evidence asked for four times in five."""
+    asked = -np.log(false_names)
+    return brentq(lambda d: norm.sf(asked, loc=d / 2.0, scale=np.sqrt(d)) - 0.8, 1e-6, 1e3, xtol=1e-12)
+
+
+@pytest.mark.parametrize("false_names", [0.01, 0.3, 1.0])
+def test_what_is_hidden_is_seen_four_times_in_five(false_names):
+    assert Thresholds(false_names=false_names).hidden == pytest.approx(hidden(false_names), rel=1e-9)
+
+
+def test_what_was_judged_stays():
+    for made, name in ((Thresholds(), "alternative"), (cause(), "size"), (Judgement("no_gap", (), (), ()), "tried")):
+        with pytest.raises(FrozenInstanceError):
+            setattr(made, name, 2)
+
+
+def test_structure_counts_above_its_evidence_and_size():
+    least = np.log(30 / 0.01)
+    found = [structure(*f) for f in ((least, 9.0), (least + 1e-9, 0.3), (least + 1e-9, 0.3 + 1e-9), (99.0, 0.1))]
+    judged = Judgement("unknown", (), tuple(found), (), tried=30)
+    assert judged.least_evidence == pytest.approx(least)
+    assert judged.clear_structures == (found[2],)
+
+
+def test_structure_beside_a_large_cause_is_its_form():
+    causes = (cause(size=2.0), cause("b", size=20.0))
+    found = (structure(99.0, 0.99), structure(99.0, 1.01))
+    assert Judgement("named", causes, found, ()).clear_structures == found[1:]
+    assert Judgement("named", causes[:1], found, ()).clear_structures == found
+
+
+def test_without_a_cause_structure_has_no_share_to_reach():
+    limits = Thresholds(structure_share=1.0)
+    found = (structure(99.0, 0.4),)
+    assert Judgement("unknown", (), found, (), thresholds=limits).clear_structures == found
+
+
+def test_a_cause_is_beaten_by_more_than_the_evidence_asked_for():
+    least = Thresholds().least_evidence(5)
+    causes = (cause("a"), cause("b"), cause("c"))
+    challenges = (Challenge("just", least), Challenge("more", least + 1e-9), Challenge("less", -3.0))
+    judged = Judgement("named", causes, (), challenges, tried=5)
+    assert judged.challenged == tuple(zip(causes, challenges, strict=True))
+    assert judged.beaten == {"b": challenges[1]}
+
+
+def test_a_sure_cause_alone():
+    found = _cause(fitted({3: SURE}, [explanation("a", axis(3), "bent")]), "a", Thresholds())
+    assert (found.effect, found.form, found.indices, found.alternatives) == ("a", "bent", (0,), ())
+    assert found.evidence == pytest.approx(worth(SURE))
+    assert found.probability == pytest.approx(1.0)
+    assert found.size == pytest.approx(share(SURE) / np.sqrt(ROWS))
+
+
+def test_in_one_equation_the_size_is_the_part():
+    built = problem(np.array([SURE]), [explanation("a", np.ones((1, 1)))])
+    hypothesis = Hypothesis(built, built.explanations, (Scale(1.0),), ()).settled()
+    assert _cause(hypothesis, "a", Thresholds()).size == pytest.approx(share(SURE))
+
+
+def test_identical_effects_are_a_group_with_equal_chances():
+    twins = [explanation(name, axis(0)) for name in "abc"]
+    for count in (2, 3):
+        found = _cause(fitted({0: SURE}, twins[:count]), "a", Thresholds())
+        assert found.alternatives == tuple("bc"[: count - 1])
+        assert found.probability == pytest.approx(1.0 / count)
+    assert judge(fitted({0: SURE}, twins), Left()).verdict == "group"
+
+
+def test_a_doubtful_cause_shares_its_chance_with_chance_and_with_others():
+    """Bayes: at work at all, one of four being as likely as nothing; and this one rather than another."""
+    amplitude = amplitude_worth(3.0)
+    items = [explanation(name, axis(k)) for k, name in enumerate("abcd")]
+    found = _cause(fitted({0: amplitude, 1: 0.5, 2: 0.5, 3: 0.5}, items), "a", Thresholds())
+    own, other = np.exp(3.0), np.exp(worth(0.5))
+    assert found.probability == pytest.approx(own / (own + 4.0) * own / (own + 3.0 * other))
+    assert found.evidence == pytest.approx(3.0)
+    assert found.alternatives == ("b", "c", "d")  # all of it is less than what such data show
+
+
+@pytest.mark.parametrize(("probability", "named"), [(0.048, False), (0.052, True)])
+def test_an_alternative_is_as_likely_as_one_in_twenty(probability, named):
+    nearly = amplitude_worth(worth(SURE) + logit(probability))
+    items = [explanation("a", axis(0)), explanation("b", tilted(0, 1, nearly / SURE))]
+    found = _cause(fitted({0: SURE}, items), "a", Thresholds(false_names=1.0))
+    assert share(SURE) ** 2 * (1.0 - (nearly / SURE) ** 2) > hidden(1.0)
+    assert found.alternatives == (("b",) if named else ())
+    assert found.probability == pytest.approx(1.0 - probability)
+
+
+@pytest.mark.parametrize(("factor", "named"), [(0.99, True), (1.01, False)])
+def test_who_leaves_no_more_than_is_hidden_explains_as_well(factor, named):
+    left = factor * hidden(0.01) / share(SURE) ** 2
+    items = [explanation("a", axis(0)), explanation("b", tilted(0, 1, np.sqrt(1.0 - left)))]
+    found = _cause(fitted({0: SURE}, items), "a", Thresholds(alternative=1.0))
+    assert found.alternatives == (("b",) if named else ())
+
+
+def test_only_main_parameters_of_what_may_be_named_explain_as_well():
+    """Neither a shape, nor a twin that is no cause, nor a direction that two columns share but for rounding."""
+    items = [
+        explanation("a", axis(0)),
+        Explanation("shaped", "plain", axis(1, 0), np.array([True, False])),
+        explanation("fitted", axis(0), cause=False),
+        explanation("double", np.hstack([axis(1), axis(1) + 1e-12 * axis(0)])),
+    ]
+    found = _cause(fitted({0: SURE, 1: 0.5}, items), "a", Thresholds())
+    assert found.alternatives == ()
+
+
+def test_an_effect_in_two_forms_is_called_by_the_larger():
+    items = [explanation("a", axis(0), "small"), explanation("b", axis(1)), explanation("a", axis(2), "large")]
+    found = _cause(fitted({0: 9.0, 1: SURE, 2: 12.0}, items, 3), "a", Thresholds())
+    assert (found.form, found.indices) == ("large", (0, 2))
+    assert found.size == pytest.approx(np.hypot(share(9.0), share(12.0)) / np.sqrt(ROWS))
+    assert found.evidence == pytest.approx(worth(9.0) + worth(12.0) - 2.0 * np.log(2.0))
+
+
+@pytest.mark.parametrize(("behind", "tried"), [(11.9, True), (12.1, False)])
+def test_rivals_are_tried_as_long_as_they_are_close(behind, tried):
+    nearly = amplitude_worth(worth(SURE) - behind)
+    items = [explanation("a", axis(0)), explanation("b", tilted(0, 1, nearly / SURE))]
+    expected = {"b": pytest.approx(-behind)} if tried else {}
+    assert _rivals(fitted({0: SURE}, items), (0,)) == expected
+
+
+def test_a_rival_counts_with_its_best_form():
+    nearly = amplitude_worth(worth(SURE) - 1.0)
+    forms = [explanation("b", tilted(0, 1, nearly / SURE), "worse"), explanation("b", axis(0), "better")]
+    for order in (forms, forms[::-1]):
+        found = _rivals(fitted({0: SURE}, [explanation("a", axis(0)), *order]), (0,))
+        assert found == {"b": pytest.approx(-np.log(2.0))}
+
+
+@pytest.mark.parametrize("beside", [0, 1, 2])
+def test_a_bent_form_is_no_rival_whatever_else_is_bent(beside):
+    """The best form is all shape, so the next one counts; that others in the hypothesis are bent says nothing of it."""
+    nearly = amplitude_worth(worth(SURE) - 4.0)
+    bent = np.array([True, False])
+    others = [Explanation(f"c{k}", "plain", axis(10 + k, 20 + k), bent) for k in range(beside)]
+    rivals = [
+        Explanation("b", "bent", axis(1, 0), bent),
+        explanation("b", tilted(0, 2, nearly / SURE), "straight"),
+        Explanation("d", "bent", axis(1, 0), bent),
+    ]
+    amplitudes = {0: SURE, 1: 0.1} | {20 + k: 8.0 for k in range(beside)} | {10 + k: 0.1 for k in range(beside)}
+    hypothesis = fitted(amplitudes, [*others, explanation("a", axis(0)), *rivals], beside + 1)
+    without = hypothesis.without((beside,))
+    forms = {item.key: found.evidence for found, item in without.contenders({"b"})}
+    assert forms["b", "bent"] > forms["b", "straight"]  # else nothing would be refused
+    assert _rivals(hypothesis, (beside,)) == {"b": pytest.approx(-4.0 - np.log(2.0), abs=1e-6)}
+
+
+@pytest.mark.parametrize(
+    ("scales", "named"),
+    [((1.0, 3.0), ("b",)), ((1.0, 2.0), ("a", "b")), ((3.0, 3.0), ("a", "b")), ((3.0, 1.0), ("a",))],
+)
+def test_workmanship_is_not_named_beside_a_cause(scales, named):
+    """As large as workmanship leaves (2 here) is not larger; where all are small, all stay."""
+    items = [explanation(name, axis(k), small=2.0) for k, name in enumerate("ab")]
+    items.append(explanation("fitted", axis(2), cause=False))
+    built = problem(residual({0: SURE, 1: SURE, 2: SURE}), items)
+    hypothesis = Hypothesis(built, built.explanations, (*map(Scale, scales), Scale(9.0)), ())
+    assert tuple(_named(hypothesis)) == named
+
+
+def sized(small, large):
+    """Return the hypothesis of a large and a small effect of known amplitudes, on axes of their own."""
+    return fitted({0: large, 1: small}, [explanation("large", axis(0)), explanation("small", axis(1))], 2)
+
+
+def effects(judged):
+    return tuple(c.effect for c in judged.causes)
+
+
+@pytest.mark.parametrize(("evidence", "named"), [(24.5, False), (25.5, True)])
+def test_a_minor_effect_is_named_beyond_doubt(evidence, named):
+    judged = judge(sized(amplitude_worth(evidence), 200.0), Left())
+    assert effects(judged) == (("large", "small") if named else ("large",))
+    assert judged.verdict == "named"
+
+
+@pytest.mark.parametrize(("part", "named"), [(0.119, False), (0.121, True)])
+def test_an_effect_is_minor_below_its_share(part, named):
+    large = brentq(lambda a: share(a) - share(6.0) / part, 20.0, 200.0)
+    assert worth(6.0) < 25.0
+    assert effects(judge(sized(6.0, large), Left())) == (("large", "small") if named else ("large",))
+
+
+def test_a_doubtful_effect_alone_is_its_own_measure():
+    assert effects(judge(fitted({0: 4.0}, [explanation("a", axis(0))]), Left())) == ("a",)
+
+
+@pytest.mark.parametrize(("factor", "named"), [(0.99, True), (1.01, False)])
+def test_a_small_cause_that_adds_less_than_what_is_left_is_minor(factor, named):
+    """Absent, it would raise the mean square of what is left by twice its log evidence an equation."""
+    left = structure(0.0, factor * np.sqrt(2.0 * 30.0 / ROWS))
+    judged = judge(sized(amplitude_worth(30.0), 200.0), Left([structure(0.0, 0.01), left]))
+    assert effects(judged) == (("large", "small") if named else ("large",))
+    assert judged.minor == (() if named else ("small",))
+
+
+@pytest.mark.parametrize(("factor", "named"), [(1.01, True), (0.99, False)])
+def test_of_unknown_noise_all_is_left(factor, named):
+    """Then a cause must add as much as the noise; where it is known and nothing is left, each counts."""
+    hypothesis = sized(amplitude_worth(0.5 * ROWS * factor**2), 200.0)
+    judged = judge(hypothesis, Left(), noise_known=False)
+    assert effects(judged) == (("large", "small") if named else ("large",))
+    assert judged.minor == (() if named else ("small",))
+    assert judge(hypothesis, Left()).minor == ()
+
+
+def test_what_adds_just_as_much_as_is_left_stays_and_what_adds_nothing_goes():
+    large, just, none = cause("large", 8000.0), cause("just", 8.0), cause("none", -5.0)
+    assert _above([large, just, none], 2.0, 4, Thresholds()) == [large, just]
+    assert _above([large, just], 2.0 + 1e-9, 4, Thresholds()) == [large]
+    assert _above([large, none], 1e-3, 4, Thresholds()) == [large]
+    assert _above([], 1.0, 4, Thresholds()) == []
+
+
+def test_no_more_than_a_share_of_the_largest_need_be_added():
+    """Twelve hundredths of what the largest adds: 1.2 beside 10, an evidence of 0.72 an equation beside 50."""
+    large = cause("large", 5000.0)
+    for evidence, kept in ((71.0, 1), (73.0, 2)):
+        assert len(_above([large, cause("small", evidence)], 99.0, 100, Thresholds())) == kept
+
+
+def test_nothing_found_is_no_gap():
+    judged = judge(Hypothesis.nothing(problem(residual({0: 1.0}), [explanation("a", axis(0))])), Left(tried=4))
+    assert judged == Judgement("no_gap", (), (), (), (), 4)
+
+
+def test_clear_structure_makes_it_unknown_and_is_described():
+    found = [structure(50.4, 0.456, "load"), structure(40.0, 0.4), structure(1.0, 3.0)]
+    left = Left(found, tried=6)
+    limits = Thresholds(false_names=0.02)
+    judged = judge(fitted({0: 20.0}, [explanation("a", axis(0))]), left, limits)
+    assert judged.verdict == "unknown"
+    assert effects(judged) == ("a",)
+    assert len(judged.reasons) == 1
+    assert "place by load (0.46 of the noise, log evidence 50)" in judged.reasons[0]
+    assert judged.structures == tuple(found)
+    assert judged.remainder == ("summand",)
+    assert left.asked == [(pytest.approx(np.log(6 / 0.02)), 3)]
+    assert (judged.tried, judged.thresholds) == (6, limits)
+
+
+def test_unclear_structure_is_not_described():
+    left = Left([structure(1.0, 3.0)])
+    judged = judge(fitted({0: SURE}, [explanation("a", axis(0))]), left)
+    assert (judged.verdict, judged.remainder, judged.reasons, left.asked) == ("named", (), (), [])
+
+
+def test_a_cause_that_a_process_beats_is_only_the_nearest():
+    better = Challenge("place by load", 30.4)
+    judged = judge(sized(SURE, SURE), Left(challenges={(1,): better, (0,): Challenge("x", -4.0)}, tried=3))
+    assert judged.verdict == "unknown"
+    assert judged.challenges == (Challenge("x", -4.0), better)
+    assert judged.beaten == {"small": better}
+    assert len(judged.reasons) == 1
+    assert judged.reasons[0].startswith("small is only the nearest")
+    assert "'place by load' explains better by 30 nats" in judged.reasons[0]
+
+
+def test_small_errors_brought_to_light_are_no_cause():
+    fit = explanation("fitted", axis(0), cause=False)
+    alone = judge(fitted({0: SURE}, [fit]), Left())
+    assert (alone.verdict, alone.causes, len(alone.reasons)) == ("unknown", (), 1)
+    assert "brought to light" in alone.reasons[0]
+    beside = judge(fitted({0: SURE, 1: SURE}, [fit, explanation("a", axis(1))], 2), Left())
+    assert (beside.verdict, effects(beside), beside.reasons) == ("named", ("a",), ())
+
+
+BLOCK = range(10, 18)
+OTHER = range(30, 38)
+TYPICAL = BACKGROUND_LEVELS.index(1 / 64)
+
+
+def usual(effect, columns):
+    """Return usual errors whose columns have unit coefficients at the typical level, a 64th."""
+    return Background(effect, 64.0 * columns)
+
+
+def told(values, backgrounds, levels):
+    """Return the log density beside usual errors; a level's prior is normal about the typical one, in steps of two."""
+    groups = [BACKGROUND_LEVELS[n] * b.columns for n, b in zip(levels, backgrounds, strict=True) if n]
+    prior = sum(norm.logpdf(n, TYPICAL, 1.5) - norm.logpdf(TYPICAL, TYPICAL, 1.5) for n in levels if n)
+    return log_density(values, *groups) + prior / len(levels)
+
+
+def best_told(values, backgrounds, kind):
+    """Return that with one kind alone at its best level."""
+    zero = [0] * len(backgrounds)
+    choices = [[*zero[:kind], n, *zero[kind + 1 :]] for n in range(len(BACKGROUND_LEVELS))]
+    return max(told(values, backgrounds, levels) for levels in choices)
+
+
+def spread(size, block=BLOCK):
+    return dict.fromkeys(block, size)
+
+
+def at_levels(amplitudes, backgrounds, levels, items=()):
+    return Hypothesis(problem(residual(amplitudes), items, backgrounds), (), (), levels)
+
+
+def test_small_errors_that_the_data_ask_for_are_a_cause():
+    backgrounds = (usual("small", axis(*BLOCK)),)
+    known = [explanation("small", axis(40, 41)), explanation("b", axis(42)), explanation("c", axis(43))]
+    hypothesis = at_levels(spread(1.5), backgrounds, (TYPICAL,), known)
+    values = residual(spread(1.5))
+    best = max(range(len(BACKGROUND_LEVELS)), key=lambda n: told(values, backgrounds, (n,)))
+    assert best == TYPICAL
+    evidence = told(values, backgrounds, (TYPICAL,)) - told(values, backgrounds, (0,))
+    for factor, silent in EITHER_SIDE:
+        found = background_cause(hypothesis, Thresholds(false_names=factor * np.exp(-evidence)))
+        assert (found == []) == silent
+    assert [(c.effect, c.form, c.indices, c.alternatives) for c in found] == [("small", "background", (), ())]
+    assert found[0].evidence == pytest.approx(evidence)
+    assert found[0].probability == pytest.approx(np.exp(evidence) / (np.exp(evidence) + 3.0))
+    assert found[0].size == pytest.approx(0.5 * 1.5 * np.sqrt(8 / ROWS))
+
+
+def test_no_small_errors_are_no_cause():
+    backgrounds = (usual("small", axis(*BLOCK)),)
+    assert background_cause(at_levels(spread(3.0), backgrounds, (0,)), Thresholds(false_names=1.0)) == []
+    assert background_cause(at_levels({}, (), ()), Thresholds()) == []
+
+
+def test_of_two_kinds_the_evidence_asked_for_is_twice():
+    backgrounds = (usual("one", axis(*BLOCK)), usual("other", axis(*OTHER)))
+    amplitudes = spread(2.2) | spread(2.2, OTHER)
+    hypothesis = at_levels(amplitudes, backgrounds, (4, 4), [explanation("one", axis(40))])
+    values = residual(amplitudes)
+    evidence = told(values, backgrounds, (4, 4)) - told(values, backgrounds, (0, 0))
+    for factor, silent in EITHER_SIDE:
+        found = background_cause(hypothesis, Thresholds(false_names=factor * 2.0 * np.exp(-evidence)))
+        assert (found == []) == silent
+
+
+def test_where_it_takes_two_kinds_the_one_missed_most_is_named():
+    backgrounds = (usual("one", axis(*BLOCK)), usual("other", axis(*OTHER)))
+    amplitudes = spread(2.9) | spread(3.1, OTHER)
+    hypothesis = at_levels(amplitudes, backgrounds, (5, 5), [explanation("one", axis(40))])
+    found = background_cause(hypothesis, Thresholds())
+    values = residual(amplitudes)
+    assert [(c.effect, c.alternatives) for c in found] == [("other", ())]
+    assert found[0].evidence == pytest.approx(told(values, backgrounds, (5, 5)) - told(values, backgrounds, (0, 0)))
+    assert found[0].size == pytest.approx(0.8 * 3.1 * np.sqrt(8 / ROWS))
+
+
+def test_one_kind_is_enough_if_it_is_missed_for_less_than_is_asked_for():
+    backgrounds = (usual("one", axis(*BLOCK)), usual("other", axis(*OTHER)))
+    amplitudes = spread(2.8) | spread(2.0, OTHER)
+    hypothesis = at_levels(amplitudes, backgrounds, (5, 4), [explanation("one", axis(40))])
+    values = residual(amplitudes)
+    alone = best_told(values, backgrounds, 0)
+    lacking, none = told(values, backgrounds, (5, 4)) - alone, told(values, backgrounds, (0, 0))
+    assert lacking > 1.0
+    for factor, enough in EITHER_SIDE:
+        limits = Thresholds(false_names=factor * 2.0 * np.exp(-lacking))
+        found = background_cause(hypothesis, limits)
+        assert [c.effect for c in found] == ["one"]
+        expected = alone if enough else alone + lacking
+        assert found[0].evidence == pytest.approx(expected - none)
+
+
+def overlapping():
+    """Return two kinds that explain much the same, the first a little better."""
+    nearly = np.hstack([tilted(k, k + 20, 0.95) for k in BLOCK])
+    return usual("one", axis(*BLOCK)), usual("other", nearly), usual("third", axis(*OTHER))
+
+
+def test_kinds_that_explain_as_well_are_alternatives():
+    backgrounds, amplitudes = overlapping(), spread(2.4)
+    hypothesis = at_levels(amplitudes, backgrounds, (4, 4, 1), [explanation("one", axis(40))])
+    values = residual(amplitudes)
+    ratio = np.exp(best_told(values, backgrounds, 1) - best_told(values, backgrounds, 0))
+    assert 0.05 < ratio < 1.0
+    for factor, likely in EITHER_SIDE:
+        found = background_cause(hypothesis, Thresholds(alternative=factor * ratio))
+        assert [(c.effect, c.alternatives) for c in found] == [("one", ("other",) if likely else ())]
+        assert found[0].probability == pytest.approx(0.5 if likely else 1.0, abs=0.01)
+
+
+def test_chances_of_kinds_that_are_the_same_are_equal():
+    same = [usual(name, axis(*BLOCK)) for name in ("one", "two", "three")]
+    hypothesis = at_levels(spread(3.0), same, (3, 3, 3), [explanation("one", axis(40))])
+    found = background_cause(hypothesis, Thresholds())
+    assert {found[0].effect, *found[0].alternatives} == {"one", "two", "three"}
+    assert found[0].probability == pytest.approx(1.0 / 3.0, abs=1e-3)
+
+
+def averaged(values, columns):
+    """Return the log density of an effect, averaged over its scales."""
+    return float(logsumexp([log_density(values, s * columns) for s in SCALES]) - np.log(len(SCALES)))
+
+
+def test_an_effect_that_explains_as_well_as_small_errors_is_an_alternative():
+    backgrounds = (usual("small", axis(*BLOCK)),)
+    items = [explanation("small", axis(*BLOCK)), explanation("twin", axis(*BLOCK)), explanation("far", axis(40))]
+    hypothesis, values = at_levels(spread(2.4), backgrounds, (4,), items), residual(spread(2.4))
+    ratio = np.exp(averaged(values, axis(*BLOCK)) - told(values, backgrounds, (4,)))
+    for factor, likely in EITHER_SIDE:
+        limits = Thresholds(alternative=factor * ratio)
+        assert _instead(hypothesis, 0, limits) == (("twin",) if likely else ())
+        found = background_cause(hypothesis, limits)
+        assert [(c.effect, c.alternatives) for c in found] == [("small", ("twin",) if likely else ())]
+    assert judge(hypothesis, Left()).verdict == "group"
+
+
+@pytest.mark.parametrize(("factor", "found"), [(0.97, ()), (1.03, ("b",))])
+def test_an_alternative_to_small_errors_does_at_least_half_of_what_they_do(factor, found):
+    """A quarter of the sum of squares; beside small errors that come back it would be worth something at any size."""
+    part = 0.5 * 1.9
+    amplitude = brentq(lambda a: share(a) ** 2 - 0.25 * factor**2 * 8.0 * part**2, 1.5, 9.0)
+    items = [explanation("b", axis(40))]
+    hypothesis = at_levels(spread(1.9) | {40: amplitude}, (usual("small", axis(*BLOCK)),), (4,), items)
+    assert _instead(hypothesis, 0, Thresholds()) == found
+
+
+@pytest.mark.parametrize(("evidence", "found"), [(-0.1, ()), (0.1, ("b",)), (0.9, ("b",))])
+def test_an_alternative_to_small_errors_is_worth_something(evidence, found):
+    amplitude = amplitude_worth(evidence)
+    items = [explanation("b", axis(40))]
+    hypothesis = at_levels(spread(0.3) | {40: amplitude}, (usual("small", axis(*BLOCK)),), (4,), items)
+    assert _instead(hypothesis, 0, Thresholds()) == found
+
+
+def test_small_errors_are_named_where_they_may_be():
+    backgrounds = (usual("small", axis(*BLOCK)),)
+    values = residual(spread(3.0))
+    known = explanation("small", axis(40))
+    named = judge(Hypothesis.nothing(problem(values, [known], backgrounds)), Left())
+    assert (named.verdict, effects(named), named.reasons) == ("named", ("small",), ())
+    assert named.beaten == {}
+    barred = judge(Hypothesis.nothing(problem(values, [replace(known, effect="b")], backgrounds)), Left())
+    assert (barred.verdict, barred.causes) == ("unknown", ())
+    assert barred.reasons == ("small errors like small are there, which may not be named",)
+
+
+def test_small_errors_are_not_named_beside_a_cause_or_a_reason():
+    backgrounds = (usual("small", axis(*BLOCK)),)
+    items = [explanation("a", axis(0)), explanation("small", axis(40))]
+    beside = judge(fitted(spread(3.0) | {0: 30.0}, items, 1, backgrounds), Left())
+    assert (beside.verdict, effects(beside)) == ("named", ("a",))
+    left = Left([structure(50.0, 1.0)])
+    unknown = judge(Hypothesis.nothing(problem(residual(spread(3.0)), items, backgrounds)), left)
+    assert (unknown.verdict, unknown.causes, len(unknown.reasons)) == ("unknown", (), 1)
