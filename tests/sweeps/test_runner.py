@@ -1,5 +1,6 @@
 """The same numbers whatever happens on the way: kills, workers, lost workers, Ctrl-C."""
 
+import functools
 import os
 import random
 import signal
@@ -38,9 +39,14 @@ def finished_chunks(out):
 def start(config, out, *more):
     command = [sys.executable, "-m", "pouring_robot", "sweep", str(config), "--out", str(out), "--resume", "--json"]
     command += more
-    # A group of its own: the signal must not reach the tests.
+    # A group of its own: the signal must not reach the tests. It is heard even if whoever runs the tests ignores it.
     return subprocess.Popen(
-        command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True
+        command,
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        preexec_fn=functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
     )
 
 
