@@ -272,10 +272,10 @@ function draw_curves() {
   box.addEventListener("pointermove", seek);
 }
 
-function move_cursor() {  // a layer of its own: the curves are not painted again
+function move_cursor() {
   if (!$("cursor")) { return; }
   const low = Math.min(Math.floor(at), film.at.length - 2), x = across(low) + (at - low) * (across(low + 1) - across(low));
-  $("cursor").style.transform = `translateX(${x / 10}%)`;  // of its own width, the plot's: right at every size of the window
+  $("cursor").style.left = `${x / 10}%`;  // of the plot: right at every size of the window
 }
 
 function step_at(place) {  // the step, with its fraction, of a place on the axis
