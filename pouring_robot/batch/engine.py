@@ -55,6 +55,7 @@ class BatchEngine:
         self.structure = StarStructure.from_mechanism(mechanism)
         self.threads = threads or len(os.sched_getaffinity(0))
         self.options = options
+        self._largest_turn, self._grown_engines = largest_turn(mechanism), dict[float, BatchEngine]()
 
     @property
     def parameters(self) -> tuple[PlacementParameter, ...]:
@@ -147,18 +148,28 @@ class BatchEngine:
 
         As ``closure.ClosureSolver``: a step at which a sample does not close is left out.
         """
-        mechanism, options = self.structure.mechanism, self.options
-        own = np.linalg.norm(placed.errors[..., 3:], axis=-1).max(axis=1, initial=largest_turn(mechanism))
-        steps = options.growth_steps(np.nan_to_num(own) if own.size else largest_turn(mechanism))
-        steps, spent = np.broadcast_to(steps, len(start)), np.zeros(len(start), dtype=np.int64)
-        for number in () if self.structure.is_serial else np.unique(steps[steps > 1]).tolist():
+        spent = np.zeros(len(start), dtype=np.int64)
+        if self.structure.is_serial:
+            return start, spent
+        own = np.linalg.norm(placed.errors[..., 3:], axis=-1).max(axis=1, initial=0.0) if len(placed.errors) else 0.0
+        steps = self.options.growth_steps(np.fmax(own, self._largest_turn))
+        steps = np.broadcast_to(steps, len(start))
+        for number in np.unique(steps[steps > 1]).tolist():
             rows = np.flatnonzero(steps == number)
             for step in range(1, number):
                 share = step / number
-                engine = BatchEngine(grown(mechanism, share), self.threads, options) if mechanism.errors else self
-                closed = engine._close(drives[rows], start[rows], placed.scaled(share, rows))
+                closed = self._smaller(share)._close(drives[rows], start[rows], placed.scaled(share, rows))
                 start, spent[rows] = start.replaced(rows, closed), spent[rows] + closed.iterations
         return start, spent
+
+    def _smaller(self, share: float) -> BatchEngine:
+        """Return the engine of the mechanism with a share of its errors."""
+        if not self._largest_turn:
+            return self
+        if share not in self._grown_engines:
+            mechanism = grown(self.structure.mechanism, share)
+            self._grown_engines[share] = BatchEngine(mechanism, self.threads, self.options)
+        return self._grown_engines[share]
 
     def transfer(
         self,

@@ -26,14 +26,15 @@ def pose(
     built = which.built(warm=True, under=True)
     command = commanded.of(built)
     (present,), conditions = under.robots(built, {0: command})
-    law = warm.thermal_law(thermal_model, present, heat.of(present))
-    heated = warm.heated_of(present, law.heat if law else heat.of(present))
+    given = heat.of(built)
+    law = warm.thermal_law(thermal_model, present, given)
+    heated = warm.heated_of(present, law.heat if law else given)
     warmth = warm.Warmth.of(present, heated, command, shares=True)
     found, location = warmth.robot, warmth.location
     # Both may find a singular pose: before anything is written.
     dexterity, weakness = found.dexterity(location), found.axis_weakness(location)
     notes = locations.location_notes(found, drawing.html, drawing.png, model_file=which.model is not None)
-    notes += (*conditions, *warm.twice_lines(built, heat.of(built)))
+    notes += (*conditions, *warm.twice_lines(built, given))
     written = drawing.write([location], present.model, warm=heated is not None)
     if as_json:
         figures = location_figures(location, dexterity, weakness)

@@ -212,7 +212,7 @@ def most_evidence(
     unit: float = 1.0,
 ) -> float:
     """Return what :func:`bayes_factor` of the same does not exceed: all that the widest scales explain, for nothing."""
-    widest = float(np.exp(LOG_SCALES[-1])) if np.isinf(largest) else min(largest, float(np.exp(LOG_SCALES[-1])))
+    widest = min(largest, float(np.exp(LOG_SCALES[-1])))
     weights = np.full(len(columns), widest) if main is None else np.where(main, 1.0, unit * SHAPINGS.max()) * widest
     inner = weights[:, None] * columns * weights
     inner.flat[:: len(columns) + 1] += 1.0

@@ -45,7 +45,6 @@ class Study:
     def __init__(self, times: float, seed: int) -> None:
         """Make the engine of the drawing."""
         self.robot = PouringRobot()
-        self.definition = self.robot.model.definition
         self.engine = engine_for(self.robot.nominal_solver.mechanism)
         self.straight = engine_for(self.robot.nominal_solver.mechanism, options=ClosureOptions(most_steps=1))
         sites = self.engine.structure.site_count

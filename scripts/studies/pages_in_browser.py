@@ -146,9 +146,7 @@ async def seen(base: str, browser: psutil.Process, name: str, address: str, out:
     """Look at one page in every size and scheme, print what was measured, and return what does not hold."""
     wrong = []
     for size, scheme in itertools.product(SIZES, SCHEMES):
-        begun = time.perf_counter()
-        tab, width = await _open(base, address, size, scheme), size[0]
-        opened = time.perf_counter() - begun
+        (tab, opened), width = await _open(base, address, size, scheme), size[0]
         found = await tab.run(LAYOUT)
         line = f"{name:12} {width:5} {scheme:5}  open {opened:4.1f} s  picture {found['share']:3.0%} of the window"
         if scheme == "light":
@@ -167,8 +165,8 @@ async def seen(base: str, browser: psutil.Process, name: str, address: str, out:
     return wrong
 
 
-async def _open(base: str, address: str, size: tuple[int, int], scheme: str) -> Tab:
-    """Open a page, and return it once it has drawn."""
+async def _open(base: str, address: str, size: tuple[int, int], scheme: str) -> tuple[Tab, float]:
+    """Open a page, and return it once it has drawn, and after how many seconds."""
     answer = await AsyncHTTPClient().fetch(f"{base}/json/new?about:blank", method="PUT", body="")
     socket = await websocket_connect(json.loads(answer.body)["webSocketDebuggerUrl"], max_message_size=1 << 28)
     tab = Tab(socket, address.split("#", maxsplit=1)[0])
@@ -177,12 +175,11 @@ async def _open(base: str, address: str, size: tuple[int, int], scheme: str) -> 
     metrics = {"width": size[0], "height": size[1], "deviceScaleFactor": 1, "mobile": size[0] < 700}
     await tab.call("Emulation.setDeviceMetricsOverride", **metrics)
     await tab.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+    begun = time.perf_counter()
     await tab.call("Page.navigate", url=address)
-    while not await tab.run(
-        "typeof viewer !== 'undefined' && Boolean(viewer) && viewer.renderer.info.render.frame > 0"
-    ):
+    while not await tab.run(DRAWN):
         await asyncio.sleep(0.05)
-    return tab
+    return tab, time.perf_counter() - begun
 
 
 async def _played(tab: Tab, browser: psutil.Process) -> str:
@@ -220,7 +217,7 @@ async def _slid(tab: Tab) -> str:
 
 async def beside(bases: list[str], address: str) -> None:
     """Open a bench in two windows side by side, and print how they follow, one hand at a time and both at once."""
-    tabs = [await _open(base, address, (700, 900), "light") for base in bases]
+    tabs = [(await _open(base, address, (700, 900), "light"))[0] for base in bases]
     print(f"two benches, one hand {await _slid(tabs[0])}", flush=True)
     print(f"two benches, two hands{' and'.join(await asyncio.gather(*map(_slid, tabs)))}", flush=True)
 
