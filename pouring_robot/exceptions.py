@@ -115,7 +115,7 @@ class ClosureError(NoSolutionError):
         gap_m: largest distance left between two frames that should coincide, in m.
         gap_rad: largest angle left between them, in rad.
         worst_loop: the loop with the largest gap; None for a mechanism without loops.
-        settled: whether the energy's minimum was found, but leaves the loops open too far.
+        status: what of the names of the batch engines it is: ``batch.STATUS_NAMES``.
     """
 
     def __init__(
@@ -126,11 +126,11 @@ class ClosureError(NoSolutionError):
         gap_m: float,
         gap_rad: float,
         worst_loop: str | None,
-        settled: bool,
+        status: str,
     ) -> None:
         """Keep the figures and say them in mm and mrad."""
         self.iterations, self.gap_m, self.gap_rad, self.worst_loop = iterations, gap_m, gap_rad, worst_loop
-        self.settled = settled
+        self.status = status
         if worst_loop is None:
             super().__init__(
                 f"the arm finds no equilibrium: {reason} after {iterations} iterations; "

@@ -18,16 +18,25 @@ from pouring_robot.batch.kernels.samples import close_samples
 from pouring_robot.batch.kernels.serial import carry_samples
 from pouring_robot.batch.kernels.transfer import Columns, branch_samples, make_transfer_room, transfer_samples
 from pouring_robot.batch.kernels.workspace import make_room
-from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, no_column, shaped
-from pouring_robot.batch.structure import IntArray, StarStructure, fixed
+from pouring_robot.batch.samples import (
+    STATUS_NAMES,
+    BatchClosure,
+    BatchStart,
+    BatchTransfer,
+    SiteErrors,
+    no_column,
+    shaped,
+)
+from pouring_robot.batch.structure import StarStructure, fixed
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import DEFAULT_OPTIONS, ClosureOptions
-from pouring_robot.mechanism.growth import grown, largest_turn
+from pouring_robot.mechanism.growth import grown, jumps, largest_turn
 from pouring_robot.mechanism.parameters import DriveParameter, LocalParameter, PlacementParameter
 
 _SAMPLES_AT_A_TIME = 512
+_NOT_CONVERGED, _MODE_ENDS = STATUS_NAMES.index("not converged"), STATUS_NAMES.index("assembly mode ends")
 
 
 class BatchEngine:
@@ -86,18 +95,19 @@ class BatchEngine:
         drives = shaped(drives, (count, len(star.drives)), "drives")
         self._check(start)
         placed = SiteErrors.take(errors, count, self.structure.site_count)
-        start, before = self._grown(drives, start, placed)
-        closed = self._close(drives, start, placed)
-        return replace(closed, iterations=closed.iterations + before).locked()
+        return self._grown(drives, start, placed).locked()
 
-    def _close(self, drives: FloatArray, start: BatchStart, placed: SiteErrors) -> BatchClosure:
-        """Close every sample straight from its start."""
+    def _close(
+        self, drives: FloatArray, start: BatchStart, placed: SiteErrors, most_open: float | None = None
+    ) -> BatchClosure:
+        """Close every sample straight from its start; loops may stay open by so much (m, rad), or as options say."""
         star, count = self.structure.star, len(start)
         result = BatchClosure.empty(count, star.revolute.shape, len(self.structure.mechanism.anchors))
         status, iterations = np.empty(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
         options = self.options
         limits = (options.step_tolerance, options.closed_below, options.left_over, options.round_off)
-        settings = fixed([*limits, options.max_gap_m, options.max_gap_rad])
+        open_by = (options.max_gap_m, options.max_gap_rad) if most_open is None else (most_open, most_open)
+        settings = fixed([*limits, *open_by])
 
         def carry(first: int, last: int) -> None:
             carry_samples(
@@ -143,33 +153,60 @@ class BatchEngine:
         result.status[:], result.iterations[:] = status, iterations
         return result
 
-    def _grown(self, drives: FloatArray, start: BatchStart, placed: SiteErrors) -> tuple[BatchStart, IntArray]:
-        """Return where samples start, and Newton's steps to there: with large errors where errors not quite grown end.
-
-        As ``closure.ClosureSolver``: a step at which a sample does not close is left out.
-        """
-        spent = np.zeros(len(start), dtype=np.int64)
-        if self.structure.is_serial:
-            return start, spent
+    def _grown(self, drives: FloatArray, start: BatchStart, placed: SiteErrors) -> BatchClosure:
+        """Close every sample; large errors grow in steps, from none, as in ``closure.ClosureSolver``."""
+        options = self.options
         own = np.linalg.norm(placed.errors[..., 3:], axis=-1).max(axis=1, initial=0.0) if len(placed.errors) else 0.0
-        steps = self.options.growth_steps(np.fmax(own, self._largest_turn))
-        steps = np.broadcast_to(steps, len(start))
+        steps = np.broadcast_to(options.growth_steps(np.fmax(own, self._largest_turn)), len(start))
+        if self.structure.is_serial or steps.max(initial=1) == 1:
+            return self._close(drives, start, placed)
+        result = BatchClosure.empty(len(start), start.joints.shape[1:], len(self.structure.mechanism.anchors))
+        straight = np.flatnonzero(steps == 1)
+        result.put(straight, self._close(drives[straight], start[straight], placed[straight]))
         for number in np.unique(steps[steps > 1]).tolist():
             rows = np.flatnonzero(steps == number)
-            for step in range(1, number):
-                share = step / number
-                closed = self._smaller(share)._close(drives[rows], start[rows], placed.scaled(share, rows))
-                start, spent[rows] = start.replaced(rows, closed), spent[rows] + closed.iterations
-        return start, spent
+            spent = np.zeros(len(start), dtype=np.int64)
+            for finer in options.refinements:
+                smooth = options.smooth_below if finer < options.refinements[-1] else options.max_iterations
+                result.put(rows, self._followed(drives[rows], start[rows], placed[rows], number * finer, smooth))
+                spent[rows] += result.iterations[rows]
+                rows = rows[result.status[rows] == _MODE_ENDS]
+            result.iterations[steps == number] = spent[steps == number]
+        return result
+
+    def _followed(
+        self, drives: FloatArray, start: BatchStart, placed: SiteErrors, steps: int, smooth: int
+    ) -> BatchClosure:
+        """Follow the drawing's mode while errors grow; samples that turn away from it get the status that says so."""
+        result = BatchClosure.empty(len(start), start.joints.shape[1:], len(self.structure.mechanism.anchors))
+        spent, rows = np.zeros(len(start), dtype=np.int64), np.arange(len(start))
+        before = np.full(len(start), np.inf)
+        for step in range(steps + 1):
+            engine = self if step == steps else self._smaller(step / steps)
+            closed = engine._close(
+                drives[rows], start[rows], placed[rows].scaled(step / steps), None if step == steps else np.inf
+            )
+            spent[rows] += closed.iterations
+            if step:
+                moved = np.linalg.norm(closed.position - start.position[rows], axis=1)
+                astray = (closed.iterations > smooth) | jumps(moved, before[rows])
+                closed = closed.refused(astray | (closed.status == _NOT_CONVERGED), _MODE_ENDS)
+                before[rows] = moved
+            result.put(rows, closed)
+            start, rows = start.replaced(rows, closed), rows[closed.status != _MODE_ENDS]
+        result.iterations[:] = spent
+        return result
 
     def _smaller(self, share: float) -> BatchEngine:
-        """Return the engine of the mechanism with a share of its errors."""
+        """Return the engine of the mechanism with a share of its errors; those of the coarsest steps are kept."""
         if not self._largest_turn:
             return self
-        if share not in self._grown_engines:
-            mechanism = grown(self.structure.mechanism, share)
-            self._grown_engines[share] = BatchEngine(mechanism, self.threads, self.options)
-        return self._grown_engines[share]
+        if share in self._grown_engines:
+            return self._grown_engines[share]
+        engine = BatchEngine(grown(self.structure.mechanism, share), self.threads, self.options)
+        if len(self._grown_engines) < self.options.most_steps:
+            self._grown_engines[share] = engine
+        return engine
 
     def transfer(
         self,

@@ -11,7 +11,15 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, no_column, shaped
+from pouring_robot.batch.samples import (
+    STATUS_NAMES,
+    BatchClosure,
+    BatchStart,
+    BatchTransfer,
+    SiteErrors,
+    no_column,
+    shaped,
+)
 from pouring_robot.batch.structure import seat_joint
 from pouring_robot.exceptions import BadInputError, ClosureError, SingularPoseError, UnknownJointError
 from pouring_robot.mechanism.arrays import FloatArray
@@ -26,7 +34,7 @@ from pouring_robot.mechanism.parameters import (
 from pouring_robot.mechanism.redundancy import disagreement, redundant_drives
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 
-_CLOSED, _NOT_CONVERGED, _GAP_TOO_LARGE, _NOT_FINITE, _SINGULAR = range(5)
+_CLOSED, _NOT_FINITE, _SINGULAR = (STATUS_NAMES.index(name) for name in ("closed", "not finite", "singular"))
 
 
 class GeneralStructure:
@@ -123,7 +131,7 @@ class GeneralEngine:
             try:
                 closed = solver.solve(dict(zip(names, drives[row].tolist(), strict=True)), start.joints[row])
             except ClosureError as problem:
-                result.status[row] = _GAP_TOO_LARGE if problem.settled else _NOT_CONVERGED
+                result.status[row] = STATUS_NAMES.index(problem.status)
                 result.iterations[row] = problem.iterations
                 continue
             pose = solver.mechanism.pose_base_to_end(closed.configuration)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,9 @@ from pouring_robot.exceptions import BadInputError, BatchClosureError
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.parameters import LocalParameter
 
-STATUS_NAMES = ("closed", "not converged", "left open too far", "not finite", "singular")
-"""Meaning of the status codes 0 to 4; only transfer matrices can be singular."""
+STATUS_NAMES = ("closed", "not converged", "left open too far", "not finite", "singular", "assembly mode ends")
+"""Meaning of the status codes 0 to 5; only transfer matrices can be singular. Where the assembly mode of the drawing
+ends in a fold before errors are whole, no pose is continuous with it, and none is given."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,11 +143,15 @@ class SiteErrors:
         error[np.arange(len(parameter)), parameter % 6] = value
         return cls.one_each(parameter // 6, error)
 
-    def scaled(self, share: float, samples: IntArray) -> SiteErrors:
-        """Return a share of the errors of some samples."""
-        common = len(self.errors) < 2 and not self.site.size
-        errors = self.errors if common else self.errors[samples]
-        return SiteErrors(fixed(share * errors), self.site[samples] if self.site.size else self.site)
+    def __getitem__(self, samples: IntArray) -> SiteErrors:
+        """Return the errors of some samples."""
+        if self.site.size:
+            return SiteErrors(self.errors[samples], self.site[samples])
+        return self if len(self.errors) < 2 else SiteErrors(self.errors[samples], self.site)
+
+    def scaled(self, share: float) -> SiteErrors:
+        """Return a share of the errors."""
+        return SiteErrors(share * self.errors, self.site)
 
     @classmethod
     def take(cls, errors: SiteErrors | FloatArray | None, count: int, sites: int) -> SiteErrors:
@@ -186,7 +191,7 @@ class BatchClosure:
         joints: the joints as in :class:`BatchStart`.
         residual: what is left open in each loop, log6, in m and rad, shape (n, loops, 6).
         iterations: Newton steps taken, shape (n,).
-        status: 0 closed, 1 not converged, 2 left open too far, 3 input not finite, shape (n,).
+        status: 0 closed, 1 not converged, 2 left open too far, 3 input not finite, 5 the mode ends, shape (n,).
         disagreement: what r redundant drives disagree by, in m, shape (n, r).
     """
 
@@ -224,6 +229,18 @@ class BatchClosure:
     def closed(self) -> NDArray[np.bool_]:
         """Which samples are closed, shape (n,)."""
         return np.asarray(self.status == 0)
+
+    def put(self, samples: IntArray, others: BatchClosure) -> None:
+        """Put others in the place of some samples."""
+        for name in (one.name for one in fields(self)):
+            getattr(self, name)[samples] = getattr(others, name)
+
+    def refused(self, samples: NDArray[np.bool_], status: int) -> BatchClosure:
+        """Return the same without the poses of some samples, which get a status."""
+        arrays = {name: getattr(self, name).copy() for name in ("position", "rotation", "joints", "residual")}
+        for array in arrays.values():
+            array[samples] = np.nan
+        return replace(self, **arrays, status=np.where(samples, status, self.status).astype(np.uint8))
 
     def require_all(self) -> BatchClosure:
         """Return the same, if every sample is closed.

@@ -21,7 +21,7 @@ from pouring_robot.exceptions import BadInputError, ClosureError
 from pouring_robot.mechanism.arrays import FloatArray, read_only
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism, IndexArray
 from pouring_robot.mechanism.energy import NO_LOADS, ClosureEnergy, EnergyState, Loads
-from pouring_robot.mechanism.growth import grown, largest_turn
+from pouring_robot.mechanism.growth import grown, jumps, largest_turn
 from pouring_robot.mechanism.null_space import Spectrum, is_regular
 from pouring_robot.report.result import Result
 
@@ -56,6 +56,8 @@ class ClosureOptions:
         growth_step: largest turn of a displaced joint (rad) that is closed in one go. Beyond some times that a
             mechanism may have several assembly modes; the one that is found grows out of the drawing's.
         most_steps: in how many steps such errors grow at most.
+        smooth_below: where a step of growth takes more Newton steps, or jumps, all are made finer.
+        refinements: how many times finer they become, in turn; a mode from which the finest jump ends there.
     """
 
     step_tolerance: float = 1e-7
@@ -67,6 +69,8 @@ class ClosureOptions:
     closed_below: float = 1e-9
     growth_step: float = 0.007
     most_steps: int = 10
+    smooth_below: int = 10
+    refinements: tuple[int, ...] = (1, 8, 64)
 
     def growth_steps(self, turns: FloatArray | float) -> NDArray[np.int64]:
         """Return in how many steps errors of these angles (rad) grow."""
@@ -221,6 +225,7 @@ class ClosureSolver:
             options = replace(options, max_gap_m=np.inf, max_gap_rad=np.inf)
         self.mechanism, self.options = mechanism, options
         self.energy = ClosureEnergy(mechanism, loads)
+        self._growing: dict[float, ClosureEnergy] = {}
         self._factors: eigenpy.LLT | None = None  # Eigen's: nothing to load, no threads
 
     def solve(self, drives: Mapping[str, float], start: FloatArray) -> ClosureResult:
@@ -249,13 +254,10 @@ class ClosureSolver:
         if not np.all(np.isfinite(configuration)):
             raise BadInputError("the start configuration holds a value that is not a finite number")
         configuration = self.mechanism.with_mimics(configuration, values)
-        start, before = self._grown(configuration)
-        energy = self.energy
-        state, iterations = self._minimise(energy, energy.evaluate(start, configuration), configuration)
-        iterations += before
+        state, iterations = self._grown(configuration)
         result = self._result(state, configuration, iterations)
         if result.gap_m > self.options.max_gap_m or result.gap_rad > self.options.max_gap_rad:
-            raise self._failure("the parts do not fit together", state, iterations, settled=True)
+            raise self._failure("the parts do not fit together", state, iterations, "left open too far")
         return result
 
     def result_at(self, configuration: FloatArray) -> ClosureResult:
@@ -274,24 +276,55 @@ class ClosureSolver:
             read_only(commanded.copy()),  # the caller may go on with its own
         )
 
-    @functools.cached_property
-    def _growing(self) -> tuple[ClosureEnergy, ...]:
-        """Energies of the same mechanism with smaller errors, growing; none where they are small."""
-        mechanism, loads = self.mechanism, self.energy.loads
-        steps = int(self.options.growth_steps(largest_turn(mechanism))) if mechanism.anchors else 1
-        return tuple(ClosureEnergy(grown(mechanism, step / steps), loads) for step in range(1, steps))
+    def _grown(self, commanded: FloatArray) -> tuple[EnergyState, int]:
+        """Return the minimum and the Newton steps to it; large errors grow in steps, from none."""
+        mechanism, options = self.mechanism, self.options
+        steps = int(options.growth_steps(largest_turn(mechanism))) if mechanism.anchors else 1
+        if steps == 1:
+            return self._minimise(self.energy, self.energy.evaluate(commanded, commanded), commanded)
+        spent = 0
+        for finer in options.refinements:
+            smooth = options.smooth_below if finer < options.refinements[-1] else options.max_iterations
+            state, count, share = self._followed(commanded, steps * finer, smooth)
+            spent += count
+            if share == 1.0:
+                return state, spent
+        reason = f"the drawing's assembly mode ends at {share:.1%} of the errors"
+        raise self._failure(reason, state, spent, "assembly mode ends")
 
-    def _grown(self, commanded: FloatArray) -> tuple[FloatArray, int]:
-        """Return where to start: the closed pose of displacements not quite grown, and the Newton steps to it."""
-        start, spent = commanded, 0
-        for energy in self._growing:
+    def _followed(self, commanded: FloatArray, steps: int, smooth: int) -> tuple[EnergyState, int, float]:
+        """Follow the mode of the drawing while errors grow; return where it ends, Newton steps, and at what share."""
+        energy = self._smaller(0.0)
+        state, spent = self._minimise(energy, energy.evaluate(commanded, commanded), commanded)
+        place, moved = self._place(state), np.inf
+        for step in range(1, steps + 1):
+            energy = self.energy if step == steps else self._smaller(step / steps)
             try:
-                state, count = self._minimise(energy, energy.evaluate(start, commanded), commanded)
-            except ClosureError as error:  # it is left out: the next one starts from the last that closed
-                spent += error.iterations
-                continue
-            start, spent = state.configuration, spent + count
-        return start, spent
+                trial, count = self._minimise(energy, energy.evaluate(state.configuration, commanded), commanded)
+            except ClosureError as error:
+                return state, spent + error.iterations, (step - 1) / steps
+            spent, before, reached = spent + count, moved, self._place(trial)
+            moved = float(np.linalg.norm(reached - place))
+            if count > smooth or jumps(moved, before):
+                return state, spent, (step - 1) / steps
+            state, place = trial, reached
+        return state, spent, 1.0
+
+    def _place(self, state: EnergyState) -> FloatArray:
+        """Return where the end frame is, in m, (3,); of a mechanism without one, the configuration."""
+        mechanism = self.mechanism
+        if mechanism.loops.end_frame is None:
+            return state.configuration
+        return np.array(mechanism.pose_base_to_end(state.configuration).translation)
+
+    def _smaller(self, share: float) -> ClosureEnergy:
+        """Return the energy of the mechanism with a share of its errors; those of the coarsest steps are kept."""
+        if share in self._growing:
+            return self._growing[share]
+        energy = ClosureEnergy(grown(self.mechanism, share), self.energy.loads)
+        if len(self._growing) < self.options.most_steps:
+            self._growing[share] = energy
+        return energy
 
     @np.errstate(over="ignore", invalid="ignore")  # a step too far, from which it goes back
     def _minimise(self, energy: ClosureEnergy, state: EnergyState, commanded: FloatArray) -> tuple[EnergyState, int]:
@@ -336,7 +369,7 @@ class ClosureSolver:
             else:
                 best = state = energy.evaluate(best.configuration, commanded)  # the Hessian reads the workspace
                 damping, climbs = max(10.0 * damping, 1e-4), 0
-        raise self._failure("Newton's steps do not settle", best, options.max_iterations, settled=False)
+        raise self._failure("Newton's steps do not settle", best, options.max_iterations, "not converged")
 
     def _step(self, energy: ClosureEnergy, state: EnergyState, exact: bool, damping: float, kept: bool) -> FloatArray:
         """Return the Newton step over all velocity columns, or one with the kept factors of the step before; (nv,)."""
@@ -355,7 +388,7 @@ class ClosureSolver:
                 break
         return energy.expanded(spectrum.solve(downhill))
 
-    def _failure(self, reason: str, state: EnergyState, iterations: int, *, settled: bool) -> ClosureError:
+    def _failure(self, reason: str, state: EnergyState, iterations: int, status: str) -> ClosureError:
         gaps = np.linalg.norm(state.residual[:, :3], axis=1)
         turns = np.linalg.norm(state.residual[:, 3:], axis=1)
         names = self.mechanism.loops.names
@@ -365,5 +398,5 @@ class ClosureSolver:
             gap_m=largest_norm(state.residual[:, :3]),
             gap_rad=largest_norm(state.residual[:, 3:]),
             worst_loop=names[int(np.argmax(gaps + 0.1 * turns))] if names else None,
-            settled=settled,
+            status=status,
         )

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from typing import overload
+
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+
+_JUMP, _JUMP_M = 4.0, 1e-3
 
 
 def largest_turn(mechanism: ClosedChainMechanism) -> float:
@@ -21,3 +27,17 @@ def grown(mechanism: ClosedChainMechanism, share: float) -> ClosedChainMechanism
             for name, pose in mechanism.errors.items()
         }
     )
+
+
+@overload
+def jumps(moved: float, before: float) -> bool: ...
+@overload
+def jumps(moved: FloatArray, before: FloatArray) -> NDArray[np.bool_]: ...
+def jumps(moved: FloatArray | float, before: FloatArray | float) -> NDArray[np.bool_] | bool:
+    """Return whether a step of growth left the mode that the step before it followed; both in m, or arrays of them.
+
+    A mode that ends in a fold nears its end as the square root of what is missing: of even steps none is more than
+    ``1 + sqrt(2)`` times the one before (with room, because the square root is only the first term). Another mode is
+    further away.
+    """
+    return (moved > _JUMP * before) & (moved > _JUMP_M)

@@ -513,7 +513,7 @@ def test_parts_that_do_not_fit_are_told_from_newton_that_does_not_settle(very_cr
     assert misfit.value.gap_rad == pytest.approx(very_crooked.locate(pose).actual.gap_rad, rel=1e-9)
     hasty = ClosureSolver(very_crooked.actual_solver.mechanism, options=ClosureOptions(max_iterations=1))
     with pytest.raises(ClosureError, match="do not settle after 1 iterations") as stopped:
-        hasty.solve(drives, start)
+        hasty.solve(drives, start_and_drives(very_crooked, PlatformPose((0.0, 0.0, -0.5), 0.1))[0])
     assert stopped.value.iterations == 1
 
 
