@@ -7,6 +7,7 @@ and :func:`validate`, so that a misspelt key is reported in the same words every
 from __future__ import annotations
 
 import difflib
+import functools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -28,7 +29,7 @@ class StrictModel(pydantic.BaseModel):
 
 
 def read_yaml(path: Path | str, error: type[DescriptionError] = DescriptionError) -> CommentedMap:
-    """Read a YAML file whose top level is a mapping.
+    """Read a YAML file whose top level is a mapping; who reads it again may get the same object, so leave it as it is.
 
     Raises:
         DescriptionError: (or the subclass given as ``error``) the file is missing, unreadable, not YAML,
@@ -36,7 +37,7 @@ def read_yaml(path: Path | str, error: type[DescriptionError] = DescriptionError
     """
     path = Path(path)
     try:
-        content = YAML(typ="rt").load(path.read_text(encoding="utf-8"))
+        content = _parsed(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as problem:
         reason = problem.strerror if isinstance(problem, OSError) else "it is not UTF-8 text"
         raise error(path, f"cannot be read: {reason}") from problem
@@ -54,6 +55,12 @@ def read_yaml(path: Path | str, error: type[DescriptionError] = DescriptionError
     if not isinstance(content, CommentedMap):
         raise error(path, "must be a mapping of keys to values at its top level")
     return content
+
+
+@functools.lru_cache(maxsize=16)
+def _parsed(text: str) -> Any:
+    """Return what a text holds; the file of the loops, which every robot is made from, takes a fiftieth of a second."""
+    return YAML(typ="rt").load(text)
 
 
 def _line_of(content: Any, location: Sequence[str | int]) -> int | None:

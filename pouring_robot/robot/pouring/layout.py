@@ -24,6 +24,9 @@ from pouring_robot.robot.description.urdf import description_folder, read_text
 from pouring_robot.robot.pouring import layout_schema
 from pouring_robot.robot.pouring.layout_schema import Ladle, LayoutEntry, LayoutsFile
 
+# YAML 1.1, as xacro reads it; the compiled one where PyYAML has it.
+_XACRO_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
 
 @dataclass(frozen=True)
 class LadleDimensions:
@@ -165,7 +168,7 @@ def _parse(path: Path, text: str) -> LayoutsFile:
     def read() -> str:
         content = read_yaml(path)
         try:
-            _refuse_ambiguous(path, content, yaml.safe_load(text))
+            _refuse_ambiguous(path, content, yaml.load(text, _XACRO_LOADER))
         except yaml.YAMLError as error:
             raise DescriptionError(path, f"not valid YAML for xacro: {error}") from error
         return validate(LayoutsFile, content, path).model_dump_json()
