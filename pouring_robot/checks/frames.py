@@ -33,6 +33,7 @@ _HOPELESS_SHARE = 0.02
 """Of the spread of the measured positions: large robots may be off by more."""
 _SUSPECT_SIGMAS = 20.0
 _GAIN, _EQUAL = 0.2, 1.5
+_ROUGHLY = 3.0  # of the least rough misfit: twice what may still be its equal once fitted
 _TAKEN_UP, _FAR_ROWS = 100.0, 10.0  # how much less or more than the change itself a mistake may leave as misfit
 _TRIED_ROWS = 100  # enough to tell which mistake it is; all rows say whether
 _DEFAULT_METRES_PER_RAD = 1.0
@@ -153,12 +154,18 @@ class FrameChecks:
         """Return the mistake that leaves the least misfit when undone, by some of the rows; it tells its equals."""
         complete = np.flatnonzero(self.data.poses.complete & np.isfinite(self.data.position_m).all(axis=1))
         some = self.data[complete[np.linspace(0, complete.size - 1, min(complete.size, _TRIED_ROWS)).astype(int)]]
-        left: list[tuple[float, Mistake]] = []
+        tried: list[tuple[float, Mistake, Comparison]] = []
         for mistake in position_mistakes(self.campaign, self.drawing, some):
             undone = mistake.undo(some)
             if undone is not None:
                 with contextlib.suppress(FrameFitError):
-                    left.append((undone.fit(1.0, rotations=False).position_scale_m / undone.size_m, mistake))
+                    tried.append((undone.rough_scale_m / undone.size_m, mistake, undone))
+        least = min((rough for rough, *_ in tried), default=np.nan)
+        left = [
+            (undone.fit(1.0, rotations=False).position_scale_m / undone.size_m, mistake)
+            for rough, mistake, undone in tried
+            if rough <= _ROUGHLY * least
+        ]
         if not left:
             return None
         left.sort(key=lambda one: one[0])

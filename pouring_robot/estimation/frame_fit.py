@@ -86,13 +86,8 @@ def fit_frames(
     Raises:
         FrameFitError: fewer than :data:`FEWEST_ROWS` rows have a pose and a complete position.
     """
-    complete = poses.complete & np.isfinite(position_m).all(axis=1)
-    if complete.sum() < FEWEST_ROWS:
-        raise FrameFitError(int(complete.sum()), FEWEST_ROWS)
-    measured = PoseStack(position_m, rotation if rotation is not None else np.full((len(poses), 3, 3), np.nan))
-    fit = _Fit(poses, measured, metres_per_rad)
-    starts = [OuterFrames(*pair) for pair in frame_starts(poses[complete], measured[complete], metres_per_rad)]
-    tried = [fit.refined(start, fit.untold(start), _TRIAL_STEPS) for start in starts]
+    fit = _Fit(poses, position_m, rotation, metres_per_rad)
+    tried = [fit.refined(start, fit.untold(start), _TRIAL_STEPS) for start in fit.starts()]
     frames = min(tried, key=fit.absolute_misfit)
     misfit_m, misfit_rad = (robust_sigma(part) for part in fit.residual(frames))
     untold = fit.untold(frames, misfit_m, misfit_rad)
@@ -102,6 +97,15 @@ def fit_frames(
     if rotation is None or not np.isfinite(rotation).any():
         return FrameFit(frames, named, position, None, robust_sigma(position), None)
     return FrameFit(frames, named, position, turn, robust_sigma(position), robust_sigma(turn))
+
+
+def rough_position_scale(poses: PoseStack, position_m: FloatArray) -> float:
+    """Return about what a fit of positions leaves, the robust standard deviation of a coordinate, in m.
+
+    It is what the best start leaves, for a quarter of a fit's time; arguments and errors as for :func:`fit_frames`.
+    """
+    fit = _Fit(poses, position_m, None, 1.0)
+    return min(robust_sigma(fit.residual(start)[0]) for start in fit.starts())
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,9 +210,20 @@ def _led(directions: FloatArray) -> FloatArray:
 class _Fit:
     """The search, for one campaign; see :func:`fit_frames`."""
 
-    def __init__(self, poses: PoseStack, measured: PoseStack, metres_per_rad: float) -> None:
+    def __init__(
+        self, poses: PoseStack, position_m: FloatArray, rotation: FloatArray | None, metres_per_rad: float
+    ) -> None:
         """Keep what is compared."""
-        self.poses, self.measured, self.arm = poses, measured, metres_per_rad
+        turned = rotation if rotation is not None else np.full((len(poses), 3, 3), np.nan)
+        self.poses, self.measured, self.arm = poses, PoseStack(position_m, turned), metres_per_rad
+
+    def starts(self) -> list[OuterFrames]:
+        """Return where the search starts, the best first."""
+        complete = self.poses.complete & np.isfinite(self.measured.position_m).all(axis=1)
+        if complete.sum() < FEWEST_ROWS:
+            raise FrameFitError(int(complete.sum()), FEWEST_ROWS)
+        found = frame_starts(self.poses[complete], self.measured[complete], self.arm)
+        return [OuterFrames(*pair) for pair in found]
 
     def residual(self, frames: OuterFrames) -> tuple[FloatArray, FloatArray]:
         """Return measured minus expected places, (n, 3) in m, and turns, (n, 3) in rad."""
