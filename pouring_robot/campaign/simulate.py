@@ -161,7 +161,7 @@ def _close(robots: Sequence[Robot], plan: PosePlan, path: Path, progress: Progre
     actual = []
     for row, (robot, command) in enumerate(zip(robots, plan.poses, strict=True)):
         try:
-            actual.append(robot.location_of(command).actual.pose_base_to_end)
+            actual.append(robot.actual_of(command).pose_base_to_end)
         except NoSolutionError as error:
             raise CampaignError(path, f"pose {row + 1} of the plan: {error}") from error
         progress("measuring", row + 1, len(plan))

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from typing import TypeVar
 
 import numpy as np
 
@@ -18,7 +19,14 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.checks.columns import distinct_poses
 from pouring_robot.checks.flags import DataFlag, FlagCode, found, where
-from pouring_robot.checks.mistakes import DRIVE_MISTAKES, TURN_MISTAKES, Comparison, Mistake, position_mistakes
+from pouring_robot.checks.mistakes import (
+    DRIVE_MISTAKES,
+    TURN_MISTAKES,
+    Comparison,
+    Mistake,
+    TurnMistake,
+    position_mistakes,
+)
 from pouring_robot.estimation.frame_fit import FrameFit
 from pouring_robot.estimation.frame_starts import FEWEST_ROWS
 from pouring_robot.exceptions import FrameFitError
@@ -39,6 +47,7 @@ _TRIED_ROWS = 100  # enough to tell which mistake it is; all rows say whether
 _DEFAULT_METRES_PER_RAD = 1.0
 _MOST_BEYOND, _SOME_BEYOND = 0.5, 0.05  # share of values beyond the limits
 _LIMIT_SLACK = 1e-3  # m or rad
+Tried = TypeVar("Tried", Mistake, TurnMistake)
 
 
 def metres_per_rad(campaign: Campaign) -> float:
@@ -154,18 +163,11 @@ class FrameChecks:
         """Return the mistake that leaves the least misfit when undone, by some of the rows; it tells its equals."""
         complete = np.flatnonzero(self.data.poses.complete & np.isfinite(self.data.position_m).all(axis=1))
         some = self.data[complete[np.linspace(0, complete.size - 1, min(complete.size, _TRIED_ROWS)).astype(int)]]
-        tried: list[tuple[float, Mistake, Comparison]] = []
-        for mistake in position_mistakes(self.campaign, self.drawing, some):
-            undone = mistake.undo(some)
-            if undone is not None:
-                with contextlib.suppress(FrameFitError):
-                    tried.append((undone.rough_scale_m / undone.size_m, mistake, undone))
-        least = min((rough for rough, *_ in tried), default=np.nan)
-        left = [
-            (undone.fit(1.0, rotations=False).position_scale_m / undone.size_m, mistake)
-            for rough, mistake, undone in tried
-            if rough <= _ROUGHLY * least
-        ]
+        undone = ((m, m.undo(some)) for m in position_mistakes(self.campaign, self.drawing, some))
+        tried = [(mistake, data) for mistake, data in undone if data is not None]
+        left = _fitted(
+            tried, lambda data, rough: data.fit(1.0, rotations=False, rough=rough).position_scale_m / data.size_m
+        )
         if not left:
             return None
         left.sort(key=lambda one: one[0])
@@ -181,22 +183,19 @@ class FrameChecks:
             return
         sigma = self.campaign.metadata.sigma_rotation_rad or 0.0
 
-        def misfit(turned: FloatArray) -> float:
-            # Rotations of the wrong sense could be fitted at the cost of positions.
-            fit = dataclasses.replace(self.data, rotation_vector_rad=turned).fit(_HOPELESS_M / _HOPELESS_RAD)
-            return max(fit.rotation_scale_rad or 0.0, fit.position_scale_m * _HOPELESS_RAD / _HOPELESS_M)
-
-        before = misfit(vectors)
+        before = _turn_misfit(self.data, rough=False)
         if before <= max(_SUSPECT_TURN_RAD, _SUSPECT_SIGMAS * sigma):
             return
+        undone = ((mistake, mistake.undo(vectors)) for mistake in TURN_MISTAKES)
         tried = [
-            (misfit(undone), mistake)
-            for mistake in TURN_MISTAKES
-            if _may_cause(_turn_spread((undone := mistake.undo(vectors)) - vectors), before)
+            (mistake, dataclasses.replace(self.data, rotation_vector_rad=turned))
+            for mistake, turned in undone
+            if _may_cause(_turn_spread(turned - vectors), before)
         ]
-        least = min((after for after, _ in tried), default=before)
+        left = _fitted(tried, _turn_misfit, _GAIN * before)
+        least = min((after for after, _ in left), default=before)
         # Of equals the first: the simpler mistake.
-        after, best = next((one for one in tried if one[0] <= _EQUAL * least), (before, TURN_MISTAKES[0]))
+        after, best = next((one for one in left if one[0] <= _EQUAL * least), (before, TURN_MISTAKES[0]))
         if after < _GAIN * before:
             metrics = {"misfit_before_mrad": before * 1e3, "misfit_after_mrad": after * 1e3}
             self._found(best.code, best.message, columns.ROTATION, metrics)
@@ -205,6 +204,30 @@ class FrameChecks:
             self._no_agreement(columns.ROTATION, before * 1e3, "mrad")
             self.data = dataclasses.replace(self.data, rotation_vector_rad=None)
         self.fit = self.data.fit(metres_per_rad(self.campaign))
+
+
+def _fitted(
+    tried: list[tuple[Tried, Comparison]], misfit: Callable[[Comparison, bool], float], most: float = np.inf
+) -> list[tuple[float, Tried]]:
+    """Return the misfit with each mistake undone, of those that may be the least or its equal.
+
+    Args:
+        tried: each mistake, and the data with it undone.
+        misfit: of data; told whether a rough one is enough.
+        most: misfit above which a mistake is not named.
+    """
+    rough = [misfit(data, True) for _, data in tried]
+    enough = _ROUGHLY * min(most, *rough, np.inf)
+    return [
+        (misfit(data, False), mistake) for (mistake, data), about in zip(tried, rough, strict=True) if about <= enough
+    ]
+
+
+def _turn_misfit(data: Comparison, rough: bool) -> float:
+    """Return what the frames leave of rotations, in rad, or of positions if they are worse for it."""
+    # Rotations of the wrong sense could be fitted at the cost of positions.
+    fit = data.fit(_HOPELESS_M / _HOPELESS_RAD, rough=rough)
+    return max(fit.rotation_scale_rad or 0.0, fit.position_scale_m * _HOPELESS_RAD / _HOPELESS_M)
 
 
 def _turn_spread(vectors: FloatArray) -> float:

@@ -15,7 +15,7 @@ from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import BoolArray, Campaign
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses
 from pouring_robot.checks.flags import FlagCode, Rows
-from pouring_robot.estimation.frame_fit import FrameFit, fit_frames, rough_position_scale
+from pouring_robot.estimation.frame_fit import FrameFit, fit_frames
 from pouring_robot.estimation.frame_starts import FEWEST_ROWS, affine_map
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.rotations import rotation_matrices
@@ -87,16 +87,11 @@ class Comparison:
         """Whether a column of positions has another unit than the drives: the map is far from rigid along it."""
         return bool(_stretches(self.affine, 1.0).any())
 
-    def fit(self, metres_per_rad: float, *, rotations: bool = True) -> FrameFit:
+    def fit(self, metres_per_rad: float, *, rotations: bool = True, rough: bool = False) -> FrameFit:
         """Fit the two frames; see :func:`fit_frames`."""
         vectors = self.rotation_vector_rad if rotations else None
         rotation = None if vectors is None else rotation_matrices(vectors)
-        return fit_frames(self.poses, self.position_m, rotation, metres_per_rad)
-
-    @property
-    def rough_scale_m(self) -> float:
-        """About the ``position_scale_m`` of a fit of positions alone, sooner had."""
-        return rough_position_scale(self.poses, self.position_m)
+        return fit_frames(self.poses, self.position_m, rotation, metres_per_rad, rough=rough)
 
     def with_drives(self, drawing: Drawing, change: Callable[[FloatArray], FloatArray]) -> Comparison | None:
         """Return the same with drives changed; None where too few of them have a pose."""

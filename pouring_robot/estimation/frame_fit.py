@@ -72,7 +72,12 @@ def robust_sigma(values: FloatArray) -> float:
 
 
 def fit_frames(
-    poses: PoseStack, position_m: FloatArray, rotation: FloatArray | None = None, metres_per_rad: float = 1.0
+    poses: PoseStack,
+    position_m: FloatArray,
+    rotation: FloatArray | None = None,
+    metres_per_rad: float = 1.0,
+    *,
+    rough: bool = False,
 ) -> FrameFit:
     """Fit both frames by iteratively reweighted least squares (Huber), so that single wrong rows hardly count.
 
@@ -82,30 +87,20 @@ def fit_frames(
         rotation: (n, 3, 3) measured rotations; NaN where missing. None: positions only.
         metres_per_rad: how rotations weigh against positions: noise of a coordinate over noise of a rotation
             component, in m. Were it fitted too, one of the two would be fitted at the cost of the other.
+        rough: stay at the best start, for a quarter of the time; what is untold is then not looked for.
 
     Raises:
         FrameFitError: fewer than :data:`FEWEST_ROWS` rows have a pose and a complete position.
     """
     fit = _Fit(poses, position_m, rotation, metres_per_rad)
+    if rough:
+        return fit.at(min(fit.starts(), key=fit.absolute_misfit), ())
     tried = [fit.refined(start, fit.untold(start), _TRIAL_STEPS) for start in fit.starts()]
     frames = min(tried, key=fit.absolute_misfit)
     misfit_m, misfit_rad = (robust_sigma(part) for part in fit.residual(frames))
     untold = fit.untold(frames, misfit_m, misfit_rad)
     frames = fit.refined(untold.zeroed(frames), untold)
-    named = fit.untold(frames, misfit_m, misfit_rad).named()
-    position, turn = fit.residual(frames)
-    if rotation is None or not np.isfinite(rotation).any():
-        return FrameFit(frames, named, position, None, robust_sigma(position), None)
-    return FrameFit(frames, named, position, turn, robust_sigma(position), robust_sigma(turn))
-
-
-def rough_position_scale(poses: PoseStack, position_m: FloatArray) -> float:
-    """Return about what a fit of positions leaves, the robust standard deviation of a coordinate, in m.
-
-    It is what the best start leaves, for a quarter of a fit's time; arguments and errors as for :func:`fit_frames`.
-    """
-    fit = _Fit(poses, position_m, None, 1.0)
-    return min(robust_sigma(fit.residual(start)[0]) for start in fit.starts())
+    return fit.at(frames, fit.untold(frames, misfit_m, misfit_rad).named())
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,6 +219,13 @@ class _Fit:
             raise FrameFitError(int(complete.sum()), FEWEST_ROWS)
         found = frame_starts(self.poses[complete], self.measured[complete], self.arm)
         return [OuterFrames(*pair) for pair in found]
+
+    def at(self, frames: OuterFrames, untold: tuple[dict[str, float], ...]) -> FrameFit:
+        """Return what frames leave over."""
+        position, turn = self.residual(frames)
+        if not np.isfinite(self.measured.rotation).any():
+            return FrameFit(frames, untold, position, None, robust_sigma(position), None)
+        return FrameFit(frames, untold, position, turn, robust_sigma(position), robust_sigma(turn))
 
     def residual(self, frames: OuterFrames) -> tuple[FloatArray, FloatArray]:
         """Return measured minus expected places, (n, 3) in m, and turns, (n, 3) in rad."""

@@ -125,10 +125,15 @@ def against(parts: Sequence[Part], values: FloatArray) -> FloatArray:
 
 def between(one: Sequence[Part], other: Sequence[Part]) -> FloatArray:
     """Return the inner products of two sets of columns, (k, l)."""
-    return np.vstack([np.hstack([_block(first, second) for second in other]) for first in one])
+    columns = np.column_stack([second.channel.column for second in other])
+    return np.vstack([_blocks(first, other, first.channel.against(columns)) for first in one])
 
 
-def _block(first: Part, second: Part) -> FloatArray:
-    weights = first.channel.against(second.channel.column[:, None])
-    weighted = second.course * weights if isinstance(second.course, np.ndarray) else second.course.multiply(weights)
-    return _dense(first.course.T @ weighted)
+def _blocks(first: Part, other: Sequence[Part], weights: FloatArray) -> FloatArray:
+    """Return the inner products of a part's columns with other ones'; weights (n, parts) are those of the channels."""
+    found = []
+    for second, weight in zip(other, weights.T[:, :, None], strict=True):
+        course = second.course
+        weighted = course * weight if isinstance(course, np.ndarray) else course.multiply(weight)
+        found.append(_dense(first.course.T @ weighted))
+    return np.hstack(found)

@@ -253,6 +253,10 @@ class Robot:
         """
         return self.location_to(command) if isinstance(command, Target) else self.location_at(self.drives_of(command))
 
+    def actual_of(self, command: Command) -> ClosureResult:
+        """Return the robot as built at a command, without where it should be; raises as :meth:`location_of`."""
+        return self.location_of(command).actual
+
     def drives_of(self, command: Command) -> FloatArray:
         """Return the drive values that a command means, (drives,), in m and rad.
 

@@ -186,6 +186,12 @@ class PouringRobot(Robot):
         """Return where the ladle should be and where it is for a pose, a target or drive values (4,), in m and rad."""
         return self.locate(command) if isinstance(command, PlatformPose) else super().location_of(command)
 
+    def actual_of(self, command: Command) -> ClosureResult:
+        """Return the robot as built at a pose, a target or drive values; as the ``actual`` of its location."""
+        if not isinstance(command, PlatformPose):
+            return super().actual_of(command)
+        return self._closed_as_built(self.kinematics.inverse(command), self.kinematics.configuration(command))
+
     def outside_workspace(self, pose: PlatformPose) -> tuple[FloatArray, float]:
         """Return by how far a pose leaves the workspace box: per axis, shape (3,), in m, and in tilt, in rad."""
         layout, position = self.layout, np.array(pose.position_m)
@@ -219,7 +225,7 @@ class PouringRobot(Robot):
         """
         if not isinstance(pose, PlatformPose):
             raise BadInputError("transfer takes one PlatformPose; for drive values take transfer_at")
-        return self._transfer(self.locate(pose).actual, parameters, frame)
+        return self._transfer(self.actual_of(pose), parameters, frame)
 
     def drive_jacobians(self, location: LadleLocation) -> DriveJacobians:
         """Return the Jacobians of the actual robot at a location."""
