@@ -33,12 +33,6 @@ if TYPE_CHECKING:
 RANK_TOLERANCE = 1e-8
 # A joint idles if it has at least this share in a motion that opens no loop.
 _IDLE_SHARE = 1e-6
-# Of the search: the iteration from which residuals count as lasting, how many steps may climb, when damping ends.
-_FIRST_EXACT = 4
-_PATIENCE = 4
-_LEAST_DAMPING = 1e-6
-# Steps shorter than this (m or rad) leave the Hessian nearly as it was.
-_KEEP_FACTORS_BELOW = 1e-5
 
 
 @dataclass(frozen=True)
@@ -331,44 +325,43 @@ class ClosureSolver:
         """Run Newton: Gauss-Newton far away, the exact Hessian where residuals stay, a watchdog over both.
 
         The energy is a curved valley, stiff across and soft along, so a good step along it first climbs the wall.
-        A few steps may therefore end higher than the best one so far (watchdog technique: Chamberlain, Powell,
-        Lemarechal and Pedersen, Math. Programming Study 16, 1982); if they come to nothing, the search returns to
-        the best state and shortens its steps by Levenberg's term.
+        One step may therefore end higher than the best one so far (watchdog technique: Chamberlain, Powell,
+        Lemarechal and Pedersen, Math. Programming Study 16, 1982); if the next does not fall below it, the search
+        returns to the best state and shortens its step by Levenberg's term.
         """
         options, best = self.options, state
         if not energy.free_columns.size:  # the drives alone say where everything is
             return state, 0
-        damping, climbs, exact, kept = 0.0, 0, False, False
-        previous, share_before = np.inf, 1.0
+        damping, climbed, exact, kept = 0.0, False, False, False
+        previous, share_before = 0.0, 1.0
         for iteration in range(1, options.max_iterations + 1):
             # Next to the minimum the factors of the last Hessian still serve, and cost nothing.
             step = self._step(energy, state, exact, damping, kept)
-            length = max(step.max(), -step.min())
+            length = np.abs(step).max()
             trial = energy.evaluate(pin.integrate(energy.model, state.configuration, step), commanded)
             closed = energy.can_close and np.abs(trial.residual).max(initial=0.0) < options.closed_below
             short = length < options.step_tolerance
-            share = length / previous if 0.0 < previous < np.inf else 1.0  # two steps may be exactly zero
+            share = length / (previous or length or 1.0)  # the first has none before it; steps may be exactly zero
             # A step measures the error before it; it leaves less by as much as steps shrink. The worse of two steps
             # counts, because Newton may set stiff and soft directions right in turns.
             settled = length * max(share, share_before) < options.left_over or (
-                share > 0.5 and previous < options.round_off
+                share > 0.5 and length < options.round_off
             )
-            sharp = damping == 0.0 and (exact or closed)
+            sharp = not damping and (exact or closed)
             if settled and short and sharp:
                 return trial, iteration
-            kept = sharp and length < _KEEP_FACTORS_BELOW and not kept and self._factors is not None
-            # Energy that no longer falls steeply is there to stay: from here the residual's curvature counts.
-            exact = not closed and (iteration >= _FIRST_EXACT or trial.elastic > 0.01 * state.elastic)
-            # Round-off of the energy: near the minimum it may rise by a few last digits.
-            if trial.energy <= best.energy + 1e-12 * abs(best.energy) + 1e-18 or short:
+            kept = sharp and short and not kept
+            # Residuals of weight, and others that no longer fall steeply, are there to stay: their curvature counts.
+            exact = not closed and (not energy.can_close or trial.elastic > 0.01 * state.elastic)
+            if trial.energy <= best.energy or short:  # near the minimum it may rise by a few last digits
                 best = state = trial
                 previous, share_before = length, share
-                damping, climbs = 0.1 * damping if damping > _LEAST_DAMPING else 0.0, 0
-            elif damping == 0.0 and climbs < _PATIENCE and np.isfinite(trial.energy):
-                state, climbs = trial, climbs + 1
+                damping, climbed = 0.0, False
+            elif not (damping or climbed) and np.isfinite(trial.energy):
+                state, climbed = trial, True
             else:
                 best = state = energy.evaluate(best.configuration, commanded)  # the Hessian reads the workspace
-                damping, climbs = max(10.0 * damping, 1e-4), 0
+                damping, climbed = max(10.0 * damping, 1e-4), False
         raise self._failure("Newton's steps do not settle", best, options.max_iterations, "not converged")
 
     def _step(self, energy: ClosureEnergy, state: EnergyState, exact: bool, damping: float, kept: bool) -> FloatArray:
