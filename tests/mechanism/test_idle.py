@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.batch.general import GeneralEngine
-from pouring_robot.exceptions import DescriptionError, SingularPoseError
+from pouring_robot.exceptions import BadInputError, DescriptionError, SingularPoseError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import ClosureSolver
 from pouring_robot.mechanism.energy import Loads
@@ -41,6 +41,17 @@ def test_what_the_drive_determines_is_given_and_what_spins_is_refused():
     np.testing.assert_allclose(transfer.matrix[[0, 2], 0], slope, rtol=0, atol=1e-9)
     with pytest.raises(SingularPoseError):
         closed_chain_transfer(solver, result, drive_parameters(mechanism), "rod")
+
+
+def test_which_frame_is_observed_must_be_said_somewhere():
+    mechanism = strut()
+    unsaid = ClosedChainMechanism(mechanism.urdf, mechanism.loops.model_copy(update={"end_frame": None}))
+    solver = ClosureSolver(unsaid)
+    result = solver.solve_from(start_of(unsaid))
+    with pytest.raises(BadInputError, match="no end_frame; say which frame is observed"):
+        closed_chain_transfer(solver, result, drive_parameters(unsaid))
+    found = closed_chain_transfer(solver, result, drive_parameters(unsaid), "crank_end")
+    np.testing.assert_allclose(found.matrix[[0, 2], 0], central_differences_of(crank_end, STROKE), rtol=0, atol=1e-9)
 
 
 def central_differences_of(function, at, step=1e-4):

@@ -1,5 +1,6 @@
 """A mechanism without loops: forward kinematics, and G against central differences, with weight and soft drives too."""
 
+import dataclasses
 import pickle
 
 import numpy as np
@@ -112,6 +113,53 @@ def test_the_base_and_the_tool_move_the_pose_as_frames_do():
     np.testing.assert_allclose(matrix[:3, 1], np.cross([0, 1, 0], pose.translation), atol=1e-15)
     np.testing.assert_allclose(matrix[:3, 2], pose.rotation[:, 0], atol=1e-15)
     np.testing.assert_allclose(matrix[3:, 3], pose.rotation[:, 1], atol=1e-15)
+
+
+def test_the_matrix_says_what_its_numbers_are():
+    mechanism = arm()
+    solver, result = solved(mechanism, SOFT)
+    parameters = [*placement_parameters(["elbow"]), DriveParameter("roll", "rad"), PayloadParameter()]
+    found = closed_chain_transfer(solver, result, parameters)
+    names = [*(f"elbow.{c}" for c in ("tx", "ty", "tz", "rx", "ry", "rz")), "drive.roll", PayloadParameter().name]
+    per = ["m"] * 3 + ["rad"] * 4 + ["kg"]
+    assert found.frame == "flange"
+    assert list(found.names) == names
+    assert found.headline == "G of 'flange' by 8 local parameters"
+    assert found.headline in repr(found)
+    labelled = found.to_dataarray()
+    np.testing.assert_array_equal(labelled, found.matrix)
+    assert (labelled.name, labelled.attrs, labelled.dims) == ("G", {"frame": "flange"}, ("component", "parameter"))
+    assert {name: labelled[name].values.tolist() for name in labelled.coords} == {
+        "component": ["x", "y", "z", "rx", "ry", "rz"],
+        "parameter": names,
+        "unit": ["m"] * 3 + ["rad"] * 3,
+        "per": per,
+    }
+    table = found.to_frame()
+    assert list(table) == ["parameter", "per", "x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad"]
+    assert (table["parameter"].tolist(), table["per"].tolist()) == (names, per)
+    np.testing.assert_array_equal(table[list(table)[2:]], found.matrix.T)
+    for name in ("matrix", "joints"):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(found, name)[0, 0] = 1.0
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        found.frame = "foot"
+
+
+def test_what_stands_before_a_drive_does_not_feel_it():
+    mechanism = arm()
+    solver, result = solved(mechanism, Loads())
+    upper = closed_chain_transfer(solver, result, drive_parameters(mechanism), "shoulder_link")
+    assert upper.frame == "shoulder_link"
+    np.testing.assert_array_equal(upper.matrix[:, 2:], 0.0)
+    np.testing.assert_allclose(np.linalg.norm(upper.matrix[3:, :2], axis=0), 1.0, rtol=1e-14)
+
+
+def test_no_parameter_makes_no_column():
+    mechanism = arm()
+    solver, result = solved(mechanism, SOFT)
+    none = closed_chain_transfer(solver, result, [])
+    assert (none.matrix.shape, none.joints.shape) == ((6, 0), (mechanism.shared_model.nv, 0))
 
 
 def test_a_soft_drive_sags_to_where_its_spring_carries_the_weight():
