@@ -9,16 +9,15 @@ from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.robot.model import RobotModel
-from tests.diagnosis.hidden import CENTRES_AND_LOAD, DRIFT, HOT, NOTHING, ZEROS, campaign
+from tests.diagnosis.hidden import CENTRES_AND_LOAD, DRIFT, HOT, NOTHING, ZEROS
 
 CASES = {"hot": HOT, "centres_and_load": CENTRES_AND_LOAD, "drift": DRIFT, "zeros": ZEROS, "nothing": NOTHING}
 
 
 @pytest.fixture(scope="module", params=CASES)
-def case(request, tmp_path_factory):
-    folder = tmp_path_factory.mktemp(request.param)
-    found = diagnose(campaign(folder, CASES[request.param], background=request.param == "hot"))
-    file = amended(found).save(folder / "model.yaml")
+def case(request, diagnosed, tmp_path_factory):
+    found = diagnosed(CASES[request.param], background=request.param == "hot")
+    file = amended(found).save(tmp_path_factory.mktemp(request.param) / "model.yaml")
     return found, RobotModel.load(file), file
 
 
@@ -59,8 +58,8 @@ def test_what_stands_still_is_placed_and_the_rest_is_not(case):
     assert moved == (not model.is_drawing)
 
 
-def test_an_offset_found_is_an_offset_of_the_drive(tmp_path):
-    found = diagnose(campaign(tmp_path, ZEROS))
+def test_an_offset_found_is_an_offset_of_the_drive(diagnosed):
+    found = diagnosed(ZEROS)
     assert [e.cause.effect for e in found.effects] == ["drive_zero_offset"]
     values = {p.parameter.name: p.value for p in found.effects[0].parameters}
     offsets = amended(found).drive_offsets
@@ -78,9 +77,9 @@ def test_other_commands_say_what_they_leave_out(case, capsys):
     assert ("does not apply" in said) == bool(stays)
 
 
-def test_a_second_effect_comes_on_top_of_the_first(tmp_path):
-    data = campaign(tmp_path, CENTRES_AND_LOAD)
-    whole = amended(diagnose(data))
+def test_a_second_effect_comes_on_top_of_the_first(diagnosed):
+    found = diagnosed(CENTRES_AND_LOAD)
+    data, whole = found.campaign, amended(found)
     kept = [entry for entry in whole.effects if entry.effect != "leg_compliance"]
     second = diagnose(data, whole.model_copy(update={"effects": kept}))
     assert [e.cause.effect for e in second.effects] == ["leg_compliance"]

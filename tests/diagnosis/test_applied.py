@@ -11,10 +11,9 @@ from pouring_robot import Campaign, random_plan, robots_under
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.cli.app import main
 from pouring_robot.diagnosis.amend import amended
-from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import robot_of
-from tests.diagnosis.hidden import DRIFT, HOT, campaign
+from tests.diagnosis.hidden import DRIFT, HOT
 from tests.rig import Wanted
 
 PLAY = (Wanted("drive_backlash", 6.0, "a"),)
@@ -25,10 +24,10 @@ SIDES = tuple(f"approach_q{k}" for k in range(1, 5))
 
 
 @pytest.fixture(scope="module", params=CASES)
-def case(request, tmp_path_factory):
+def case(request, diagnosed, tmp_path_factory):
     """A campaign of the independent machine, what was found in it, its model file, and its poses as a table."""
     folder = tmp_path_factory.mktemp(request.param)
-    found = diagnose(campaign(folder, CASES[request.param]))
+    found = diagnosed(CASES[request.param])
     assert {named.cause.effect for named in found.effects} == {CASES[request.param][0].effect}
     file = amended(found).save(folder / "model.yaml")
     data = found.rows.campaign

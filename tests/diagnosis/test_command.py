@@ -1,6 +1,8 @@
 """``diagnose`` and ``effects`` as a user runs them, on sound, short and damaged campaigns."""
 
+import contextlib
 import csv
+import functools
 import io
 import json
 import tempfile
@@ -17,7 +19,7 @@ from pouring_robot.robot.model import RobotModel
 from tests.campaign.test_fuzz import damages, spoil
 from tests.diagnosis.hidden import HOT, NOTHING, campaign
 
-FUZZ = settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+FUZZ = settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 FILES = {"diagnosis.json", "model.yaml", "report.html", "ladles.html", "next.csv"}
 TEMPERATURES = ("melt_degC", "ambient_degC", "leg1_degC", "leg2_degC", "leg3_degC", "leg4_degC", "platform_degC")
 
@@ -64,58 +66,65 @@ def hot(tmp_path_factory):
     return Table(folder)
 
 
-@pytest.fixture
-def run(tmp_path, capsys):
+def diagnosed(folder, table, *more):
     """Run the command as the shell does: exit code, figures (None on failure), what was said, error output."""
+    (folder / "c.csv").write_bytes(table.texts()[0])
+    (folder / "c.yaml").write_bytes(table.texts()[1])
+    with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.redirect_stderr(io.StringIO()) as error:
+        code = main(["diagnose", str(folder / "c.csv"), "--out", str(folder / "out"), *more])
+    left = {path.name for path in folder.iterdir()} - {"c.csv", "c.yaml"}
+    if code:
+        assert left == set()
+        assert error.getvalue().count("\n") == 1
+        return code, None, said.getvalue(), error.getvalue()
+    assert left == {"out"}
+    return code, json.loads((folder / "out" / "diagnosis.json").read_text()), said.getvalue(), error.getvalue()
 
-    def go(table, *more):
-        (tmp_path / "c.csv").write_bytes(table.texts()[0])
-        (tmp_path / "c.yaml").write_bytes(table.texts()[1])
-        capsys.readouterr()
-        code = main(["diagnose", str(tmp_path / "c.csv"), "--out", str(tmp_path / "out"), *more])
-        said = capsys.readouterr()
-        left = {path.name for path in tmp_path.iterdir()} - {"c.csv", "c.yaml"}
-        if code:
-            assert left == set()
-            assert said.err.count("\n") == 1
-            return code, None, said.out, said.err
-        assert left == {"out"}
-        return code, json.loads((tmp_path / "out" / "diagnosis.json").read_text()), said.out, said.err
 
-    return go
+@pytest.fixture
+def run(tmp_path):
+    return functools.partial(diagnosed, tmp_path)
+
+
+@pytest.fixture(scope="module")
+def written(hot, tmp_path_factory):
+    """The folder of a sound campaign's files, and what the command gave."""
+    folder = tmp_path_factory.mktemp("sound")
+    return folder / "out", diagnosed(folder, hot)
 
 
 def named(figures):
     return [effect["effect"] for effect in figures["effects"]]
 
 
-def test_a_sound_campaign_from_file_to_files(hot, run, tmp_path):
-    code, figures, said, _ = run(hot)
+def test_a_sound_campaign_from_file_to_files(written):
+    out, (code, figures, said, _) = written
     assert code == 0
-    assert {path.name for path in (tmp_path / "out").iterdir()} == FILES
+    assert {path.name for path in out.iterdir()} == FILES
     assert figures["verdict"] == "named"
     assert named(figures) == ["leg_thermal_expansion"]
-    assert figures["model"] == str(tmp_path / "out" / "model.yaml")
+    assert figures["model"] == str(out / "model.yaml")
     assert said.startswith("NAMED: the model lacks leg_thermal_expansion")
-    assert all(f"wrote {tmp_path / 'out' / name}" in said.replace("\n", "") for name in FILES)
+    assert all(f"wrote {out / name}" in said.replace("\n", "") for name in FILES)
 
 
-def test_the_amended_model_closes_the_gap(hot, run, tmp_path):
-    assert run(hot)[0] == 0
-    (tmp_path / "out").rename(tmp_path.parent / "first")
-    code, figures, said, _ = run(hot, "--model", str(tmp_path.parent / "first" / "model.yaml"))
+def test_the_amended_model_closes_the_gap(hot, run, written):
+    code, figures, said, _ = run(hot, "--model", str(written[0] / "model.yaml"))
     assert code == 0
     assert figures["verdict"] == "no_gap"
     assert figures["effects"] == []
     assert said.startswith("NO GAP")
 
 
-def test_json_is_json_and_equals_the_file(hot, run):
+def test_json_is_json_and_equals_the_file_and_files_of_a_user_stay(hot, run, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine.txt").write_text("x")
     code, figures, said, _ = run(hot, "--json")
     printed = json.loads(said)
     assert code == 0
     assert len(printed.pop("written")) == len(FILES)
     assert printed == figures
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {*FILES, "mine.txt"}
 
 
 def test_an_excluded_effect_is_not_named(hot, run):
@@ -234,10 +243,8 @@ def test_wrong_units_are_told(hot, run):
     assert "metres under a heading in millimetres" in error
 
 
-def test_a_model_whose_effects_the_campaign_cannot_feed_is_refused(hot, run, tmp_path):
-    assert run(hot)[0] == 0
-    (tmp_path / "out").rename(tmp_path.parent / "fed")
-    code, _, _, error = run(hot.without(*TEMPERATURES), "--model", str(tmp_path.parent / "fed" / "model.yaml"))
+def test_a_model_whose_effects_the_campaign_cannot_feed_is_refused(hot, run, written):
+    code, _, _, error = run(hot.without(*TEMPERATURES), "--model", str(written[0] / "model.yaml"))
     assert code == 3
     assert "leg_thermal_expansion" in error
 
@@ -246,13 +253,6 @@ def test_a_folder_that_cannot_be_is_told_before_the_work(hot, tmp_path, capsys):
     (tmp_path / "file").write_text("x")
     assert main(["diagnose", "--out", str(tmp_path / "file"), "nothing.csv"]) == 2
     assert "give a folder" in capsys.readouterr().err
-
-
-def test_files_of_a_user_stay(hot, run, tmp_path):
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "mine.txt").write_text("x")
-    assert run(hot)[0] == 0
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {*FILES, "mine.txt"}
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.diagnosis.diagnose import DiagnosisOptions, diagnose
+from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.lip import moved_at_lip
 from pouring_robot.diagnosis.parameters import FoundParameter
@@ -31,7 +31,7 @@ from pouring_robot.effects.registry import all_effects
 from pouring_robot.inference.decision import Thresholds
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import PouringRobot
-from tests.diagnosis.hidden import HOT, NOTHING, ZEROS, campaign, stepped
+from tests.diagnosis.hidden import NOTHING, ZEROS, campaign
 
 CONTRACT = {
     "verdict",
@@ -43,23 +43,6 @@ CONTRACT = {
     "data_flags",
     "model",
 }
-
-
-@pytest.fixture(scope="module")
-def hot(tmp_path_factory):
-    return diagnose(campaign(tmp_path_factory.mktemp("hot"), HOT))
-
-
-@pytest.fixture(scope="module")
-def nothing(tmp_path_factory):
-    return diagnose(campaign(tmp_path_factory.mktemp("nothing"), NOTHING))
-
-
-@pytest.fixture(scope="module")
-def excluded(tmp_path_factory):
-    """A step that only a drift could explain, which may not be named."""
-    data = stepped(tmp_path_factory.mktemp("stepped"))
-    return diagnose(data, options=DiagnosisOptions(exclude=("base_drift",)))
 
 
 def words(diagnosis):
