@@ -117,9 +117,9 @@ class ClosureResult(Result):
         """Return one row a loop: what is left open in m and rad, and the wrench it carries in N and Nm."""
         import pandas as pd
 
-        parts = {"{}_m": 0, "r{}_rad": 3}, {"f{}_N": 0, "t{}_Nm": 3}
+        parts = (self.residual, {"{}_m": 0, "r{}_rad": 3}), (self.internal_wrench, {"f{}_N": 0, "t{}_Nm": 3})
         table: dict[str, Any] = {"loop": self.mechanism.loops.names}
-        for array, columns in zip((self.residual, self.internal_wrench), parts, strict=True):
+        for array, columns in parts:
             table |= {f.format(a): array[:, first + k] for f, first in columns.items() for k, a in enumerate("xyz")}
         return pd.DataFrame(table)
 
@@ -332,8 +332,8 @@ class ClosureSolver:
         options, best = self.options, state
         if not energy.free_columns.size:  # the drives alone say where everything is
             return state, 0
-        damping, climbed, exact, kept = 0.0, False, False, False
-        previous, share_before = 0.0, 1.0
+        damping = previous = share_before = 0.0
+        climbed = exact = kept = False
         for iteration in range(1, options.max_iterations + 1):
             # Next to the minimum the factors of the last Hessian still serve, and cost nothing.
             step = self._step(energy, state, exact, damping, kept)

@@ -37,9 +37,13 @@ class Target:
 
 TARGETS = {
     "closure": Target(
-        "pouring_robot/mechanism/closure.py", ("tests/mechanism/test_closure.py", "tests/batch/test_large_errors.py")
+        "pouring_robot/mechanism/closure.py",
+        tuple(f"tests/mechanism/test_{room}.py" for room in ("closure_figures", "newton", "growth", "idle", "serial")),
     ),
-    "G": Target("pouring_robot/mechanism/transfer.py", ("tests/mechanism/test_transfer.py",)),
+    "G": Target(
+        "pouring_robot/mechanism/transfer.py",
+        tuple(f"tests/mechanism/test_{room}.py" for room in ("idle", "serial", "transfer")),
+    ),
     "evidence": Target("pouring_robot/inference/evidence.py", ("tests/inference",)),
     "verdict": Target("pouring_robot/inference/decision.py", ("tests/inference/test_decision.py", "tests/inference")),
 }

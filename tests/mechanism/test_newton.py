@@ -172,3 +172,16 @@ def test_round_off_in_a_soft_direction_is_not_chased(drawing, spring):
         found = solver.solve(drives, drawing.kinematics.configuration(pose))
         assert found.joint_values["leg1_s3"] == pytest.approx(drives["leg1_s3"], abs=noise + 1e-12)
         assert found.iterations <= 6
+
+
+def test_steps_that_no_longer_shrink_are_round_off(crooked):
+    """If nothing at all may be left, they end the search, which finds the same; if they may not, nothing ends it."""
+    (pose,) = random_poses(1, seed=36)
+    place = crooked.kinematics.inverse(pose), crooked.kinematics.configuration(pose)
+    mechanism = crooked.actual_solver.mechanism
+    found = crooked.actual_solver.solve(*place)
+    strict = ClosureSolver(mechanism, options=ClosureOptions(left_over=0.0)).solve(*place)
+    np.testing.assert_allclose(strict.configuration, found.configuration, rtol=0, atol=1e-13)
+    assert found.iterations <= strict.iterations <= found.iterations + 5
+    with pytest.raises(ClosureError, match="do not settle after 240 iterations"):
+        ClosureSolver(mechanism, options=ClosureOptions(left_over=0.0, round_off=0.0)).solve(*place)
