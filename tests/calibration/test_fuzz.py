@@ -13,7 +13,7 @@ from pouring_robot.cli import app
 from pouring_robot.cli.app import main
 from tests.campaign.test_fuzz import damages, spoil
 
-FUZZ = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+FUZZ = settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 FILES = {"calibrated.yaml", "calibration.json", "loops.yaml", "pouring_robot.urdf", "report.html", "meshes"}
 
 
@@ -68,7 +68,7 @@ def test_damaged_metadata(sound, capsys, changes):
     check(sound[0], spoil(sound[1], changes), capsys)
 
 
-@settings(FUZZ, max_examples=10)
+@settings(FUZZ, max_examples=6)
 @given(
     seed=st.integers(0, 10_000),
     value=st.sampled_from(["", "0", "-1e9", "1e-300", "nan", "550", "3.2", "x"]),

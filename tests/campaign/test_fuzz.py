@@ -14,7 +14,7 @@ from pouring_robot.checks.check import examine
 from pouring_robot.checks.summary import campaign_metrics
 from pouring_robot.exceptions import BadInputError
 
-FUZZ = settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+FUZZ = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 NASTY = (
     b"",
     b",",

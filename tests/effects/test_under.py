@@ -62,18 +62,25 @@ def rows_of(campaign, model):
     return CampaignRows(campaign, model, NOISE)
 
 
-@pytest.mark.parametrize("form", [0, -1])
+CROOKED = {"leg2_s1": {"translation_mm": (0.3, -0.2, 0.1), "rotation_mrad": (0.4, 0.1, -0.3)}}
+
+
+@pytest.fixture(scope="module")
+def bare(bench):
+    """Where a crooked robot stands in the rows of the campaign, without effects."""
+    return places([robot_of(RobotModel(joint_placements=CROOKED))] * len(bench.campaign), bench.campaign.drives)
+
+
 @pytest.mark.parametrize("kind", MOVING, ids=lambda kind: kind.id)
-def test_a_robot_stands_where_the_diagnosis_closes_it(bench, rng, kind, form):
-    """Rows out of their order; 1e-7 m: placements are composed, where a diagnosis adds up twists."""
+def test_a_robot_stands_where_the_diagnosis_closes_it(bench, bare, rng, kind):
+    """Rows out of their order, first and last form; 1e-7 m: placements are composed, a diagnosis adds up twists."""
     rows = rows_of(bench.campaign, RobotModel())
-    crooked = {"leg2_s1": {"translation_mm": (0.3, -0.2, 0.1), "rotation_mrad": (0.4, 0.1, -0.3)}}
-    model = model_with(rows, entry_of(kind, rows.conditions, rng, form), joint_placements=crooked)
-    robots = robots_under(model, list(bench.campaign.drives), given_of(bench.campaign))
-    found, expected = places(robots, bench.campaign.drives), predicted(rows_of(bench.campaign, model))
-    assert np.abs(found[:, :3] - expected).max() <= 1e-7
-    bare = places([robot_of(RobotModel(joint_placements=crooked))] * len(robots), bench.campaign.drives)
-    assert np.abs(found - bare).max() >= 1e-6, "the effect must do something in these rows"
+    for form in {0, len(kind.forms(rows.conditions)) - 1}:
+        model = model_with(rows, entry_of(kind, rows.conditions, rng, form), joint_placements=CROOKED)
+        robots = robots_under(model, list(bench.campaign.drives), given_of(bench.campaign))
+        found, expected = places(robots, bench.campaign.drives), predicted(rows_of(bench.campaign, model))
+        assert np.abs(found[:, :3] - expected).max() <= 1e-7
+        assert np.abs(found - bare).max() >= 1e-6, "the effect must do something in these rows"
 
 
 @pytest.mark.parametrize("machine", sorted(MACHINES))
