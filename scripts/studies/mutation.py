@@ -44,7 +44,7 @@ TARGETS = {
         "pouring_robot/mechanism/transfer.py",
         tuple(f"tests/mechanism/test_{room}.py" for room in ("idle", "serial", "transfer")),
     ),
-    "evidence": Target("pouring_robot/inference/evidence.py", ("tests/inference",)),
+    "evidence": Target("pouring_robot/inference/evidence.py", ("tests/inference/test_evidence.py", "tests/inference")),
     "verdict": Target("pouring_robot/inference/decision.py", ("tests/inference/test_decision.py", "tests/inference")),
 }
 

@@ -1,5 +1,6 @@
 """Evidence and posterior against densities, matrix inverses and other libraries."""
 
+from dataclasses import FrozenInstanceError
 from fractions import Fraction
 
 import numpy as np
@@ -14,6 +15,8 @@ from pouring_robot.inference.evidence import (
     Gram,
     Scale,
     bayes_factor,
+    eigen,
+    largest_scale,
     most_evidence,
     shaping_unit,
 )
@@ -229,3 +232,60 @@ def test_shaping_has_a_scale_of_its_own(rng):
     assert found.peak == pytest.approx(values.max(), abs=1e-9)
     shape, scale = np.unravel_index(values.argmax(), values.shape)
     assert found.scale == pytest.approx((SCALES[scale], unit * SHAPINGS[shape]))
+
+
+@pytest.mark.parametrize("probability", [0.5, 0.975])
+def test_the_largest_scale_is_a_quantile_of_the_scales_density(rng, probability):
+    """Of the grid: the first scale below which the density of the data puts no less than the probability."""
+    columns, residual = rng.normal(size=(12, 2)), rng.normal(size=12)
+    found = largest_scale(columns.T @ columns, columns.T @ residual, probability)
+    density = np.exp([ratio(residual, columns, [], scale) for scale in SCALES])
+    below = density.cumsum() / density.sum()
+    expected = SCALES[below >= probability][0]
+    assert found == pytest.approx(expected, rel=1e-12)
+    if probability == 0.975:
+        assert largest_scale(columns.T @ columns, columns.T @ residual) == found
+
+
+def test_of_a_strong_group_no_scale_is_too_large(rng):
+    column = rng.normal(size=(12, 1))
+    assert largest_scale(column.T @ column, 1e3 * column.T @ column[:, 0]) == pytest.approx(SCALES[-1])
+    assert largest_scale(1e4 * column.T @ column, np.zeros(1)) < 0.5
+
+
+@pytest.mark.parametrize("size", [3, 100, 101, 160])
+def test_axes_of_small_and_of_large_matrices(rng, size):
+    stack = rng.normal(size=(2, size, size))
+    matrices = stack + stack.swapaxes(1, 2)
+    for one, values, axes in zip(matrices, *eigen(matrices), strict=True):
+        assert (np.diff(values) >= 0.0).all()
+        lost = round_off(scale=np.linalg.norm(one), terms=size**2)
+        np.testing.assert_allclose(axes * values @ axes.T, one, rtol=0, atol=lost)
+        np.testing.assert_allclose(values, eigen(one)[0], rtol=0, atol=lost)
+
+
+def test_no_column_is_worth_nothing():
+    found = bayes_factor(np.zeros((0, 0)), np.zeros(0))
+    assert (found.evidence, found.scale, found.peak) == (0.0, (1.0, 1.0), 0.0)
+
+
+def test_the_grid_of_scales_is_what_it_says():
+    """From a hundredth to ten times what is usual, and from a few hundredths of the prediction to all of it."""
+    assert SCALES[[0, -1]] == pytest.approx([0.01, 10.0])
+    np.testing.assert_allclose(np.diff(LOG_SCALES), np.log(1000.0) / 27, rtol=1e-9)
+    assert SHAPINGS[[0, -1]] == pytest.approx([0.03, 1.0])
+    # A scale on the grid that is the largest possible is possible.
+    strong = np.array([[100.0]]), np.array([1e4])
+    assert bayes_factor(*strong, largest=float(SCALES[20])).scale.main == pytest.approx(SCALES[20])
+
+
+def test_shaping_that_is_not_there_needs_no_unit(rng):
+    columns = rng.normal(size=(5, 2))
+    assert shaping_unit(columns.T @ columns, np.array([True, True])) == 1.0
+
+
+def test_what_is_found_cannot_be_changed():
+    found = bayes_factor(np.eye(1), np.ones(1))
+    for thing, name in ((found, "evidence"), (Gram(np.eye(1), np.ones(1), 1.0), "squared")):
+        with pytest.raises(FrozenInstanceError):
+            setattr(thing, name, 0.0)
