@@ -24,6 +24,8 @@ from pouring_robot.robot.tolerances import Tolerances
 _FAILED = 1e6
 _STANDARD_ERRORS = 2.0
 _ROUGH, _ROUGH_EVALUATIONS = 0.3, 100
+# Of a block that is fitted or judged while groups are chosen: what so many rows cannot tell is far below their noise.
+_MOST_ROWS = 1000
 
 
 @dataclass(frozen=True)
@@ -72,21 +74,22 @@ class _CrossValidation:
         tolerances: Tolerances,
         options: FitOptions,
     ) -> None:
-        self.rows, self.measured, self.split = rows, measured, split
+        self.rows, self.measured = rows, measured
         # Scores need predictions, not parameters: what a tenth of a standard deviation moves does not show in them.
         # A choice that takes long even for that is hardly determined by a part of the rows, and is none.
         most = min(options.max_evaluations, _ROUGH_EVALUATIONS)
         rough = replace(options, step_tolerance=_ROUGH, max_evaluations=most, curvature=False)
         self.tolerances, self.options = tolerances, rough
         frames_only = rows.with_model(rows.model.with_parameters(()))
-        self._frames = [first_frames(frames_only[train], measured[train]) for train, _ in split.validations]
+        self._folds = [(_thinned(train), _thinned(validation)) for train, validation in split.validations]
+        self._frames = [first_frames(frames_only[train], measured[train]) for train, _ in self._folds]
 
     def __call__(self, groups: Sequence[ParameterGroup]) -> FloatArray:
         """Return the mean squared whitened residual of each judged row, by kind, shape (rows, kinds)."""
         model = self.rows.model.with_parameters(all_parameters(groups))
         prior = prior_std(model.parameters, self.tolerances, framed=self.measured.framed, sessions=model.sessions)
         scores = np.full((len(self.rows), len(KINDS)), np.nan)
-        for frames, (train, validation) in zip(self._frames, self.split.validations, strict=True):
+        for frames, (train, validation) in zip(self._frames, self._folds, strict=True):
             start = Unknowns.zero(frames.frames, prior.size - FRAMES)
             scores[validation] = self._fold(start, prior, model, train, validation)
         return np.asarray(scores[np.isfinite(scores).any(axis=1)])
@@ -103,6 +106,11 @@ class _CrossValidation:
         score = row_scores(seen.residual(prediction), seen.sigma)
         score[seen.known.any(axis=1) & ~prediction.closed] = _FAILED
         return score
+
+
+def _thinned(rows: Rows) -> Rows:
+    """Return rows, evenly thinned where they are more than a choice needs."""
+    return rows[np.linspace(0, rows.size - 1, min(rows.size, _MOST_ROWS)).round().astype(np.intp)]
 
 
 def select_groups(

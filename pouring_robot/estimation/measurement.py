@@ -29,6 +29,7 @@ from pouring_robot.estimation.frames import FRAME_PARAMETERS, FRAMES, OuterFrame
 from pouring_robot.estimation.session_frames import SessionParameter, base_displacements
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closure import DEFAULT_OPTIONS
 from pouring_robot.mechanism.parameters import (
     DriveParameter,
     GeometricParameter,
@@ -134,7 +135,8 @@ class MeasurementModel:
     ) -> None:
         """Build the batch engine of the present robot and the map from parameters to placement errors."""
         self.model, self.sessions = model, tuple(sessions)
-        self.engine = engine_for(model.mechanism(), threads)
+        # A step that a search only tries may bend the robot far; there no mode needs to be followed.
+        self.engine = engine_for(model.mechanism(), threads, replace(DEFAULT_OPTIONS, most_steps=1))
         self.drawing = model.definition.drawing()
         self._choose(parameters)
 

@@ -47,9 +47,9 @@ class ClosureOptions:
         max_gap_m: largest distance that may be left open; ``max_gap_rad``: largest angle.
         closed_below: loops open by less than this (m or rad) count as closed exactly, where Gauss-Newton
             converges quadratically and the exact Hessian adds nothing.
-        growth_step: largest turn of a displaced joint (rad) that is closed in one go. Beyond some times that a
-            mechanism may have several assembly modes; the one that is found grows out of the drawing's.
-        most_steps: in how many steps such errors grow at most.
+        one_go: largest turn of a displaced joint (rad) that is closed in one go. Beyond that a mechanism may have
+            several assembly modes; errors grow, so that the one is found that grows out of the drawing's.
+        growth_step: turn by which they grow at a time (rad), in ``most_steps`` at most.
         smooth_below: where a step of growth takes more Newton steps, or jumps, all are made finer.
         refinements: how many times finer they become, in turn; a mode from which the finest jump ends there.
     """
@@ -61,6 +61,7 @@ class ClosureOptions:
     max_gap_m: float = 0.01
     max_gap_rad: float = 0.1
     closed_below: float = 1e-9
+    one_go: float = 0.02
     growth_step: float = 0.007
     most_steps: int = 10
     smooth_below: int = 10
@@ -68,7 +69,8 @@ class ClosureOptions:
 
     def growth_steps(self, turns: FloatArray | float) -> NDArray[np.int64]:
         """Return in how many steps errors of these angles (rad) grow."""
-        return np.clip(np.ceil(np.asarray(turns) / self.growth_step), 1, self.most_steps).astype(np.int64)
+        steps = np.clip(np.ceil(np.asarray(turns) / self.growth_step), 1, self.most_steps).astype(np.int64)
+        return np.where(np.asarray(turns) > self.one_go, steps, 1)
 
 
 DEFAULT_OPTIONS = ClosureOptions()

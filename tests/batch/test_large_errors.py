@@ -51,9 +51,9 @@ def test_a_mode_that_ends_is_refused_by_both_solvers_and_the_share_is_told(study
 def test_one_at_a_time_is_as_all_at_once(study: Study) -> None:
     drives, start, errors = study.draw(1000)
     found, straight = (engine.close(drives, start, errors) for engine in (study.engine, study.straight))
-    astray = np.flatnonzero(apart(found.position, straight.position))[:10]
-    assert astray.size == 10
-    for k in (*astray.tolist(), *range(30)):
+    astray = np.flatnonzero(apart(found.position, straight.position))[:3]
+    assert astray.size == 3
+    for k in (*astray.tolist(), *range(12)):
         one = study.singly(drives[k], errors[k])
         if found.status[k] == 0:
             assert not isinstance(one, str)

@@ -25,25 +25,41 @@ from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.plots import AFTER, BEFORE, COLOURS, GREY, HELD_OUT, new_figure, svg_of, tell
 
 _MOST_EFFECTS, _FEW_VALUES = 4, 6
+_MOST_ROWS = 1000  # a picture of more points tells no more, and its page opens slowly
 _NARROW = 4.0
 
 
 def plots(diagnosis: Conclusions) -> list[tuple[str, str]]:
     """Return titles and SVG, most important first."""
     words = diagnosis.rows.conditions.causes.words
+    count, shown = len(diagnosis.rows), int(_shown(diagnosis).sum())
+    some = f"; {shown} of {count} rows drawn" if shown < count else ""
     drawn = [
         ("The gap of each component, before and after (RMS, tracker's axes; logarithmic)", _gap(diagnosis)),
         (
-            f"Residuals over conditions, before and after ({words.base}'s axes; held-out rows ringed)",
+            f"Residuals over conditions, before and after ({words.base}'s axes; held-out rows ringed{some})",
             _residuals(diagnosis),
         ),
     ]
     if diagnosis.firm:
-        drawn.append((f"What each effect does at the {words.tip}, in these poses", _signatures(diagnosis)))
+        drawn.append((f"What each effect does at the {words.tip}, in these poses{some}", _signatures(diagnosis)))
     if diagnosis.hypothesis.items:
         drawn.append(("Evidence: step by step, and with other effects in the place of each one", _evidence(diagnosis)))
-    drawn.append(("What is left after the best known effects, over the noise", _discrepancy(diagnosis)))
+    drawn.append((f"What is left after the best known effects, over the noise{some}", _discrepancy(diagnosis)))
     return drawn
+
+
+def _shown(diagnosis: Conclusions) -> NDArray[np.bool_]:
+    """Return which rows are drawn, shape (n,): all, or an even choice of many."""
+    count = len(diagnosis.rows)
+    shown = np.zeros(count, dtype=bool)
+    shown[_even(count)] = True
+    return shown
+
+
+def _even(count: int) -> NDArray[np.intp]:
+    """Return an even choice of so many things, the first and last among them."""
+    return np.linspace(0, count - 1, min(count, _MOST_ROWS)).round().astype(np.intp)
 
 
 def _gap(diagnosis: Conclusions) -> str:
@@ -137,6 +153,7 @@ def _pose_axis(given: Conditions) -> str:
 def _residual_table(diagnosis: Conclusions, *, of_after: bool) -> FloatArray:
     state = diagnosis.after if of_after else diagnosis.before
     table = table_of(state.every_row, state.every_row.residual, len(diagnosis.rows))
+    table[~_shown(diagnosis)] = np.nan
     return in_base(table, state.frames.T_tracker_base.rotation)
 
 
@@ -149,7 +166,7 @@ def _signatures(diagnosis: Conclusions) -> str:
         sides = list(panel.subplots(1, 1 if shape is None else 2, squeeze=False).flat)
         axes = sides[0]
         name = effect.cause.effect
-        moved = diagnosis.moved[name] / MM
+        moved = np.where(_shown(diagnosis)[:, None], diagnosis.moved[name] / MM, np.nan)
         axis = known[name].axis(given)
         for k, colour in enumerate(COLOURS[:3]):
             (dots,) = axes.plot(axis.values, moved[:, k], ".", color=colour, markersize=5, label="xyz"[k])
@@ -170,6 +187,7 @@ def _signatures(diagnosis: Conclusions) -> str:
 def _shape_panel(axes: Any, shape: Shape) -> None:
     """Draw what the campaign says of an effect's shape, with a band of two standard deviations, and the textbook's."""
     order = np.argsort(shape.axis.values, kind="stable")
+    order = order[_even(order.size)]
     over, learned = shape.axis.values[order], shape.learned[order]
     error = 2.0 * shape.std[order]
     axes.errorbar(over, learned, error, fmt="none", ecolor=AFTER, alpha=0.25, linewidth=2.0, label="± 2 std")
@@ -240,8 +258,9 @@ def _discrepancy(diagnosis: Conclusions) -> str:
     order = np.argsort(given.time_s, kind="stable")
     place = np.empty(n, dtype=int)
     place[order] = np.arange(n)
+    shown = _shown(diagnosis)
     for kind, colour in zip(KINDS, (AFTER, HELD_OUT, *COLOURS), strict=False):
-        chosen = are(kind, linear.component)
+        chosen = are(kind, linear.component) & shown[linear.row]
         if chosen.any():
             left.plot(place[linear.row[chosen]], linear.residual[chosen], ".", color=colour, markersize=3, label=kind)
     if diagnosis.discrepancies:
@@ -250,13 +269,14 @@ def _discrepancy(diagnosis: Conclusions) -> str:
         worst = next(k for k in range(table.shape[1]) if component_name(k) == first.component)
         values = table[:, worst] / diagnosis.rows.measured.sigma[worst]
         words = described(first.structure.process.where, first.structure.process.by)
-        left.plot(place, values, "x", color=BEFORE, markersize=4, label=f"{first.component}: {words}")
+        left.plot(place[shown], values[shown], "x", color=BEFORE, markersize=4, label=f"{first.component}: {words}")
     left.axhspan(-2.0, 2.0, color=GREY, alpha=0.2, linewidth=0)
     left.set(xlabel="rows in order of time", ylabel="residual / noise")
     left.legend(fontsize=8, loc="best")
     values = np.sort(linear.residual)
     expected = ndtri((np.arange(values.size) + 0.5) / values.size)
-    right.plot(expected, values, ".", color=AFTER, markersize=3)
+    drawn = _even(values.size)
+    right.plot(expected[drawn], values[drawn], ".", color=AFTER, markersize=3)
     right.plot(expected, expected, color="black", linewidth=0.7)
     right.set(xlabel="as noise would be", ylabel="residual / noise, sorted")
     for axes in (left, right):
