@@ -130,3 +130,16 @@ def test_a_urdf_that_is_no_tree_is_refused(folder, joints, said):
     path.write_text(f"<robot name='r'>{links}</robot>", encoding="utf-8")
     with pytest.raises(DescriptionError, match=said):
         first_robot_file(path, folder)
+
+
+def test_two_joints_of_one_name_are_refused(folder):
+    turns = "".join(
+        f"<joint name='j' type='continuous'><parent link='{parent}'/><child link='{child}'/></joint>"
+        for parent, child in ("ab", "bc")
+    )
+    path = folder / "r.urdf"
+    path.write_text(
+        f"<robot name='r'><link name='a'/><link name='b'/><link name='c'/>{turns}</robot>", encoding="utf-8"
+    )
+    with pytest.raises(DescriptionError, match="2 joints are called 'j'"):
+        first_robot_file(path, folder)

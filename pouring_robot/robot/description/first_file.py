@@ -40,6 +40,9 @@ class _Tree:
         joints = [joint for joint in self.root.iterfind("joint") if joint.get("type")]
         if self.root.tag != "robot" or not joints:
             raise DescriptionError(path, "is no URDF with joints; give the URDF, or a file whose name ends in .xacro")
+        name, times = Counter(str(joint.get("name")) for joint in joints).most_common(1)[0]
+        if times > 1:
+            raise DescriptionError(path, f"{times} joints are called '{name}'; each needs a name of its own")
         self.joints = {str(joint.get("name")): joint for joint in joints}
         self.above = {_link(joint, "child"): joint for joint in joints}
         for name, joint in self.joints.items():
