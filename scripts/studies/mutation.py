@@ -42,7 +42,13 @@ TARGETS = {
     ),
     "G": Target(
         "pouring_robot/mechanism/transfer.py",
-        tuple(f"tests/mechanism/test_{room}.py" for room in ("idle", "serial", "transfer")),
+        (
+            "tests/mechanism/test_idle.py",
+            "tests/mechanism/test_transfer.py::test_frames_move_the_pose_as_a_rigid_body",
+            "tests/mechanism/test_transfer.py::test_parameters_that_do_not_apply_are_refused",
+            "tests/mechanism/test_transfer.py::test_payload_and_stiffness_match_central_differences",
+            "tests/mechanism/test_serial.py",
+        ),
     ),
     "evidence": Target("pouring_robot/inference/evidence.py", ("tests/inference/test_evidence.py", "tests/inference")),
     "verdict": Target("pouring_robot/inference/decision.py", ("tests/inference/test_decision.py", "tests/inference")),
