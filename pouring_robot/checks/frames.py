@@ -143,13 +143,14 @@ class FrameChecks:
             # One column of three hardly shows in a robust misfit.
             if fit.position_scale_m <= max(_SUSPECT_M, _SUSPECT_SIGMAS * sigma) and not self.data.stretched:
                 break
-            mistake = self._likeliest()
+            before = fit.position_scale_m / self.data.size_m
+            mistake = self._likeliest((_EQUAL if self.data.stretched else _GAIN) * before)
             undone = None if mistake is None else mistake.undo(self.data)
             if mistake is None or undone is None:
                 break
             after = undone.fit(1.0, rotations=False)
             gain = _EQUAL if self.data.stretched and not undone.stretched else _GAIN
-            if after.position_scale_m / undone.size_m > gain * fit.position_scale_m / self.data.size_m:
+            if after.position_scale_m / undone.size_m > gain * before:
                 break
             metrics = {"misfit_before_mm": fit.position_scale_m * 1e3, "misfit_after_mm": after.position_scale_m * 1e3}
             self._found(mistake.code, mistake.message, mistake.names, metrics)
@@ -159,15 +160,21 @@ class FrameChecks:
             return
         self.fit = self.data.fit(metres_per_rad(self.campaign))
 
-    def _likeliest(self) -> Mistake | None:
-        """Return the mistake that leaves the least misfit when undone, by some of the rows; it tells its equals."""
+    def _likeliest(self, most: float) -> Mistake | None:
+        """Return the mistake that leaves the least misfit when undone, by some of the rows; it tells its equals.
+
+        Args:
+            most: misfit, as a share of the spread, above which none is named.
+        """
         complete = np.flatnonzero(self.data.poses.complete & np.isfinite(self.data.position_m).all(axis=1))
         some = self.data[complete[np.linspace(0, complete.size - 1, min(complete.size, _TRIED_ROWS)).astype(int)]]
         undone = ((m, m.undo(some)) for m in position_mistakes(self.campaign, self.drawing, some))
         tried = [(mistake, data) for mistake, data in undone if data is not None]
-        left = _fitted(
-            tried, lambda data, rough: data.fit(1.0, rotations=False, rough=rough).position_scale_m / data.size_m
-        )
+
+        def misfit(data: Comparison, rough: bool) -> float:
+            return data.fit(1.0, rotations=False, rough=rough).position_scale_m / data.size_m
+
+        left = _fitted(tried, misfit, most)
         if not left:
             return None
         left.sort(key=lambda one: one[0])
