@@ -125,8 +125,10 @@ def test_options_and_results_cannot_be_changed():
 
 
 def test_larger_errors_grow_in_more_steps():
-    """One step up to 7 mrad, another for each 7 mrad more, ten at most."""
-    steps = ClosureOptions().growth_steps(np.array([0.0, 0.0069, 0.0071, 0.0139, 0.0141, 0.0629, 0.0631, 3.0]))
-    assert steps.tolist() == [1, 1, 2, 2, 3, 9, 10, 10]
+    """One step up to 20 mrad; beyond, one for each 7 mrad, ten at most."""
+    steps = ClosureOptions().growth_steps(np.array([0.0, 0.0199, 0.0201, 0.0209, 0.0211, 0.0629, 0.0631, 3.0]))
+    assert steps.tolist() == [1, 1, 3, 3, 4, 9, 10, 10]
     assert ClosureOptions(growth_step=0.1, most_steps=3).growth_steps(0.25) == 3
     assert ClosureOptions(growth_step=0.1, most_steps=2).growth_steps(0.25) == 2
+    options = ClosureOptions(one_go=0.3, growth_step=0.1)
+    assert (options.growth_steps(0.3), options.growth_steps(0.31)) == (1, 4)
