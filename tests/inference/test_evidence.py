@@ -289,3 +289,22 @@ def test_what_is_found_cannot_be_changed():
     for thing, name in ((found, "evidence"), (Gram(np.eye(1), np.ones(1), 1.0), "squared")):
         with pytest.raises(FrozenInstanceError):
             setattr(thing, name, 0.0)
+
+
+@pytest.mark.parametrize("largest", [1e6, 1e-3])
+def test_a_column_of_which_only_round_off_is_left_explains_nothing(largest):
+    """Less than 1e-10 of the largest, or of one where all are small; what the residual shares with it is noise."""
+    limit, projected = 1e-10 * max(largest, 1.0), np.array([np.sqrt(largest), 1.0])
+    alone = bayes_factor(np.array([[largest]]), projected[:1]).evidence
+    beside_noise, counted = (bayes_factor(np.diag([largest, s * limit]), projected).evidence for s in (0.5, 2.0))
+    assert beside_noise == pytest.approx(alone, abs=1e-12)
+    assert counted - alone > 1e-3
+
+
+@pytest.mark.parametrize(("place", "scale"), [(0, 10.0), (1, 20.0)])
+def test_the_bound_is_what_the_widest_scales_explain(place, scale):
+    """One column d with a projection p, of standard deviation w: p² w² / (1 + w² d) / 2; shaping in units of two."""
+    inner, projected = np.zeros((2, 2)), np.zeros(2)
+    inner[place, place], projected[place] = 0.01, 3.0
+    found = most_evidence(inner, projected, np.array([True, False]), unit=2.0)
+    assert found == pytest.approx(0.5 * 9.0 * scale**2 / (1.0 + 0.01 * scale**2), rel=1e-12)
