@@ -67,12 +67,14 @@ class Problem:
         nuisance: what free unknowns explain.
         backgrounds: usual small errors.
         explanations: forms of effects.
+        columns: of backgrounds, then of explanations, (m, K).
     """
 
     residual: FloatArray
     nuisance: Nuisance
     backgrounds: tuple[Background, ...]
     explanations: tuple[Explanation, ...]
+    columns: FloatArray
 
     @classmethod
     def build(
@@ -91,12 +93,16 @@ class Problem:
             explanations: forms of effects.
         """
         nuisance = Nuisance.of(free)
-        return cls(
-            nuisance.cleared(residual),
-            nuisance,
-            tuple(replace(b, columns=nuisance.cleared(b.columns)) for b in backgrounds),
-            tuple(replace(e, columns=nuisance.cleared(e.columns)) for e in explanations),
-        )
+        groups = [*(b.columns for b in backgrounds), *(e.columns for e in explanations)]
+        ends = np.cumsum([0, *(columns.shape[1] for columns in groups)]).tolist()
+        # One block, of which the items hold their parts: with many rows it is most of what a diagnosis keeps.
+        block = np.empty((len(residual), ends[-1]))
+        for columns, (first, last) in zip(groups, itertools.pairwise(ends), strict=True):
+            block[:, first:last] = nuisance.cleared(columns)
+        parts = [block[:, first:last] for first, last in itertools.pairwise(ends)]
+        usual = (replace(b, columns=part) for b, part in zip(backgrounds, parts, strict=False))
+        found = (replace(e, columns=part) for e, part in zip(explanations, parts[len(backgrounds) :], strict=True))
+        return cls(nuisance.cleared(residual), nuisance, tuple(usual), tuple(found), block)
 
     @functools.cached_property
     def known(self) -> frozenset[str]:
@@ -108,12 +114,6 @@ class Problem:
         """Log probability of a form of each effect, given the effect: all its forms are as likely, in nats."""
         effects = [item.effect for item in self.explanations]
         return {effect: -float(np.log(effects.count(effect))) for effect in effects}
-
-    @functools.cached_property
-    def columns(self) -> FloatArray:
-        """Columns of backgrounds, then of explanations, (m, K)."""
-        groups = [*(b.columns for b in self.backgrounds), *(e.columns for e in self.explanations)]
-        return np.hstack([np.zeros((len(self.residual), 0)), *groups])
 
     @functools.cached_property
     def gram(self) -> Gram:
@@ -159,4 +159,5 @@ class Problem:
 
     def and_also(self, items: Sequence[Explanation]) -> Problem:
         """Return the problem with more explanations."""
-        return replace(self, explanations=(*self.explanations, *items))
+        columns = np.hstack([self.columns, *(item.columns for item in items)])
+        return replace(self, explanations=(*self.explanations, *items), columns=columns)
