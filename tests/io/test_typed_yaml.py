@@ -83,6 +83,7 @@ def test_names_line_and_key(written, content, line, words):
         (b"parts: \x00\n", "not valid YAML"),
         ("parts: &a [*a]\n", "parts"),
         ("parts: *missing\n", "not valid YAML"),
+        ("parts:       # all\n   p]\n\nx:    # y\n  a: 1\n", "not valid YAML: a comment stands where"),
         ("? [1, 2]\n: 3\n", "."),
         ("parts: 2001-99-99\n", "."),
     ],
