@@ -58,8 +58,7 @@ $(LOCKED): $(LOCK)
 	printf '==> making %s with %s (%s)\n' "$(VENV)" "$$found" "$$("$$found" -c 'import platform; print(platform.python_version())')"; \
 	"$$found" -m venv --clear $(VENV)
 	$(call say,installing the locked packages (a few minutes the first time))
-	@# Python compiles what is imported at its first import; most of what lies in the packages never is.
-	@$(pip) install --no-compile --require-hashes -r $(LOCK)
+	@$(pip) install --require-hashes -r $(LOCK)
 	@printf '%s' "$(CURDIR)" > $@
 
 $(INSTALLED): $(LOCKED) pyproject.toml
