@@ -11,6 +11,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -32,7 +33,7 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure import DEFAULT_OPTIONS, ClosureOptions
-from pouring_robot.mechanism.growth import grown, jumps, largest_turn
+from pouring_robot.mechanism.growth import Shares, jumps, largest_turn
 from pouring_robot.mechanism.parameters import DriveParameter, LocalParameter, PlacementParameter
 
 _SAMPLES_AT_A_TIME = 512
@@ -64,7 +65,8 @@ class BatchEngine:
         self.structure = StarStructure.from_mechanism(mechanism)
         self.threads = threads or len(os.sched_getaffinity(0))
         self.options = options
-        self._largest_turn, self._grown_engines = largest_turn(mechanism), dict[float, BatchEngine]()
+        self._largest_turn = largest_turn(mechanism)
+        self._smaller = Shares(mechanism, partial(BatchEngine, threads=threads, options=options), options.most_steps)
 
     @property
     def parameters(self) -> tuple[PlacementParameter, ...]:
@@ -166,9 +168,8 @@ class BatchEngine:
         for number in np.unique(steps[steps > 1]).tolist():
             rows = np.flatnonzero(steps == number)
             spent = np.zeros(len(start), dtype=np.int64)
-            for finer in options.refinements:
-                smooth = options.smooth_below if finer < options.refinements[-1] else options.max_iterations
-                result.put(rows, self._followed(drives[rows], start[rows], placed[rows], number * finer, smooth))
+            for finer, smooth in options.growth_passes(number):
+                result.put(rows, self._followed(drives[rows], start[rows], placed[rows], finer, smooth))
                 spent[rows] += result.iterations[rows]
                 rows = rows[result.status[rows] == _MODE_ENDS]
             result.iterations[steps == number] = spent[steps == number]
@@ -182,7 +183,7 @@ class BatchEngine:
         spent, rows = np.zeros(len(start), dtype=np.int64), np.arange(len(start))
         before = np.full(len(start), np.inf)
         for step in range(steps + 1):
-            engine = self if step == steps else self._smaller(step / steps)
+            engine = self if step == steps or not self._largest_turn else self._smaller[step / steps]
             closed = engine._close(
                 drives[rows], start[rows], placed[rows].scaled(step / steps), None if step == steps else np.inf
             )
@@ -190,23 +191,12 @@ class BatchEngine:
             if step:
                 moved = np.linalg.norm(closed.position - start.position[rows], axis=1)
                 astray = (closed.iterations > smooth) | jumps(moved, before[rows])
-                closed = closed.refused(astray | (closed.status == _NOT_CONVERGED), _MODE_ENDS)
+                closed.refuse(astray | (closed.status == _NOT_CONVERGED), _MODE_ENDS)
                 before[rows] = moved
             result.put(rows, closed)
             start, rows = start.replaced(rows, closed), rows[closed.status != _MODE_ENDS]
         result.iterations[:] = spent
         return result
-
-    def _smaller(self, share: float) -> BatchEngine:
-        """Return the engine of the mechanism with a share of its errors; those of the coarsest steps are kept."""
-        if not self._largest_turn:
-            return self
-        if share in self._grown_engines:
-            return self._grown_engines[share]
-        engine = BatchEngine(grown(self.structure.mechanism, share), self.threads, self.options)
-        if len(self._grown_engines) < self.options.most_steps:
-            self._grown_engines[share] = engine
-        return engine
 
     def transfer(
         self,

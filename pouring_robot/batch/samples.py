@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -235,12 +235,11 @@ class BatchClosure:
         for name in (one.name for one in fields(self)):
             getattr(self, name)[samples] = getattr(others, name)
 
-    def refused(self, samples: NDArray[np.bool_], status: int) -> BatchClosure:
-        """Return the same without the poses of some samples, which get a status."""
-        arrays = {name: getattr(self, name).copy() for name in ("position", "rotation", "joints", "residual")}
-        for array in arrays.values():
+    def refuse(self, samples: NDArray[np.bool_], status: int) -> None:
+        """Take the poses of some samples away, and give them a status."""
+        for array in (self.position, self.rotation, self.joints, self.residual):
             array[samples] = np.nan
-        return replace(self, **arrays, status=np.where(samples, status, self.status).astype(np.uint8))
+        self.status[samples] = status
 
     def require_all(self) -> BatchClosure:
         """Return the same, if every sample is closed.

@@ -17,7 +17,7 @@ from pouring_robot.estimation.solver import FitOptions, first_frames, identify
 from pouring_robot.estimation.splits import Rows, Split
 from pouring_robot.exceptions import CalibrationError
 from pouring_robot.io.progress import Progress, say_nothing
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, evenly
 from pouring_robot.robot.parameters import ParameterGroup, all_parameters
 from pouring_robot.robot.tolerances import Tolerances
 
@@ -81,7 +81,7 @@ class _CrossValidation:
         rough = replace(options, step_tolerance=_ROUGH, max_evaluations=most, curvature=False)
         self.tolerances, self.options = tolerances, rough
         frames_only = rows.with_model(rows.model.with_parameters(()))
-        self._folds = [(_thinned(train), _thinned(validation)) for train, validation in split.validations]
+        self._folds = [[part[evenly(part.size, _MOST_ROWS)] for part in fold] for fold in split.validations]
         self._frames = [first_frames(frames_only[train], measured[train]) for train, _ in self._folds]
 
     def __call__(self, groups: Sequence[ParameterGroup]) -> FloatArray:
@@ -106,11 +106,6 @@ class _CrossValidation:
         score = row_scores(seen.residual(prediction), seen.sigma)
         score[seen.known.any(axis=1) & ~prediction.closed] = _FAILED
         return score
-
-
-def _thinned(rows: Rows) -> Rows:
-    """Return rows, evenly thinned where they are more than a choice needs."""
-    return rows[np.linspace(0, rows.size - 1, min(rows.size, _MOST_ROWS)).round().astype(np.intp)]
 
 
 def select_groups(

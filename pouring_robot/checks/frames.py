@@ -30,7 +30,7 @@ from pouring_robot.checks.mistakes import (
 from pouring_robot.estimation.frame_fit import FrameFit
 from pouring_robot.estimation.frame_starts import FEWEST_ROWS
 from pouring_robot.exceptions import FrameFitError
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, evenly
 from pouring_robot.robot.description.drawing import Drawing
 
 _SUSPECT_M, _SUSPECT_TURN_RAD = 1e-3, 5e-4
@@ -167,7 +167,7 @@ class FrameChecks:
             most: misfit, as a share of the spread, above which none is named.
         """
         complete = np.flatnonzero(self.data.poses.complete & np.isfinite(self.data.position_m).all(axis=1))
-        some = self.data[complete[np.linspace(0, complete.size - 1, min(complete.size, _TRIED_ROWS)).astype(int)]]
+        some = self.data[complete[evenly(complete.size, _TRIED_ROWS)]]
         undone = ((m, m.undo(some)) for m in position_mistakes(self.campaign, self.drawing, some))
         tried = [(mistake, data) for mistake, data in undone if data is not None]
 

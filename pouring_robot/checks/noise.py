@@ -27,7 +27,7 @@ from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.checks.flags import DataFlag, FlagCode, Rows, found
 from pouring_robot.checks.mistakes import Comparison
 from pouring_robot.estimation.frame_fit import FrameFit
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, evenly
 from pouring_robot.mechanism.parameters import GeometricParameter
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.drawing import Drawing
@@ -67,7 +67,7 @@ def check_noise(
     apart = campaign.metadata.frames == "per session"
     if rows.size < _FEWEST_ROWS or data.inverted or apart or not campaign.metadata.sigma_position_m:
         return
-    rows = rows[np.unique(np.linspace(0, rows.size - 1, _MOST_ROWS).astype(int))]
+    rows = rows[evenly(rows.size, _MOST_ROWS)]
     scatters = _scatters(campaign, drawing, data, fit, rows)
     if not scatters:
         return

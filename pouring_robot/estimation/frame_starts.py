@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.campaign.nominal import PoseStack
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, evenly
 from pouring_robot.mechanism.rotations import rotation_matrices, skew
 
 FEWEST_ROWS = 6
@@ -47,7 +47,7 @@ def frame_starts(poses: PoseStack, measured: PoseStack, metres_per_rad: float) -
         measured: of the target in the tracker frame; positions complete, rotations NaN where missing.
         metres_per_rad: how rotations weigh against positions, in m.
     """
-    chosen = np.unique(np.linspace(0, len(poses) - 1, min(len(poses), _MOST_ROWS)).astype(int))
+    chosen = evenly(len(poses), _MOST_ROWS)
     p, turned = poses.position_m[chosen], poses.rotation[chosen]
     seen, seen_turned = measured.position_m[chosen], measured.rotation[chosen]
     middle, centre = np.median(seen, axis=0), np.median(p, axis=0)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.distance import cdist
 
 from pouring_robot.inference.evidence import eigen
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, evenly
 
 _NEGLIGIBLE = 1e-3
 _LANDMARKS = 400
@@ -70,6 +70,6 @@ def separate(labels: NDArray[np.int64]) -> FloatArray:
 
 def row_by_row(count: int, most: int) -> scipy.sparse.csc_array:
     """Return a column for each of so many rows, at most some, evenly spread: of too many rows some show it, too."""
-    chosen = np.linspace(0, count - 1, min(count, most)).astype(np.intp)
+    chosen = evenly(count, most)
     shape = (count, len(chosen))
     return scipy.sparse.csc_array((np.ones(len(chosen)), (chosen, np.arange(len(chosen)))), shape=shape)

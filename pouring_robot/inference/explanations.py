@@ -94,12 +94,12 @@ class Problem:
         """
         nuisance = Nuisance.of(free)
         groups = [*(b.columns for b in backgrounds), *(e.columns for e in explanations)]
-        ends = np.cumsum([0, *(columns.shape[1] for columns in groups)]).tolist()
+        widths = [columns.shape[1] for columns in groups]
         # One block, of which the items hold their parts: with many rows it is most of what a diagnosis keeps.
-        block = np.empty((len(residual), ends[-1]))
-        for columns, (first, last) in zip(groups, itertools.pairwise(ends), strict=True):
-            block[:, first:last] = nuisance.cleared(columns)
-        parts = [block[:, first:last] for first, last in itertools.pairwise(ends)]
+        block = np.empty((len(residual), sum(widths)))
+        *parts, _ = np.split(block, np.cumsum(widths, dtype=np.intp), axis=1)
+        for part, columns in zip(parts, groups, strict=True):
+            part[:] = nuisance.cleared(columns)
         usual = (replace(b, columns=part) for b, part in zip(backgrounds, parts, strict=False))
         found = (replace(e, columns=part) for e, part in zip(explanations, parts[len(backgrounds) :], strict=True))
         return cls(nuisance.cleared(residual), nuisance, tuple(usual), tuple(found), block)

@@ -48,9 +48,7 @@ def read_yaml(path: Path | str, error: type[DescriptionError] = DescriptionError
         raise error(path, f"{line}not valid YAML: {summary}") from problem
     except (YAMLError, ValueError) as problem:  # such as a number or a character YAML cannot hold
         raise error(path, f"not valid YAML: {str(problem).splitlines()[0]}") from problem
-    except (
-        NotImplementedError
-    ) as problem:  # the reader attaches comments to what stands before them, and lost its place
+    except NotImplementedError as problem:  # the reader ties comments to what stands before them
         raise error(path, "not valid YAML: a comment stands where the reader cannot place it") from problem
     except (TypeError, AttributeError) as problem:  # the reader cannot hold a mapping with a list in it as a key
         raise error(path, "not valid YAML: a key is a list or a mapping, or what is merged by << is none") from problem

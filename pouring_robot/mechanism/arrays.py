@@ -1,4 +1,4 @@
-"""Arrays that are handed out: what a result holds must not change under the hands of its reader."""
+"""Arrays that are handed out, which must not change under the hands of their reader, and even choices of many rows."""
 
 from __future__ import annotations
 
@@ -9,6 +9,14 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 Number = TypeVar("Number", bound=np.generic)
+
+
+def evenly(count: int, most: int) -> NDArray[np.intp]:
+    """Return which of so many things stand for all, ascending: every one, or ``most`` of more, evenly spread.
+
+    The first is among them, and the last where there are two.
+    """
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.intp))
 
 
 def read_only(array: NDArray[Number]) -> NDArray[Number]:

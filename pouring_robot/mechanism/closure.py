@@ -21,7 +21,7 @@ from pouring_robot.exceptions import BadInputError, ClosureError
 from pouring_robot.mechanism.arrays import FloatArray, read_only
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism, IndexArray
 from pouring_robot.mechanism.energy import NO_LOADS, ClosureEnergy, EnergyState, Loads
-from pouring_robot.mechanism.growth import grown, jumps, largest_turn
+from pouring_robot.mechanism.growth import Shares, jumps, largest_turn
 from pouring_robot.mechanism.null_space import Spectrum, is_regular
 from pouring_robot.report.result import Result
 
@@ -66,6 +66,11 @@ class ClosureOptions:
     most_steps: int = 10
     smooth_below: int = 10
     refinements: tuple[int, ...] = (1, 8, 64)
+
+    def growth_passes(self, steps: int) -> list[tuple[int, int]]:
+        """Return in how many steps errors grow, finer in turn, and how many Newton steps each may take to be smooth."""
+        *first, finest = self.refinements
+        return [(steps * finer, self.smooth_below) for finer in first] + [(steps * finest, self.max_iterations)]
 
     def growth_steps(self, turns: FloatArray | float) -> NDArray[np.int64]:
         """Return in how many steps errors of these angles (rad) grow."""
@@ -221,7 +226,7 @@ class ClosureSolver:
             options = replace(options, max_gap_m=np.inf, max_gap_rad=np.inf)
         self.mechanism, self.options = mechanism, options
         self.energy = ClosureEnergy(mechanism, loads)
-        self._growing: dict[float, ClosureEnergy] = {}
+        self._smaller = Shares(mechanism, functools.partial(ClosureEnergy, loads=loads), options.most_steps)
         self._factors: eigenpy.LLT | None = None  # Eigen's: nothing to load, no threads
 
     def solve(self, drives: Mapping[str, float], start: FloatArray) -> ClosureResult:
@@ -279,9 +284,8 @@ class ClosureSolver:
         if steps == 1:
             return self._minimise(self.energy, self.energy.evaluate(commanded, commanded), commanded)
         spent = 0
-        for finer in options.refinements:
-            smooth = options.smooth_below if finer < options.refinements[-1] else options.max_iterations
-            state, count, share = self._followed(commanded, steps * finer, smooth)
+        for finer, smooth in options.growth_passes(steps):
+            state, count, share = self._followed(commanded, finer, smooth)
             spent += count
             if share == 1.0:
                 return state, spent
@@ -290,11 +294,11 @@ class ClosureSolver:
 
     def _followed(self, commanded: FloatArray, steps: int, smooth: int) -> tuple[EnergyState, int, float]:
         """Follow the mode of the drawing while errors grow; return where it ends, Newton steps, and at what share."""
-        energy = self._smaller(0.0)
+        energy = self._smaller[0.0]
         state, spent = self._minimise(energy, energy.evaluate(commanded, commanded), commanded)
         place, moved = self._place(state), np.inf
         for step in range(1, steps + 1):
-            energy = self.energy if step == steps else self._smaller(step / steps)
+            energy = self.energy if step == steps else self._smaller[step / steps]
             try:
                 trial, count = self._minimise(energy, energy.evaluate(state.configuration, commanded), commanded)
             except ClosureError as error:
@@ -312,15 +316,6 @@ class ClosureSolver:
         if mechanism.loops.end_frame is None:
             return state.configuration
         return np.array(mechanism.pose_base_to_end(state.configuration).translation)
-
-    def _smaller(self, share: float) -> ClosureEnergy:
-        """Return the energy of the mechanism with a share of its errors; those of the coarsest steps are kept."""
-        if share in self._growing:
-            return self._growing[share]
-        energy = ClosureEnergy(grown(self.mechanism, share), self.energy.loads)
-        if len(self._growing) < self.options.most_steps:
-            self._growing[share] = energy
-        return energy
 
     @np.errstate(over="ignore", invalid="ignore")  # a step too far, from which it goes back
     def _minimise(self, energy: ClosureEnergy, state: EnergyState, commanded: FloatArray) -> tuple[EnergyState, int]:

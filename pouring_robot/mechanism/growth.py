@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import overload
+from collections.abc import Callable
+from typing import Generic, TypeVar, overload
 
 import numpy as np
 import pinocchio as pin
@@ -12,6 +13,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 
 _JUMP, _JUMP_M = 4.0, 1e-3
+Made = TypeVar("Made")
 
 
 def largest_turn(mechanism: ClosedChainMechanism) -> float:
@@ -27,6 +29,29 @@ def grown(mechanism: ClosedChainMechanism, share: float) -> ClosedChainMechanism
             for name, pose in mechanism.errors.items()
         }
     )
+
+
+class Shares(Generic[Made]):
+    """What is made of a mechanism with a share of its errors, by the share; the first, the coarsest steps, stay.
+
+    Args:
+        mechanism: with all errors.
+        make: makes it.
+        kept: how many stay.
+    """
+
+    def __init__(
+        self, mechanism: ClosedChainMechanism, make: Callable[[ClosedChainMechanism], Made], kept: int
+    ) -> None:
+        """Make nothing yet."""
+        self._mechanism, self._make, self._kept, self._made = mechanism, make, kept, dict[float, Made]()
+
+    def __getitem__(self, share: float) -> Made:
+        """Return what is made of a share, 0 to 1."""
+        made = self._made.get(share) or self._make(grown(self._mechanism, share))
+        if len(self._made) < self._kept:
+            self._made[share] = made
+        return made
 
 
 @overload

@@ -16,7 +16,7 @@ from pouring_robot.batch import BatchEngine, BatchStart, BatchTransfer, SiteErro
 from pouring_robot.batch.interface import Engine
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, evenly
 from pouring_robot.mechanism.parameters import DriveParameter, PlacementParameter
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import Parameter, ParameterCatalogue
@@ -139,7 +139,7 @@ def _against_exact(
 ) -> tuple[float, float]:
     """Return how far first order misses exact closures at most, and how far the robot moves there, in m."""
     largest = samples.distance_m.max(axis=1)
-    poses = np.unique(np.linspace(0, len(start) - 1, _CHECKED_POSES).astype(int))
+    poses = evenly(len(start), _CHECKED_POSES)
     base = engine.close(drives[poses], start[poses]).require_all()
     worst = (0.0, 0.0)
     for k in np.argsort(-largest)[:_CHECKED_ERRORS].tolist():

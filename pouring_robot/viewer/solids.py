@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
+from pouring_robot.mechanism.arrays import evenly
 from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors
 from pouring_robot.viewer.scene import (
     SKY_TOP,
@@ -107,7 +108,7 @@ def camera_on(scene: Scene, direction: Sequence[float] = _DIRECTION, vertical_vi
     Raises:
         DescriptionError: a visual of a robot cannot be drawn.
     """
-    steps = sorted({*np.linspace(0, len(scene.steps) - 1, _LOOKED_AT).astype(int).tolist(), scene.first})
+    steps = sorted({*evenly(len(scene.steps), _LOOKED_AT).tolist(), scene.first})
     bodies = [body for step in steps for robot in scene.robots for body in robot_solids(scene, robot, step)]
     chosen = [body for body in bodies if body.link not in scene.background_links] or bodies
     ends = [end for item in scene.arrows for step in steps for end in arrow_ends(scene, item, step)]

@@ -29,12 +29,12 @@ from pouring_robot.batch.samples import STATUS_NAMES
 from pouring_robot.exceptions import ClosureError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure import ClosureOptions, ClosureSolver
+from pouring_robot.mechanism.growth import jumps
 from pouring_robot.mechanism.poses import MM, MRAD, PlacementError
 from pouring_robot.robot.robot import PouringRobot
 
 PAPER_MM, PAPER_MRAD = 0.2, 4.0
 STEPS, FINEST = 20, 2000
-JUMP, JUMP_M = 4.0, 1e-3  # beyond 1 + sqrt(2) with room for what is no longer the end of a square root
 BLOCK = 20_000
 ALIKE_M = 1e-8
 MODE_ENDS = "assembly mode ends"
@@ -78,7 +78,7 @@ class Study:
             closed = self.open.close(drives, start, errors * (step / steps))
             moved = np.linalg.norm(closed.position - start.position, axis=1)
             if step:
-                jumped |= (closed.status != 0) | (moved > np.maximum(JUMP * before, JUMP_M))
+                jumped |= (closed.status != 0) | jumps(moved, before)
                 before = np.where(closed.status == 0, moved, before)
             start = start.replaced(np.arange(len(start)), closed)
         return start.position, jumped

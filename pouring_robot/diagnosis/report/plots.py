@@ -20,7 +20,7 @@ from pouring_robot.effects.facts import axis_over
 from pouring_robot.estimation.instruments import KINDS, are, component_name
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, evenly
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.plots import AFTER, BEFORE, COLOURS, GREY, HELD_OUT, new_figure, svg_of, tell
 
@@ -53,13 +53,8 @@ def _shown(diagnosis: Conclusions) -> NDArray[np.bool_]:
     """Return which rows are drawn, shape (n,): all, or an even choice of many."""
     count = len(diagnosis.rows)
     shown = np.zeros(count, dtype=bool)
-    shown[_even(count)] = True
+    shown[evenly(count, _MOST_ROWS)] = True
     return shown
-
-
-def _even(count: int) -> NDArray[np.intp]:
-    """Return an even choice of so many things, the first and last among them."""
-    return np.linspace(0, count - 1, min(count, _MOST_ROWS)).round().astype(np.intp)
 
 
 def _gap(diagnosis: Conclusions) -> str:
@@ -187,7 +182,7 @@ def _signatures(diagnosis: Conclusions) -> str:
 def _shape_panel(axes: Any, shape: Shape) -> None:
     """Draw what the campaign says of an effect's shape, with a band of two standard deviations, and the textbook's."""
     order = np.argsort(shape.axis.values, kind="stable")
-    order = order[_even(order.size)]
+    order = order[evenly(order.size, _MOST_ROWS)]
     over, learned = shape.axis.values[order], shape.learned[order]
     error = 2.0 * shape.std[order]
     axes.errorbar(over, learned, error, fmt="none", ecolor=AFTER, alpha=0.25, linewidth=2.0, label="± 2 std")
@@ -275,7 +270,7 @@ def _discrepancy(diagnosis: Conclusions) -> str:
     left.legend(fontsize=8, loc="best")
     values = np.sort(linear.residual)
     expected = ndtri((np.arange(values.size) + 0.5) / values.size)
-    drawn = _even(values.size)
+    drawn = evenly(values.size, _MOST_ROWS)
     right.plot(expected[drawn], values[drawn], ".", color=AFTER, markersize=3)
     right.plot(expected, expected, color="black", linewidth=0.7)
     right.set(xlabel="as noise would be", ylabel="residual / noise, sorted")
