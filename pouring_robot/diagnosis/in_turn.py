@@ -72,7 +72,7 @@ def held_out_in_turn(
         names: effects that all fitted rows name.
         progress: is told of every block.
     """
-    problem, linear = diagnoser.problem_of_every_row(after), after.every_row
+    problem, linear = diagnoser.problem_at(after, of_every_row=True), after.every_row
     masks = [np.isin(linear.row, rows) for rows in blocks]
     free = problem.nuisance.axes
     if any(_weakest(free[~block]) < _KNOWN for block in masks):
@@ -103,7 +103,7 @@ def _searched(diagnoser: Diagnoser, problem: Problem, block: Mask) -> tuple[Floa
     """Return what is left of all equations by what the others' are explained with, and the effects among it."""
     found = search(problem.of(~block), diagnoser.thresholds)
     values = np.concatenate([np.zeros(0), *found.weights()]) * found.coefficients()[0]
-    left = problem.residual - problem.columns[:, found.everything.places] @ values
+    left = problem.residual - found.on(problem).columns @ values
     return left, frozenset(item.effect for item in found.items if item.cause)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,20 +77,25 @@ def problem_at(rows: CampaignRows, linear: LinearRows, library: Library, added: 
         added: what the state's own changes add to the prediction to first order, (m,): it is given back, so that the
             problem is to find them again.
     """
-    usual = tuple(Background(effect, rows.columns(form, linear)) for effect, form in library.backgrounds.items())
-    found = [
-        Explanation(
-            effect,
-            form.name,
-            rows.columns(form, linear),
-            np.array([p.main for p in form.parameters]),
-            small=_COARSE if _usual(form, library.backgrounds.get(effect)) else 0.0,
-        )
-        for (effect, _), form in library.forms.items()
-    ]
-    loose = [b.columns for b in usual if library.effects[b.effect].loosened_by_load]
-    sag = _sag(rows, linear, np.hstack(loose)) if loose else []
-    return Problem.build(linear.residual + added, linear.free, usual, (*found, *sag))
+    usual, found = usual_errors(rows, linear, library), known_effects(rows, linear, library)
+    return Problem.build(linear.residual + added, linear.free, usual, found)
+
+
+def usual_errors(rows: CampaignRows, linear: LinearRows, library: Library) -> Iterator[Background]:
+    """Yield the usual small errors with their columns in all equations."""
+    for effect, form in library.backgrounds.items():
+        yield Background(effect, rows.columns(form, linear))
+
+
+def known_effects(rows: CampaignRows, linear: LinearRows, library: Library) -> Iterator[Explanation]:
+    """Yield what may be found, and what weight makes of the usual errors, with their columns in all equations."""
+    for (effect, _), form in library.forms.items():
+        small = _COARSE if _usual(form, library.backgrounds.get(effect)) else 0.0
+        main = np.array([p.main for p in form.parameters])
+        yield Explanation(effect, form.name, rows.columns(form, linear), main, small=small)
+    loose = [form for name, form in library.backgrounds.items() if library.effects[name].loosened_by_load]
+    if loose and rows.conditions.weight_n is not None:
+        yield _sag(rows, linear, np.hstack([rows.columns(form, linear) for form in loose]), rows.conditions.weight_n)
 
 
 def _usual(form: Form, usual: Form | None) -> bool:
@@ -98,19 +103,15 @@ def _usual(form: Form, usual: Form | None) -> bool:
     return usual is not None and {p.name for p in form.parameters} <= {p.name for p in usual.parameters}
 
 
-def _sag(rows: CampaignRows, linear: LinearRows, axes: FloatArray) -> list[Explanation]:
+def _sag(rows: CampaignRows, linear: LinearRows, axes: FloatArray, weight_n: FloatArray) -> Explanation:
     """Return what weight makes of tilted axes: the end body gives way, where the mechanism is soft.
 
     Closed chains may hold it in some directions by the stiffness of their joints alone, so that under load a tilt of an
     axis moves it further, by load and pose. What stiffness there is nobody knows; hence no cause but an explanation.
     """
-    given = rows.conditions
-    if given.weight_n is None:
-        return []
-    load = ((given.weight_n - given.weight_n.mean()) / 5000.0)[:, None] * np.column_stack(
-        [np.ones(len(rows)), poses(given)]
-    )
+    poses_and_one = np.column_stack([np.ones(len(rows)), poses(rows.conditions)])
+    load = ((weight_n - weight_n.mean()) / 5000.0)[:, None] * poses_and_one
     stacked = np.hstack([axes * factor[linear.row][:, None] for factor in load.T])
     _, directions = np.linalg.eigh(stacked.T @ stacked)
     columns = _SAG_SIZE * stacked @ directions[:, ::-1][:, :_SAG_COLUMNS]
-    return [Explanation(SAG, "soft_sideways", columns, np.ones(columns.shape[1], dtype=bool), cause=False, largest=1.0)]
+    return Explanation(SAG, "soft_sideways", columns, np.ones(columns.shape[1], dtype=bool), cause=False, largest=1.0)

@@ -28,7 +28,7 @@ _TRUST = 0.25
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A robot with changes put in, and the problem as it looks from there.
+    """A robot with changes put in, and the rows as they look from there.
 
     Attributes:
         parameters: what is changed: effects' and background parameters.
@@ -36,7 +36,6 @@ class State:
         frames: the two frames.
         linear: residuals and derivatives there, of the rows that are fitted.
         every_row: the same of all rows.
-        problem: the search's problem there.
     """
 
     parameters: tuple[EffectParameter, ...]
@@ -44,7 +43,6 @@ class State:
     frames: SeenFrom
     linear: LinearRows
     every_row: LinearRows
-    problem: Problem
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +69,7 @@ class Diagnoser:
     @functools.cached_property
     def chance(self) -> Chance:
         """What the evidence of an effect is by chance, in this campaign."""
-        return by_chance(Hypothesis.nothing(self.at_rest.problem), self.options.false_names)
+        return by_chance(Hypothesis.nothing(self.problem_at(self.at_rest)), self.options.false_names)
 
     @functools.cached_property
     def thresholds(self) -> SearchOptions:
@@ -80,15 +78,12 @@ class Diagnoser:
 
     def _state(self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: SeenFrom) -> State:
         every_row = self.rows.linearise(self.rows.changes(parameters, values), frames)
-        linear = every_row.of(self.fitted)
-        added = self._signature(parameters, values, linear)
-        problem = problem_at(self.rows, linear, self.library, added)
-        return State(parameters, values, frames, linear, every_row, problem)
+        return State(parameters, values, frames, every_row.of(self.fitted), every_row)
 
-    def problem_of_every_row(self, state: State) -> Problem:
-        """Return the search's problem at a state for all rows, those held out among them."""
-        added = self._signature(state.parameters, state.values, state.every_row)
-        return problem_at(self.rows, state.every_row, self.library, added)
+    def problem_at(self, state: State, *, of_every_row: bool = False) -> Problem:
+        """Return the search's problem at a state for the fitted rows, or with those held out among them."""
+        linear = state.every_row if of_every_row else state.linear
+        return problem_at(self.rows, linear, self.library, self._signature(state.parameters, state.values, linear))
 
     def found(self, start: Hypothesis | None = None) -> tuple[State, Hypothesis]:
         """Search, put in what was found, and search again from there until the answer stays.
@@ -98,35 +93,29 @@ class Diagnoser:
 
         The hypothesis is of the problem of the state returned with it.
         """
-        state = self.at_rest
-        hypothesis = search(state.problem, self.thresholds, self._carried(start, state) if start else None)
-        for turn in range(_ROUNDS):
-            if not hypothesis.items and not any(hypothesis.levels):
-                break
+        state, hypothesis = self._searched(start)
+        for _ in range(_ROUNDS):  # what was found stays; values, scales and frames settle exactly
             state, moved = self._advanced(state, hypothesis)
-            again = search(
-                state.problem, self.thresholds, None if turn < 1 and not start else self._carried(hypothesis, state)
-            )
-            same = [i.key for i in again.items] == [i.key for i in hypothesis.items]
-            hypothesis = again
-            if same and moved < _SETTLED:
-                break
-        return self._refined(state, hypothesis)
-
-    def _refined(self, state: State, hypothesis: Hypothesis) -> tuple[State, Hypothesis]:
-        """Keep what was found and let values, scales and frames settle exactly."""
-        for _ in range(_ROUNDS):
-            state, moved = self._advanced(state, hypothesis)
-            hypothesis = self._carried(hypothesis, state).settled()
+            hypothesis = hypothesis.on(self.problem_at(state)).settled()
             if moved < _EXACT:
                 break
         return state, hypothesis
 
-    def _carried(self, hypothesis: Hypothesis, state: State) -> Hypothesis:
-        """Return a hypothesis on another problem."""
-        known = {item.key: item for item in state.problem.explanations}
-        items = tuple(known[item.key] for item in hypothesis.items)
-        return replace(hypothesis, problem=state.problem, items=items)
+    def _searched(self, start: Hypothesis | None) -> tuple[State, Hypothesis]:
+        state = self.at_rest
+        problem, thresholds = self.problem_at(state), self.thresholds
+        hypothesis = search(problem, thresholds, start.on(problem) if start else None)
+        for turn in range(_ROUNDS):
+            if not hypothesis.items and not any(hypothesis.levels):
+                break
+            state, moved = self._advanced(state, hypothesis)
+            problem = self.problem_at(state)
+            again = search(problem, thresholds, None if turn < 1 and not start else hypothesis.on(problem))
+            same = [i.key for i in again.items] == [i.key for i in hypothesis.items]
+            hypothesis = again
+            if same and moved < _SETTLED:
+                break
+        return state, hypothesis
 
     def parameters_of(self, hypothesis: Hypothesis) -> list[tuple[str, tuple[FoundParameter, ...]]]:
         """Return every group of a hypothesis that has parameters, with their values."""
@@ -140,11 +129,10 @@ class Diagnoser:
         known = {id(p): value for p, value in zip(state.parameters, state.values.tolist(), strict=True)}
         from_here = np.array([known.get(id(p), 0.0) for p in parameters])
         before = self._signature(state.parameters, state.values, state.linear)
-        whole = self._carried(hypothesis, state)
         left = state.linear.residual + before - self._signature(parameters, wanted, state.linear)
-        for k, item in enumerate(whole.items):
+        for k, item in enumerate(hypothesis.items):
             if item.key not in self.library.forms:  # it has no parameters of the robot
-                left -= whole.part(k)
+                left -= hypothesis.part(k)
         step = least_squares(state.linear.free, left)
         share = 1.0
         for _ in range(_HALVINGS):

@@ -146,8 +146,7 @@ class Discrepancy:
     def __init__(self, hypothesis: Hypothesis, processes: Iterable[Process]) -> None:
         """Work out all inner products once."""
         self.hypothesis = hypothesis
-        places = hypothesis.everything.places
-        own = hypothesis.problem.columns[:, places]
+        places, own = hypothesis.everything.places, hypothesis.columns
         self._own = dict(zip(places.tolist(), range(len(places)), strict=True))
         self._seen = {
             process.name: [_Seen.of(process, length, hypothesis.problem, own) for length in process.lengths]

@@ -35,6 +35,8 @@ SHAPINGS: FloatArray = np.geomspace(0.03, 1.0, 4)
 """How much of the prediction what shapes an effect may make, against what it shapes (root mean squares): never more."""
 _NEGLIGIBLE = 1e-10
 _SMALL = 100
+_EQUATIONS = 4096
+"""How many are stacked at a time for their inner products: a copy of all would double what a large campaign holds."""
 Places = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
 
@@ -91,9 +93,16 @@ class Gram:
     log_determinant: float = 0.0
 
     @classmethod
-    def of(cls, columns: FloatArray, residual: FloatArray) -> Gram:
-        """Return those of columns (m, K) and residual (m,) beside unit noise alone."""
-        return cls(columns.T @ columns, columns.T @ residual, float(residual @ residual))
+    def of(cls, groups: Sequence[FloatArray], residual: FloatArray) -> Gram:
+        """Return those of groups of columns, (m, k) each, and residual (m,) beside unit noise alone."""
+        count = sum(columns.shape[1] for columns in groups)
+        inner, projected = np.zeros((count, count)), np.zeros(count)
+        for first in range(0, len(residual), _EQUATIONS) if groups else ():
+            some = slice(first, first + _EQUATIONS)
+            stacked = np.hstack([columns[some] for columns in groups])
+            inner += stacked.T @ stacked
+            projected += stacked.T @ residual[some]
+        return cls(inner, projected, float(residual @ residual))
 
 
 class Beside:

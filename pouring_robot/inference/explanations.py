@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -67,22 +67,20 @@ class Problem:
         nuisance: what free unknowns explain.
         backgrounds: usual small errors.
         explanations: forms of effects.
-        columns: of backgrounds, then of explanations, (m, K).
     """
 
     residual: FloatArray
     nuisance: Nuisance
     backgrounds: tuple[Background, ...]
     explanations: tuple[Explanation, ...]
-    columns: FloatArray
 
     @classmethod
     def build(
         cls,
         residual: FloatArray,
         free: FloatArray,
-        backgrounds: Sequence[Background],
-        explanations: Sequence[Explanation],
+        backgrounds: Iterable[Background],
+        explanations: Iterable[Explanation],
     ) -> Problem:
         """Return the problem beside free unknowns, which are always fitted and never named.
 
@@ -90,19 +88,12 @@ class Problem:
             residual: shape (m,).
             free: columns of the free unknowns, shape (m, f).
             backgrounds: usual small errors.
-            explanations: forms of effects.
+            explanations: forms of effects. Taken one by one: their columns are most of what a diagnosis holds.
         """
         nuisance = Nuisance.of(free)
-        groups = [*(b.columns for b in backgrounds), *(e.columns for e in explanations)]
-        widths = [columns.shape[1] for columns in groups]
-        # One block, of which the items hold their parts: with many rows it is most of what a diagnosis keeps.
-        block = np.empty((len(residual), sum(widths)))
-        *parts, _ = np.split(block, np.cumsum(widths, dtype=np.intp), axis=1)
-        for part, columns in zip(parts, groups, strict=True):
-            part[:] = nuisance.cleared(columns)
-        usual = (replace(b, columns=part) for b, part in zip(backgrounds, parts, strict=False))
-        found = (replace(e, columns=part) for e, part in zip(explanations, parts[len(backgrounds) :], strict=True))
-        return cls(nuisance.cleared(residual), nuisance, tuple(usual), tuple(found), block)
+        usual = tuple(replace(b, columns=nuisance.cleared(b.columns)) for b in backgrounds)
+        found = tuple(replace(e, columns=nuisance.cleared(e.columns)) for e in explanations)
+        return cls(nuisance.cleared(residual), nuisance, usual, found)
 
     @functools.cached_property
     def known(self) -> frozenset[str]:
@@ -118,7 +109,8 @@ class Problem:
     @functools.cached_property
     def gram(self) -> Gram:
         """Inner products of all columns and the residual."""
-        return Gram.of(self.columns, self.residual)
+        usual, found = [b.columns for b in self.backgrounds], [e.columns for e in self.explanations]
+        return Gram.of([*usual, *found], self.residual)
 
     @functools.cached_property
     def _places(self) -> tuple[tuple[Places, ...], dict[tuple[str, str], Places]]:
@@ -159,5 +151,4 @@ class Problem:
 
     def and_also(self, items: Sequence[Explanation]) -> Problem:
         """Return the problem with more explanations."""
-        columns = np.hstack([self.columns, *(item.columns for item in items)])
-        return replace(self, explanations=(*self.explanations, *items), columns=columns)
+        return replace(self, explanations=(*self.explanations, *items))

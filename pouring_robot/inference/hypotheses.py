@@ -109,7 +109,21 @@ class Hypothesis:
 
     def groups(self) -> list[FloatArray]:
         """Return the scaled columns of everything fitted."""
-        return [self.problem.columns[:, places] * weights for places, weights in self._groups]
+        return [own * weights for own, (_, weights) in zip(self._unscaled(), self._groups, strict=True)]
+
+    def _unscaled(self) -> list[FloatArray]:
+        usual = [b.columns for b, level in zip(self.problem.backgrounds, self.levels, strict=True) if level]
+        return [*usual, *(item.columns for item in self.items)]
+
+    @property
+    def columns(self) -> FloatArray:
+        """Columns of everything fitted, as :attr:`everything` orders them, (m, k)."""
+        return np.hstack([np.zeros((len(self.problem.residual), 0)), *self._unscaled()])
+
+    def on(self, problem: Problem) -> Hypothesis:
+        """Return the same on another problem of the same explanations."""
+        known = {item.key: item for item in problem.explanations}
+        return replace(self, problem=problem, items=tuple(known[item.key] for item in self.items))
 
     @functools.cached_property
     def everything(self) -> Beside:
@@ -339,11 +353,6 @@ class Hypothesis:
     def misfit(self) -> float:
         """Return the squared length of the residual, measured by everything fitted; m where the hypothesis is true."""
         return self.everything.squared
-
-    def seen(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the inner products of any columns (m, a) with each other and the residual, beside everything."""
-        own, residual = self.problem.columns[:, self.everything.places], self.problem.residual
-        return self.everything.outside(own.T @ columns, columns.T @ columns, columns.T @ residual)
 
 
 @functools.cache

@@ -115,7 +115,8 @@ def lead(campaign, noise, effect, rival):
     """By how much an effect alone explains all rows better than another one alone, in nats."""
     rows = CampaignRows(campaign, RobotModel(), noise)
     library = Library.of(rows, chosen_effects())
-    problem = Diagnoser(rows, library, np.ones(len(rows), dtype=bool)).at_rest.problem
+    diagnoser = Diagnoser(rows, library, np.ones(len(rows), dtype=bool))
+    problem = diagnoser.problem_at(diagnoser.at_rest)
     nothing = Hypothesis.nothing(problem)
 
     def best(name):

@@ -42,7 +42,7 @@ def test_a_group_is_worth_no_more_than_it_explains_at_most(rng, largest, unit):
     main = np.array([True, False, False])
     for size in (0.1, 1.0, 30.0):
         columns = rng.normal(size=(12, 3))
-        gram = Gram.of(columns, size * columns @ rng.normal(size=3) + rng.normal(size=12))
+        gram = Gram.of([columns], size * columns @ rng.normal(size=3) + rng.normal(size=12))
         for kept in (main, None):
             found = bayes_factor(gram.columns, gram.projected, kept, largest, unit)
             most = most_evidence(gram.columns, gram.projected, kept, largest, unit)
@@ -71,7 +71,7 @@ def test_inner_products_are_those_of_the_inverse(rng):
 def test_one_after_the_other_is_both_at_once(rng):
     """A Schur complement of a Schur complement; weights scale the columns."""
     stacked, residual = rng.normal(size=(30, 9)), rng.normal(size=30)
-    gram, weights = Gram.of(stacked, residual), rng.uniform(0.1, 3.0, 6)
+    gram, weights = Gram.of([stacked], residual), rng.uniform(0.1, 3.0, 6)
     first = Beside(gram, np.arange(4), weights[:4])
     both, after = Beside(gram, np.arange(6), weights), Beside(first.gram, np.arange(4, 6), weights[4:])
     rest = np.arange(6, 9)

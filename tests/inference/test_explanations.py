@@ -69,7 +69,7 @@ def test_forms_of_an_effect_share_its_probability(parts):
     more = built.and_also([explanation("effect 0", built.explanations[1].columns, "third")])
     assert built.log_priors["effect 0"] == pytest.approx(np.log(1 / 2))
     assert more.log_priors["effect 0"] == pytest.approx(np.log(1 / 3))
-    assert more.columns.shape[1] == built.columns.shape[1] + more.explanations[-1].columns.shape[1]
+    assert len(more.gram.projected) == len(built.gram.projected) + more.explanations[-1].columns.shape[1]
 
 
 def test_an_effect_that_free_unknowns_absorb_is_worth_nothing(rng):

@@ -7,8 +7,9 @@ may have been set up anew, so that the new rows have frames of their own.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -20,13 +21,14 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import PER_SESSION
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.diagnosis.findings import Findings
-from pouring_robot.diagnosis.problem import Library, problem_at
+from pouring_robot.diagnosis.problem import Library, known_effects, usual_errors
 from pouring_robot.diagnosis.processes import processes_of
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects.defaults import causes_of
 from pouring_robot.estimation.session_frames import largest_session
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.explanations import Background, Explanation, Problem
+from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.inference.processes import Part, columns_of
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
@@ -202,6 +204,9 @@ def _warm(kind: Thermometers, seen: FloatArray | None, cold: float, hot: NDArray
     return np.asarray(np.where(hot, np.round(highest), cold))
 
 
+Item = TypeVar("Item", Explanation, Background)
+
+
 class Prospect:
     """Explanations of a campaign, with what they would predict of possible measurements.
 
@@ -227,15 +232,23 @@ class Prospect:
         self.components = int(new.sum()) // len(possible)
         known = diagnosis.diagnoser.library
         library = Library.of(rows, {name: known.effects[name] for name in known.effects if name in known.tried})
-        self._whole = problem_at(rows, self._linear, library, np.zeros(self._linear.residual.size))
+        self._nuisance = Nuisance.of(self._linear.free)
+        self._new_columns: dict[str | tuple[str, str], FloatArray] = {}
         self.problem = Problem.build(
             diagnosis.hypothesis.problem.residual,
             self._linear.free[self._old],
-            [replace(b, columns=b.columns[self._old]) for b in self._whole.backgrounds],
-            [replace(e, columns=e.columns[self._old]) for e in self._whole.explanations],
+            self._of_the_campaign(usual_errors(rows, self._linear, library)),
+            self._of_the_campaign(known_effects(rows, self._linear, library)),
         )
         self._described: dict[str, tuple[Part, ...]] = {}
         self.frames = _FRAME * self._linear.free[self._new]
+
+    def _of_the_campaign(self, items: Iterable[Item]) -> Iterator[Item]:
+        """Yield the same with the columns of the campaign's rows; those of the new rows are kept."""
+        for item in items:
+            columns = self._nuisance.cleared(item.columns)
+            self._new_columns[_key(item)] = columns[self._new]
+            yield replace(item, columns=columns[self._old])
 
     def explanation(self, name: str) -> Explanation | None:
         """Return a process as an explanation of the campaign's rows; None where there is none of that name."""
@@ -248,13 +261,15 @@ class Prospect:
         columns = self.problem.nuisance.cleared(columns_of(self._described[name])[self._old])
         return Explanation(name, _PROCESS, columns, np.ones(columns.shape[1], dtype=bool), cause=False)
 
-    def new_columns(self, item: Explanation | Background, index: int = -1) -> FloatArray:
-        """Return the columns of an explanation, or of the background of an index, in the new rows."""
-        if isinstance(item, Background):
-            return self._whole.backgrounds[index].columns[self._new]
-        if item.form == _PROCESS:
+    def new_columns(self, item: Explanation | Background) -> FloatArray:
+        """Return the columns of an explanation or a background in the new rows."""
+        if isinstance(item, Explanation) and item.form == _PROCESS:
             return columns_of(self._described[item.effect])[self._new]
-        return next(e.columns for e in self._whole.explanations if e.key == item.key)[self._new]
+        return self._new_columns[_key(item)]
+
+
+def _key(item: Explanation | Background) -> str | tuple[str, str]:
+    return item.effect if isinstance(item, Background) else item.key
 
 
 def _together(campaign: Campaign, possible: Candidates, diagnosis: Findings) -> Campaign:

@@ -49,7 +49,7 @@ def contest(diagnosis: Findings, prospect: Prospect) -> Contest:
     Of a group its members, of a named effect the next best ones, of something unknown the best descriptions; where
     there is no gap, the effects that could best hide.
     """
-    best = _carried(diagnosis.hypothesis, prospect)
+    best = diagnosis.hypothesis.on(prospect.problem).settled()
     causes, verdict = diagnosis.judgement.causes, diagnosis.judgement.verdict
     if verdict == "unknown":
         return _against_first(_descriptions(diagnosis, prospect, best))
@@ -72,13 +72,6 @@ def contest(diagnosis: Findings, prospect: Prospect) -> Contest:
 
 def _against_first(found: list[Contender]) -> Contest:
     return found, [(0, k) for k in range(1, len(found))]
-
-
-def _carried(hypothesis: Hypothesis, prospect: Prospect) -> Hypothesis:
-    """Return the diagnosis's hypothesis on the prospect's columns of the same rows."""
-    known = {item.key: item for item in prospect.problem.explanations}
-    items = tuple(known[item.key] for item in hypothesis.items)
-    return replace(hypothesis, problem=prospect.problem, items=items).settled()
 
 
 def _less(hypothesis: Hypothesis, cause: Cause) -> Hypothesis:
@@ -133,8 +126,8 @@ def _hidden(best: Hypothesis, prospect: Prospect) -> list[Contender]:
 def scaled_columns(hypothesis: Hypothesis, prospect: Prospect) -> FloatArray:
     """Return the columns of the new rows that go with :meth:`Hypothesis.groups`, (n * components, q)."""
     usual = [
-        prospect.new_columns(b, k)
-        for k, (level, b) in enumerate(zip(hypothesis.levels, prospect.problem.backgrounds, strict=True))
+        prospect.new_columns(b)
+        for level, b in zip(hypothesis.levels, prospect.problem.backgrounds, strict=True)
         if level
     ]
     columns = [*usual, *(prospect.new_columns(item) for item in hypothesis.items)]

@@ -40,7 +40,7 @@ def dependence(data: FreeResiduals, given: Conditions, alpha: float) -> list[Fin
         places = Places.of(given, data.row, data.component, data.sigma, data.axes, data.drives)
         # Time says more than the order of the rows, and the same.
         processes = [p for p in disagreements_of(places) if p.seen and not (given.time_known and p.by == "order")]
-        problem = Problem(data.cleared, data.nuisance, (), (), np.zeros((len(data.cleared), 0)))
+        problem = Problem(data.cleared, data.nuisance, (), ())
         discrepancy = Discrepancy(Hypothesis.nothing(problem), processes)
         found = discrepancy.sum(float(np.log(len(processes) / alpha)), _MOST)
     kinds: dict[tuple[str, bool], list[Summand]] = {}
