@@ -18,14 +18,13 @@ from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
-from lxml import etree
 from numpy.typing import NDArray
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownFrameError, UnknownJointError, closest
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.joint_types import Mimic, change_joints, make_spherical, read_mimics
+from pouring_robot.mechanism.joint_types import Mimic
 from pouring_robot.mechanism.loops import LoopsFile, LoopStiffness
-from pouring_robot.mechanism.pinocchio_model import displace_model, parsed
+from pouring_robot.mechanism.pinocchio_model import displace_model, tree_of
 
 IndexArray = NDArray[np.intp]
 
@@ -154,21 +153,7 @@ class ClosedChainMechanism:
             )
 
     def _build(self) -> pin.Model:
-        kinds = self._loops.joint_types | dict.fromkeys(self._loops.cut_joints, "floating")
-        try:
-            self._tree_urdf = change_joints(self._urdf, kinds)
-            self._mimics = read_mimics(self._tree_urdf)
-        except UnknownJointError as problem:
-            key = "cut_joints" if problem.name in self._loops.cut_joints else "joint_types"
-            raise DescriptionError(self._source, f"{key}: {problem}") from problem
-        except etree.XMLSyntaxError as problem:
-            raise DescriptionError(f"URDF of {self._source}", f"not valid XML: {problem}") from problem
-        except BadInputError as problem:
-            raise DescriptionError(f"URDF of {self._source}", str(problem)) from problem
-        model = parsed(self._tree_urdf, self._source)
-        spherical = {name for name, kind in kinds.items() if kind == "spherical"}
-        if spherical:
-            model = make_spherical(model, spherical)
+        self._tree_urdf, self._mimics, model = tree_of(self._urdf, self._loops, self._source)
         model.gravity.linear = np.array([0.0, 0.0, -GRAVITY_M_S2])
         unsaid = model.lowerPositionLimit >= model.upperPositionLimit  # 0 and 0 is what a URDF has that leaves them out
         model.lowerPositionLimit = np.where(unsaid, -np.inf, model.lowerPositionLimit)

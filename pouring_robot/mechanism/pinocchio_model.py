@@ -3,31 +3,68 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import sys
 import tempfile
 import threading
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import pinocchio as pin
+from lxml import etree
 
-from pouring_robot.exceptions import DescriptionError
+from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownJointError
+from pouring_robot.mechanism.joint_types import Mimic, change_joints, make_spherical, read_mimics
+from pouring_robot.mechanism.loops import LoopsFile
 
 # The parser writes to the process's standard error, of which there is one.
 _lock = threading.Lock()
 
 
-def parsed(urdf: str, source: Path) -> pin.Model:
-    """Return the model of a URDF text.
+class Tree(NamedTuple):
+    """A robot without its closures: its URDF with the joints as loops want them, joints that mimic, and the model."""
+
+    urdf: str
+    mimics: tuple[Mimic, ...]
+    model: pin.Model
+
+
+def tree_of(urdf: str, loops: LoopsFile, source: Path) -> Tree:
+    """Return the tree of a URDF text; the model is the caller's own.
 
     Args:
         urdf: the text.
+        loops: which joints are cut, or of another kind than the URDF says.
         source: whose URDF it is, for what is said of it.
 
     Raises:
-        DescriptionError: Pinocchio cannot build it; says why in its parser's words.
+        DescriptionError: a joint is absent, the text is no URDF, or Pinocchio cannot build it: says why in its
+            parser's words.
     """
+    tree = _tree_of(urdf, tuple(loops.joint_types.items()), tuple(loops.cut_joints), source)
+    return tree._replace(model=tree.model.copy())
+
+
+@functools.lru_cache(maxsize=32)  # one command asks for the same robot many times
+def _tree_of(urdf: str, kinds: tuple[tuple[str, str], ...], cut: tuple[str, ...], source: Path) -> Tree:
+    changed = dict(kinds) | dict.fromkeys(cut, "floating")
+    try:
+        tree_urdf = change_joints(urdf, changed)
+        mimics = read_mimics(tree_urdf)
+    except UnknownJointError as problem:
+        key = "cut_joints" if problem.name in cut else "joint_types"
+        raise DescriptionError(source, f"{key}: {problem}") from problem
+    except etree.XMLSyntaxError as problem:
+        raise DescriptionError(f"URDF of {source}", f"not valid XML: {problem}") from problem
+    except BadInputError as problem:
+        raise DescriptionError(f"URDF of {source}", str(problem)) from problem
+    model, spherical = _parsed(tree_urdf, source), {name for name, kind in changed.items() if kind == "spherical"}
+    return Tree(tree_urdf, mimics, make_spherical(model, spherical) if spherical else model)
+
+
+def _parsed(urdf: str, source: Path) -> pin.Model:
     words: list[str] = []
     try:
         with _heard(words):

@@ -44,9 +44,18 @@ def draw_box(panel: Any, across: tuple[float, float], up: tuple[float, float]) -
     panel.add_patch(Rectangle(corner, *size, fill=False, edgecolor=DARK_GREY, linestyle="--", label="workspace"))
 
 
+def _place(figure: Any) -> None:
+    """Find room for everything now: saving would draw all of it twice for that."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine(None)
+
+
 def png_of(figure: Any) -> bytes:
     """Return a figure as a PNG file: no date and no version inside, so the same figure gives the same bytes."""
     stream = io.BytesIO()
+    _place(figure)
     figure.savefig(stream, format="png", dpi="figure", metadata={"Software": None})
     return stream.getvalue()
 
@@ -66,6 +75,7 @@ def svg_of(figure: Any) -> str:
     import matplotlib as mpl
     from lxml import etree
 
+    _place(figure)
     stream, unsaid = io.BytesIO(), dict.fromkeys(("Date", "Creator", "Format", "Type"))
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "pouring_robot"}):
         figure.savefig(stream, format="svg", transparent=True, metadata=unsaid)

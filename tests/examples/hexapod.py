@@ -1,10 +1,9 @@
-"""The hexapod: leg lengths in closed form, its pose by least squares on them. Units: m, rad."""
+"""The hexapod: leg lengths in closed form, its pose by Newton's method on them. Units: m, rad."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from tests.examples.drawing import ALUMINIUM, STEEL, ball_kg, bar_kg, slope
@@ -12,6 +11,7 @@ from tests.examples.drawing import ALUMINIUM, STEEL, ball_kg, bar_kg, slope
 Array = npt.NDArray[np.float64]
 
 HOME = np.array([0.0, 0.0, 0.70])
+_NEWTON_STEPS = 10
 
 
 def _circle(radius: float, degrees: tuple[float, ...]) -> Array:
@@ -44,22 +44,24 @@ def forward(
     """
     anchors, feet = BASE + base, TABLE + table
     lengths = np.broadcast_to(LENGTH + leg, drives.shape) + drives
-    poses = np.array([_pose(anchors, feet, wanted) for wanted in lengths])
-    return poses[:, :3], np.asarray(Rotation.from_rotvec(poses[:, 3:]).as_matrix())
+    return _poses(anchors, feet, lengths)
 
 
-def _pose(anchors: Array, feet: Array, lengths: Array) -> Array:
-    """Return position and rotation vector with legs of these lengths."""
-
-    def gaps(pose: Array) -> Array:
-        legs = pose[:3] + feet @ Rotation.from_rotvec(pose[3:]).as_matrix().T - anchors
-        return np.asarray(np.linalg.norm(legs, axis=1) - lengths)
-
-    start = np.array([0.0, 0.0, HOME[2] + np.mean(lengths - LENGTH), 0.0, 0.0, 0.0])
-    found = least_squares(gaps, start, method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15)
-    if np.abs(found.fun).max() > 1e-12:
-        raise ValueError(f"legs of {lengths} m do not fit")
-    return np.asarray(found.x)
+def _poses(anchors: Array, feet: Array, lengths: Array) -> tuple[Array, Array]:
+    """Return positions and rotations with legs of these lengths, shape (n, 6), by Newton's method from level."""
+    position, turn = np.zeros((len(lengths), 3)), Rotation.identity(len(lengths))
+    position[:, 2] = HOME[2] + np.mean(lengths - LENGTH, axis=1)
+    for _ in range(_NEWTON_STEPS):
+        arms = feet @ np.swapaxes(turn.as_matrix(), 1, 2)
+        legs = position[:, None] + arms - anchors
+        size = np.linalg.norm(legs, axis=2)
+        along = legs / size[..., None]
+        slopes = np.concatenate([along, np.cross(arms, along)], axis=2)
+        step = np.linalg.solve(slopes, (lengths - size)[..., None])[..., 0]
+        position, turn = position + step[:, :3], Rotation.from_rotvec(step[:, 3:]) * turn
+    if np.abs(step).max() > 1e-12:
+        raise ValueError("some legs do not fit")
+    return position, np.asarray(turn.as_matrix())
 
 
 def weight(drives: Array, payload: Array) -> Array:

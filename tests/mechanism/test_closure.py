@@ -28,7 +28,7 @@ from tests.support import (
     random_poses,
 )
 
-ROUND_TRIPS = 2_000
+ROUND_TRIPS = 1000
 
 
 def start_and_drives(robot, pose):

@@ -206,11 +206,15 @@ class RobotDefinition:
         return self.path.parent / (self.file.urdf or self.file.xacro or "")
 
     def urdf(self) -> str:
-        """Return the robot of the drawing as URDF.
+        """Return the robot of the drawing as URDF, as it was when it was first asked for.
 
         Raises:
             DescriptionError: the file is missing or wrong.
         """
+        return self._drawn
+
+    @functools.cached_property
+    def _drawn(self) -> str:
         if self.file.urdf is not None:
             drawn = read_text(self.source)
         else:
@@ -259,9 +263,16 @@ class RobotDefinition:
         Args:
             mechanism: that of the drawing, if it is at hand.
         """
+        return self._drawing_of(mechanism) if mechanism else self._drawing
+
+    @functools.cached_property
+    def _drawing(self) -> Drawing:
+        return self._drawing_of(self.mechanism())
+
+    def _drawing_of(self, mechanism: ClosedChainMechanism) -> Drawing:
         from pouring_robot.robot.description.drawing import HomeDrawing
 
-        return HomeDrawing(mechanism or self.mechanism(), self.file.home)
+        return HomeDrawing(mechanism, self.file.home)
 
     def workspace(self, drawing: Drawing, count: int = _WORKSPACE_SAMPLES) -> tuple[FloatArray, BatchStart]:
         """Return up to ``count`` drive values spread over the workspace, (n, drives), in m and rad, and closed poses.

@@ -14,6 +14,8 @@ from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 
+_KEPT = 4
+
 
 class Drawing(Protocol):
     """Closes the robot of the drawing."""
@@ -48,6 +50,7 @@ class HomeDrawing:
     def __init__(self, mechanism: ClosedChainMechanism, home: Mapping[str, float]) -> None:
         """Keep both; the home is closed at first use."""
         self.mechanism, self._home = mechanism, dict(home)
+        self._known: dict[tuple[int, bytes], BatchStart] = {}
 
     @functools.cached_property
     def _followed(self) -> HomotopyStarts:
@@ -59,7 +62,12 @@ class HomeDrawing:
         Raises:
             ClosureError: the robot does not close at its home.
         """
-        return self._followed.starts(drives)
+        key = len(drives), drives.tobytes()
+        if key not in self._known:  # one campaign is asked for many times
+            if len(self._known) == _KEPT:
+                del self._known[next(iter(self._known))]
+            self._known[key] = self._followed.starts(drives)
+        return self._known[key]
 
     def commands(self, commands: FloatArray, /) -> BatchCommand:
         """Return drive values (n, drives), which are the commands, with their closed poses."""
