@@ -113,5 +113,5 @@ def _sag(rows: CampaignRows, linear: LinearRows, axes: FloatArray, weight_n: Flo
     load = ((weight_n - weight_n.mean()) / 5000.0)[:, None] * poses_and_one
     stacked = np.hstack([axes * factor[linear.row][:, None] for factor in load.T])
     _, directions = np.linalg.eigh(stacked.T @ stacked)
-    columns = _SAG_SIZE * stacked @ directions[:, ::-1][:, :_SAG_COLUMNS]
+    columns = stacked @ (_SAG_SIZE * directions[:, ::-1][:, :_SAG_COLUMNS])
     return Explanation(SAG, "soft_sideways", columns, np.ones(columns.shape[1], dtype=bool), cause=False, largest=1.0)

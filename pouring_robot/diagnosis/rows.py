@@ -263,9 +263,8 @@ class CampaignRows:
         sigma = self.measured.sigma[equations.components]
         scale = stretched[equations.rows, equations.components] / sigma
         own = self._session[equations.rows, None] == np.arange(len(frames.sessions) // 6)
-        return LinearRows(
-            equations.residual, -equations.jacobian, equations.rows, equations.components, scale, sigma, own
-        )
+        prediction = np.negative(equations.jacobian, out=equations.jacobian)
+        return LinearRows(equations.residual, prediction, equations.rows, equations.components, scale, sigma, own)
 
     def predicted(self, changes: RowChanges, frames: OuterFrames) -> Prediction:
         """Close the loops with changes put in, and return what is seen of the rows; rows that do not close are NaN."""

@@ -34,15 +34,20 @@ class State:
         parameters: what is changed: effects' and background parameters.
         values: one a parameter, in its unit.
         frames: the two frames.
-        linear: residuals and derivatives there, of the rows that are fitted.
-        every_row: the same of all rows.
+        every_row: residuals and derivatives there.
+        fitted: which rows are fitted, (n,).
     """
 
     parameters: tuple[EffectParameter, ...]
     values: FloatArray
     frames: SeenFrom
-    linear: LinearRows
     every_row: LinearRows
+    fitted: NDArray[np.bool_]
+
+    @property
+    def linear(self) -> LinearRows:
+        """Residuals and derivatives of the rows that are fitted."""
+        return self.every_row.of(self.fitted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +83,7 @@ class Diagnoser:
 
     def _state(self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: SeenFrom) -> State:
         every_row = self.rows.linearise(self.rows.changes(parameters, values), frames)
-        return State(parameters, values, frames, every_row.of(self.fitted), every_row)
+        return State(parameters, values, frames, every_row, self.fitted)
 
     def problem_at(self, state: State, *, of_every_row: bool = False) -> Problem:
         """Return the search's problem at a state for the fitted rows, or with those held out among them."""
@@ -128,12 +133,13 @@ class Diagnoser:
         wanted = np.array([one.value for one in found])
         known = {id(p): value for p, value in zip(state.parameters, state.values.tolist(), strict=True)}
         from_here = np.array([known.get(id(p), 0.0) for p in parameters])
-        before = self._signature(state.parameters, state.values, state.linear)
-        left = state.linear.residual + before - self._signature(parameters, wanted, state.linear)
+        linear = state.linear
+        before = self._signature(state.parameters, state.values, linear)
+        left = linear.residual + before - self._signature(parameters, wanted, linear)
         for k, item in enumerate(hypothesis.items):
             if item.key not in self.library.forms:  # it has no parameters of the robot
                 left -= hypothesis.part(k)
-        step = least_squares(state.linear.free, left)
+        step = least_squares(linear.free, left)
         share = 1.0
         for _ in range(_HALVINGS):
             values = from_here + share * (wanted - from_here)
@@ -142,8 +148,8 @@ class Diagnoser:
             except DiagnosisError:
                 share *= 0.5
                 continue
-            gone = before - self._signature(parameters, values, state.linear) - state.linear.free @ (share * step)
-            off = new.linear.residual - (state.linear.residual + gone)
+            gone = before - self._signature(parameters, values, linear) - linear.free @ (share * step)
+            off = new.every_row.residual[self.fitted[new.every_row.row]] - (linear.residual + gone)
             # A step that is off by more than it moves is outside of what the derivatives say: they are asked nearer.
             if off @ off > _TRUST * (gone @ gone) + len(off):
                 share *= 0.5
