@@ -73,7 +73,8 @@ demo: $(INSTALLED)  ## where the ladle is at five poses: a table, and the page a
 	@$(BIN)/pouring-robot path examples/poses.csv --model examples/actual.yaml --overwrite \
 	  --html $(DEMO)/ladle.html --png $(DEMO)/ladle.png
 
-test: lint typecheck  ## lint, types and all tests
+test: $(INSTALLED)  ## lint, types and all tests
+	@$(MAKE) --jobs=2 --output-sync=target lint typecheck
 	$(call say,pytest)
 	@$(VPY) -m pytest $(PYTEST_ARGS)
 

@@ -27,7 +27,7 @@ from pouring_robot.robot.files import examples_path
 
 PARTS = 6
 MOST_GROWTH = 1.05
-_ROUND = """
+ROUND = """
 sweep {sweep} --out {out}/s
 path {poses} --model {model} --html {out}/p.html --out {out}/p.csv
 thermal --at-mm 0 0 -600 --tilt-deg 0 --csv {out}/t.csv
@@ -55,7 +55,7 @@ def one_round(seed: int, folder: Path) -> None:
     }
     study = (examples / "sweep.yaml").read_text(encoding="utf-8")
     files["sweep"].write_text(study.replace("samples: 500", "samples: 50").replace("seed: 1", f"seed: {seed}"))
-    for line in _ROUND.strip().splitlines():
+    for line in ROUND.strip().splitlines():
         words = [word.format(seed=seed, **files) for word in line.split()]
         said = io.StringIO()
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
