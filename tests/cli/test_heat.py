@@ -375,9 +375,9 @@ def test_figures_too_small_to_show_have_no_sign(run):
 def test_the_picture_of_a_shift_shows_curves_between_the_rows(run, tmp_path, monkeypatch):
     (tmp_path / "h.csv").write_text("time_min,melt_degC\n0,1700\n60,1700\n", encoding="utf-8")
     drawn = []
-    monkeypatch.setattr(
-        "pouring_robot.thermal.plots.shift_picture", lambda shift, _: drawn.append(shift) or new_figure(1.0, 1.0)
-    )
+    figure = new_figure(1.0, 1.0)
+    figure.subplots()
+    monkeypatch.setattr("pouring_robot.thermal.plots.shift_picture", lambda shift, _: drawn.append(shift) or figure)
     code, out, _ = run("thermal", "--history", "h.csv", *AT, "--png", "x.png", "--report", "x.html", "--json")
     assert "<svg" in (tmp_path / "x.html").read_text(encoding="utf-8")
     rows, picture = json.loads(out)["rows"], drawn[0]
