@@ -47,7 +47,7 @@ def compensation_lines(found: Sequence[Compensation], *, closed: bool) -> Iterat
     left = max(one.left.distance_m for one in found) / MM
     tilt = max(abs(one.left_tilt_rad) for one in found) / MRAD
     frame = found[0].frame
-    yield f"{word}'{frame}' without compensation {before:.3f} mm off, with it {left:.1e} mm and {tilt:.1e} mrad of tilt"
+    yield f"{word}'{frame}' without compensation {before:.3f} mm off, with it {left:.3f} mm and {tilt:.3f} mrad of tilt"
     roll, yaw = (max((one.uncontrolled_rad[k] for one in found), key=abs) / MRAD for k in (0, 1))
     lip = max(one.left_at_lip.distance_m for one in found) / MM
     yield (
