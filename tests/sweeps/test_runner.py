@@ -91,12 +91,6 @@ def test_ctrl_c_keeps_what_is_done(undisturbed, tmp_path, capsys, monkeypatch):
     assert numbers(out) == numbers(expected)
 
 
-def test_worker_processes_give_the_same_numbers(undisturbed, tmp_path):
-    config, expected = undisturbed
-    run_sweep(SweepPlan.load(config), tmp_path / "out", workers=2)
-    assert numbers(tmp_path / "out") == numbers(expected)
-
-
 def test_ctrl_c_of_a_terminal_reaches_worker_processes_too(undisturbed, tmp_path):
     config, expected = undisturbed
     out = tmp_path / "out"

@@ -103,10 +103,20 @@ def _residuals(diagnosis: Conclusions) -> str:
     shown = shown or [axis_over((), given)]
     kinds = [("before", BEFORE)] if diagnosis.refused else [("before", BEFORE), ("after", AFTER)]
     tables = [_residual_table(diagnosis, of_after=label == "after") for label, _ in kinds]
-    figure = new_figure(max(1.75 * len(shown), 5.0), 5.6)
+    width, height = max(1.75 * len(shown), 5.0), 5.6
+    figure = new_figure(width, height)
+    figure.set_layout_engine(None)  # to find room beside so many panels takes longer than to draw them
+    room = {"left": 0.7 / width, "right": 1.0 - 0.1 / width, "bottom": 0.5 / height, "top": 1.0 - 0.4 / height}
     seen = np.flatnonzero(np.isfinite(tables[0]).any(axis=0))
     lengths = seen[seen < 3] if (seen < 3).any() else seen[seen >= 6]
-    grid = figure.subplots(len(lengths), len(shown), sharex="col", sharey="row", squeeze=False)
+    grid = figure.subplots(
+        len(lengths),
+        len(shown),
+        sharex="col",
+        sharey="row",
+        squeeze=False,
+        gridspec_kw=room | {"wspace": 0.1, "hspace": 0.1},
+    )
     for k, row in zip(lengths.tolist(), grid, strict=True):
         for axis, axes in zip(shown, row, strict=True):
             for table, (label, colour) in zip(tables, kinds, strict=True):
@@ -122,9 +132,10 @@ def _residuals(diagnosis: Conclusions) -> str:
             axes.grid(alpha=0.2)
             axes.tick_params(labelsize=7)
         row[0].set_ylabel(f"{component_name(k)} [mm]")
+    figure.align_ylabels()
     for axis, axes in zip(shown, grid[-1], strict=True):
         axes.set_xlabel(axis.label, fontsize=7)
-    figure.legend(*grid[0, 0].get_legend_handles_labels(), ncols=3, loc="outside upper right", fontsize=8)
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), ncols=3, loc="upper right", fontsize=8)
     return svg_of(figure)
 
 
