@@ -15,45 +15,15 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from pouring_robot.robot.files import examples_path
+from scripts.studies.fault_child import start_warm
 
 ROOT = Path(__file__).resolve().parents[2]
 LONGEST_S = 300.0
 NOBODY = 65534
 RESUMED = "results.zarr"  # of a sweep: grows chunk by chunk, and is gone on with
-
-# Counts the operations that touch files below a folder, and does something just before one of them.
-_CHILD = """
-import atexit, os, signal, sys, time
-place, at, what, told = sys.argv[1], int(sys.argv[2]), sys.argv[3], sys.argv[4]
-seen = 0
-def below(path):
-    return isinstance(path, (str, os.PathLike)) and os.path.abspath(path).startswith(place)
-def hook(event, arguments):
-    global seen
-    if event == "open":
-        path, _, flags = arguments
-        touched = flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT) and below(path)
-    else:
-        touched = event in ("os.rename", "os.mkdir", "os.remove", "os.rmdir") and below(arguments[0])
-    if not touched:
-        return
-    seen += 1
-    if seen == at and what.startswith("SIG"):
-        os.kill(os.getpid(), getattr(signal, what))
-    elif at and seen >= at and what == "full" and event in ("open", "os.mkdir"):
-        raise OSError(28, "No space left on device", arguments[0])
-sys.addaudithook(hook)
-if what == "clock":
-    start, real = time.time(), time.monotonic
-    time.time = lambda: start - 3600.0 * real()
-if told:
-    atexit.register(lambda: open(told, "w").write(str(seen)))
-sys.argv = ["pouring-robot", *sys.argv[5:]]
-from pouring_robot.cli import main
-sys.exit(main())
-"""
 
 
 @dataclass(frozen=True)
@@ -182,6 +152,7 @@ class Study:
         environment: Mapping[str, str | None] | None = None,
         prefix: Sequence[str] = (),
         out: Path | None = None,
+        warm: bool = False,
     ) -> Ended:
         """Run a command in the folder as it is; something happens at its ``at``-th operation, or after a time.
 
@@ -194,12 +165,17 @@ class Study:
             environment: variables that are changed, or taken away.
             prefix: what starts it.
             out: where standard output goes.
+            warm: fork a process that has the package loaded, with nothing else but ``at`` and ``what``.
         """
         folder = place or self.folder
         folder.mkdir(exist_ok=True)
-        variables = os.environ | {"PYTHONPATH": str(ROOT), "SOURCE_DATE_EPOCH": "0"} | dict(environment or {})
-        child = (_CHILD, str(folder), str(at), what, str(self.place / "told")) if after_s is None else ()
-        line = [*prefix, sys.executable, *(("-c", *child) if child else ("-m", "pouring_robot")), *arguments]
+        changed = os.environ | {"PYTHONPATH": str(ROOT), "SOURCE_DATE_EPOCH": "0"} | dict(environment or {})
+        variables = {name: value for name, value in changed.items() if value is not None}
+        if warm:
+            code, error = self._forked(variables, str(folder), at, what, arguments)
+            return Ended(code, error, snapshot(folder))
+        child = ("scripts.studies.fault_child", str(folder), str(at), what) if after_s is None else ("pouring_robot",)
+        line = [*prefix, sys.executable, "-m", *child, *arguments]
         with (
             tempfile.TemporaryFile() as said,
             out.open("wb") if out else contextlib.nullcontext(subprocess.DEVNULL) as printed,
@@ -207,7 +183,7 @@ class Study:
             process = subprocess.Popen(
                 line,
                 cwd=folder,
-                env={name: value for name, value in variables.items() if value is not None},
+                env=variables,
                 stdin=subprocess.DEVNULL,
                 stdout=printed,
                 stderr=said,
@@ -228,6 +204,15 @@ class Study:
             error = said.read().decode("utf-8", errors="replace")
         return Ended(code, error, snapshot(folder))
 
+    def _forked(self, variables: dict[str, str], *given: Any) -> tuple[int, str]:
+        said = self.place / "said"
+        process = start_warm(variables, said, *given, self.place / "told")
+        process.join(LONGEST_S)
+        code = process.exitcode
+        process.kill()
+        process.join()
+        return -99 if code is None else code, said.read_text(encoding="utf-8", errors="replace")
+
     def clear(self) -> None:
         """Empty the folder."""
         shutil.rmtree(self.folder, ignore_errors=True)
@@ -236,19 +221,18 @@ class Study:
     def undisturbed(self, command: Command, name: str = "a") -> tuple[Ended, float, int]:
         """Return how a command ends that nothing happens to, after how long (s), and its operations on files."""
         if (command.name, name) not in self.sound:
-            runs = [self._timed(command, name) for _ in range(2)]
-            (ended, _), (again, _) = runs
+            (ended, seconds), (again, _) = (self._timed(command, name, warm=warm) for warm in (False, True))
             if ended.code != 0 or ended.temporary or again.left != ended.left:
                 problem = f"{ended.error} {ended.temporary} {differences(again.left, ended.left)}"
                 raise SystemExit(f"{command.name} is not the same twice, undisturbed: {problem}")
             operations = int((self.place / "told").read_text(encoding="ascii"))
-            self.sound[command.name, name] = ended, min(seconds for _, seconds in runs), operations
+            self.sound[command.name, name] = ended, seconds, operations
         return self.sound[command.name, name]
 
-    def _timed(self, command: Command, name: str) -> tuple[Ended, float]:
+    def _timed(self, command: Command, name: str, *, warm: bool) -> tuple[Ended, float]:
         self.clear()
         start = time.monotonic()
-        return self.run(command.line(self.given, name)), time.monotonic() - start
+        return self.run(command.line(self.given, name), warm=warm), time.monotonic() - start
 
     def stopped(self, command: Command, what: str, random_: random.Random, *, in_time: bool) -> tuple[str, str]:
         """Stop a command at a random moment; return what it left, and what is wrong."""
@@ -260,12 +244,12 @@ class Study:
             ended = self.run(line, what=what, after_s=after)
         else:
             when = f"at operation {(at := random_.randint(1, operations))} of {operations}"
-            ended = self.run(line, what=what, at=at)
+            ended = self.run(line, what=what, at=at, warm=True)
         wrong = stop_faults(ended, sound, what)
         whole = {name: content for name, content in ended.files.items() if not is_resumed(name)}
         reports = {name: content for name, content in sound.files.items() if not is_resumed(name)}
         if ended.left:
-            again = self.run(command.line(self.given, "a", command.again))
+            again = self.run(command.line(self.given, "a", command.again), warm=True)
             if command.again or not whole:
                 if again.code != 0 or again.files != sound.files:
                     wrong.append(

@@ -1,6 +1,6 @@
 """Stop every writing command at random moments, or take its place away, and see what it leaves.
 
-    python -m scripts.studies.faults moments --count 12 --seed 1
+    python -m scripts.studies.faults moments --count 200 --seed 1
     python -m scripts.studies.faults places
 
 ``moments``: SIGKILL and SIGINT, in turn, half of them at a moment of the command's time and half just before one of the
