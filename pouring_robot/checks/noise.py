@@ -20,18 +20,15 @@ import scipy.linalg
 import scipy.optimize
 from scipy.special import chdtri
 
-from pouring_robot.batch import engine_for
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.checks.flags import DataFlag, FlagCode, Rows, found
 from pouring_robot.checks.mistakes import Comparison
+from pouring_robot.checks.smoothing import joint_effect
 from pouring_robot.estimation.frame_fit import FrameFit
 from pouring_robot.mechanism.arrays import FloatArray, evenly
-from pouring_robot.mechanism.parameters import GeometricParameter
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.drawing import Drawing
-from pouring_robot.robot.parameters import ParameterCatalogue
 
 FALSE_ALARMS = 1e-3
 """Share of sound campaigns, of noise as stated, in which a component would be taken for noisier by chance."""
@@ -85,14 +82,9 @@ def check_noise(
 
 
 def _scatters(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, rows: Rows) -> list[Scatter]:
-    engine, catalogue = engine_for(drawing.mechanism), ParameterCatalogue(campaign.robot, drawing.mechanism)
-    closed = engine.close(data.drives[rows], drawing.starts(data.drives[rows]))
-    poses = PoseStack(closed.position, closed.rotation)
-    local: tuple[GeometricParameter, ...] = (*catalogue.drives, *catalogue.placements)
-    moved = fit.frames.carried(engine.transfer(closed, local).matrix, poses)
-    frames = fit.frames.jacobian(poses)
+    moved, units = joint_effect(campaign.robot, drawing, data.drives[rows], fit.frames)
+    frames = fit.frames.jacobian(data.poses[rows])
     drives = moved[:, :, : len(campaign.robot.drives)]
-    units = np.array([MM if parameter.unit == "m" else MRAD for parameter in local])
     by_condition = np.concatenate(
         [frames[:, :, :6] * ([MM] * 3 + [MRAD] * 3), drives * units[: drives.shape[2]]], axis=2
     )

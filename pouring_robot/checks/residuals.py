@@ -11,19 +11,23 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag, FlagCode, Rows, Severity, found
 from pouring_robot.checks.mistakes import Comparison
 from pouring_robot.checks.smoothing import (
+    ROWS_PER_TERM,
     drive_effect,
     drive_errors,
     filled,
+    joint_effect,
     robust_fit,
     smooth_terms,
     unexplained,
 )
 from pouring_robot.estimation.frame_fit import FrameFit
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.drawing import Drawing
 
 OUTLIER_SIGMAS = 8.0
-"""A row is an outlier beyond this many robust deviations, in the pose and in the drives that would explain it."""
+"""A row is an outlier beyond this many robust deviations: in the pose, in the drives that would explain it, and of what
+errors of all joints explain."""
 _PLAIN = 1.0
 _IMPOSSIBLE_M, _IMPOSSIBLE_RAD = 0.05, 0.15
 _JUMP_SIGMAS = 5.0
@@ -48,6 +52,8 @@ def check_rows(campaign: Campaign, drawing: Drawing, data: Comparison, fit: Fram
         plain = np.maximum(plain, angle / max(fit.rotation_scale_rad or 0.0, 1e-12))
     # A row that is no worse than others before any smoothing has to stand out twice as far after it.
     wrong = np.flatnonzero((score > OUTLIER_SIGMAS) & ((plain > _PLAIN) | (score > 2.0 * OUTLIER_SIGMAS)))
+    if wrong.size:  # near the edge of reach errors of joints are not smooth, but the other rows tell of them
+        wrong = wrong[_beyond_joints(campaign, drawing, data, fit)[wrong] > OUTLIER_SIGMAS]
     far = (distance > _IMPOSSIBLE_M) | (angle > _IMPOSSIBLE_RAD)
     for row in wrong:
         yield _outlier(campaign, int(row), float(distance[row]), float(angle[row]), float(score[row]), bool(far[row]))
@@ -68,6 +74,25 @@ def outlier_scores(campaign: Campaign, drawing: Drawing, data: Comparison, fit: 
     drives = drive_errors(effect, units, pose, floors[0] / floors[-1])
     in_drives = np.max([unexplained(terms, errors, floors[0]) for errors in drives.T], axis=0)
     return np.asarray(np.minimum(in_pose, in_drives), dtype=np.float64)
+
+
+def _beyond_joints(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit) -> FloatArray:
+    """Return how far each row is from what errors of all joints explain, (n,), in robust deviations.
+
+    Infinite where rows are too few to tell them.
+    """
+    effect, small = joint_effect(campaign.robot, drawing, data.drives, fit.frames)
+    frames = fit.frames.jacobian(data.poses) * np.tile([MM] * 3 + [MRAD] * 3, 2)
+    told = campaign.metadata
+    noise = np.repeat([told.sigma_position_m or 1e-6, told.sigma_rotation_rad or 1e-6], 3)
+    parts = [part for part in (fit.position_residual_m, fit.rotation_residual_rad) if part is not None]
+    residual = np.concatenate(parts, axis=1) / noise[: 3 * len(parts)]
+    terms = np.concatenate([effect * small, frames], axis=2)[:, : residual.shape[1]]
+    terms = (terms / noise[: residual.shape[1], None]).reshape(residual.size, -1)
+    known = np.isfinite(terms).all(axis=1) & np.isfinite(residual.ravel())
+    if known.sum() < ROWS_PER_TERM * np.linalg.matrix_rank(terms[known]):
+        return np.full(len(residual), np.inf)
+    return np.asarray(unexplained(terms, residual.ravel(), 1.0).reshape(residual.shape).max(axis=1))
 
 
 def _residuals(campaign: Campaign, fit: FrameFit, terms: FloatArray) -> tuple[FloatArray, list[float]]:

@@ -19,11 +19,14 @@ from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.frame_fit import robust_sigma
 from pouring_robot.estimation.frames import OuterFrames
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.parameters import drive_parameters
+from pouring_robot.mechanism.parameters import GeometricParameter, drive_parameters
+from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.drawing import Drawing
+from pouring_robot.robot.parameters import ParameterCatalogue
 
 _RIDGE = 1e-3
-_ROWS_PER_TERM = 4
+ROWS_PER_TERM = 4
 _NINETY_PER_CENT = 1.645  # deviations of a normal error that nine in ten stay within
 _VARIES = 1e-6  # of rotations, root mean square; below it they stand still
 _SLOW = ("time", "temperature")
@@ -34,13 +37,33 @@ def drive_effect(drawing: Drawing, drives: FloatArray, T_end_target: pin.SE3) ->
 
     Displacement of its origin (m) and rotation vector (rad), per m and rad.
     """
+    frames = OuterFrames(pin.SE3.Identity(), T_end_target)
+    return _effect(drawing, drives, frames, drive_parameters(drawing.mechanism))
+
+
+def joint_effect(
+    robot: RobotDefinition, drawing: Drawing, drives: FloatArray, frames: OuterFrames
+) -> tuple[FloatArray, FloatArray]:
+    """Return how it moves with every drive, then every displacement of every joint, and a small error of each.
+
+    Returns:
+        (n, 6, p) in tracker axes, per m and rad, NaN without pose; (p,) 1 mm or 1 mrad.
+    """
+    catalogue = ParameterCatalogue(robot, drawing.mechanism)
+    local: tuple[GeometricParameter, ...] = (*catalogue.drives, *catalogue.placements)
+    small = np.array([MM if parameter.unit == "m" else MRAD for parameter in local])
+    return _effect(drawing, drives, frames, local), small
+
+
+def _effect(
+    drawing: Drawing, drives: FloatArray, frames: OuterFrames, parameters: Sequence[GeometricParameter]
+) -> FloatArray:
     engine, start = engine_for(drawing.mechanism), drawing.starts(drives)
     reached = np.flatnonzero(np.isfinite(start.position).all(axis=1))
     closed = engine.close(drives[reached], start[reached])
-    poses = PoseStack(closed.position, closed.rotation)
-    matrix = engine.transfer(closed, drive_parameters(drawing.mechanism)).matrix
+    matrix = engine.transfer(closed, parameters).matrix
     effect = np.full((len(drives), *matrix.shape[1:]), np.nan)
-    effect[reached] = OuterFrames(pin.SE3.Identity(), T_end_target).carried(matrix, poses)
+    effect[reached] = frames.carried(matrix, PoseStack(closed.position, closed.rotation))
     return effect
 
 
@@ -81,9 +104,9 @@ def smooth_terms(campaign: Campaign, poses: PoseStack, *, with_time: bool = True
     terms += [_scaled(_filled(values)) for values in conditions if np.unique(values[np.isfinite(values)]).size > 1]
     squares = [a * b for i, a in enumerate(pose_terms) for b in pose_terms[i:]]
     rows, first = int(campaign.usable.sum()), 1 + len(pose_terms)
-    if rows < _ROWS_PER_TERM * len(terms):
-        terms = terms[:first] if rows >= _ROWS_PER_TERM * first else terms[:1]
-    elif rows >= _ROWS_PER_TERM * (len(terms) + len(squares)):
+    if rows < ROWS_PER_TERM * len(terms):
+        terms = terms[:first] if rows >= ROWS_PER_TERM * first else terms[:1]
+    elif rows >= ROWS_PER_TERM * (len(terms) + len(squares)):
         terms += squares
     return np.column_stack(terms)
 

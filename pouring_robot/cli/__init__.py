@@ -7,7 +7,7 @@ import os
 import sys
 from pathlib import Path
 
-from pouring_robot.cli import interrupt
+from pouring_robot.io import interrupt
 
 
 def main() -> int:
@@ -23,7 +23,9 @@ def main() -> int:
 
         code = app.main()
         interrupt.listen_no_more()
-    except KeyboardInterrupt:  # while the program was being loaded
+        if code == 0:
+            interrupt.stop_if_heard()
+    except KeyboardInterrupt:  # while the program was being loaded, or a library has swallowed it
         print("pouring-robot: stopped", file=sys.stderr)
         return 130
     finally:

@@ -16,10 +16,10 @@ import typer
 from typer.core import TyperGroup
 
 from pouring_robot import __version__
-from pouring_robot.cli.interrupt import heard
 from pouring_robot.cli.last_net import EXIT_CODE, caught
 from pouring_robot.cli.shared.bundles import HELP_PAGE, group_of
 from pouring_robot.exceptions import PouringRobotError, StoppedError
+from pouring_robot.io.interrupt import heard
 from pouring_robot.io.threads import one_blas_thread_from_the_start
 
 # In the order of use, as on the help page. Each stands in the module of its name, imported when it is asked for.

@@ -11,13 +11,15 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from pouring_robot.exceptions import OutputError
+from pouring_robot.io.interrupt import stop_if_heard
 
 
 def write_whole(path: Path | str, content: bytes | str) -> Path:
     """Write a file so that nobody ever sees half of it.
 
     The content goes to a hidden file beside the target, which then takes the target's name in one step.
-    If anything fails on the way, Ctrl-C included, the hidden file is removed and an older target stays.
+    If anything fails on the way, the hidden file is removed and an older target stays; so it does after a Ctrl-C, even
+    one that a library has swallowed.
     A pipe or a device (``/dev/stdout``) has no "whole" and is written straight.
 
     Args:
@@ -30,7 +32,11 @@ def write_whole(path: Path | str, content: bytes | str) -> Path:
     Raises:
         OutputError: the folder does not exist, may not be written to, or the target is a folder.
     """
-    given = Path(path)
+    stop_if_heard()
+    return _put(Path(path), content)
+
+
+def _put(given: Path, content: bytes | str) -> Path:
     try:
         target = _target(given)
         if target.exists() and not target.is_file():
@@ -75,13 +81,14 @@ def write_together(files: Mapping[Path, bytes | str]) -> list[Path]:
             for path, content in files.items():
                 made += _make_folder(path.parent)
                 parts[path] = stack.enter_context(_hidden(_target(path), content))
+            stop_if_heard()
             for path, hidden in parts.items():
                 before[path] = path.read_bytes() if path.is_file() else None
                 hidden.replace(_target(path))
     except BaseException as error:
         for path, old in before.items():
             if old is not None:
-                write_whole(path, old)
+                _put(path, old)
             else:
                 path.unlink(missing_ok=True)
         for folder in reversed(made):
@@ -111,6 +118,7 @@ def _write_new(folder: Path, files: Mapping[Path, bytes | str]) -> None:
                 place = hidden / path.absolute().relative_to(folder)
                 place.parent.mkdir(parents=True, exist_ok=True)
                 _write_through(place, content)
+            stop_if_heard()
             hidden.rename(folder)  # unless somebody has put files there meanwhile
         finally:
             shutil.rmtree(hidden, ignore_errors=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -23,6 +24,7 @@ from scripts.studies.fault_child import start_warm
 ROOT = Path(__file__).resolve().parents[2]
 LONGEST_S = 300.0
 NOBODY = 65534
+_LISTENING = re.compile(r"cli/__init__\.py\", line \d+, in main")
 RESUMED = "results.zarr"  # of a sweep: grows chunk by chunk, and is gone on with
 
 
@@ -297,7 +299,7 @@ def stop_faults(ended: Ended, sound: Ended, what: str) -> list[str]:
         return wrong
     if what == "SIGKILL":
         return wrong if ended.code == -signal.SIGKILL else [*wrong, f"exit code {ended.code}: {ended.error}"]
-    if ended.error.endswith("\nKeyboardInterrupt\n") and "in main" not in ended.error and not ended.left:
+    if ended.error.endswith("\nKeyboardInterrupt\n") and not _LISTENING.search(ended.error) and not ended.left:
         return wrong  # Python itself was still starting
     if ended.code != 130 or not (ended.one_line() and ": stopped" in ended.error):
         wrong.append(f"exit code {ended.code}: {ended.error}")

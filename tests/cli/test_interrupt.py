@@ -25,6 +25,19 @@ def command(**_):
     except KeyboardInterrupt:
         raise ValueError("no schema") from None
 """
+FORGOTTEN = """
+def command(**_):
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(10)
+    except BaseException:
+        pass  # as libraries do that look for optional parts of theirs
+    {then}
+"""
+WRITTEN = FORGOTTEN.format(then='files.write_whole("half.txt", "x")')
+TOGETHER = FORGOTTEN.format(then='files.write_together({pathlib.Path("half.txt"): "x"})')
+IN_NEW_FOLDER = FORGOTTEN.format(then='files.write_together({pathlib.Path("half/a.txt"): "x"})')
+NOTHING = FORGOTTEN.format(then="")
 FROM_TEXT = """
 def command(**_):
     exec("os.kill(os.getpid(), signal.SIGINT); time.sleep(10)")
@@ -39,10 +52,13 @@ command = None
 """
 
 
-@pytest.mark.parametrize("how", [SWALLOWED, TURNED, FROM_TEXT, WHILE_LOADING])
+@pytest.mark.parametrize(
+    "how", [SWALLOWED, TURNED, WRITTEN, TOGETHER, IN_NEW_FOLDER, NOTHING, FROM_TEXT, WHILE_LOADING]
+)
 def test_a_stop_is_one_line(how, tmp_path):
-    start = "import os, signal, sys, time\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
-    run = "from pouring_robot import cli\nif command: from pouring_robot.cli import app; app.app = command\n"
+    start = "import os, pathlib, signal, sys, time\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    run = "from pouring_robot import cli\nfrom pouring_robot.io import files\n"
+    run += "if command: from pouring_robot.cli import app; app.app = command\n"
     (tmp_path / "stopped.py").write_text(f"{start}{how}{run}sys.exit(cli.main())", encoding="utf-8")
     done = subprocess.run(
         [sys.executable, "-m", "stopped"],
@@ -55,3 +71,4 @@ def test_a_stop_is_one_line(how, tmp_path):
     )
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "pouring-robot: stopped\n")
     assert not list(tmp_path.glob("*fault*"))
+    assert not list(tmp_path.glob("*half*"))

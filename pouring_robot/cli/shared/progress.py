@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from pouring_robot.cli.interrupt import heard
 from pouring_robot.cli.shared.options import is_quiet
+from pouring_robot.io.interrupt import stop_if_heard
 
 if TYPE_CHECKING:
     from pouring_robot.io.progress import Progress
@@ -65,8 +65,7 @@ def stage_bars() -> Iterator[Progress]:
         tasks: dict[str, progress.TaskID] = {}
 
         def show(stage: str, done: int, total: int) -> None:
-            if heard():  # a Ctrl-C that a library took for itself
-                raise KeyboardInterrupt
+            stop_if_heard()
             if stage not in tasks:
                 for known in bars.tasks:
                     bars.update(known.id, visible=known.finished)

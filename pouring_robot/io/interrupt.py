@@ -32,6 +32,16 @@ def heard() -> bool:
     return _Heard.yes
 
 
+def stop_if_heard() -> None:
+    """Raise a Ctrl-C that a library took for itself: what that library then gave may be less than all.
+
+    Raises:
+        KeyboardInterrupt: there was one.
+    """
+    if heard():
+        raise KeyboardInterrupt
+
+
 def _hear(signum: int, frame: Any) -> None:
     _Heard.yes = True
     signal.default_int_handler(signum, frame)
