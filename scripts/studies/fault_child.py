@@ -85,7 +85,7 @@ def start_warm(variables: Mapping[str, str], said: Path, *given: Any) -> BasePro
 def _warm(variables: Mapping[str, str], said: str, place: str, *given: Any) -> None:
     os.environ.clear()
     os.environ.update(variables)
-    for stream, path in ((0, os.devnull), (1, os.devnull), (2, said)):
+    for stream, path in ((2, said), (1, os.devnull), (0, os.devnull)):
         opened = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC)
         os.dup2(opened, stream)
         os.close(opened)

@@ -16,7 +16,6 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from pouring_robot.robot.files import examples_path
 from scripts.studies.fault_child import start_warm
@@ -24,6 +23,7 @@ from scripts.studies.fault_child import start_warm
 ROOT = Path(__file__).resolve().parents[2]
 LONGEST_S = 300.0
 NOBODY = 65534
+_STARTS_S = 0.05  # before it a signal meets no Python yet
 _LISTENING = re.compile(r"cli/__init__\.py\", line \d+, in main")
 RESUMED = "results.zarr"  # of a sweep: grows chunk by chunk, and is gone on with
 
@@ -128,7 +128,7 @@ class Study:
         self.place, self.given, self.folder = place, place / "given", place / "work"
         place.chmod(0o755)
         self.given.mkdir()
-        self.sound: dict[tuple[str, str], tuple[Ended, float, int]] = {}
+        self.sound: dict[tuple[str, str], tuple[Ended, dict[bool, float], int]] = {}
         examples = examples_path()
         for path in (examples / "actual.yaml", examples / "poses.csv", examples / "machines" / "ur10" / "ur10.urdf"):
             shutil.copy(path, self.given)
@@ -167,14 +167,14 @@ class Study:
             environment: variables that are changed, or taken away.
             prefix: what starts it.
             out: where standard output goes.
-            warm: fork a process that has the package loaded, with nothing else but ``at`` and ``what``.
+            warm: fork a process that has the package loaded, with no other prefix and output.
         """
         folder = place or self.folder
         folder.mkdir(exist_ok=True)
         changed = os.environ | {"PYTHONPATH": str(ROOT), "SOURCE_DATE_EPOCH": "0"} | dict(environment or {})
         variables = {name: value for name, value in changed.items() if value is not None}
         if warm:
-            code, error = self._forked(variables, str(folder), at, what, arguments)
+            code, error = self._forked(variables, after_s, what, at, arguments, folder)
             return Ended(code, error, snapshot(folder))
         child = ("scripts.studies.fault_child", str(folder), str(at), what) if after_s is None else ("pouring_robot",)
         line = [*prefix, sys.executable, "-m", *child, *arguments]
@@ -206,9 +206,24 @@ class Study:
             error = said.read().decode("utf-8", errors="replace")
         return Ended(code, error, snapshot(folder))
 
-    def _forked(self, variables: dict[str, str], *given: Any) -> tuple[int, str]:
+    def _forked(
+        self,
+        variables: dict[str, str],
+        after_s: float | None,
+        what: str,
+        at: int,
+        arguments: Sequence[str],
+        folder: Path,
+    ) -> tuple[int, str]:
         said = self.place / "said"
-        process = start_warm(variables, said, *given, self.place / "told")
+        said.unlink(missing_ok=True)
+        process = start_warm(variables, said, str(folder), at, what, arguments, self.place / "told")
+        if after_s is not None:
+            while process.is_alive() and not said.exists():  # it is being forked
+                time.sleep(1e-3)
+            process.join(after_s)
+            if process.is_alive() and process.pid:
+                os.kill(process.pid, getattr(signal, what))
         process.join(LONGEST_S)
         code = process.exitcode
         process.kill()
@@ -220,15 +235,15 @@ class Study:
         shutil.rmtree(self.folder, ignore_errors=True)
         self.folder.mkdir()
 
-    def undisturbed(self, command: Command, name: str = "a") -> tuple[Ended, float, int]:
-        """Return how a command ends that nothing happens to, after how long (s), and its operations on files."""
+    def undisturbed(self, command: Command, name: str = "a") -> tuple[Ended, dict[bool, float], int]:
+        """Return how a command ends that nothing happens to, after how long (s, warm or not), and its operations."""
         if (command.name, name) not in self.sound:
-            (ended, seconds), (again, _) = (self._timed(command, name, warm=warm) for warm in (False, True))
+            (ended, cold_s), (again, warm_s) = (self._timed(command, name, warm=warm) for warm in (False, True))
             if ended.code != 0 or ended.temporary or again.left != ended.left:
                 problem = f"{ended.error} {ended.temporary} {differences(again.left, ended.left)}"
                 raise SystemExit(f"{command.name} is not the same twice, undisturbed: {problem}")
             operations = int((self.place / "told").read_text(encoding="ascii"))
-            self.sound[command.name, name] = ended, seconds, operations
+            self.sound[command.name, name] = ended, {False: cold_s, True: warm_s}, operations
         return self.sound[command.name, name]
 
     def _timed(self, command: Command, name: str, *, warm: bool) -> tuple[Ended, float]:
@@ -236,14 +251,16 @@ class Study:
         start = time.monotonic()
         return self.run(command.line(self.given, name), warm=warm), time.monotonic() - start
 
-    def stopped(self, command: Command, what: str, random_: random.Random, *, in_time: bool) -> tuple[str, str]:
+    def stopped(
+        self, command: Command, what: str, random_: random.Random, *, in_time: bool, warm: bool = True
+    ) -> tuple[str, str]:
         """Stop a command at a random moment; return what it left, and what is wrong."""
         sound, seconds, operations = self.undisturbed(command)
         self.clear()
         line = command.line(self.given, "a")
         if in_time:
-            when = f"after {(after := random_.uniform(0.0, 0.8 * seconds)):.3f} s"
-            ended = self.run(line, what=what, after_s=after)
+            when = f"after {(after := random_.uniform(_STARTS_S, 0.8 * seconds[warm])):.3f} s"
+            ended = self.run(line, what=what, after_s=after, warm=warm)
         else:
             when = f"at operation {(at := random_.randint(1, operations))} of {operations}"
             ended = self.run(line, what=what, at=at, warm=True)
@@ -312,7 +329,8 @@ def moments(study: Study, commands: Sequence[Command], count: int, seed: int) ->
     for command in commands:
         tally, random_ = Tally(), random.Random(f"{command.name} {seed}")
         for k in range(count):
-            left, wrong = study.stopped(command, ("SIGKILL", "SIGINT")[k % 2], random_, in_time=k % 4 < 2)
+            what = ("SIGKILL", "SIGINT")[k % 2]
+            left, wrong = study.stopped(command, what, random_, in_time=k % 4 < 2, warm=k % 8 > 1)
             tally.said[left] += 1
             tally.count(wrong)
         yield command, tally

@@ -22,7 +22,7 @@ def study(tmp_path_factory):
     ("name", "in_time"), [("campaign simulate", True), ("campaign simulate", False), ("examples copy", False)]
 )
 def test_a_stopped_command_leaves_whole_files_or_none(study, name, what, in_time):
-    _, wrong = study.stopped(BY_NAME[name], what, random.Random(5), in_time=in_time)
+    _, wrong = study.stopped(BY_NAME[name], what, random.Random(5), in_time=in_time, warm=not in_time)
     assert not wrong
 
 
