@@ -535,6 +535,7 @@ def test_unknown_layout_lists_the_known() -> None:
         pytest.param("value: 6.0,", "value: true,", r"line 42: .*truss\.span\.value", id="switch"),
         pytest.param("value: 6.0,", "value: 6e0,", r"truss\.span\.value.*disagree", id="text to xacro"),
         pytest.param("value: 6.0,", "value: 010,", r"truss\.span\.value.*disagree", id="octal to xacro"),
+        pytest.param("    span:", "    12:30:45:", r"truss'.* name '12:30:45'; put it in quotes$", id="time to xacro"),
         pytest.param("unit: kg,", "unit: g,", r"line \d+: .*ladle\.payload\.unit", id="unknown unit"),
         pytest.param("source: paper", "source: rumour", r"workspace\.x\.source", id="unknown source"),
         pytest.param("[-150, -50]", "[-50, -150]", r"line \d+: .*workspace\.x\.value.*below", id="bounds swapped"),

@@ -8,6 +8,7 @@ it reads the few things a URDF cannot hold: the workspace, the ladle's payload, 
 from __future__ import annotations
 
 import math
+import reprlib
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -185,12 +186,17 @@ def _refuse_ambiguous(path: Path, ours: object, theirs: object, key: str = "") -
     """
     if isinstance(ours, dict) and isinstance(theirs, dict):
         for name, value in ours.items():
+            if name not in theirs:
+                seen = f"YAML readers disagree on the name '{name}'"
+                raise DescriptionError(
+                    path, f"'{key}': {seen}; put it in quotes" if key else f"{seen}; put it in quotes"
+                )
             _refuse_ambiguous(path, value, theirs.get(name), f"{key}.{name}".lstrip("."))
     elif isinstance(ours, list) and isinstance(theirs, list) and len(ours) == len(theirs):
         for index, (mine, other) in enumerate(zip(ours, theirs, strict=True)):
             _refuse_ambiguous(path, mine, other, f"{key}.{index}")
     elif ours != theirs and not (isinstance(ours, float) and math.isnan(ours)):
-        seen = f"YAML readers disagree on this value ({ours!r} or {theirs!r})"
+        seen = f"YAML readers disagree on this value ({reprlib.repr(ours)} or {reprlib.repr(theirs)})"
         raise DescriptionError(path, f"'{key}': {seen}; write numbers as 12.5 or 1.0e+5")
 
 
