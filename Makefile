@@ -44,6 +44,7 @@ ifneq ($(shell cat $(LOCKED) 2>/dev/null),$(CURDIR))
 $(LOCKED): FORCE
 endif
 
+# Python compiles what is imported, when it is; compiling all there is would double the time.
 $(LOCKED): $(LOCK)
 	$(call say,looking for a Python of 3.11 to 3.14 with venv)
 	@found=; \
@@ -58,7 +59,7 @@ $(LOCKED): $(LOCK)
 	printf '==> making %s with %s (%s)\n' "$(VENV)" "$$found" "$$("$$found" -c 'import platform; print(platform.python_version())')"; \
 	"$$found" -m venv --clear $(VENV)
 	$(call say,installing the locked packages (a few minutes the first time))
-	@$(pip) install --require-hashes -r $(LOCK)
+	@$(pip) install --no-compile --require-hashes -r $(LOCK)
 	@printf '%s' "$(CURDIR)" > $@
 
 $(INSTALLED): $(LOCKED) pyproject.toml
