@@ -89,13 +89,14 @@ def usual_errors(rows: CampaignRows, linear: LinearRows, library: Library) -> It
 
 def known_effects(rows: CampaignRows, linear: LinearRows, library: Library) -> Iterator[Explanation]:
     """Yield what may be found, and what weight makes of the usual errors, with their columns in all equations."""
+    # What weight makes comes first: it takes most room while it is made, and the others are not there yet.
+    loose = [form for name, form in library.backgrounds.items() if library.effects[name].loosened_by_load]
+    if loose and rows.conditions.weight_n is not None:
+        yield _sag(rows, linear, np.hstack([rows.columns(form, linear) for form in loose]), rows.conditions.weight_n)
     for (effect, _), form in library.forms.items():
         small = _COARSE if _usual(form, library.backgrounds.get(effect)) else 0.0
         main = np.array([p.main for p in form.parameters])
         yield Explanation(effect, form.name, rows.columns(form, linear), main, small=small)
-    loose = [form for name, form in library.backgrounds.items() if library.effects[name].loosened_by_load]
-    if loose and rows.conditions.weight_n is not None:
-        yield _sag(rows, linear, np.hstack([rows.columns(form, linear) for form in loose]), rows.conditions.weight_n)
 
 
 def _usual(form: Form, usual: Form | None) -> bool:
@@ -111,7 +112,12 @@ def _sag(rows: CampaignRows, linear: LinearRows, axes: FloatArray, weight_n: Flo
     """
     poses_and_one = np.column_stack([np.ones(len(rows)), poses(rows.conditions)])
     load = ((weight_n - weight_n.mean()) / 5000.0)[:, None] * poses_and_one
-    stacked = np.hstack([axes * factor[linear.row][:, None] for factor in load.T])
-    _, directions = np.linalg.eigh(stacked.T @ stacked)
-    columns = stacked @ (_SAG_SIZE * directions[:, ::-1][:, :_SAG_COLUMNS])
+    # Load by load: side by side they would be the largest thing that a diagnosis holds.
+    factors = [factor[linear.row][:, None] for factor in load.T]
+    products = [[axes.T @ (axes * (one * other)) for other in factors] for one in factors]
+    _, directions = np.linalg.eigh(np.block(products))
+    kept = np.split(_SAG_SIZE * directions[:, ::-1][:, :_SAG_COLUMNS], len(factors))
+    columns = np.zeros((len(axes), kept[0].shape[1]))
+    for factor, shares in zip(factors, kept, strict=True):
+        columns += factor * (axes @ shares)
     return Explanation(SAG, "soft_sideways", columns, np.ones(columns.shape[1], dtype=bool), cause=False, largest=1.0)

@@ -18,7 +18,6 @@ import numpy as np
 import scipy.linalg
 
 from pouring_robot.inference.evidence import Beside, Gram, Places, bayes_factor, largest_scale
-from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.processes import Part, Process, against, between
 from pouring_robot.mechanism.arrays import FloatArray
@@ -96,10 +95,17 @@ class _Seen:
         return self.process.lengths[self.length]
 
     @classmethod
-    def of(cls, process: Process, length: str, problem: Problem, own: FloatArray) -> _Seen:
-        """Return it beside what free unknowns explain; columns of the hypothesis (m, q) are free of that."""
-        parts, free = process.lengths[length], problem.nuisance.dof
-        values = against(parts, np.column_stack([problem.nuisance.axes, problem.residual, own])).T
+    def of(cls, process: Process, length: str, values: FloatArray, free: int) -> _Seen:
+        """Return it beside what free unknowns explain.
+
+        Args:
+            process: what it is.
+            length: which of its scales.
+            values: axes of the free unknowns, the residual and the columns of the hypothesis, free of those, (m, q).
+            free: how many free unknowns there are.
+        """
+        parts = process.lengths[length]
+        values = against(parts, values).T
         absorbed = values[:free]
         inner = between(parts, parts) - absorbed.T @ absorbed
         return cls(process, length, absorbed, inner, values[free], values[free + 1 :])
@@ -146,10 +152,11 @@ class Discrepancy:
     def __init__(self, hypothesis: Hypothesis, processes: Iterable[Process]) -> None:
         """Work out all inner products once."""
         self.hypothesis = hypothesis
-        places, own = hypothesis.everything.places, hypothesis.columns
+        places, nuisance = hypothesis.everything.places, hypothesis.problem.nuisance
         self._own = dict(zip(places.tolist(), range(len(places)), strict=True))
+        values = np.column_stack([nuisance.axes, hypothesis.problem.residual, hypothesis.columns])
         self._seen = {
-            process.name: [_Seen.of(process, length, hypothesis.problem, own) for length in process.lengths]
+            process.name: [_Seen.of(process, length, values, nuisance.dof) for length in process.lengths]
             for process in processes
         }
         self._known: dict[tuple[_Seen, _Seen], FloatArray] = {}

@@ -7,7 +7,7 @@ may have been set up anew, so that the new rows have frames of their own.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -44,6 +44,7 @@ _BLOCKS = ((2.0, False), (6.0, True), (10.0, False))
 """Hours after the campaign, and whether the machine is hot."""
 _TRIES = 4
 _TURNED = 1e-9
+_ROUND_OFF = 1e-8
 _FRAME = 0.02
 _PROCESS = "process"
 """How far the frames of the new rows may be off, in m and rad: further than anybody fails to see."""
@@ -234,21 +235,25 @@ class Prospect:
         library = Library.of(rows, {name: known.effects[name] for name in known.effects if name in known.tried})
         self._nuisance = Nuisance.of(self._linear.free)
         self._new_columns: dict[str | tuple[str, str], FloatArray] = {}
-        self.problem = Problem.build(
-            diagnosis.hypothesis.problem.residual,
-            self._linear.free[self._old],
-            self._of_the_campaign(usual_errors(rows, self._linear, library)),
-            self._of_the_campaign(known_effects(rows, self._linear, library)),
-        )
+        given = diagnosis.hypothesis.problem
+        usual = self._with_new_rows(usual_errors(rows, self._linear, library), given, given.backgrounds)
+        found = self._with_new_rows(known_effects(rows, self._linear, library), given, given.explanations)
+        self.problem = Problem(given.residual, given.nuisance, tuple(usual), tuple(found))
         self._described: dict[str, tuple[Part, ...]] = {}
         self.frames = _FRAME * self._linear.free[self._new]
 
-    def _of_the_campaign(self, items: Iterable[Item]) -> Iterator[Item]:
-        """Yield the same with the columns of the campaign's rows; those of the new rows are kept."""
+    def _with_new_rows(self, items: Iterable[Item], given: Problem, before: Sequence[Item]) -> Iterator[Item]:
+        """Yield the same with the columns of the campaign's rows; those of the new rows are kept.
+
+        Columns that are as they were before there were new rows are not held twice.
+        """
+        held = {_key(item): item.columns for item in before}
         for item in items:
             columns = self._nuisance.cleared(item.columns)
             self._new_columns[_key(item)] = columns[self._new]
-            yield replace(item, columns=columns[self._old])
+            old = given.nuisance.cleared(columns[self._old])
+            known = held.get(_key(item), old)
+            yield replace(item, columns=known if _alike(known, old) else old)
 
     def explanation(self, name: str) -> Explanation | None:
         """Return a process as an explanation of the campaign's rows; None where there is none of that name."""
@@ -266,6 +271,13 @@ class Prospect:
         if isinstance(item, Explanation) and item.form == _PROCESS:
             return columns_of(self._described[item.effect])[self._new]
         return self._new_columns[_key(item)]
+
+
+def _alike(one: FloatArray, other: FloatArray) -> bool:
+    """Return whether columns are the same but for round-off, which is all that the frames of new rows make of them."""
+    if one.shape != other.shape:
+        return False
+    return bool((np.abs(one - other).max(axis=0) <= _ROUND_OFF * np.abs(one).max(axis=0)).all())
 
 
 def _key(item: Explanation | Background) -> str | tuple[str, str]:
