@@ -10,6 +10,7 @@ from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.diagnosis.problem import Library
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser
+from pouring_robot.diagnosis.suggest.candidates import Prospect, candidates
 from pouring_robot.diagnosis.suggest.suggest import RANDOM_SETS, suggest_measurements
 from pouring_robot.diagnosis.suggest.words import separating_words, untestable_words
 from pouring_robot.effects.registry import chosen_effects
@@ -169,6 +170,18 @@ def test_every_verdict_has_something_to_tell_apart(kind, turn, verdict, tmp_path
     assert found.measurements and found.separations
     assert found.expected_nats > np.median(found.random_nats)
     assert all(s.first != s.second for s in found.separations)
+
+
+def test_columns_that_new_rows_do_not_change_are_held_once(confounded):
+    prospect = Prospect(confounded, candidates(confounded.rows.campaign, confounded.model, 10, 0))
+    before = {item.key: item.columns for item in confounded.hypothesis.problem.explanations}
+    same = {
+        item.effect: np.shares_memory(item.columns, before[item.key])
+        for item in prospect.problem.explanations
+        if item.key in before
+    }
+    assert same["joint_centre_offset"] and same["joint_axis_tilt"] and same["drive_scale"]
+    assert not same["base_drift"]  # it steadies over all rows, and new ones come hours later
 
 
 def test_words_name_what_the_campaign_held_still(confounded):
