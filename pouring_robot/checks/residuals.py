@@ -21,7 +21,7 @@ from pouring_robot.checks.smoothing import (
     unexplained,
 )
 from pouring_robot.estimation.frame_fit import FrameFit
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, evenly
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.drawing import Drawing
 
@@ -36,6 +36,7 @@ _JUMP_WINDOW = 10
 _JUMP_PLACES = 400
 _LARGE_JUMP_M, _LARGE_JUMP_RAD = 1e-3, 2e-3
 _FEWEST = 12
+_TELLING_ROWS = 1000  # many times the errors of joints there are
 
 
 def check_rows(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit) -> Iterator[DataFlag]:
@@ -53,7 +54,7 @@ def check_rows(campaign: Campaign, drawing: Drawing, data: Comparison, fit: Fram
     # A row that is no worse than others before any smoothing has to stand out twice as far after it.
     wrong = np.flatnonzero((score > OUTLIER_SIGMAS) & ((plain > _PLAIN) | (score > 2.0 * OUTLIER_SIGMAS)))
     if wrong.size:  # near the edge of reach errors of joints are not smooth, but the other rows tell of them
-        wrong = wrong[_beyond_joints(campaign, drawing, data, fit)[wrong] > OUTLIER_SIGMAS]
+        wrong = wrong[_beyond_joints(campaign, drawing, data, fit, wrong) > OUTLIER_SIGMAS]
     far = (distance > _IMPOSSIBLE_M) | (angle > _IMPOSSIBLE_RAD)
     for row in wrong:
         yield _outlier(campaign, int(row), float(distance[row]), float(angle[row]), float(score[row]), bool(far[row]))
@@ -76,23 +77,25 @@ def outlier_scores(campaign: Campaign, drawing: Drawing, data: Comparison, fit: 
     return np.asarray(np.minimum(in_pose, in_drives), dtype=np.float64)
 
 
-def _beyond_joints(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit) -> FloatArray:
-    """Return how far each row is from what errors of all joints explain, (n,), in robust deviations.
+def _beyond_joints(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, rows: Rows) -> FloatArray:
+    """Return how far rows (k,) are from what errors of all joints explain, (k,), in robust deviations.
 
-    Infinite where rows are too few to tell them.
+    Infinite where the campaign is too short to tell them; of a long one some rows do.
     """
-    effect, small = joint_effect(campaign.robot, drawing, data.drives, fit.frames)
-    frames = fit.frames.jacobian(data.poses) * np.tile([MM] * 3 + [MRAD] * 3, 2)
+    used = np.union1d(rows, evenly(len(campaign), _TELLING_ROWS))
+    effect, small = joint_effect(campaign.robot, drawing, data.drives[used], fit.frames)
+    frames = fit.frames.jacobian(data.poses[used]) * np.tile([MM] * 3 + [MRAD] * 3, 2)
     told = campaign.metadata
     noise = np.repeat([told.sigma_position_m or 1e-6, told.sigma_rotation_rad or 1e-6], 3)
-    parts = [part for part in (fit.position_residual_m, fit.rotation_residual_rad) if part is not None]
+    parts = [part[used] for part in (fit.position_residual_m, fit.rotation_residual_rad) if part is not None]
     residual = np.concatenate(parts, axis=1) / noise[: 3 * len(parts)]
     terms = np.concatenate([effect * small, frames], axis=2)[:, : residual.shape[1]]
     terms = (terms / noise[: residual.shape[1], None]).reshape(residual.size, -1)
     known = np.isfinite(terms).all(axis=1) & np.isfinite(residual.ravel())
     if known.sum() < ROWS_PER_TERM * np.linalg.matrix_rank(terms[known]):
-        return np.full(len(residual), np.inf)
-    return np.asarray(unexplained(terms, residual.ravel(), 1.0).reshape(residual.shape).max(axis=1))
+        return np.full(rows.size, np.inf)
+    score = unexplained(terms, residual.ravel(), 1.0).reshape(residual.shape).max(axis=1)
+    return np.asarray(score[np.searchsorted(used, rows)])
 
 
 def _residuals(campaign: Campaign, fit: FrameFit, terms: FloatArray) -> tuple[FloatArray, list[float]]:

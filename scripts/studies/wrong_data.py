@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import functools
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -86,15 +87,18 @@ MISTAKES: dict[str, Mistake] = {
 }
 
 
-def campaigns(count: int) -> Iterator[tuple[Campaign, Drawing]]:
-    """Yield sound campaigns of several robots, and what closes their drawings."""
-    robots = [PouringRobot(model) for model in (RobotModel(), RobotModel.load(examples_path() / "actual.yaml"))]
-    robots += [PouringRobot(_crooked(seed)) for seed in range(3)]
-    for seed in range(count):
-        robot = robots[seed % len(robots)]
-        plan = random_plan(robot, 40 + 30 * (seed % 5), 1000 + seed)
-        noise = MeasurementOptions(5e-5, None if seed % 3 == 0 else 5e-5, seed=seed)
-        yield simulate_campaign(robot, plan, noise).campaign, robot.kinematics
+@functools.cache
+def _robots() -> list[PouringRobot]:
+    models = [RobotModel(), RobotModel.load(examples_path() / "actual.yaml"), *map(_crooked, range(3))]
+    return [PouringRobot(model) for model in models]
+
+
+def sound(seed: int) -> tuple[Campaign, Drawing]:
+    """Return a sound campaign of one of several robots, and what closes its drawing."""
+    robot = _robots()[seed % len(_robots())]
+    plan = random_plan(robot, 40 + 30 * (seed % 5), 1000 + seed)
+    noise = MeasurementOptions(5e-5, None if seed % 3 == 0 else 5e-5, seed=seed)
+    return simulate_campaign(robot, plan, noise).campaign, robot.kinematics
 
 
 def _crooked(seed: int) -> RobotModel:
@@ -129,7 +133,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print("| campaigns | number | said of them |")
     print("|---|---|---|")
     accused = False
-    sets = {"drawn": campaigns(given.sound), "given": measured(given.folder) if given.folder else iter(())}
+    sets = {"drawn": map(sound, range(given.sound)), "given": measured(given.folder) if given.folder else iter(())}
     for name, drawn in sets.items():
         said: Counter[str] = Counter()
         number = 0
@@ -145,7 +149,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name, (code, plant) in MISTAKES.items():
         told = number = 0
         others: Counter[str] = Counter()
-        for campaign, drawing in campaigns(given.planted):
+        for campaign, drawing in map(sound, range(given.planted)):
             if campaign.full_pose or code not in ("rotation_inverted", "euler_angles"):
                 codes = found(plant(campaign), drawing)
                 told, number = told + (code in codes), number + 1

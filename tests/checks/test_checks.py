@@ -12,6 +12,7 @@ from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaig
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import FlagCode, Severity, found, outlier_rows, usable_without
 from pouring_robot.exceptions import CampaignError
+from scripts.studies.wrong_data import sound
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, codes, damaged, measure
 from tests.estimation.test_session_frames import moved
 
@@ -234,6 +235,15 @@ def test_finds_all_outliers_and_no_sound_row(as_built, seed, full):
     whole = [row for row in measured.outlier_rows if np.isfinite(measured.campaign.position_m[row]).all()]
     assert set(found.tolist()) <= set(measured.outlier_rows)
     assert set(whole) <= set(found.tolist())
+
+
+def test_a_row_that_errors_of_joints_explain_is_no_outlier():
+    # Near the edge of reach axes that are off move the ladle by 17 mm, and by 1 to 12 mm in the rows around.
+    campaign, drawing = sound(233)
+    assert check_campaign(campaign, drawing) == []
+    far = np.array(campaign.position_m)
+    far[40] += 2e-3
+    assert outlier_rows(check_campaign(dataclasses.replace(campaign, position_m=far), drawing)).tolist() == [40]
 
 
 @pytest.mark.parametrize("full", [True, False])
