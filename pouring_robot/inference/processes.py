@@ -35,7 +35,11 @@ class Channel:
 
     def against(self, values: FloatArray) -> FloatArray:
         """Return the inner products, row by row, with values (m, q): shape (n, q)."""
-        return np.asarray(self.rows @ (self.column[:, None] * values))
+        sums = self.rows
+        weighted = scipy.sparse.csr_array(
+            (sums.data * self.column[sums.indices], sums.indices, sums.indptr), sums.shape
+        )
+        return np.asarray(weighted @ values)
 
 
 def variances_of(columns: FloatArray, covariance: FloatArray) -> FloatArray:
