@@ -44,6 +44,8 @@ def stop_if_heard() -> None:
 
 def _hear(signum: int, frame: Any) -> None:
     _Heard.yes = True
+    if logging := sys.modules.get("logging"):
+        logging.disable()  # what a library that swallows it logs of it is for nobody
     signal.default_int_handler(signum, frame)
 
 

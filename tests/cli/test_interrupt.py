@@ -31,7 +31,7 @@ def command(**_):
         os.kill(os.getpid(), signal.SIGINT)
         time.sleep(10)
     except BaseException:
-        pass  # as libraries do that look for optional parts of theirs
+        logging.getLogger("library").exception("no facets")
     {then}
 """
 WRITTEN = FORGOTTEN.format(then='files.write_whole("half.txt", "x")')
@@ -56,7 +56,7 @@ command = None
     "how", [SWALLOWED, TURNED, WRITTEN, TOGETHER, IN_NEW_FOLDER, NOTHING, FROM_TEXT, WHILE_LOADING]
 )
 def test_a_stop_is_one_line(how, tmp_path):
-    start = "import os, pathlib, signal, sys, time\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    start = "import logging, os, pathlib, signal, sys, time\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
     run = "from pouring_robot import cli\nfrom pouring_robot.io import files\n"
     run += "if command: from pouring_robot.cli import app; app.app = command\n"
     (tmp_path / "stopped.py").write_text(f"{start}{how}{run}sys.exit(cli.main())", encoding="utf-8")
