@@ -16,7 +16,9 @@ from pouring_robot.checks.smoothing import (
     drive_errors,
     filled,
     joint_effect,
+    leftover,
     robust_fit,
+    sized,
     smooth_terms,
     unexplained,
 )
@@ -80,22 +82,27 @@ def outlier_scores(campaign: Campaign, drawing: Drawing, data: Comparison, fit: 
 def _beyond_joints(campaign: Campaign, drawing: Drawing, data: Comparison, fit: FrameFit, rows: Rows) -> FloatArray:
     """Return how far rows (k,) are from what errors of all joints explain, (k,), in robust deviations.
 
-    Infinite where the campaign is too short to tell them; of a long one some rows do.
+    A deviation is that of the component: beside errors of joints, or beside smooth errors where these explain more, as
+    where drives are off. Infinite where the campaign is too short to tell; of a long one some rows do.
     """
+    smooth = smooth_terms(campaign, data.poses)
+    pose, floors = _residuals(campaign, fit, smooth)
     used = np.union1d(rows, evenly(len(campaign), _TELLING_ROWS))
     effect, small = joint_effect(campaign.robot, drawing, data.drives[used], fit.frames)
     frames = fit.frames.jacobian(data.poses[used]) * np.tile([MM] * 3 + [MRAD] * 3, 2)
-    told = campaign.metadata
-    noise = np.repeat([told.sigma_position_m or 1e-6, told.sigma_rotation_rad or 1e-6], 3)
-    parts = [part[used] for part in (fit.position_residual_m, fit.rotation_residual_rad) if part is not None]
-    residual = np.concatenate(parts, axis=1) / noise[: 3 * len(parts)]
-    terms = np.concatenate([effect * small, frames], axis=2)[:, : residual.shape[1]]
-    terms = (terms / noise[: residual.shape[1], None]).reshape(residual.size, -1)
+    turn = np.kron(np.eye(2), fit.frames.T_tracker_base.rotation.T)
+    terms = (turn @ np.concatenate([effect * small, frames], axis=2))[:, : len(floors)] / np.array(floors)[:, None]
+    terms, residual = terms.reshape(used.size * len(floors), -1), pose[used] / floors
     known = np.isfinite(terms).all(axis=1) & np.isfinite(residual.ravel())
     if known.sum() < ROWS_PER_TERM * np.linalg.matrix_rank(terms[known]):
         return np.full(rows.size, np.inf)
-    score = unexplained(terms, residual.ravel(), 1.0).reshape(residual.shape).max(axis=1)
-    return np.asarray(score[np.searchsorted(used, rows)])
+    _, left, _ = robust_fit(terms, residual.ravel(), 1.0)
+    scores = []
+    for k, floor in enumerate(floors):
+        size, deviation = sized(left.reshape(residual.shape)[:, k], 1.0)
+        near = leftover(smooth, pose[:, k], floor)[1] / floor
+        scores.append(size / min(deviation, near))
+    return np.asarray(np.max(scores, axis=0)[np.searchsorted(used, rows)])
 
 
 def _residuals(campaign: Campaign, fit: FrameFit, terms: FloatArray) -> tuple[FloatArray, list[float]]:

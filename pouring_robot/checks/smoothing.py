@@ -133,7 +133,13 @@ def _scaled(values: FloatArray) -> FloatArray:
 
 
 def unexplained(terms: FloatArray, values: FloatArray, floor: float) -> FloatArray:
-    """Return what the terms leave of a column of values, each row judged without itself, in robust deviations.
+    """Return what the terms leave of a column of values, (n,), in robust deviations; see :func:`leftover`."""
+    size, deviation = leftover(terms, values, floor)
+    return size / deviation
+
+
+def leftover(terms: FloatArray, values: FloatArray, floor: float) -> tuple[FloatArray, float]:
+    """Return what the terms leave of a column of values, each row judged without itself, and its robust deviation.
 
     Args:
         terms: (n, terms) as :func:`smooth_terms` gives them.
@@ -141,14 +147,19 @@ def unexplained(terms: FloatArray, values: FloatArray, floor: float) -> FloatArr
         floor: the least standard deviation that counts, in the unit of the values: the measurement noise.
 
     Returns:
-        (n,) leftover over its robust standard deviation; 0 for rows left out.
+        (n,) sizes, 0 for rows left out, and the deviation, both in the unit of the values.
     """
     _, left, scale = robust_fit(terms, values, floor)
+    return sized(left, scale)
+
+
+def sized(left: FloatArray, least: float) -> tuple[FloatArray, float]:
+    """Return the sizes of leftovers (n,), 0 for NaN, and their robust deviation, which is no less than given."""
     size = np.abs(np.nan_to_num(left))
     # Errors of a crooked robot have long tails: nine rows in ten, not only the middle ones, set the scale.
     if np.isfinite(left).any():
-        scale = max(scale, float(np.nanquantile(np.abs(left), 0.9)) / _NINETY_PER_CENT)
-    return size / scale
+        least = max(least, float(np.nanquantile(np.abs(left), 0.9)) / _NINETY_PER_CENT)
+    return size, least
 
 
 def filled(terms: FloatArray, values: FloatArray, floor: float) -> FloatArray:

@@ -246,6 +246,14 @@ def test_a_row_that_errors_of_joints_explain_is_no_outlier():
     assert outlier_rows(check_campaign(dataclasses.replace(campaign, position_m=far), drawing)).tolist() == [40]
 
 
+def test_outliers_stand_out_beside_errors_that_no_joint_explains(as_built):
+    measured = measure(as_built, count=160, seed=3, outliers=3, outlier_m=0.008)
+    drives = np.array(measured.campaign.drives)
+    drives[:, 2] += 3e-3 * np.sin(2.0 * np.pi * drives[:, 2] / 0.01)  # a spindle that staggers
+    found = outlier_rows(check_campaign(damaged(measured.campaign, drives=drives), as_built.kinematics))
+    assert set(found.tolist()) == set(measured.outlier_rows)
+
+
 @pytest.mark.parametrize("full", [True, False])
 def test_finds_small_outliers_of_an_accurate_robot(drawing, full):
     options = {"outliers": 6, "outlier_m": 0.002, "sigma_rotation_rad": 5e-5 if full else None}
