@@ -7,6 +7,7 @@ import os
 import sys
 from pathlib import Path
 
+from pouring_robot.exceptions import StoppedError
 from pouring_robot.io import interrupt
 
 
@@ -22,12 +23,10 @@ def main() -> int:
         from pouring_robot.cli import app
 
         code = app.main()
-        interrupt.listen_no_more()
+        interrupt.listen_no_more(code)
         if code == 0:
             interrupt.stop_if_heard()
     except KeyboardInterrupt:  # while the program was being loaded, or a library has swallowed it
         print("pouring-robot: stopped", file=sys.stderr)
-        return 130
-    finally:
-        exec("")  # Python ends itself by the signal where code made from text met it; this it takes for the last such
+        return StoppedError.exit_code
     return code

@@ -2,29 +2,36 @@
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import os
 import signal
 import sys
 import threading
 from typing import Any
 
+from pouring_robot.exceptions import StoppedError
+
 
 class _Heard:
-    """Whether there was one."""
+    """Whether there was one, and the exit code that the process is to end with then."""
 
     yes = False
+    code = StoppedError.exit_code
 
 
 def listen() -> None:
     """Listen from now on, unless whoever started this process lets it ignore Ctrl-C."""
+    atexit.register(_end)
     sys.unraisablehook = _raise_again
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _hear)
 
 
-def listen_no_more() -> None:
-    """Let Ctrl-C do nothing: all is done."""
+def listen_no_more(code: int) -> None:
+    """Let Ctrl-C do nothing: all is done, with an exit code."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _Heard.code = code or StoppedError.exit_code
 
 
 def heard() -> bool:
@@ -56,3 +63,16 @@ def _raise_again(lost: Any) -> None:
         threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGINT)).start()
     else:
         sys.__unraisablehook__(lost)
+
+
+def _end() -> None:
+    """After a Ctrl-C, end without taking Python down, as the first called at exit that is therefore the last.
+
+    A library of compiled code that was stopped while it was loading may abort the process when it is taken down, and
+    Python itself ends by the signal where it came in code made from text.
+    """
+    if heard():
+        for stream in (sys.stdout, sys.stderr):
+            with contextlib.suppress(OSError, ValueError):  # closed, or its reader is gone
+                stream.flush()
+        os._exit(_Heard.code)

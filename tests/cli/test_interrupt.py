@@ -42,6 +42,15 @@ FROM_TEXT = """
 def command(**_):
     exec("os.kill(os.getpid(), signal.SIGINT); time.sleep(10)")
 """
+TAKEN_DOWN = """
+class Half:
+    def __del__(self, abort=os.abort):
+        abort()
+sys.loading = Half()
+def command(**_):
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(10)
+"""
 WHILE_LOADING = """
 class Loading:
     def find_spec(self, name, path=None, target=None):
@@ -53,7 +62,7 @@ command = None
 
 
 @pytest.mark.parametrize(
-    "how", [SWALLOWED, TURNED, WRITTEN, TOGETHER, IN_NEW_FOLDER, NOTHING, FROM_TEXT, WHILE_LOADING]
+    "how", [SWALLOWED, TURNED, WRITTEN, TOGETHER, IN_NEW_FOLDER, NOTHING, FROM_TEXT, TAKEN_DOWN, WHILE_LOADING]
 )
 def test_a_stop_is_one_line(how, tmp_path):
     start = "import logging, os, pathlib, signal, sys, time\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
