@@ -18,6 +18,7 @@ from pouring_robot.checks.noise import check_noise
 from pouring_robot.checks.residuals import check_rows
 from pouring_robot.checks.sessions import in_frames_of_their_own
 from pouring_robot.estimation.frame_fit import FrameFit
+from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.drawing import Drawing
 
@@ -39,6 +40,7 @@ class Examination:
     disagreement_m: float | None = None
 
 
+@one_blas_thread()
 def examine(campaign: Campaign, drawing: Drawing) -> Examination:
     """Run all checks and keep what they found on the way; see :func:`check_campaign`."""
     poses = nominal_poses(drawing, campaign.drives)
