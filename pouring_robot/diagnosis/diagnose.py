@@ -22,7 +22,8 @@ from pouring_robot.diagnosis.processes import processes_of
 from pouring_robot.diagnosis.report.export import write_diagnosis
 from pouring_robot.diagnosis.report.sentences import headline
 from pouring_robot.diagnosis.rows import CampaignRows
-from pouring_robot.diagnosis.state import Diagnoser, State
+from pouring_robot.diagnosis.state import Diagnoser, LinearState
+from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.registry import chosen_effects
 from pouring_robot.estimation.instruments import are
@@ -34,6 +35,7 @@ from pouring_robot.exceptions import BadInputError, CalibrationError, CampaignEr
 from pouring_robot.inference.decision import DEFAULT_THRESHOLDS, Thresholds, judge
 from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.hypotheses import Hypothesis
+from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.inference.search import SearchOptions
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
@@ -155,14 +157,14 @@ class _Searched:
     notes: tuple[str, ...]
     noise: NoiseLevel
     diagnoser: Diagnoser
-    after: State
+    after: LinearState
     hypothesis: Hypothesis
 
     def wrong_rows(self) -> NDArray[np.intp]:
         """Return fitted rows that nothing explains while nearly all others are explained: gross errors."""
         left = self.hypothesis.remainder
         worst = np.zeros(len(self.inliers))
-        np.maximum.at(worst, self.after.linear.row, np.abs(left))
+        np.maximum.at(worst, self.after.fitted_rows.row, np.abs(left))
         wrong = np.flatnonzero(worst > _WRONG_SIGMAS)
         few = wrong.size + self.outliers.size <= max(_FEW_WRONG, int(_WRONG_SHARE * len(self.inliers)))
         calm = float(np.sqrt(np.median(left**2)) / 0.6745) < 1.5
@@ -219,9 +221,13 @@ class _Work:
         # Where the noise is not stated, scatter from row to row is noise.
         rows, known = diagnoser.rows, not found.noise.from_residuals
         axes = after.frames.T_tracker_base.rotation
-        discrepancy = Discrepancy(hypothesis, processes_of(rows, after.linear, axes, chance=known))
-        judgement = judge(hypothesis, discrepancy, Thresholds(self.options.false_names), noise_known=known)
-        before = diagnoser.at_rest
+        judgement = judge(
+            hypothesis,
+            Discrepancy(hypothesis, processes_of(rows, after.linear, axes, chance=known)),
+            Thresholds(self.options.false_names),
+            noise_known=known,
+        )
+        before = diagnoser.at_rest()
         if not judgement.causes:  # nothing is named, so nothing is added: the model stays as it was given
             after = before
         in_turn = None
@@ -235,7 +241,8 @@ class _Work:
         ]
         notes += [f"assumed: {line}" for line in given.assumed]
         sigma = rows.measured.sigma
-        gaps = [Gap.between(before.every_row, after.every_row, part, sigma) for part in (fitted, ~fitted) if part.any()]
+        given_rows, amended_rows = before.every_row.alone, after.every_row.alone
+        gaps = [Gap.between(given_rows, amended_rows, part, sigma) for part in (fitted, ~fitted) if part.any()]
         return Diagnosis(
             campaign=self.campaign,
             model=self.model,
@@ -247,8 +254,9 @@ class _Work:
             fitted=fitted,
             held_out_name=found.parts.test_name if found.parts else "",
             diagnoser=diagnoser,
-            before=before,
-            after=after,
+            before=before.alone,
+            after=after.alone,
+            free_residuals=_free_residuals(before, rows, found.noise),
             hypothesis=hypothesis,
             judgement=judgement,
             effects=named_effects(hypothesis, judgement, self.effects, diagnoser.parameters_of(hypothesis)),
@@ -261,6 +269,21 @@ class _Work:
         )
 
 
+def _free_residuals(before: LinearState, rows: CampaignRows, noise: NoiseLevel) -> FreeResiduals:
+    linear = before.every_row
+    return FreeResiduals(
+        linear.residual,
+        linear.row,
+        linear.component,
+        linear.tracker,
+        Nuisance.of(linear.free),
+        before.frames.T_tracker_base.rotation,
+        rows.drive_columns(linear),
+        noise_known=not noise.from_residuals,
+        noise_freedoms=noise.freedoms,
+    )
+
+
 def _held_out(campaign: Campaign, kind: HoldOut) -> tuple[Split | None, list[str]]:
     """Return which rows are held out, None where they are too few for that, and what is to be noted."""
     try:
@@ -271,13 +294,13 @@ def _held_out(campaign: Campaign, kind: HoldOut) -> tuple[Split | None, list[str
         return None, [f"no rows are held out: {problem.problem}"]
 
 
-def _noise_from(noise: NoiseLevel, after: State, hypothesis: Hypothesis) -> NoiseLevel | None:
+def _noise_from(noise: NoiseLevel, after: LinearState, hypothesis: Hypothesis) -> NoiseLevel | None:
     """Return the noise that the residuals show; None where it was stated or stays."""
     if not noise.from_residuals:
         return None
     left = hypothesis.remainder
     free = 1.0 - (hypothesis.effective_dof() + hypothesis.problem.nuisance.dof) / len(left)
-    chosen = {kind: are(kind, after.linear.component) for kind in noise.open_kinds}
+    chosen = {kind: are(kind, after.fitted_rows.component) for kind in noise.open_kinds}
     factors = {kind: float(np.sqrt((left[own] ** 2).mean() / free)) for kind, own in chosen.items() if own.any()}
     if max((abs(factor - 1.0) for factor in factors.values()), default=0.0) < _NOISE_SETTLED:
         return None

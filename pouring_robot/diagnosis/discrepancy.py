@@ -84,7 +84,7 @@ def described(where: str, by: str) -> str:
 
 def parts_by_row(diagnosis: Findings, structure: Summand) -> FloatArray:
     """Return what a structure adds to the fitted rows, (n, K) in the tracker's axes, in m and rad; NaN elsewhere."""
-    return table_of(diagnosis.after.linear, structure.part, len(diagnosis.rows))
+    return table_of(diagnosis.after.fitted_rows, structure.part, len(diagnosis.rows))
 
 
 def _described(diagnosis: Findings, structure: Summand) -> Discrepancy:

@@ -19,7 +19,6 @@ from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.inference.decision import Judgement, Verdict
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.robot.model import RobotModel
 
 
@@ -40,6 +39,7 @@ class Findings:
         diagnoser: the search.
         before: the given model, only its frames fitted.
         after: the amended model.
+        free_residuals: of the given model, only its frames fitted, of all inliers.
         hypothesis: what explains best.
         judgement: what may be said of it.
         effects: the named effects with their parameters.
@@ -63,6 +63,7 @@ class Findings:
     diagnoser: Diagnoser
     before: State
     after: State
+    free_residuals: FreeResiduals
     hypothesis: Hypothesis
     judgement: Judgement
     effects: tuple[NamedEffect, ...]
@@ -97,22 +98,6 @@ class Findings:
             if any(i.effect == e and i.columns.any() for i in self.hypothesis.problem.explanations)
         }
         return {effect: worth.evidence for effect, (worth, _) in self.hypothesis.best_forms(shown).items()}
-
-    @property
-    def free_residuals(self) -> FreeResiduals:
-        """The residuals of the given model, only its frames fitted, of all inliers."""
-        linear = self.before.every_row
-        return FreeResiduals(
-            linear.residual,
-            linear.row,
-            linear.component,
-            linear.tracker,
-            Nuisance.of(linear.free),
-            self.before.frames.T_tracker_base.rotation,
-            self.rows.drive_columns(linear),
-            noise_known=not self.noise.from_residuals,
-            noise_freedoms=self.noise.freedoms,
-        )
 
     def parameters_of(self, effect: NamedEffect) -> Sequence[tuple[str, FoundParameter]]:
         """Return the parameters of an effect by name; see :meth:`NamedEffect.by_name`."""

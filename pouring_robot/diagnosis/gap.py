@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.diagnosis.rows import LinearRows
+from pouring_robot.diagnosis.rows import WhitenedRows
 from pouring_robot.estimation.instruments import component_name
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
@@ -18,10 +18,10 @@ def component_unit(component: int) -> float:
     return MRAD if 3 <= component < 6 else MM
 
 
-def table_of(linear: LinearRows, whitened: FloatArray, rows: int) -> FloatArray:
+def table_of(seen: WhitenedRows, whitened: FloatArray, rows: int) -> FloatArray:
     """Return what is whitened, (m,), as a table (rows, K) in the tracker's axes, in m and rad; NaN where unmeasured."""
-    table = np.full((rows, max(6, int(linear.component.max()) + 1)), np.nan)
-    table[linear.row, linear.component] = whitened * linear.tracker
+    table = np.full((rows, max(6, int(seen.component.max()) + 1)), np.nan)
+    table[seen.row, seen.component] = whitened * seen.tracker
     return table
 
 
@@ -52,7 +52,7 @@ class Gap:
     floor: FloatArray
 
     @classmethod
-    def between(cls, before: LinearRows, after: LinearRows, rows: NDArray[np.bool_], sigma: FloatArray) -> Gap:
+    def between(cls, before: WhitenedRows, after: WhitenedRows, rows: NDArray[np.bool_], sigma: FloatArray) -> Gap:
         """Return the gap of some rows.
 
         Args:
@@ -96,10 +96,10 @@ class Gap:
         return found
 
 
-def _rms(linear: LinearRows, size: int) -> FloatArray:
+def _rms(seen: WhitenedRows, size: int) -> FloatArray:
     found = np.full(size, np.nan)
     for k in range(size):
-        values = (linear.residual * linear.tracker)[linear.component == k]
+        values = (seen.residual * seen.tracker)[seen.component == k]
         if values.size:
             found[k] = np.sqrt((values**2).mean())
     return found

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.diagnosis.gap import Gap
-from pouring_robot.diagnosis.rows import LinearRows
+from pouring_robot.diagnosis.rows import WhitenedRows
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.search import search
 from pouring_robot.io.progress import Progress, say_nothing
@@ -23,7 +23,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
 
 if TYPE_CHECKING:
-    from pouring_robot.diagnosis.state import Diagnoser, State
+    from pouring_robot.diagnosis.state import Diagnoser, LinearState
 
 Mask = NDArray[np.bool_]
 FEWEST_VALUES = 50
@@ -56,8 +56,8 @@ class InTurn:
 
 def held_out_in_turn(
     diagnoser: Diagnoser,
-    before: State,
-    after: State,
+    before: LinearState,
+    after: LinearState,
     blocks: Sequence[NDArray[np.intp]],
     names: frozenset[str],
     progress: Progress = say_nothing,
@@ -94,9 +94,9 @@ def held_out_in_turn(
     return InTurn(len(blocks), gap(everything), error, agreed)
 
 
-def few(linear: LinearRows, fitted: Mask) -> bool:
+def few(seen: WhitenedRows, fitted: Mask) -> bool:
     """Return whether the rows held out hold so few values that a single block tells little."""
-    return 0 < int((~fitted)[linear.row].sum()) < FEWEST_VALUES
+    return 0 < int((~fitted)[seen.row].sum()) < FEWEST_VALUES
 
 
 def _searched(diagnoser: Diagnoser, problem: Problem, block: Mask) -> tuple[FloatArray, frozenset[str]]:

@@ -256,10 +256,13 @@ class _Inside:
 
     def __init__(self, rows: CampaignRows, linear: LinearRows, sums: scipy.sparse.csr_array) -> None:
         self._rows, self._linear, self._sums = rows, linear, sums
+        self._made: dict[str, Channel] = {}
 
     def __call__(self, name: str) -> Channel:
         """Return the channel of one parameter."""
-        return Channel(name, self._rows.channel(name, self._linear), self._sums)
+        if name not in self._made:
+            self._made[name] = Channel(name, self._rows.channel(name, self._linear), self._sums)
+        return self._made[name]
 
     def tilt(self, parameter: EffectParameter) -> Channel:
         """Return the channel of a tilt of an axis by a rad."""

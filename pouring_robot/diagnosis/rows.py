@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,31 +98,45 @@ class SeenFrom(OuterFrames):
 
 
 @dataclass(frozen=True, eq=False)
-class LinearRows:
-    """Residuals and their derivatives at one state.
+class WhitenedRows:
+    """Residuals at one state.
 
     Attributes:
         residual: measured minus predicted over the noise, shape (m,).
-        jacobian: derivative of the *prediction* over the noise by frames and local parameters, shape (m, 12 + P).
         row: row of each equation, (m,).
         component: component 0 to 5 of each equation, (m,).
-        scale: derivative of the prediction by the device's scale, (m,).
         tracker: sigma of each equation's component, (m,), in m or rad.
-        own: whether an equation is of a session with frames of its own, (m, s).
     """
 
     residual: FloatArray
-    jacobian: FloatArray
     row: NDArray[np.intp]
     component: NDArray[np.intp]
-    scale: FloatArray
     tracker: FloatArray
-    own: NDArray[np.bool_]
 
-    def of(self, rows: NDArray[np.bool_]) -> LinearRows:
+    def of(self, rows: NDArray[np.bool_]) -> Self:
         """Return the equations of some rows, by a mask (n,)."""
         kept = rows[self.row]
-        return LinearRows(*(getattr(self, field.name)[kept] for field in fields(self)))
+        return replace(self, **{field.name: getattr(self, field.name)[kept] for field in fields(self)})
+
+    @property
+    def alone(self) -> WhitenedRows:
+        """They without derivatives, if there are any."""
+        return WhitenedRows(self.residual, self.row, self.component, self.tracker)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearRows(WhitenedRows):
+    """Residuals and their derivatives at one state.
+
+    Attributes:
+        jacobian: derivative of the *prediction* over the noise by frames and local parameters, shape (m, 12 + P).
+        scale: derivative of the prediction by the device's scale, (m,).
+        own: whether an equation is of a session with frames of its own, (m, s).
+    """
+
+    jacobian: FloatArray
+    scale: FloatArray
+    own: NDArray[np.bool_]
 
     @property
     def free(self) -> FloatArray:
@@ -264,7 +279,7 @@ class CampaignRows:
         scale = stretched[equations.rows, equations.components] / sigma
         own = self._session[equations.rows, None] == np.arange(len(frames.sessions) // 6)
         prediction = np.negative(equations.jacobian, out=equations.jacobian)
-        return LinearRows(equations.residual, prediction, equations.rows, equations.components, scale, sigma, own)
+        return LinearRows(equations.residual, equations.rows, equations.components, sigma, prediction, scale, own)
 
     def predicted(self, changes: RowChanges, frames: OuterFrames) -> Prediction:
         """Close the loops with changes put in, and return what is seen of the rows; rows that do not close are NaN."""
@@ -294,7 +309,7 @@ class CampaignRows:
         """Return the whitened signature of one local parameter, alike in all rows, shape (m,), per m or rad."""
         if name == SCALE:
             return linear.scale
-        return linear.jacobian[:, self._places[name]]
+        return np.ascontiguousarray(linear.jacobian[:, self._places[name]])  # who keeps it does not keep all of them
 
     def drive_columns(self, linear: LinearRows) -> FloatArray:
         """Return the whitened signature of every drive, shape (m, D), per m or rad."""

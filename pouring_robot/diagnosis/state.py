@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pouring_robot.diagnosis.parameters import FoundParameter, found_parameters
 from pouring_robot.diagnosis.problem import Library, problem_at
-from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, least_squares
+from pouring_robot.diagnosis.rows import CampaignRows, LinearRows, SeenFrom, WhitenedRows, least_squares
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.exceptions import DiagnosisError
 from pouring_robot.inference.chance import Chance, by_chance
@@ -34,20 +34,37 @@ class State:
         parameters: what is changed: effects' and background parameters.
         values: one a parameter, in its unit.
         frames: the two frames.
-        every_row: residuals and derivatives there.
+        every_row: residuals there.
         fitted: which rows are fitted, (n,).
     """
 
     parameters: tuple[EffectParameter, ...]
     values: FloatArray
     frames: SeenFrom
-    every_row: LinearRows
+    every_row: WhitenedRows
     fitted: NDArray[np.bool_]
+
+    @property
+    def fitted_rows(self) -> WhitenedRows:
+        """Residuals of the rows that are fitted."""
+        return self.every_row.alone.of(self.fitted)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearState(State):
+    """The same with the rows' derivatives, which of many rows take most of the room."""
+
+    every_row: LinearRows
 
     @property
     def linear(self) -> LinearRows:
         """Residuals and derivatives of the rows that are fitted."""
         return self.every_row.of(self.fitted)
+
+    @property
+    def alone(self) -> State:
+        """It without derivatives."""
+        return State(self.parameters, self.values, self.frames, self.every_row.alone, self.fitted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,30 +84,33 @@ class Diagnoser:
     options: SearchOptions = DEFAULT_SEARCH
 
     @functools.cached_property
-    def at_rest(self) -> State:
-        """The state without any change, its frames refined."""
-        return self._state((), np.zeros(0), self.rows.refined_frames(self.fitted))
+    def _frames_at_rest(self) -> SeenFrom:
+        return self.rows.refined_frames(self.fitted)
+
+    def at_rest(self) -> LinearState:
+        """Return the state without any change, its frames refined; made when asked for, as it is large."""
+        return self._state((), np.zeros(0), self._frames_at_rest)
 
     @functools.cached_property
     def chance(self) -> Chance:
         """What the evidence of an effect is by chance, in this campaign."""
-        return by_chance(Hypothesis.nothing(self.problem_at(self.at_rest)), self.options.false_names)
+        return by_chance(Hypothesis.nothing(self.problem_at(self.at_rest())), self.options.false_names)
 
     @functools.cached_property
     def thresholds(self) -> SearchOptions:
         """Thresholds of the search that hold in this campaign, too."""
         return replace(self.options, by_chance=self.chance.evidence)
 
-    def _state(self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: SeenFrom) -> State:
+    def _state(self, parameters: tuple[EffectParameter, ...], values: FloatArray, frames: SeenFrom) -> LinearState:
         every_row = self.rows.linearise(self.rows.changes(parameters, values), frames)
-        return State(parameters, values, frames, every_row, self.fitted)
+        return LinearState(parameters, values, frames, every_row, self.fitted)
 
-    def problem_at(self, state: State, *, of_every_row: bool = False) -> Problem:
+    def problem_at(self, state: LinearState, *, of_every_row: bool = False) -> Problem:
         """Return the search's problem at a state for the fitted rows, or with those held out among them."""
         linear = state.every_row if of_every_row else state.linear
         return problem_at(self.rows, linear, self.library, self._signature(state.parameters, state.values, linear))
 
-    def found(self, start: Hypothesis | None = None) -> tuple[State, Hypothesis]:
+    def found(self, start: Hypothesis | None = None) -> tuple[LinearState, Hypothesis]:
         """Search, put in what was found, and search again from there until the answer stays.
 
         Args:
@@ -106,9 +126,9 @@ class Diagnoser:
                 break
         return state, hypothesis
 
-    def _searched(self, start: Hypothesis | None) -> tuple[State, Hypothesis]:
-        state = self.at_rest
-        problem, thresholds = self.problem_at(state), self.thresholds
+    def _searched(self, start: Hypothesis | None) -> tuple[LinearState, Hypothesis]:
+        thresholds, state = self.thresholds, self.at_rest()
+        problem = self.problem_at(state)
         hypothesis = search(problem, thresholds, start.on(problem) if start else None)
         for turn in range(_ROUNDS):
             if not hypothesis.items and not any(hypothesis.levels):
@@ -126,7 +146,7 @@ class Diagnoser:
         """Return every group of a hypothesis that has parameters, with their values."""
         return found_parameters(hypothesis, self.library.backgrounds, self.library.forms)
 
-    def _advanced(self, state: State, hypothesis: Hypothesis) -> tuple[State, float]:
+    def _advanced(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, float]:
         """Put in what a hypothesis found, and say by how much that differs from its linear prediction (noise units)."""
         found = [one for _, group in self.parameters_of(hypothesis) for one in group]
         parameters = tuple(one.parameter for one in found)

@@ -83,12 +83,18 @@ class OuterFrames:
         jacobian[:, 3:, 9:12] = carried
         return jacobian
 
-    def carried(self, matrix: FloatArray, poses: PoseStack, base: FloatArray | None = None) -> FloatArray:
-        """Return columns of G, (n, 6, P), carried from the moving platform to the target, in tracker axes."""
-        turned = self._turned(base)
+    def carried(
+        self, matrix: FloatArray, poses: PoseStack, base: FloatArray | None = None, out: FloatArray | None = None
+    ) -> FloatArray:
+        """Return columns of G, (n, 6, P), carried from the moving platform to the target, in tracker axes.
+
+        They are written into ``out`` if there is one.
+        """
+        turned, moved = self._turned(base), np.empty_like(matrix) if out is None else out
         lever = poses.rotation @ self.T_end_target.translation
-        shifted = matrix[:, :3] - skew(lever) @ matrix[:, 3:]
-        return np.concatenate([turned @ shifted, turned @ matrix[:, 3:]], axis=1)
+        np.matmul(turned, matrix[:, :3] - skew(lever) @ matrix[:, 3:], out=moved[:, :3])
+        np.matmul(turned, matrix[:, 3:], out=moved[:, 3:])
+        return moved
 
     def _turned(self, base: FloatArray | None) -> FloatArray:
         rotation: FloatArray = self.T_tracker_base.rotation

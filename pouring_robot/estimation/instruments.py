@@ -147,7 +147,7 @@ class Turns(Instrument):
 
     def jacobian(self, prediction: Prediction, difference: FloatArray) -> FloatArray:
         """As log(R_measured (exp(d) R_predicted)ᵀ) = log(exp(r) exp(-d))."""
-        return np.asarray(inverse_right_jacobians(difference) @ -_of(prediction)[:, 3:])
+        return np.asarray(-inverse_right_jacobians(difference) @ _of(prediction)[:, 3:])
 
 
 @dataclass(frozen=True, eq=False)

@@ -250,8 +250,9 @@ class MeasurementModel:
         closure = prediction.closure
         transfer = self.engine.transfer(closure, parameters, errors)
         poses = PoseStack(closure.position, closure.rotation)
-        columns = frames.jacobian(poses, base), frames.carried(transfer.matrix, poses, base)
-        jacobian = np.concatenate(columns, axis=2)
+        jacobian = np.empty((len(poses), 6, FRAMES + len(parameters)))
+        jacobian[:, :, :FRAMES] = frames.jacobian(poses, base)
+        frames.carried(transfer.matrix, poses, base, out=jacobian[:, :, FRAMES:])
         jacobian[transfer.status != 0] = np.nan
         gap = transfer.disagreement
         if gap is not None:  # the frames have no part in it

@@ -158,7 +158,8 @@ def whiten(measured: MeasuredPoses, prediction: Prediction) -> WhitenedEquations
     rows, components = np.nonzero(kept)
     jacobian = None
     if prediction.jacobian is not None:
-        jacobian = measured.residual_jacobian(prediction, residual)[kept] / measured.sigma[components][:, None]
+        jacobian = measured.residual_jacobian(prediction, residual)[kept]
+        jacobian /= measured.sigma[components][:, None]
     failed = np.flatnonzero(known.any(axis=1) & ~prediction.closed)
     return WhitenedEquations(residual[kept] / measured.sigma[components], jacobian, rows, components, failed)
 

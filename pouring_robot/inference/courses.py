@@ -38,7 +38,8 @@ def _principal(
     marks = points[np.lexsort(points.T[::-1])][step // 2 :: step]
     inner, across = kernel(marks, marks), kernel(points, marks)
     if centred:
-        across = across - inner.mean(axis=0) - across.mean(axis=1, keepdims=True) + inner.mean()
+        across -= across.mean(axis=1, keepdims=True)
+        across -= inner.mean(axis=0) - inner.mean()
         inner = inner - inner.mean(axis=0) - inner.mean(axis=1, keepdims=True) + inner.mean()
     squared, axes = eigen(inner)
     squared, axes = squared[::-1][:most], axes[:, ::-1][:, :most]
@@ -52,7 +53,12 @@ def smooth(values: FloatArray, length: ArrayLike, most: int = 40) -> FloatArray:
     """Return columns of a smooth function of ``values`` (n,) or (n, k), squared-exponential kernel of a length (k,)."""
     scaled = values.reshape(len(values), -1) / np.asarray(length)
 
-    return _principal(scaled, lambda one, other: np.exp(-0.5 * cdist(one, other, "sqeuclidean")), most)
+    def kernel(one: FloatArray, other: FloatArray) -> FloatArray:
+        values: FloatArray = cdist(one, other, "sqeuclidean")
+        values *= -0.5
+        return np.exp(values, out=values)
+
+    return _principal(scaled, kernel, most)
 
 
 def wandering(values: FloatArray, most: int = 25) -> FloatArray:

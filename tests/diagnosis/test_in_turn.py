@@ -20,7 +20,7 @@ def turned(residual, free):
     rows, no = np.arange(ROWS), np.zeros(ROWS)
     jacobian = np.zeros((ROWS, 12))
     jacobian[:, : free.shape[1]] = free
-    linear = LinearRows(residual, jacobian, rows, 0 * rows, no, no + SIGMA, np.zeros((ROWS, 0), dtype=bool))
+    linear = LinearRows(residual, rows, 0 * rows, no + SIGMA, jacobian, no, np.zeros((ROWS, 0), dtype=bool))
     state = SimpleNamespace(every_row=linear)
     item = Explanation("slope", "line", COURSE[:, None], np.array([True]))
     diagnoser = SimpleNamespace(

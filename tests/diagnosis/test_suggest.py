@@ -117,7 +117,7 @@ def lead(campaign, noise, effect, rival):
     rows = CampaignRows(campaign, RobotModel(), noise)
     library = Library.of(rows, chosen_effects())
     diagnoser = Diagnoser(rows, library, np.ones(len(rows), dtype=bool))
-    problem = diagnoser.problem_at(diagnoser.at_rest)
+    problem = diagnoser.problem_at(diagnoser.at_rest())
     nothing = Hypothesis.nothing(problem)
 
     def best(name):

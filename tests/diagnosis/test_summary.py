@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.diagnosis.diagnose import diagnose
+from pouring_robot.diagnosis.diagnose import _free_residuals, diagnose
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.lip import moved_at_lip
 from pouring_robot.diagnosis.parameters import FoundParameter
@@ -235,10 +235,11 @@ def test_the_thresholds_given_decide_what_is_told(excluded):
 def test_noise_from_repeats_is_no_better_known_than_they_make_it(hot):
     """Where the noise is stated nothing changes; 30 differences of repeats make chance more likely."""
     assert hot.free_residuals.noise_freedoms == np.inf
-    repeated = replace(hot, noise=replace(hot.noise, position_source="repeats", position_freedoms=30.0))
-    assert repeated.free_residuals.noise_freedoms == 30.0
+    noise = replace(hot.noise, position_source="repeats", position_freedoms=30.0)
+    repeated = _free_residuals(hot.diagnoser.at_rest(), hot.rows, noise)
+    assert repeated.noise_freedoms == 30.0
     squares, count = 1.4 * 300.0, 300.0
-    assert repeated.free_residuals.excess(squares, count) > 10.0 * hot.free_residuals.excess(squares, count)
+    assert repeated.excess(squares, count) > 10.0 * hot.free_residuals.excess(squares, count)
 
 
 def test_a_model_that_is_worse_on_held_out_rows_says_so(hot):
