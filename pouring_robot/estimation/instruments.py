@@ -121,7 +121,7 @@ class Places(Instrument):
 
     def jacobian(self, prediction: Prediction, difference: FloatArray) -> FloatArray:
         """As the position moves."""
-        return -_of(prediction)[:, :3]
+        return -prediction.derivatives[:, :3]
 
     def stretched(self, prediction: Prediction) -> FloatArray:
         """About the tracker's own origin."""
@@ -147,7 +147,7 @@ class Turns(Instrument):
 
     def jacobian(self, prediction: Prediction, difference: FloatArray) -> FloatArray:
         """As log(R_measured (exp(d) R_predicted)ᵀ) = log(exp(r) exp(-d))."""
-        return np.asarray(-inverse_right_jacobians(difference) @ _of(prediction)[:, 3:])
+        return np.asarray(-inverse_right_jacobians(difference) @ prediction.derivatives[:, 3:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +187,7 @@ class Distances(Instrument):
     def jacobian(self, prediction: Prediction, difference: FloatArray) -> FloatArray:
         """As both ends move along the line between them."""
         line, at = self._lines(prediction)
-        moved = _of(prediction)[:, :3]
+        moved = prediction.derivatives[:, :3]
         moved = moved - np.where((at < 0)[:, None, None], 0.0, moved[at])
         along = line / np.maximum(np.linalg.norm(line, axis=1), np.finfo(float).tiny)[:, None]
         return np.asarray(-np.einsum("nc,ncp->np", along, moved)[:, None])
@@ -220,13 +220,6 @@ class Closures(Instrument):
 
     def jacobian(self, prediction: Prediction, difference: FloatArray) -> FloatArray:
         """As the disagreement changes; the frames have no part in it."""
-        _of(prediction)
         if prediction.disagreement is None:
             raise BadInputError("the prediction's engine knows nothing of redundant drives")
         return -prediction.disagreement
-
-
-def _of(prediction: Prediction) -> FloatArray:
-    if prediction.jacobian is None:
-        raise BadInputError("the prediction holds no Jacobian; ask for it with linearise")
-    return prediction.jacobian

@@ -111,6 +111,17 @@ class Prediction(PoseStack):
         """Which rows have a prediction, shape (n,)."""
         return np.asarray(self.status == 0)
 
+    @property
+    def derivatives(self) -> FloatArray:
+        """The Jacobian.
+
+        Raises:
+            BadInputError: only the prediction was asked for.
+        """
+        if self.jacobian is None:
+            raise BadInputError("the prediction holds no Jacobian; ask for it with linearise")
+        return self.jacobian
+
 
 class MeasurementModel:
     """Predicts measurements of one robot with a chosen set of parameters. Safe to use from several threads.

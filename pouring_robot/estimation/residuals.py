@@ -111,8 +111,10 @@ class MeasuredPoses(PoseStack):
             BadInputError: the prediction carries no Jacobian.
         """
         ends = np.cumsum([0, *(instrument.known.shape[1] for instrument in self.instruments)])
-        parts = zip(self.instruments, itertools.pairwise(ends.tolist()), strict=True)
-        return np.concatenate([i.jacobian(prediction, residual[:, a:b]) for i, (a, b) in parts], axis=1)
+        jacobian = np.empty((*residual.shape, prediction.derivatives.shape[2]))
+        for instrument, (first, last) in zip(self.instruments, itertools.pairwise(ends.tolist()), strict=True):
+            jacobian[:, first:last] = instrument.jacobian(prediction, residual[:, first:last])
+        return jacobian
 
 
 def _others(campaign: Campaign, noise: NoiseLevel) -> tuple[Instrument, ...]:
@@ -158,7 +160,8 @@ def whiten(measured: MeasuredPoses, prediction: Prediction) -> WhitenedEquations
     rows, components = np.nonzero(kept)
     jacobian = None
     if prediction.jacobian is not None:
-        jacobian = measured.residual_jacobian(prediction, residual)[kept]
+        whole = measured.residual_jacobian(prediction, residual)
+        jacobian = whole.reshape(-1, whole.shape[2]) if kept.all() else whole[kept]
         jacobian /= measured.sigma[components][:, None]
     failed = np.flatnonzero(known.any(axis=1) & ~prediction.closed)
     return WhitenedEquations(residual[kept] / measured.sigma[components], jacobian, rows, components, failed)
@@ -187,8 +190,6 @@ def regressor(prediction: Prediction, sigma: FloatArray, known: BoolArray | None
     Raises:
         BadInputError: the prediction carries no Jacobian.
     """
-    if prediction.jacobian is None:
-        raise BadInputError("the prediction holds no Jacobian; ask for it with linearise")
-    kept = np.broadcast_to(prediction.closed[:, None], prediction.jacobian.shape[:2])
+    kept = np.broadcast_to(prediction.closed[:, None], prediction.derivatives.shape[:2])
     kept = kept if known is None else kept & known
-    return np.asarray((prediction.jacobian / sigma[:, None])[kept])
+    return np.asarray((prediction.derivatives / sigma[:, None])[kept])

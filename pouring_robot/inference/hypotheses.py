@@ -109,16 +109,17 @@ class Hypothesis:
 
     def groups(self) -> list[FloatArray]:
         """Return the scaled columns of everything fitted."""
-        return [own * weights for own, (_, weights) in zip(self._unscaled(), self._groups, strict=True)]
+        return [own * weights for own, (_, weights) in zip(self.unscaled(), self._groups, strict=True)]
 
-    def _unscaled(self) -> list[FloatArray]:
+    def unscaled(self) -> list[FloatArray]:
+        """Return the columns of everything fitted, by group."""
         usual = [b.columns for b, level in zip(self.problem.backgrounds, self.levels, strict=True) if level]
         return [*usual, *(item.columns for item in self.items)]
 
     @property
     def columns(self) -> FloatArray:
         """Columns of everything fitted, as :attr:`everything` orders them, (m, k)."""
-        return np.hstack([np.zeros((len(self.problem.residual), 0)), *self._unscaled()])
+        return np.hstack([np.zeros((len(self.problem.residual), 0)), *self.unscaled()])
 
     def on(self, problem: Problem) -> Hypothesis:
         """Return the same on another problem of the same explanations."""
