@@ -17,9 +17,6 @@ from pouring_robot.mechanism.arrays import FloatArray
 BACKGROUND = "background"
 """Form of the usual small errors."""
 SAG = "background_sag"
-_COARSE = 0.125
-"""Over the errors of a part that nobody has measured: what coarse machining leaves (ISO 2768-1, class fine, +-0.2 mm).
-Not larger, it is no cause beside another one."""
 _SAG_COLUMNS, _SAG_SIZE = 40, 1.0 / 32.0
 """So many directions carry nearly all of it; at 5 kN it is at most what axes that are off by a 32nd of a mrad do."""
 
@@ -94,14 +91,8 @@ def known_effects(rows: CampaignRows, linear: LinearRows, library: Library) -> I
     if loose and rows.conditions.weight_n is not None:
         yield _sag(rows, linear, np.hstack([rows.columns(form, linear) for form in loose]), rows.conditions.weight_n)
     for (effect, _), form in library.forms.items():
-        small = _COARSE if _usual(form, library.backgrounds.get(effect)) else 0.0
         main = np.array([p.main for p in form.parameters])
-        yield Explanation(effect, form.name, rows.columns(form, linear), main, small=small)
-
-
-def _usual(form: Form, usual: Form | None) -> bool:
-    """Return whether a form's parameters are all among those of the usual errors."""
-    return usual is not None and {p.name for p in form.parameters} <= {p.name for p in usual.parameters}
+        yield Explanation(effect, form.name, rows.columns(form, linear), main)
 
 
 def _sag(rows: CampaignRows, linear: LinearRows, axes: FloatArray, weight_n: FloatArray) -> Explanation:

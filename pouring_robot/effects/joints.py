@@ -96,7 +96,7 @@ class Tilts(Family):
         id_: as of :class:`Family`.
         story: likewise.
         driven_by: condition that must vary so that it shows.
-        forms: joints whose axes are tilted, by form; that without joints has the twists.
+        forms: of some joints' axes alone, by form; that without joints has the twists.
     """
 
     loosened_by_load = True
@@ -112,14 +112,14 @@ class Tilts(Family):
         return together(axis_parameters(placements, one)) + _twists(placements, one)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """Axes of some joints, or twists."""
+        """All axes and twists, or some of them."""
         one, placements = np.ones(len(conditions)), conditions.causes.placements
-        by_joint = axis_parameters(placements, one)
-        twists = _twists(placements, one)
-        return tuple(
-            Form(name, tuple(p for joint, found in by_joint.items() if joint in joints for p in found) or twists)
+        by_joint, twists = axis_parameters(placements, one), _twists(placements, one)
+        some = {
+            name: tuple(p for joint in joints for p in by_joint[joint]) or twists
             for name, joints in self.joints.items()
-        )
+        }
+        return (Form("all", self.background(conditions)), *(Form(name, found) for name, found in some.items()))
 
 
 def _twists(placements: Placements, one: FloatArray) -> Parameters:

@@ -152,11 +152,12 @@ def judge(
         noise_known: whether the noise is that of the device, and not what is left over itself.
     """
     left = discrepancy.structures()
-    named = [_cause(hypothesis, effect, thresholds) for effect in _named(hypothesis)]
+    effects = [e for e in hypothesis.effects if any(hypothesis.items[k].cause for k in hypothesis.of_effect(e))]
+    named = [_cause(hypothesis, effect, thresholds) for effect in effects]
     least = thresholds.minor_share * max((cause.size for cause in named), default=0.0)
     causes = [cause for cause in named if cause.size > least or cause.evidence > thresholds.minor_evidence]
     remainder = max((structure.size for structure in left), default=0.0) if noise_known else 1.0
-    kept = _above(causes, remainder, len(hypothesis.problem.residual), thresholds)
+    kept = _above(causes, [_added(hypothesis, cause.indices) for cause in causes], remainder, thresholds)
     minor = tuple(cause.effect for cause in causes if cause not in kept)
     causes = kept
     challenges = tuple(discrepancy.challenge(cause.indices) for cause in causes)
@@ -177,16 +178,22 @@ def judge(
     return replace(found, verdict=verdict, causes=tuple(causes), reasons=tuple(reasons), remainder=tuple(rest))
 
 
-def _above(causes: Sequence[Cause], remainder: float, equations: int, thresholds: Thresholds) -> list[Cause]:
+def _above(causes: Sequence[Cause], adds: Sequence[float], remainder: float, thresholds: Thresholds) -> list[Cause]:
     """Return the causes without small ones that add less than what nobody explains, in noise standard deviations.
 
     On a real machine no cause has quite the library's form. What that leaves over can be explained a little by many an
-    effect, and with many rows beyond any doubt, but by none as its cause. What a cause adds is by how much its absence
-    would raise the residual: the square root of twice its log evidence an equation.
+    effect, and with many rows beyond any doubt, but by none as its cause.
     """
-    adds = [float(np.sqrt(2.0 * max(cause.evidence, 0.0) / equations)) for cause in causes]
     least = min(remainder, thresholds.minor_share * max(adds, default=0.0))
     return [cause for cause, added in zip(causes, adds, strict=True) if added >= least]
+
+
+def _added(hypothesis: Hypothesis, indices: Sequence[int]) -> float:
+    """Return by how much the absence of items would raise the residual, all else held, in noise standard deviations.
+
+    The square root of twice their log evidence an equation.
+    """
+    return float(np.sqrt(2.0 * max(hypothesis.worth(indices), 0.0) / len(hypothesis.problem.residual)))
 
 
 def _reasons(hypothesis: Hypothesis, found: Judgement) -> list[str]:
@@ -203,17 +210,6 @@ def _reasons(hypothesis: Hypothesis, found: Judgement) -> list[str]:
     if not found.causes and not all(item.cause for item in hypothesis.items):
         reasons.append("the gap looks like small errors brought to light by the load, and nothing else is found")
     return reasons
-
-
-def _named(hypothesis: Hypothesis) -> list[str]:
-    """Return the effects that are named: causes, without what is no more than workmanship leaves beside another one."""
-    large = {
-        item.effect
-        for item, scale in zip(hypothesis.items, hypothesis.scales, strict=True)
-        if item.cause and scale.main > item.small
-    }
-    causes = [e for e in hypothesis.effects if any(hypothesis.items[k].cause for k in hypothesis.of_effect(e))]
-    return [effect for effect in causes if effect in large or not large]
 
 
 def _cause(hypothesis: Hypothesis, effect: str, thresholds: Thresholds) -> Cause:

@@ -27,8 +27,6 @@ class Explanation:
         cause: whether it may be named. What is no cause is there to be fitted and to explain, such as small errors that
             another effect brings to light.
         largest: how many times their usual size the parameters can be.
-        small: up to how many times their usual size they are no more than what workmanship leaves, and are not named
-            beside another cause.
     """
 
     effect: str
@@ -37,7 +35,6 @@ class Explanation:
     main: BoolArray
     cause: bool = True
     largest: float = np.inf
-    small: float = 0.0
 
     @functools.cached_property
     def key(self) -> tuple[str, str]:

@@ -24,13 +24,14 @@ from pouring_robot.inference.explanations import Explanation, Problem
 from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.mechanism.arrays import FloatArray
 
-BACKGROUND_LEVELS = (0.0, *(2.0**-k for k in range(9, 4, -1)))
-"""How large usual errors may be, over those of a part that nobody has measured: none, or from a 512th to a 32nd.
+BACKGROUND_LEVELS = (0.0, *(2.0**-k for k in range(9, 2, -1)))
+"""How large usual errors may be, over those of a part that nobody has measured: none, or from a 512th to an eighth.
 
-Of parts of 0.3 to 1 m, ISO 286 grades IT3 to IT7, ground to milled, are tolerances of 5 to 80 um, some four standard
-deviations wide. Larger ones are an effect, and a cause if they are larger than what coarse machining leaves."""
-_USUAL_LEVEL, _LEVEL_SPREAD = 4, 1.5
-"""The likely one, a 64th (IT6), and its standard deviation in steps of two; none that shows is as likely as that."""
+Of parts of 0.3 to 1 m, ISO 286 grades IT3 to IT11, ground to coarsely milled, are tolerances of 8 to 560 um, some four
+standard deviations wide. Larger ones are an effect."""
+_USUAL_LEVEL, _LEVEL_SPREAD = 4, 1.0
+"""The likely one, a 64th (IT7), and its standard deviation in steps of two: nineteen of twenty machines lie between IT4
+and IT9, the grades of fits. None that shows is as likely as the likely one."""
 _SWEEPS = 3
 _WIDE = 40
 """An item of more columns is taken out once for all hypotheses that share it."""

@@ -188,11 +188,53 @@ def coverage(trials: Sequence[Trial]) -> list[tuple[str, ...]]:
     ]
 
 
-_STATED = (0.0, 0.5, 0.9, 0.95, 0.99, 1.0)
+_STATED = (0.0, 0.5, 0.9, 0.95, 0.99, 0.999, 1.0)
 _SIZES = (0.0, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, math.inf)
 
 
-def reliability(trials: Sequence[Trial]) -> list[tuple[str, ...]]:
+@dataclass(frozen=True)
+class Share:
+    """How many of the trials whose figure lies in a range did well.
+
+    Attributes:
+        low_end: of the range.
+        high_end: the other.
+        mean: of the figures of the range: arithmetic of probabilities, geometric of sizes; NaN without a trial.
+        good: how many did well.
+        total: of how many.
+    """
+
+    low_end: float
+    high_end: float
+    mean: float
+    good: int
+    total: int
+
+    @property
+    def value(self) -> float:
+        """The share."""
+        return self.good / self.total
+
+    @property
+    def low(self) -> float:
+        """Lower end of its 95 % interval (Wilson)."""
+        return float(proportion_confint(self.good, self.total, alpha=0.05, method="wilson")[0])
+
+    @property
+    def high(self) -> float:
+        """Upper end of its 95 % interval (Wilson)."""
+        return float(proportion_confint(self.good, self.total, alpha=0.05, method="wilson")[1])
+
+    def cells(self) -> tuple[str, ...]:
+        """Return it as cells of a table."""
+        name = f"{self.low_end:g} to {self.high_end:g}"
+        if not self.total:
+            return (name, "0", "-", "-", "-")
+        ends = f"{_text(self.low)} to {_text(self.high)}"
+        return (name, f"{self.good} of {self.total}", f"{self.mean:.4g}", _text(self.value), ends)
+
+
+def reliability(trials: Sequence[Trial]) -> list[Share]:
     """Return how often a name stands that is stated with a probability, by ranges of it."""
     said = [
         (s.probability, s.effect in t.hidden or s.effect in t.accept)
@@ -200,24 +242,23 @@ def reliability(trials: Sequence[Trial]) -> list[tuple[str, ...]]:
         if t.verdict in {"named", "group"}
         for s in t.said
     ]
-    rows = []
+    shares = []
     for low, high in itertools.pairwise(_STATED):
-        right = [true for chance, true in said if low < chance <= high]
-        figure = _rate(f"{low:g} to {high:g}", sum(right), len(right), math.nan, math.nan)
-        mean = float(np.mean([c for c, _ in said if low < c <= high])) if right else math.nan
-        rows.append((figure.name, figure.counts, _text(mean), *figure.cells()[2:4]))
-    return rows
+        there = [(chance, true) for chance, true in said if low < chance <= high]
+        mean = float(np.mean([chance for chance, _ in there])) if there else math.nan
+        shares.append(Share(low, high, mean, sum(true for _, true in there), len(there)))
+    return shares
 
 
-def power(trials: Sequence[Trial]) -> list[tuple[str, ...]]:
+def power(trials: Sequence[Trial]) -> list[Share]:
     """Return how often the effect of a single one is named, alone or in its group, by its size over the noise."""
     single = [t for t in trials if t.kind == "single" and not t.excluded]
-    rows = []
+    shares = []
     for low, high in itertools.pairwise(_SIZES):
         there = [t for t in single if low <= t.ratios[0] < high]
-        figure = rate(f"{low:g} to {high:g}", there, lambda t: t.in_group)
-        rows.append((figure.name, *figure.cells()[1:4]))
-    return rows
+        mean = math.exp(np.mean([math.log(t.ratios[0]) for t in there])) if there else math.nan
+        shares.append(Share(low, high, mean, sum(t.in_group for t in there), len(there)))
+    return shares
 
 
 def confusion(trials: Sequence[Trial]) -> tuple[list[str], dict[str, Counter[str]]]:

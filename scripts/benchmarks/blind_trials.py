@@ -4,7 +4,7 @@
     python -m scripts.benchmarks.blind_trials --cases 200 --kinds outside,confounded  # only some kinds of the same set
     python -m scripts.benchmarks.blind_trials --cases 300 --effects base_drift        # only cases with some effect
     python -m scripts.benchmarks.blind_trials --folder ../campaigns                   # folders with truth.json
-    python -m scripts.benchmarks.blind_trials --records trials.json                   # figures again, no diagnosis
+    python -m scripts.benchmarks.blind_trials --records a.json b.json --plot p.png    # figures again, no diagnosis
 
 Case k of seed S is ``python -m tests.rig --seed S``'s case k. A single effect of 3 times the noise or more is diagnosed
 a second time with that effect taken out of the library. Each worker computes on its share of the cores; with
@@ -40,6 +40,7 @@ from scripts.benchmarks.blind_metrics import (  # noqa: E402
     power,
     reliability,
 )
+from scripts.benchmarks.blind_plots import draw  # noqa: E402
 from tests.diagnosis.trial import Trial, rig_trials, trials_of  # noqa: E402
 from tests.rig import make_campaign  # noqa: E402
 from tests.rig.__main__ import CYCLE, KIND, case  # noqa: E402
@@ -138,9 +139,11 @@ def report(found: Sequence[Trial]) -> Iterator[str]:
     yield from ("", "Parameters with a known truth, where the effects were named right:", "")
     yield from _table(("effect", "parameter", "covered", "RMS error in std"), coverage(found))
     yield from ("", "Names stated with a probability, and how often they stand:", "")
-    yield from _table(("stated", "stand", "mean stated", "share", "95 % interval"), reliability(found))
+    yield from _table(
+        ("stated", "stand", "mean stated", "share", "95 % interval"), [s.cells() for s in reliability(found)]
+    )
     yield from ("", "Single effects named, alone or in their group, by size over the noise:", "")
-    yield from _table(("size", "cases", "share", "95 % interval"), power(found))
+    yield from _table(("size", "named", "mean size", "share", "95 % interval"), [s.cells() for s in power(found)])
     wrong = failures(found)
     yield from ("", f"{len(wrong)} of {len(found)} trials do not say what they should:", "")
     yield from (f"- {t.line()}" for t in wrong)
@@ -153,6 +156,10 @@ def _table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[s
         yield "| " + " | ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) + " |"
         if k == 0:
             yield "|" + "|".join("-" * (width + 2) for width in widths) + "|"
+
+
+def _recorded(path: Path) -> list[Trial]:
+    return [Trial.from_dict(t) for t in json.loads(path.read_text(encoding="utf-8"))["trials"]]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -170,17 +177,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=2, help="processes (2)")
     parser.add_argument("--json", type=Path, help="write the records here")
     parser.add_argument("--records", type=Path, nargs="+", help="read records instead of diagnosing")
+    parser.add_argument("--plot", type=Path, help="draw reliability and power as this PNG, a series for each records")
     options = parser.parse_args(arguments)
     if options.records:
-        found = [Trial.from_dict(t) for p in options.records for t in json.loads(p.read_text("utf-8"))["trials"]]
+        sets = {path.stem: _recorded(path) for path in options.records}
         seconds = 0.0
     else:
         started = time.perf_counter()
-        found = list(trials(jobs(options), max(1, options.workers)))
+        sets = {"blind trials": list(trials(jobs(options), max(1, options.workers)))}
         seconds = time.perf_counter() - started
+    found = [t for each in sets.values() for t in each]
     if options.json:
         record = {"seed": options.seed, "seconds": seconds, "trials": [t.as_dict() for t in found]}
         options.json.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    if options.plot:
+        draw(sets, options.plot)
     sys.stdout.write("\n".join(report(found)) + "\n")
     sys.stdout.write(f"\n{len(found)} diagnoses in {seconds:.0f} s with {options.workers} workers\n")
     return int(any(f.short for f in figures(found)) or any(t.refused.startswith("crash") for t in found))

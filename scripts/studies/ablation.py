@@ -23,7 +23,6 @@ from unittest.mock import patch
 
 import numpy as np
 
-from pouring_robot.diagnosis import problem
 from pouring_robot.diagnosis.processes import processes_of
 from pouring_robot.inference import decision, discrepancy, evidence, explanations, hypotheses, search
 from pouring_robot.inference.processes import Process
@@ -69,7 +68,10 @@ CHOICES: dict[str, Callable[[], None]] = {
         property(lambda self: dict.fromkeys((i.effect for i in self.explanations), 0.0)),
     ),
     "workmanship as a variance component": _no_workmanship,
-    "small errors are not causes beside others": lambda: _put(problem, "_COARSE", 0.0),
+    "coarse workmanship is workmanship": lambda: _put(
+        hypotheses, "BACKGROUND_LEVELS", tuple(level for level in hypotheses.BACKGROUND_LEVELS if level < 1 / 20)
+    ),
+    "what corrects another's form is no cause": lambda: _put(decision, "_above", lambda causes, *_: list(causes)),
     "bent effects are refused": lambda: _put(search, "credible", lambda *_: True),
     "effects that cancel are refused": lambda: _put(
         diagnosing, "SearchOptions", partial(search.SearchOptions, most_cancelled=np.inf)

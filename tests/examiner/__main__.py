@@ -16,7 +16,11 @@ def main(argv=None):
     parser.add_argument("--seed", type=int, required=True)
     args = parser.parse_args(argv)
     for number, (kind, index) in enumerate(cases.plan(args.cases, args.seed)):
-        case = cases.make(args.seed, number, kind, index)
+        try:
+            case = cases.make(args.seed, number, kind, index)
+        except cases.NoCaseError as problem:
+            print(f"left out: {problem}", flush=True)
+            continue
         cases.write(case, args.out / f"case_{number:03d}", np.random.default_rng([args.seed, number, 10**6]))
         names = " + ".join(f"{e['effect']} ({e['form']}) {e['ratio_to_noise']:.1f}" for e in case.truth["effects"])
         print(f"case_{number:03d} {kind:10s} {names}", flush=True)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from pouring_robot.inference import hypotheses
-from pouring_robot.inference.decision import Cause, Thresholds, _above
 from pouring_robot.inference.evidence import Scale
 from pouring_robot.inference.explanations import Background, Explanation, Problem
 from pouring_robot.inference.hypotheses import Hypothesis
@@ -41,21 +40,3 @@ def test_what_is_taken_out_first_changes_nothing(problem, monkeypatch):
     problem.worked_out.clear()
     monkeypatch.setattr(hypotheses, "_WIDE", 10 * WIDE)
     assert first == pytest.approx(told(problem), rel=1e-9, abs=1e-7)
-
-
-def cause(name, evidence):
-    return Cause(name, "form", (0,), (), 1.0, evidence, 1.0)
-
-
-def test_a_small_cause_must_add_more_than_what_nobody_explains():
-    """Added: the root of twice the evidence an equation. 0.3 beside 4 is a cause while less than 0.3 is left."""
-    large, small = cause("large", 8000.0), cause("small", 45.0)
-    for left, kept in ((0.2, [large, small]), (0.4, [large])):
-        assert _above([large, small], left, 1000, Thresholds()) == kept
-
-
-def test_the_largest_cause_stays_and_so_does_one_like_it():
-    """However much is left over: only what is far smaller than the largest one can be its form."""
-    first, second = cause("first", 80.0), cause("second", 8.0)
-    assert _above([first], 5.0, 1000, Thresholds()) == [first]
-    assert _above([first, second], 5.0, 1000, Thresholds()) == [first, second]

@@ -19,7 +19,6 @@ _STROKE = {"middle_m": 0.55, "half_stroke_m": 0.2}
 _TILTED = ("xz", "yz", "xy", "yz", "xz")
 """Directions across the axis of each joint of a leg."""
 _PLATFORMS = {"fixed_platform": _UPPER, "moving_platform": SEATS}
-_AXES = tuple(joint for joints in CHAIN_JOINTS for joint in joints if not joint.endswith("_s3"))
 _BORES = tuple(joint for joints in CHAIN_JOINTS for joint in (joints[0], joints[4]))
 
 
@@ -66,7 +65,7 @@ _ENTRIES = (
         "joint_axis_tilt",
         "tilts",
         "axes of the U joints are not parallel as drawn, or the yokes of a leg are twisted",
-        {"driven_by": "tilt_rad", "forms": {"all": _AXES, "twisted_legs": (), "bores": _BORES}},
+        {"driven_by": "tilt_rad", "forms": {"twisted_legs": (), "bores": _BORES}},
     ),
     CauseEntry(
         "leg_thermal_expansion",
