@@ -179,13 +179,15 @@ class Beside:
 def shaping_unit(columns: FloatArray, main: BoolArray) -> float:
     """Return by how much shaping coefficients must be multiplied to make as much of the prediction as the others.
 
+    Columns that rounding alone is left of, because the conditions hold what they hang on, shape nothing.
+
     Args:
         columns: inner products of a group's columns, (k, k).
         main: which of them are no shaping, (k,).
     """
     sizes = np.diag(columns)
-    shaping = float(sizes[~main].sum())
-    return float(np.sqrt(sizes[main].sum() / shaping)) if shaping > 0.0 else 1.0
+    whole, shaping = float(sizes[main].sum()), float(sizes[~main].sum())
+    return float(np.sqrt(whole / shaping)) if shaping > _NEGLIGIBLE * whole else 1.0
 
 
 def bayes_factor(

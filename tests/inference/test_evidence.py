@@ -284,6 +284,13 @@ def test_shaping_that_is_not_there_needs_no_unit(rng):
     assert shaping_unit(columns.T @ columns, np.array([True, True])) == 1.0
 
 
+def test_shaping_that_rounding_alone_is_left_of_needs_no_unit(rng):
+    """Its unit would make of the rounding as much as of the effect: by chance that explains anything."""
+    columns = rng.normal(size=(5, 3))
+    columns[:, 1:] *= 1e-13
+    assert shaping_unit(columns.T @ columns, np.array([True, False, False])) == 1.0
+
+
 def test_what_is_found_cannot_be_changed():
     found = bayes_factor(np.eye(1), np.ones(1))
     for thing, name in ((found, "evidence"), (Gram(np.eye(1), np.ones(1), 1.0), "squared")):
