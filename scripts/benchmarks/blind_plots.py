@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +16,11 @@ _LEAST = 1e-4
 """Chance of being wrong at which the axes of the reliability diagram end; no false name at all is drawn there, too."""
 
 
-def draw(sets: Mapping[str, Sequence[Trial]], path: Path) -> None:
-    """Draw the reliability diagram and the power curve of each set of trials, by its name, as a PNG."""
+def draw(sets: Sequence[tuple[str, Sequence[Trial]]], path: Path) -> None:
+    """Draw the reliability diagram and the power curve of each set of trials, with its name, as a PNG."""
     figure = new_figure(10.0, 4.4)
     stated, sizes = figure.subplots(1, 2)
-    for (name, found), colour, shift in zip(sets.items(), COLOURS, np.geomspace(0.95, 1.05, len(sets)), strict=False):
+    for (name, found), colour, shift in zip(sets, COLOURS, np.geomspace(0.95, 1.05, len(sets)), strict=False):
         _draw_reliability(stated, reliability(found), name, colour, shift)
         _draw_power(sizes, power(found), name, colour, shift)
     stated.plot([_LEAST, 1], [_LEAST, 1], color=DARK_GREY, linestyle="--", linewidth=1, label="as stated")

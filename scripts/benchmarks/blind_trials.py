@@ -180,13 +180,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--plot", type=Path, help="draw reliability and power as this PNG, a series for each records")
     options = parser.parse_args(arguments)
     if options.records:
-        sets = {path.stem: _recorded(path) for path in options.records}
+        sets = [(path.stem, _recorded(path)) for path in options.records]
         seconds = 0.0
     else:
         started = time.perf_counter()
-        sets = {"blind trials": list(trials(jobs(options), max(1, options.workers)))}
+        sets = [("blind trials", list(trials(jobs(options), max(1, options.workers))))]
         seconds = time.perf_counter() - started
-    found = [t for each in sets.values() for t in each]
+    found = [t for _, each in sets for t in each]
     if options.json:
         record = {"seed": options.seed, "seconds": seconds, "trials": [t.as_dict() for t in found]}
         options.json.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")

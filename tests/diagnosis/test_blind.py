@@ -6,8 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from PIL import Image
+from statsmodels.stats.proportion import proportion_confint
 
-from scripts.benchmarks.blind_metrics import confusion, failures, figures
+from scripts.benchmarks.blind_metrics import confusion, failures, figures, power, reliability
 from scripts.benchmarks.blind_trials import main
 from tests.diagnosis.trial import Estimate, Said, Trial, rig_trials
 from tests.rig import LIBRARY, Wanted, make_campaign
@@ -47,6 +49,13 @@ def test_a_strong_effect_is_named_and_the_gap_closed(effect):
     before, after, floor = trial.gap
     assert after < 1.5 * floor < before  # 16 rows, by errors found in 64
     assert trial.closed > 0.9
+
+
+@pytest.mark.parametrize("effect", ["base_drift", "tilt_drive_compliance", "metrology_scale"])
+def test_coarse_workmanship_is_not_named_beside_a_cause(effect):
+    """Every joint is off by a tenth of a millimetre: so are those of a machine that nobody made with care."""
+    trial = tried("single", 7, (effect, 8.0, "a"), background=True, workmanship=8.0)[0]
+    assert trial.in_group, trial.line()
 
 
 def test_two_effects_are_both_named():
@@ -158,6 +167,20 @@ def test_confusion_puts_false_effects_into_their_columns():
     assert matrix["(null)"] == {"nothing": 1}
 
 
+def test_shares_are_counted_by_ranges_of_what_was_stated_and_of_size():
+    said = [made("single", ["base_drift"], "named", [name]) for name in ("base_drift", "base_drift", "drive_scale")]
+    stated = {(s.low_end, s.high_end): s for s in reliability(said)}
+    assert (stated[0.5, 0.9].good, stated[0.5, 0.9].total, stated[0.5, 0.9].mean) == (2, 3, pytest.approx(0.9))
+    assert sum(s.total for s in stated.values()) == 3
+    sized = [replace(said[0], ratios=(size,)) for size in (1.0, 1.2)] + [replace(said[2], ratios=(1.3,))]
+    weak = next(s for s in power(sized) if s.low_end == 1.0)
+    assert (weak.good, weak.total, weak.mean) == (2, 3, pytest.approx((1.0 * 1.2 * 1.3) ** (1 / 3)))
+    assert (weak.low, weak.high) == pytest.approx(proportion_confint(2, 3, alpha=0.05, method="wilson"))
+    assert weak.cells()[1] == "2 of 3"
+    empty = next(s for s in power(sized) if s.low_end == 8.0)
+    assert empty.cells() == ("8 to inf", "0", "-", "-", "-")
+
+
 def test_records_come_back_whole(tmp_path, capsys):
     trial = made("single", ["base_drift"], "group", ["base_drift"], alternatives=["truss_deflection"])
     trial = replace(trial, estimates=(Estimate("base_drift", "tx", "mm", 1.0, 0.1, 1.1),))
@@ -166,8 +189,10 @@ def test_records_come_back_whole(tmp_path, capsys):
     path = tmp_path / "trials.json"
 
     path.write_text(json.dumps({"trials": [trial.as_dict()]}), encoding="utf-8")
-    assert main(["--records", str(path)]) == 0
-    assert "| 1 of 1 |" in capsys.readouterr().out
+    assert main(["--records", str(path), str(path), "--plot", str(tmp_path / "p.png")]) == 0
+    assert "| 2 of 2 " in capsys.readouterr().out
+    with Image.open(tmp_path / "p.png") as drawn:
+        assert np.ptp(np.asarray(drawn)) > 0
 
 
 def test_true_values_of_the_rig_say_what_the_machine_does():

@@ -78,6 +78,7 @@ def make_campaign(
     spoilt: bool = True,
     turn: int | None = None,
     wide: bool = False,
+    workmanship: float = 1.0,
 ) -> Campaign:
     """Return a campaign of one kind; what is not given is drawn.
 
@@ -94,6 +95,7 @@ def make_campaign(
         spoilt: whether outliers and lost cells may occur.
         turn: which effect of the kind's list to hide; by chance if none.
         wide: whether rows, noise and workmanship vary as they do from shop to shop, not as on this machine alone.
+        workmanship: how many times larger than on this machine the small geometric errors are; drawn if ``wide``.
     """
     if kind not in KINDS:
         raise ValueError(f"no kind {kind!r}; there are {', '.join(KINDS)}")
@@ -114,7 +116,6 @@ def make_campaign(
     explain = kind in {"outside", "confounded"}
     scene = plan(rng, rows, max(sessions or drawn, needed), trap, local=explain)
     sigma = (float(rng.choice([3e-5, 5e-5, 1e-4])), float(rng.choice([3e-5, 6e-5])) if full_pose else None)
-    workmanship = 1.0
     if wide:  # from a good laser tracker to a camera; from a lapped machine to a welded one
         factor = float(np.exp(rng.uniform(np.log(0.015), np.log(0.25)))) * 1e-3 / sigma[0]
         sigma = (sigma[0] * factor, None if sigma[1] is None else sigma[1] * factor)
