@@ -236,12 +236,7 @@ class Share:
 
 def reliability(trials: Sequence[Trial]) -> list[Share]:
     """Return how often a name stands that is stated with a probability, by ranges of it."""
-    said = [
-        (s.probability, s.effect in t.hidden or s.effect in t.accept)
-        for t in trials
-        if t.verdict in {"named", "group"}
-        for s in t.said
-    ]
+    said = [(s.probability, t.stands(s)) for t in trials if t.verdict in {"named", "group"} for s in t.said]
     shares = []
     for low, high in itertools.pairwise(_STATED):
         there = [(chance, true) for chance, true in said if low < chance <= high]

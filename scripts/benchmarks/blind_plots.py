@@ -13,7 +13,7 @@ from scripts.benchmarks.blind_metrics import Share, power, reliability
 from tests.diagnosis.trial import Trial
 
 _LEAST = 1e-4
-"""Chance of being wrong at which the axes of the reliability diagram end; no false name at all is drawn there, too."""
+"""The least chance of being wrong that the reliability diagram shows; no false name at all is drawn there, too."""
 
 
 def draw(sets: Sequence[tuple[str, Sequence[Trial]]], path: Path) -> None:
@@ -21,18 +21,18 @@ def draw(sets: Sequence[tuple[str, Sequence[Trial]]], path: Path) -> None:
     figure = new_figure(10.0, 4.4)
     stated, sizes = figure.subplots(1, 2)
     for (name, found), colour, shift in zip(sets, COLOURS, np.geomspace(0.95, 1.05, len(sets)), strict=False):
-        _draw_reliability(stated, reliability(found), name, colour, shift)
+        _draw_reliability(stated, reliability([t for t in found if not t.excluded]), name, colour, shift)
         _draw_power(sizes, power(found), name, colour, shift)
     stated.plot([_LEAST, 1], [_LEAST, 1], color=DARK_GREY, linestyle="--", linewidth=1, label="as stated")
-    stated.set(xscale="log", yscale="log", xlim=(1, _LEAST), ylim=(1, _LEAST))
+    stated.set(xscale="log", yscale="log", xlim=(1, 0.5 * _LEAST), ylim=(1, 0.5 * _LEAST))
     stated.set(xlabel="stated chance that the name is false", ylabel="share of false names, 95 % interval")
     sizes.set(xscale="log", ylim=(0, 1.03), xlabel="size of a single effect over the noise (both RMS)")
     sizes.set(ylabel="named, alone or in a group, 95 % interval")
     sizes.set_xticks([1, 2, 3, 5, 10], ["1", "2", "3", "5", "10"])
     sizes.minorticks_off()
-    for panel in (stated, sizes):
+    for panel, place in ((stated, "lower right"), (sizes, "lower left")):
         tidy(panel)
-        panel.legend(frameon=False)
+        panel.legend(frameon=False, loc=place)
     path.write_bytes(png_of(figure))
 
 

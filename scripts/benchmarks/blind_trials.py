@@ -138,10 +138,13 @@ def report(found: Sequence[Trial]) -> Iterator[str]:
     yield from _table(("", *short), rows)
     yield from ("", "Parameters with a known truth, where the effects were named right:", "")
     yield from _table(("effect", "parameter", "covered", "RMS error in std"), coverage(found))
-    yield from ("", "Names stated with a probability, and how often they stand:", "")
-    yield from _table(
-        ("stated", "stand", "mean stated", "share", "95 % interval"), [s.cells() for s in reliability(found)]
-    )
+    for words, some in (
+        ("", [t for t in found if not t.excluded]),
+        (", the truth taken out", [t for t in found if t.excluded]),
+    ):
+        yield from ("", f"Names stated with a probability, and how often they stand{words}:", "")
+        shares = [s.cells() for s in reliability(some)]
+        yield from _table(("stated", "stand", "mean stated", "share", "95 % interval"), shares)
     yield from ("", "Single effects named, alone or in their group, by size over the noise:", "")
     yield from _table(("size", "named", "mean size", "share", "95 % interval"), [s.cells() for s in power(found)])
     wrong = failures(found)

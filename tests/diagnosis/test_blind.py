@@ -172,6 +172,10 @@ def test_shares_are_counted_by_ranges_of_what_was_stated_and_of_size():
     stated = {(s.low_end, s.high_end): s for s in reliability(said)}
     assert (stated[0.5, 0.9].good, stated[0.5, 0.9].total, stated[0.5, 0.9].mean) == (2, 3, pytest.approx(0.9))
     assert sum(s.total for s in stated.values()) == 3
+    usual = made("single", ["base_drift"], "named", ["drive_scale"])
+    usual = replace(usual, said=(replace(usual.said[0], form="background"),))
+    for there in (False, True):
+        assert sum(s.good for s in reliability([replace(usual, workmanship=there)])) == there
     sized = [replace(said[0], ratios=(size,)) for size in (1.0, 1.2)] + [replace(said[2], ratios=(1.3,))]
     weak = next(s for s in power(sized) if s.low_end == 1.0)
     assert (weak.good, weak.total, weak.mean) == (2, 3, pytest.approx((1.0 * 1.2 * 1.3) ** (1 / 3)))
