@@ -98,7 +98,7 @@ class Judgement:
         reasons: why the verdict is what it is, one line each.
         tried: so many processes.
         thresholds: by which it was judged.
-        minor: effects that are at work at most beside others, adding less than what nobody explains: no causes.
+        minor: effects that are at work at most beside others, adding too little to be causes.
         remainder: processes whose sum describes what is left, largest first.
     """
 
@@ -155,11 +155,10 @@ def judge(
     effects = [e for e in hypothesis.effects if any(hypothesis.items[k].cause for k in hypothesis.of_effect(e))]
     named = [_cause(hypothesis, effect, thresholds) for effect in effects]
     least = thresholds.minor_share * max((cause.size for cause in named), default=0.0)
-    causes = [cause for cause in named if cause.size > least or cause.evidence > thresholds.minor_evidence]
+    large = [cause for cause in named if cause.size > least or cause.evidence > thresholds.minor_evidence]
     remainder = max((structure.size for structure in left), default=0.0) if noise_known else 1.0
-    kept = _above(causes, [_added(hypothesis, cause.indices) for cause in causes], remainder, thresholds)
-    minor = tuple(cause.effect for cause in causes if cause not in kept)
-    causes = kept
+    causes = _above(large, [_added(hypothesis, cause.indices) for cause in large], remainder, thresholds)
+    minor = tuple(cause.effect for cause in named if cause not in causes)
     challenges = tuple(discrepancy.challenge(cause.indices) for cause in causes)
     found = Judgement("unknown", tuple(causes), tuple(left), challenges, (), len(discrepancy), thresholds, minor)
     reasons = _reasons(hypothesis, found)

@@ -341,7 +341,7 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
         lines.append("no ladles.html: measured ladles are drawn of the pouring robot only")
     if diagnosis.judgement.minor:
         minor = ", ".join(diagnosis.judgement.minor)
-        lines.append(f"fitted beside, but no causes, as they add less than what nothing explains: {minor}")
+        lines.append(f"fitted beside, but no causes, as they add too little: {minor}")
     stays = diagnosis.amended.conditional
     if stays:
         lines.append(
