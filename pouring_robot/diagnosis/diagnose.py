@@ -32,7 +32,7 @@ from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.solver import seen_from_one_place
 from pouring_robot.estimation.splits import HoldOut, Split, split
 from pouring_robot.exceptions import BadInputError, CalibrationError, CampaignError
-from pouring_robot.inference.decision import DEFAULT_THRESHOLDS, Thresholds, judge
+from pouring_robot.inference.decision import DEFAULT_THRESHOLDS, Thresholds, judge, without_minor
 from pouring_robot.inference.discrepancy import Discrepancy
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.nuisance import Nuisance
@@ -235,11 +235,15 @@ class _Work:
             names = frozenset(item.effect for item in hypothesis.items if item.cause)
             blocks = (*found.parts.folds, found.parts.test)
             in_turn = held_out_in_turn(diagnoser, before, after, blocks, names, self.say)
+        passing = [effect for effect in judgement.minor if self.effects[effect].passes]
+        if passing and judgement.causes:  # they are of these rows, not of the robot
+            hypothesis, judgement = without_minor(hypothesis, judgement, passing)
+            after, hypothesis = diagnoser.settled(after, hypothesis)
         given, notes = rows.conditions, list(found.notes)
         notes += [
             f"single missing cells of {name} were filled in from their neighbours in time" for name in given.filled
         ]
-        notes += [f"assumed: {line}" for line in given.assumed]
+        notes += [*(f"assumed: {line}" for line in given.assumed), *rows.untold]
         sigma = rows.measured.sigma
         given_rows, amended_rows = before.every_row.alone, after.every_row.alone
         gaps = [Gap.between(given_rows, amended_rows, part, sigma) for part in (fitted, ~fitted) if part.any()]

@@ -21,7 +21,7 @@ from pouring_robot.effects.base import EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions, NominalRows, conditions_of, told
 from pouring_robot.effects.drives import channel
 from pouring_robot.effects.nominal import nominal_rows
-from pouring_robot.effects.stack import local_changes, stack_of
+from pouring_robot.effects.stack import local_changes, stack_of, untold_notes
 from pouring_robot.estimation.frames import FRAMES, OuterFrames
 from pouring_robot.estimation.measurement import MeasurementModel, Prediction
 from pouring_robot.estimation.noise_level import NoiseLevel
@@ -215,6 +215,11 @@ class CampaignRows:
                 "add it to the campaign, or take the effect out of the model file",
             ) from problem
         return self.changes([parameter for parameter, _ in found], np.array([value for _, value in found]))
+
+    @property
+    def untold(self) -> tuple[str, ...]:
+        """Which effects of the given model are taken as none in some rows, a line each."""
+        return untold_notes(self.model, self._counted)
 
     def _counted(self, learned: LearnedCampaign | None) -> Conditions:
         return conditions_of(self.campaign, self._nominal, learned) if learned else self.conditions

@@ -118,8 +118,11 @@ class Diagnoser:
 
         The hypothesis is of the problem of the state returned with it.
         """
-        state, hypothesis = self._searched(start)
-        for _ in range(_ROUNDS):  # what was found stays; values, scales and frames settle exactly
+        return self.settled(*self._searched(start))
+
+    def settled(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, Hypothesis]:
+        """Put in what a hypothesis found until values, scales and frames stay, its items kept."""
+        for _ in range(_ROUNDS):
             state, moved = self._advanced(state, hypothesis)
             hypothesis = hypothesis.on(self.problem_at(state)).settled()
             if moved < _EXACT:

@@ -96,6 +96,11 @@ class Effect(ABC):
         """Name of the condition that drives it; "" where none does."""
         return self.driven_by or next(iter(self.needs), "")
 
+    @property
+    def passes(self) -> bool:
+        """Whether it goes by a campaign's own time or sessions, so that another campaign sees it do something else."""
+        return self.driver in ("time_s", "session")
+
     def separation(self, conditions: Conditions) -> str:
         """Return which measurement tells it from other effects, in words; "" where nobody says."""
         return self.told_apart_by or facts_of(self.driver, conditions.robot).vary
@@ -118,6 +123,13 @@ class Effect(ABC):
             values: of the parameters found, by name, each in its unit.
         """
         return ()
+
+    def untold(self, conditions: Conditions) -> Mapping[str, int]:
+        """Return in how many rows it is taken as none because the campaign that taught it did not reach there.
+
+        By part, in words; by default what was learned holds everywhere.
+        """
+        return {}
 
     def missing(self, conditions: Conditions) -> tuple[str, ...]:
         """Return the needed conditions that a campaign does not have."""

@@ -29,6 +29,8 @@ from pouring_robot.robot.effect_stack import LearnedCampaign
 
 RISE, FORCE = "_rise_k", "_force"
 _TURNED, _STILL = 1e-9, 1e-6
+_TURN, _ARC_GAP = 2.0 * np.pi, np.radians(1.0)
+"""Angles that are no further apart are in one arc."""
 
 
 @functools.lru_cache(maxsize=16)
@@ -185,6 +187,24 @@ class Conditions:
         counts = np.array(list(self.learned.sessions.values())) if self.learned else np.bincount(self.session)
         return np.asarray(counts / counts.sum())
 
+    def told(self, drive: Drive, shortest_rad: float) -> FloatArray:
+        """Return how far waves of a turning drive's own angle are known in each row, (n,): 1 at angles that were seen.
+
+        Samples of a wave tell it if they lie no further apart than half of its length (Shannon 1949): what was learned
+        fades out over a quarter of the shortest wave beyond them.
+
+        Args:
+            drive: which.
+            shortest_rad: length of the shortest wave.
+        """
+        arcs = self.learned.seen_rad.get(drive.joint, []) if self.learned else []
+        if not arcs:
+            return np.ones(len(self))
+        angles, (first, last) = self.drives[:, self.places((drive,))], np.array(arcs).T
+        beyond = (angles - first) % _TURN - (last - first)
+        apart = np.where(beyond <= 0.0, 0.0, np.minimum(beyond, (first - angles) % _TURN)).min(axis=1)
+        return np.asarray(np.maximum(1.0 - apart / (0.25 * shortest_rad), 0.0))
+
     def value(self, name: str) -> Any:
         """Return a condition by its name: (n,) or (n, k), or a number for the whole campaign; None if there is none."""
         if hasattr(self, name):
@@ -321,6 +341,11 @@ def learned_in(campaign: Campaign, conditions: Conditions) -> LearnedCampaign:
     reference = metadata.reference_temperature_degC
     return LearnedCampaign(
         ranges={name: (float(np.nanmin(v)), float(np.nanmax(v))) for name, v in told(campaign).items()},
+        seen_rad={
+            drive.joint: arcs_of(campaign.drives[:, k])
+            for k, drive in enumerate(campaign.robot.drives)
+            if drive.unit == "rad"
+        },
         sessions={name: rows.size for name, rows in campaign.rows_by_session().items()},
         mean_span_m=conditions.mean_span_m.tolist(),
         mean_force=conditions.mean_force.tolist(),
@@ -331,6 +356,16 @@ def learned_in(campaign: Campaign, conditions: Conditions) -> LearnedCampaign:
         ladle_tare_kg=metadata.ladle_tare_kg,
         ladle_centre_of_mass_m=metadata.ladle_centre_of_mass_m,
     )
+
+
+def arcs_of(angles: FloatArray) -> list[tuple[float, float]]:
+    """Return the arcs of a turn that angles (n,) lie in, none of them more than a degree from the next, in rad."""
+    ordered = np.unique(angles % _TURN)
+    ends = np.flatnonzero(np.diff(ordered, append=ordered[0] + _TURN) > _ARC_GAP)
+    if not ends.size:
+        return [(0.0, _TURN)]
+    first, last = ordered[(ends + 1) % len(ordered)], np.roll(ordered[ends], -1)
+    return [(start, start + (end - start) % _TURN) for start, end in zip(first.tolist(), last.tolist(), strict=True)]
 
 
 def _loads(

@@ -191,6 +191,18 @@ class Periodic(Family):
             return value
         return 2.0 * np.pi * value / self.stated.get(drive.joint, float(conditions.screw_pitch_m or np.nan))
 
+    def _told(self, conditions: Conditions) -> list[FloatArray]:
+        if not self.of_turn:
+            return [np.ones(len(conditions)) for _ in self.drives]
+        return [conditions.told(drive, 2.0 * np.pi / len(self.sizes)) for drive in self.drives]
+
+    def untold(self, conditions: Conditions) -> Mapping[str, int]:
+        """Of waves of a joint's turn: rows at angles far from all that were seen."""
+        counts = {
+            d.words: int((known == 0.0).sum()) for d, known in zip(self.drives, self._told(conditions), strict=True)
+        }
+        return {words: count for words, count in counts.items() if count}
+
     def in_words(self, values: Mapping[str, float]) -> tuple[str, ...]:
         """Of many orders: how large the error of each drive is, and which orders are the largest."""
         if not self.all_main:
@@ -212,14 +224,13 @@ class Periodic(Family):
         return tuple(lines)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """Once a turn, and overtones."""
-        phases = [
-            self._phase(conditions, d, k) for d, k in zip(self.drives, conditions.places(self.drives), strict=True)
-        ]
+        """Once a turn, and overtones; what another campaign taught of a joint's turn, only at angles it had."""
+        columns = conditions.places(self.drives)
+        phases = [self._phase(conditions, d, k) for d, k in zip(self.drives, columns, strict=True)]
         parameters = [
-            of_drive(d, f"{name}_{order}", size, wave(order * phase), main=self.all_main or order == 1)
+            of_drive(d, f"{name}_{order}", size, known * wave(order * phase), main=self.all_main or order == 1)
             for order, size in enumerate(self.sizes, 1)
-            for d, phase in zip(self.drives, phases, strict=True)
+            for d, phase, known in zip(self.drives, phases, self._told(conditions), strict=True)
             for name, wave in (("sine", np.sin), ("cosine", np.cos))
         ]
         return (Form("turns", tuple(parameters)),)

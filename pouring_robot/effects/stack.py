@@ -71,6 +71,23 @@ def stack_of(
     return found
 
 
+def untold_notes(model: RobotModel, conditions: Callable[[LearnedCampaign | None], Conditions]) -> tuple[str, ...]:
+    """Return which of a model's effects are taken as none in some rows because nobody learned them there, a line each.
+
+    Args:
+        model: its effects are known.
+        conditions: as of :func:`stack_of`.
+    """
+    known, lines = all_effects(model.definition), []
+    for entry in model.effects:
+        if not entry.placed:
+            rows = conditions(model.learned.get(entry.learned))
+            for part, count in known[entry.effect].untold(rows).items():
+                where = f"{count} of {len(rows)} rows" if len(rows) > 1 else "this pose"
+                lines.append(f"{entry.effect} of {part} was not learned at the angles of {where}: taken as none there")
+    return tuple(dict.fromkeys(lines))
+
+
 def _is_known(parameter: EffectParameter) -> bool:
     return all(np.isfinite(change).all() for change in parameter.changes.values())
 

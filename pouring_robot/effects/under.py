@@ -30,7 +30,7 @@ from pouring_robot.effects.conditions import Conditions, conditions_of, told
 from pouring_robot.effects.heat import standing
 from pouring_robot.effects.nominal import nominal_rows
 from pouring_robot.effects.registry import all_effects
-from pouring_robot.effects.stack import local_changes, stack_of
+from pouring_robot.effects.stack import local_changes, stack_of, untold_notes
 from pouring_robot.exceptions import BadInputError, CompensationError, MissingConditionsError, NoSolutionError, closest
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.quantities import UNITS, to_inner
@@ -159,7 +159,7 @@ class RobotUnderConditions:
                 said = f"the model's effect '{problem.effect}' was learned in a campaign without times"
                 raise BadInputError(f"{said}, so nobody knows what it does elsewhere; take it out") from problem
             raise
-        self.notes = self._notes(given)
+        self.notes = (*self._notes(given), *untold_notes(self.robot.model, counted))
         changes = local_changes([parameter for parameter, _ in stack], [value for _, value in stack])
         return [self._standing({name: float(c[k]) for name, c in changes.items()}) for k in range(len(drives))]
 

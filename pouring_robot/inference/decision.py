@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -175,6 +175,14 @@ def judge(
         verdict = "group"
     rest = discrepancy.sum(found.least_evidence, _MOST_PARTS) if found.clear_structures else []
     return replace(found, verdict=verdict, causes=tuple(causes), reasons=tuple(reasons), remainder=tuple(rest))
+
+
+def without_minor(hypothesis: Hypothesis, judged: Judgement, effects: Collection[str]) -> tuple[Hypothesis, Judgement]:
+    """Return a hypothesis without some minor effects, settled, and what was said of it, of this one."""
+    dropped = {k for effect in effects for k in hypothesis.of_effect(effect)}
+    places = {k: new for new, k in enumerate(k for k in range(len(hypothesis.items)) if k not in dropped)}
+    causes = [replace(cause, indices=tuple(places[k] for k in cause.indices)) for cause in judged.causes]
+    return hypothesis.without_items(dropped), replace(judged, causes=tuple(causes))
 
 
 def _above(causes: Sequence[Cause], adds: Sequence[float], remainder: float, thresholds: Thresholds) -> list[Cause]:

@@ -26,6 +26,7 @@ class LearnedCampaign(StrictModel):
 
     Attributes:
         ranges: least and largest value of each drive and condition that the campaign has, by heading in inner units.
+        seen_rad: arcs of a turn in which each turning drive stood, by joint; of one that is left out the whole turn.
         sessions: how many rows each session has.
         mean_span_m: mean distance of the joints at both ends of each drive, or value of one that turns.
         mean_force: mean of the absolute force or moment on each drive, in N and Nm; empty: not known.
@@ -38,6 +39,7 @@ class LearnedCampaign(StrictModel):
     """
 
     ranges: dict[str, tuple[float, float]] = pydantic.Field(default_factory=dict)
+    seen_rad: dict[str, list[tuple[float, float]]] = pydantic.Field(default_factory=dict)
     sessions: dict[str, pydantic.PositiveInt] = pydantic.Field(min_length=1)
     mean_span_m: list[float]
     mean_force: list[float] = pydantic.Field(default_factory=list)

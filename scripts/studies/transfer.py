@@ -1,85 +1,57 @@
 """What a model that one campaign taught says of another campaign of the same robot: with all it holds, and with less.
 
     U=examples/machines/ur10
-    pouring-robot diagnose $U/series_c.csv --robot $U/robot.yaml --out found
-    python -m scripts.studies.transfer found/model.yaml $U/series_a.csv --learnt-from $U/series_c.csv
+    pouring-robot diagnose $U/series_c.csv --robot $U/robot.yaml --out taught_by_c
+    pouring-robot diagnose $U/series_a.csv --robot $U/robot.yaml --out taught_by_a
+    python -m scripts.studies.transfer taught_by_c/model.yaml $U/series_a.csv --own taught_by_a/model.yaml
 
 Only the two outer frames are fitted, to all rows but those of the block that ``diagnose`` holds out. Printed are the
 RMS of a coordinate in held-out and other rows: of the drawing, of the model, of the model without each of its effects
-that depend on conditions, of its places and axes alone, and with errors of a joint's own angle only where it was
-learnt, within two degrees of an angle of the other campaign.
+that depend on conditions, of its places and axes alone, and of what the campaign itself taught; and which share each
+has of what the latter gains over the drawing.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.diagnosis.rows import CampaignRows, RowChanges
-from pouring_robot.effects.base import EffectParameter
+from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.estimation.noise import stated_noise
 from pouring_robot.estimation.splits import split
-from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.model import RobotModel
 
-NEAR_RAD = np.radians(2.0)
-PERIODIC = "joint_periodic"
+Figures = tuple[float, float]
 
 
-class WhereLearnt(CampaignRows):
-    """Rows in which errors of a joint's own angle count only near angles that were seen before."""
-
-    seen: FloatArray
-
-    def changes(self, parameters: Sequence[EffectParameter], values: FloatArray) -> RowChanges:
-        """Return the changes, with none of a drive where its angle is far from all seen."""
-        found = super().changes(parameters, values)
-        apart = np.array(
-            [[np.abs(s - v).min() for s, v in zip(self.seen.T, row, strict=True)] for row in self.campaign.drives]
-        )
-        return RowChanges(np.where(apart < NEAR_RAD, found.drives, 0.0), found.placements, found.base, found.scale)
-
-
-def figures(model: RobotModel, campaign: Campaign, learnt: FloatArray | None = None) -> tuple[float, float]:
-    """Return the RMS of a coordinate in held-out and in other rows, in mm.
-
-    Args:
-        model: as it is.
-        campaign: of the same robot.
-        learnt: drive values seen, (n, drives): errors of drives count only near them.
-    """
+def figures(model: RobotModel, campaign: Campaign) -> Figures:
+    """Return the RMS of a coordinate in held-out and in other rows, in mm."""
     fitted = np.ones(len(campaign), dtype=bool)
     fitted[split(campaign, np.zeros(0, dtype=np.intp)).test] = False
-    kind = CampaignRows if learnt is None else type("Seen", (WhereLearnt,), {"seen": learnt})
-    rows = kind(campaign, model, stated_noise(campaign, np.flatnonzero(fitted)))
+    rows = CampaignRows(campaign, model, stated_noise(campaign, np.flatnonzero(fitted)))
     linear = rows.linearise(rows.unchanged(), rows.refined_frames(fitted))
-    parts = (linear.of(part) for part in (~fitted, fitted))
-    return tuple(1e3 * float(np.sqrt(np.mean((p.residual * p.tracker)[p.component < 3] ** 2))) for p in parts)  # type: ignore[return-value]
+    left = [
+        part.residual[part.component < 3] * part.tracker[part.component < 3]
+        for part in map(linear.of, (~fitted, fitted))
+    ]
+    held_out, others = (1e3 * float(np.sqrt(np.mean(values**2))) for values in left)
+    return held_out, others
 
 
-def cases(model: RobotModel, campaign: Campaign, other: Path | None) -> Iterator[tuple[str, tuple[float, float]]]:
+def cases(model: RobotModel, campaign: Campaign) -> Iterator[tuple[str, Figures]]:
     """Yield what is put in, and its figures."""
-    yield (
-        "drawing",
-        figures(model.model_copy(update={"joint_placements": {}, "drive_offsets": {}, "effects": []}), campaign),
-    )
+    bare: dict[str, object] = {"joint_placements": {}, "drive_offsets": {}, "effects": []}
+    yield "drawing", figures(model.model_copy(update=bare), campaign)
     yield "model", figures(model, campaign)
-    moving = tuple(dict.fromkeys(entry.effect for entry in model.effects if not entry.placed))
-    for effect in moving:
+    for effect in dict.fromkeys(entry.effect for entry in model.effects if not entry.placed):
         kept = [entry for entry in model.effects if entry.effect != effect]
         yield f"without {effect}", figures(model.model_copy(update={"effects": kept}), campaign)
     placed = [entry for entry in model.effects if entry.placed]
     yield "places and axes alone", figures(model.model_copy(update={"effects": placed}), campaign)
-    if other and PERIODIC in moving:
-        kept = [entry for entry in model.effects if entry.placed or entry.effect == PERIODIC]
-        seen = Campaign.of(other, model.definition).drives
-        own = model.model_copy(update={"effects": kept})
-        yield f"and {PERIODIC}", figures(own, campaign)
-        yield f"and {PERIODIC} where it was learnt", figures(own, campaign, seen)
 
 
 def main() -> None:
@@ -87,13 +59,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("model", type=Path)
     parser.add_argument("campaign", type=Path)
-    parser.add_argument("--learnt-from", type=Path, help="the campaign that taught the model")
+    parser.add_argument("--own", type=Path, required=True, help="the model that the campaign itself taught")
     options = parser.parse_args()
-    model = RobotModel.load(options.model)
+    model, own = RobotModel.load(options.model), RobotModel.load(options.own)
     campaign = Campaign.of(options.campaign, model.definition)
-    print("| put in | held out, mm | other rows, mm |\n|---|---|---|")
-    for name, (held_out, others) in cases(model, campaign, options.learnt_from):
-        print(f"| {name} | {held_out:.3f} | {others:.3f} |", flush=True)
+    found = [*cases(model, campaign), ("its own model", figures(own, campaign))]
+    (_, most), (_, least) = found[0], found[-1]
+    print("| put in | held out, mm | share of the gain | other rows, mm | share |\n|---|---|---|---|---|")
+    for name, values in found:
+        cells = [f"{v:.3f} | {100 * (a - v) / (a - b):.0f} %" for v, a, b in zip(values, most, least, strict=True)]
+        print(f"| {name} | {' | '.join(cells)} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,8 @@
 """The amended model: it predicts what the diagnosis predicted, and nothing is missing in it any more."""
 
+import importlib
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -8,8 +11,10 @@ from pouring_robot.diagnosis.amend import amended, stands_still
 from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects.base import EffectParameter
+from pouring_robot.inference.decision import Thresholds
 from pouring_robot.robot.model import RobotModel
-from tests.diagnosis.hidden import CENTRES_AND_LOAD, DRIFT, HOT, NOTHING, ZEROS
+from tests.diagnosis.hidden import CENTRES_AND_LOAD, DRIFT, HOT, NOTHING, ZEROS, campaign
+from tests.rig import Wanted
 
 CASES = {"hot": HOT, "centres_and_load": CENTRES_AND_LOAD, "drift": DRIFT, "zeros": ZEROS, "nothing": NOTHING}
 
@@ -37,6 +42,19 @@ def test_nothing_is_missing_in_it(case):
     assert again.effects == ()
     floor = again.train.position("floor")
     assert again.train.position("before") < 1.2 * floor
+
+
+def test_a_minor_drift_is_of_these_rows_and_not_of_the_robot(tmp_path, monkeypatch):
+    """Another campaign has another drift: it is no cause here, so the model is fitted again without it."""
+    data = campaign(tmp_path, (Wanted("drive_scale", 8.0, "a"), Wanted("base_drift", 3.0, "a")), kind="pair", seed=7)
+    both = diagnose(data)
+    assert {e.cause.effect for e in both.effects} == {"drive_scale", "base_drift"}
+    most = partial(Thresholds, minor_share=0.9, minor_evidence=np.inf)
+    monkeypatch.setattr(importlib.import_module("pouring_robot.diagnosis.diagnose"), "Thresholds", most)
+    found = diagnose(data)
+    assert ([e.cause.effect for e in found.effects], found.judgement.minor) == (["drive_scale"], ("base_drift",))
+    assert {entry.effect for entry in amended(found).effects} & {"drive_scale", "base_drift"} == {"drive_scale"}
+    assert found.train.position("after") > 1.5 * both.train.position("after")
 
 
 def test_every_parameter_stands_in_the_stack_with_value_and_unit(case):

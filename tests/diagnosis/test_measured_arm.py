@@ -7,6 +7,7 @@ from pouring_robot.calibration.calibrate import calibrate
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.robot.model import RobotModel
+from scripts.studies.transfer import figures
 from tests.support import ROOT
 
 UR10 = ROOT / "examples" / "machines" / "ur10"
@@ -30,3 +31,20 @@ def test_error_of_each_joints_own_angle_is_named_and_no_other_cause():
     assert {name.rpartition("_")[2] for name, _ in found.parameters_of(named)} == {str(k) for k in range(1, 31)}
     assert found.held_out.position("before") > 0.2e-3
     assert np.sqrt(3.0) * found.held_out.position("after") <= 0.12e-3
+
+
+@pytest.mark.slow
+def test_waves_that_one_series_taught_do_no_harm_at_angles_it_did_not_have():
+    """The pan joint of series A never stood where it stands in series C, months later."""
+    drawing = RobotModel.for_robot(UR10 / "robot.yaml")
+    taught, other = (Campaign.read(UR10 / f"series_{name}.csv", drawing.definition) for name in "ca")
+    found = diagnose(taught.subset(np.arange(1, len(taught), 3)), drawing)
+    assert found.effects[0].cause.effect == "joint_periodic"
+    model = found.amended
+    assert "base_drift" not in model.conditional
+    learned = {name: one.model_copy(update={"seen_rad": {}}) for name, one in model.learned.items()}
+    everywhere = model.model_copy(update={"learned": learned})
+    held_out, _ = zip(*(figures(m, other) for m in (drawing, model, everywhere)), strict=True)
+    before, near, anywhere = held_out
+    assert near < 0.65 * before
+    assert near < 0.85 * anywhere

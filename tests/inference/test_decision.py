@@ -22,6 +22,7 @@ from pouring_robot.inference.decision import (
     _rivals,
     background_cause,
     judge,
+    without_minor,
 )
 from pouring_robot.inference.discrepancy import Challenge, Structure
 from pouring_robot.inference.evidence import LOG_SCALES, Scale
@@ -304,6 +305,18 @@ def test_a_small_cause_that_adds_less_than_what_is_left_is_minor(factor, named):
     judged = judge(sized(amplitude_worth(30.0), 200.0), Left([structure(0.0, 0.01), left]))
     assert effects(judged) == (("large", "small") if named else ("large",))
     assert judged.minor == (() if named else ("small",))
+
+
+def test_causes_keep_their_items_when_minor_ones_are_left_out():
+    items = [explanation(name, axis(k)) for k, name in enumerate(("small", "large", "other"))]
+    found = fitted({0: 6.0, 1: 200.0, 2: 150.0}, items, 3)
+    judged = judge(found, Left(), Thresholds(minor_share=0.5, minor_evidence=1e6))
+    assert (effects(judged), judged.minor) == (("large", "other"), ("small",))
+    fewer, same = without_minor(found, judged, judged.minor)
+    assert fewer.effects == ("large", "other")
+    for cause in same.causes:
+        assert [fewer.items[k].effect for k in cause.indices] == [cause.effect]
+    assert [cause.effect for cause, _ in same.challenged] == ["large", "other"]
 
 
 @pytest.mark.parametrize(("factor", "named"), [(1.01, True), (0.99, False)])

@@ -341,7 +341,7 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
         lines.append("no ladles.html: measured ladles are drawn of the pouring robot only")
     if diagnosis.judgement.minor:
         minor = ", ".join(diagnosis.judgement.minor)
-        lines.append(f"fitted beside, but no causes, as they add too little: {minor}")
+        lines.append(f"no causes, as they add too little, and left out of the model: {minor}")
     stays = diagnosis.amended.conditional
     if stays:
         lines.append(

@@ -1,0 +1,88 @@
+"""Waves of a joint's own angle that another campaign taught: applied at angles that it had, faded out beyond them."""
+
+import numpy as np
+import pytest
+
+from pouring_robot import RobotUnderConditions
+from pouring_robot.effects.conditions import arcs_of
+from pouring_robot.robot.effect_stack import EffectEntry, LearnedCampaign, ParameterEntry
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.robot import robot_of
+from tests.support import ROOT
+
+ARM = RobotModel.for_robot(ROOT / "examples" / "robots" / "arm" / "robot.yaml")
+JOINT, *_ = ARM.definition.drives
+TURN = 2.0 * np.pi
+SHORTEST = TURN / 30  # thirty orders are looked for
+SINE = 1e-3
+
+
+def apart(angles, others):
+    """Return how far each angle (n,) is from the nearest other one, around the turn."""
+    return np.abs((angles[:, None] - others + np.pi) % TURN - np.pi).min(axis=1)
+
+
+def seen_by(model, angles):
+    """Return what joint 1 adds to its command at angles (n,), and what is said about it."""
+    under = RobotUnderConditions(robot_of(model), {})
+    commands = np.zeros((len(angles), len(ARM.definition.drives)))
+    commands[:, 0] = angles
+    robots = under.robots(commands)
+    offsets = [robot.model.drive_offset_values().get(JOINT.joint, 0.0) for robot in robots]
+    return np.array(offsets), under.notes
+
+
+def taught(seen_rad, order=1):
+    """Return the arm with one wave of joint 1, learned at angles that lie in arcs."""
+    learned = LearnedCampaign(
+        seen_rad=seen_rad, sessions={"1": 9}, mean_span_m=[0.0] * 6, reference_temperature_degC=20.0
+    )
+    wave = {f"{JOINT.symbol}_sine_{order}": ParameterEntry(value=SINE / 1e-3, unit="mrad")}
+    entry = EffectEntry(effect="joint_periodic", form="turns", learned="then", parameters=wave)
+    return ARM.model_copy(update={"effects": [entry], "learned": {"then": learned}})
+
+
+@pytest.mark.parametrize("count", [1, 2, 30, 300, 3000])
+def test_arcs_hold_every_angle_and_nothing_far_from_one(rng, count):
+    angles = rng.uniform(-3.0 * TURN, 3.0 * TURN, count)
+    arcs = arcs_of(angles)
+    after = (angles[:, None] - np.array(arcs)[:, 0] + 1e-9) % TURN
+    assert (after <= np.ptp(arcs, axis=1) + 2e-9).any(axis=1).all()
+    points = np.concatenate([np.linspace(first, last, 1000) for first, last in arcs])
+    assert apart(points, angles).max() <= np.radians(0.5) + 1e-12
+    between = np.sort(angles % TURN)
+    gaps = np.diff(between, append=between[0] + TURN) > np.radians(1.0)
+    assert len(arcs) == max(gaps.sum(), 1)
+
+
+def test_a_whole_turn_is_one_arc():
+    assert arcs_of(np.radians(np.arange(0.0, 360.0, 0.9))) == [(0.0, TURN)]
+
+
+def test_a_wave_is_whole_where_it_was_seen_and_fades_over_a_quarter_of_the_shortest(rng):
+    """Angles are the same after whole turns."""
+    seen = np.linspace(-0.4, 1.2, 400)
+    angles = rng.uniform(-3.0, 3.0, 60)
+    offsets, _ = seen_by(taught({JOINT.joint: arcs_of(seen + rng.choice([-TURN, 0.0, TURN], 400))}), angles)
+    beyond = np.maximum(np.maximum(angles - 1.2, -0.4 - angles), 0.0)
+    share = np.maximum(1.0 - beyond / (SHORTEST / 4.0), 0.0)
+    assert 0 < np.count_nonzero((share > 0.0) & (share < 1.0)) < np.count_nonzero(share == 1.0)
+    np.testing.assert_allclose(offsets, SINE * np.sin(angles) * share, rtol=0.0, atol=1e-12)
+
+
+def test_where_it_is_taken_as_none_is_said():
+    model = taught({JOINT.joint: [(0.0, 1.0)]})
+    offsets, notes = seen_by(model, np.array([0.5, 2.0, 3.0]))
+    assert (offsets != 0.0).tolist() == [True, False, False]
+    assert notes == (
+        f"joint_periodic of {JOINT.words} was not learned at the angles of 2 of 3 rows: taken as none there",
+    )
+    assert seen_by(model, np.array([0.5]))[1] == ()
+    assert seen_by(model, np.array([2.0]))[1][0].endswith("at the angles of this pose: taken as none there")
+
+
+def test_of_a_file_that_does_not_say_it_holds_everywhere():
+    angles = np.linspace(-3.0, 3.0, 7)
+    offsets, notes = seen_by(taught({}), angles)
+    np.testing.assert_allclose(offsets, SINE * np.sin(angles), rtol=0.0, atol=1e-12)
+    assert notes == ()
