@@ -15,6 +15,7 @@ from pouring_robot.checks.smoothing import (
     drive_effect,
     drive_errors,
     filled,
+    foretelling,
     joint_effect,
     leftover,
     robust_fit,
@@ -29,7 +30,7 @@ from pouring_robot.robot.description.drawing import Drawing
 
 OUTLIER_SIGMAS = 8.0
 """A row is an outlier beyond this many robust deviations: in the pose, in the drives that would explain it, and of what
-errors of all joints explain."""
+errors of all joints explain. The deviation is that of a row against what the others foretell."""
 _PLAIN = 1.0
 _IMPOSSIBLE_M, _IMPOSSIBLE_RAD = 0.05, 0.15
 _JUMP_SIGMAS = 5.0
@@ -55,9 +56,12 @@ def check_rows(campaign: Campaign, drawing: Drawing, data: Comparison, fit: Fram
         plain = np.maximum(plain, angle / max(fit.rotation_scale_rad or 0.0, 1e-12))
     # A row that is no worse than others before any smoothing has to stand out twice as far after it.
     wrong = np.flatnonzero((score > OUTLIER_SIGMAS) & ((plain > _PLAIN) | (score > 2.0 * OUTLIER_SIGMAS)))
-    if wrong.size:  # near the edge of reach errors of joints are not smooth, but the other rows tell of them
-        wrong = wrong[_beyond_joints(campaign, drawing, data, fit, wrong) > OUTLIER_SIGMAS]
     far = (distance > _IMPOSSIBLE_M) | (angle > _IMPOSSIBLE_RAD)
+    if wrong.size:  # near the edge of reach errors of joints are not smooth, but the other rows tell of them
+        beyond = np.minimum(_beyond_joints(campaign, drawing, data, fit, wrong), score[wrong])
+        # Under conditions that no other row had nobody knows what is right.
+        uncertain = np.where(far[wrong], 0.0, foretelling(campaign, data.poses, wrong))
+        wrong = wrong[beyond > OUTLIER_SIGMAS * np.sqrt(1.0 + uncertain)]
     for row in wrong:
         yield _outlier(campaign, int(row), float(distance[row]), float(angle[row]), float(score[row]), bool(far[row]))
     yield from _jumps(campaign, data, fit, wrong)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from pouring_robot.batch import engine_for
 from pouring_robot.campaign import columns
@@ -95,6 +96,19 @@ def smooth_terms(campaign: Campaign, poses: PoseStack, *, with_time: bool = True
     Constant, linear in pose and conditions, and quadratic in the pose where there are rows enough. The pose is its
     position and what of its rotation varies.
     """
+    terms, first = _linear_terms(campaign, poses, with_time)
+    pose_terms = terms[1:first]
+    squares = [a * b for i, a in enumerate(pose_terms) for b in pose_terms[i:]]
+    rows = int(campaign.usable.sum())
+    if rows < ROWS_PER_TERM * len(terms):
+        terms = terms[:first] if rows >= ROWS_PER_TERM * first else terms[:1]
+    elif rows >= ROWS_PER_TERM * (len(terms) + len(squares)):
+        terms += squares
+    return np.column_stack(terms)
+
+
+def _linear_terms(campaign: Campaign, poses: PoseStack, with_time: bool) -> tuple[list[FloatArray], int]:
+    """Return the constant and linear terms, (n,) each, and how many of them are of the pose alone, which come first."""
     pose_terms = [_scaled(values) for values in (*poses.position_m.T, *_turns(poses).T)]
     kinds = {quantity.name: quantity.kind for quantity in columns.condition_columns(campaign.robot)}
     kept = (name for name in campaign.conditions if with_time or kinds[name] not in _SLOW)
@@ -102,13 +116,19 @@ def smooth_terms(campaign: Campaign, poses: PoseStack, *, with_time: bool = True
     conditions += [] if campaign.approach is None else list(campaign.approach.T)
     terms = [np.ones(len(campaign)), *pose_terms]
     terms += [_scaled(_filled(values)) for values in conditions if np.unique(values[np.isfinite(values)]).size > 1]
-    squares = [a * b for i, a in enumerate(pose_terms) for b in pose_terms[i:]]
-    rows, first = int(campaign.usable.sum()), 1 + len(pose_terms)
-    if rows < ROWS_PER_TERM * len(terms):
-        terms = terms[:first] if rows >= ROWS_PER_TERM * first else terms[:1]
-    elif rows >= ROWS_PER_TERM * (len(terms) + len(squares)):
-        terms += squares
-    return np.column_stack(terms)
+    return terms, 1 + len(pose_terms)
+
+
+def foretelling(campaign: Campaign, poses: PoseStack, rows: NDArray[np.intp]) -> FloatArray:
+    """Return the variance of what all other rows foretell of some rows (k,), over that of a row, (k,).
+
+    Of a linear error of pose and conditions. Beyond all that the others had it is large: they tell nothing there.
+    """
+    terms = np.column_stack(_linear_terms(campaign, poses, with_time=True)[0])
+    others = np.delete(terms, rows, axis=0)
+    others = others[np.isfinite(others).all(axis=1)]
+    spread = np.linalg.inv(others.T @ others + _RIDGE * np.eye(terms.shape[1]))
+    return np.asarray(np.einsum("ij,jk,ik->i", terms[rows], spread, terms[rows]))
 
 
 def _turns(poses: PoseStack) -> FloatArray:

@@ -7,9 +7,10 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses
-from pouring_robot.checks.smoothing import drive_effect, drive_errors
+from pouring_robot.checks.smoothing import drive_effect, drive_errors, foretelling
 from pouring_robot.estimation.frames import OuterFrames
 from pouring_robot.robot.description.definition import RobotDefinition
+from tests.diagnosis.hidden import NOTHING, campaign
 from tests.estimation.virtual import INNER
 
 ROBOTS = Path(__file__).resolve().parents[2] / "examples" / "robots"
@@ -65,3 +66,29 @@ def test_rows_without_pose_have_no_effect(drawing):
     errors = drive_errors(effect, ["m", "m", "m", "rad"], empty.position_m, 1.0)
     assert np.isnan(errors[:2]).all()
     assert (errors[2:] == 0.0).all()
+
+
+def test_what_other_rows_foretell_varies_as_least_squares_of_noise_do(drawing, tmp_path):
+    """Of a straight line over every coordinate and condition, fitted to noise of the other rows, drawn many times."""
+    data = campaign(tmp_path, NOTHING, rows=90)
+    poses, rows = nominal_poses(drawing.kinematics, data.drives), np.array([4, 17])
+    pose = [*poses.position_m.T, poses.rotation[:, 0, 0], poses.rotation[:, 0, 2]]
+    terms = np.column_stack([np.ones(90), *pose, *data.conditions.values(), *data.approach.T])
+    terms = np.delete(terms, np.flatnonzero(np.ptp(terms[:, 1:], axis=0) == 0.0) + 1, axis=1)
+    terms = terms / np.abs(terms).max(axis=0)
+    others = np.delete(np.arange(90), rows)
+    draws = np.random.default_rng(2).normal(size=(len(others), 20_000))
+    told = terms[rows] @ np.linalg.lstsq(terms[others], draws, rcond=1e-10)[0]
+    # The ridge holds back what the rows hardly tell; a variance of 20,000 draws has a standard deviation of 1 %.
+    np.testing.assert_allclose(foretelling(data, poses, rows), told.var(axis=1), rtol=0.05)
+
+
+def test_rows_under_a_load_that_no_other_had_are_not_foretold(drawing, tmp_path):
+    data = campaign(tmp_path, NOTHING)
+    poses, rows = nominal_poses(drawing.kinematics, data.drives), np.array([4, 17])
+    load = np.zeros(len(data))
+    load[rows] = 500.0
+    alone = foretelling(data.with_conditions(payload=load), poses, rows)
+    load[30] = 500.0
+    assert (alone > 1e3).all()
+    assert (foretelling(data.with_conditions(payload=load), poses, rows) < 10.0).all()

@@ -1,10 +1,16 @@
 """A machine of the rig that is measured twice: badly at first, then where it is told to."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from pouring_robot.campaign.data import Campaign as MeasuredCampaign
+from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
 from tests.rig import Campaign, write_case
 from tests.rig.campaign import cells_of, frames_of, settings_of
 from tests.rig.conditions import CENTRE_OF_MASS, GRAVITY, TARE_KG, Scene, plan
@@ -19,18 +25,20 @@ SIGMA_M, SIGMA_RAD = 5e-5, 6e-5
 class Machine:
     """A machine with one effect, of a size against the noise, measured in a way that hides which one it is."""
 
-    def __init__(self, effect, form, trap, ratio=5.0, rows=80, seed=3, largest=3.0):
+    def __init__(
+        self, effect: str, form: str, trap: str, ratio: float = 5.0, rows: int = 80, seed: int = 3, largest: float = 3.0
+    ) -> None:
         self.effect, self.form, self.seed, self.largest = effect, form, seed, largest
         rng = np.random.default_rng([seed, 1])
         self.scene = plan(rng, rows, 1, trap)
         self.tracker = Tracker(*frames_of(rng, False), SIGMA_M, SIGMA_RAD)
         self.size = self._size(ratio)
 
-    def errors(self, scene, size):
+    def errors(self, scene: Scene, size: float) -> Errors:
         """The same machine every time: what its form draws comes from the same seed."""
         return FORMS[self.effect][self.form](scene, np.random.default_rng([self.seed, 2])) * size
 
-    def _size(self, ratio):
+    def _size(self, ratio: float) -> float:
         faultless = self.tracker.see(self.scene, Errors.none(len(self.scene)))
         frames, size = basis(self.tracker.frames(faultless)), 1.0
         for _ in range(6):
@@ -39,7 +47,7 @@ class Machine:
             size = min(size * ratio / rms(left), self.largest)
         return size
 
-    def measured(self, folder, scene=None):
+    def measured(self, folder: Path, scene: Scene | None = None) -> MeasuredCampaign:
         """Write and read the campaign of a scene."""
         scene = scene or self.scene
         rng = np.random.default_rng([self.seed, 3, len(scene)])
@@ -50,7 +58,7 @@ class Machine:
         write_case(folder, Campaign(cells, settings_of(SIGMA_M, SIGMA_RAD), {}))
         return MeasuredCampaign.read(folder / "campaign.csv")
 
-    def with_more(self, suggestions):
+    def with_more(self, suggestions: Sequence[SuggestedMeasurement]) -> Scene:
         """Return the scene with suggested measurements behind it."""
         old = self.scene
         pose = np.array([(*m.pose.position_m, m.pose.tilt_rad) for m in suggestions])
@@ -74,11 +82,13 @@ class Machine:
             "plate_temperature": given["platform_degC"],
             "thermometers": np.column_stack([leg, given["platform_degC"]]),
         }
-        kept = {f.name: np.concatenate([getattr(old, f.name), new[f.name]]) for f in fields(Scene) if f.name in new}
+        kept: dict[str, Any] = {
+            f.name: np.concatenate([getattr(old, f.name), new[f.name]]) for f in fields(Scene) if f.name in new
+        }
         return _settled(replace(old, **kept))
 
 
-def _settled(scene):
+def _settled(scene: Scene) -> Scene:
     """Return a scene with poses and forces that go with its drives and loads."""
     near = (scene.position, scene.tilt)
     poses = close(scene.drives[:, :3], scene.drives[:, 3], Errors.none(len(scene)), near)
