@@ -9,6 +9,7 @@ import pytest
 from pouring_robot.cli.app import main
 from pouring_robot.diagnosis.amend import amended, stands_still
 from pouring_robot.diagnosis.diagnose import diagnose
+from pouring_robot.diagnosis.report.sentences import note_lines
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.inference.decision import Thresholds
@@ -55,6 +56,10 @@ def test_a_minor_drift_is_of_these_rows_and_not_of_the_robot(tmp_path, monkeypat
     assert ([e.cause.effect for e in found.effects], found.judgement.minor) == (["drive_scale"], ("base_drift",))
     assert {entry.effect for entry in amended(found).effects} & {"drive_scale", "base_drift"} == {"drive_scale"}
     assert found.train.position("after") > 1.5 * both.train.position("after")
+    told = [line for line in note_lines(found) if "base_drift" in line]
+    assert told == [
+        "left out of the model, as they add too little and go by this campaign's own time or sessions: base_drift"
+    ]
 
 
 def test_every_parameter_stands_in_the_stack_with_value_and_unit(case):

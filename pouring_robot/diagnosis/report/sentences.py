@@ -339,9 +339,7 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
         lines.append("the amended model is further from the held-out rows than the given one: do not use it")
     if diagnosis.model.robot is not None:
         lines.append("no ladles.html: measured ladles are drawn of the pouring robot only")
-    if diagnosis.judgement.minor:
-        minor = ", ".join(diagnosis.judgement.minor)
-        lines.append(f"no causes, as they add too little, and left out of the model: {minor}")
+    lines += _minor_lines(diagnosis)
     stays = diagnosis.amended.conditional
     if stays:
         lines.append(
@@ -351,6 +349,18 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
     told = (FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES)
     seen = [flag for flag in diagnosis.flags if flag.severity == "warning" and flag.code not in told]
     lines += [f"data: {flag.message}" for flag in seen]
+    return lines
+
+
+def _minor_lines(diagnosis: Conclusions) -> list[str]:
+    """Return what is fitted beside the causes, and what was for a time."""
+    effects, minor = diagnosis.diagnoser.library.effects, diagnosis.judgement.minor
+    passing = [effect for effect in minor if effects[effect].passes and diagnosis.effects]
+    beside = [effect for effect in minor if effect not in passing]
+    lines = [f"fitted beside, but no causes, as they add too little: {', '.join(beside)}"] if beside else []
+    if passing:
+        own = "left out of the model, as they add too little and go by this campaign's own time or sessions"
+        lines.append(f"{own}: {', '.join(passing)}")
     return lines
 
 
