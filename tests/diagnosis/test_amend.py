@@ -9,7 +9,7 @@ import pytest
 from pouring_robot.cli.app import main
 from pouring_robot.diagnosis.amend import amended, stands_still
 from pouring_robot.diagnosis.diagnose import diagnose
-from pouring_robot.diagnosis.report.sentences import note_lines
+from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.inference.decision import Thresholds

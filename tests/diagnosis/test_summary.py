@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,12 +14,12 @@ from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.lip import moved_at_lip
 from pouring_robot.diagnosis.parameters import FoundParameter
 from pouring_robot.diagnosis.report.export import described, diagnosis_metrics
+from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.diagnosis.report.sentences import (
     absent_sources,
     apart_lines,
     gap_sentence,
     gap_table,
-    note_lines,
     parameter_text,
     sections,
     sure_text,
@@ -31,7 +32,7 @@ from pouring_robot.effects.registry import all_effects
 from pouring_robot.inference.decision import Thresholds
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import PouringRobot
-from tests.diagnosis.hidden import NOTHING, ZEROS, campaign
+from tests.diagnosis.hidden import HOT, NOTHING, ZEROS, campaign
 
 CONTRACT = {
     "verdict",
@@ -256,3 +257,12 @@ def test_a_model_that_is_worse_on_held_out_rows_says_so(hot):
 )
 def test_nobody_is_a_hundred_percent_sure(probability, words):
     assert sure_text(probability) == words
+
+
+def test_workmanship_beside_a_cause_is_told_with_its_size(diagnosed):
+    """The rig's centres are off by 15 um, its axes by 10 urad; sizes are found to a step of two, both at most one apart."""
+    (told,) = [line for line in note_lines(diagnosed(HOT, background=True)) if "workmanship" in line]
+    found = re.fullmatch(r"beside it .* by about (\S+) mm and (\S+) mrad \(standard deviation\)", told)
+    assert 0.5 <= float(found[1]) / 0.015 <= 2.0
+    assert 0.5 <= float(found[2]) / 0.010 <= 2.0
+    assert not [line for line in note_lines(diagnosed(HOT)) if "workmanship" in line]

@@ -41,7 +41,7 @@ def test_what_is_found_is_a_robot_whose_lines_agree(found, tmp_path):
 
 
 def test_it_says_that_the_rows_are_few_and_what_lines_cannot_tell(found):
-    from pouring_robot.diagnosis.report.sentences import note_lines
+    from pouring_robot.diagnosis.report.notes import note_lines
 
     notes = "\n".join(note_lines(found))
     assert (found.campaign.redundant_drives, found.campaign.seen) == (1, "closures")

@@ -11,9 +11,10 @@ import numpy as np
 from pouring_robot import __version__
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.parameters import NamedEffect
+from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.diagnosis.report.page import html_report
 from pouring_robot.diagnosis.report.scene import ladle_scene
-from pouring_robot.diagnosis.report.sentences import absent_sources, gap_sentence, headline, next_lines, note_lines
+from pouring_robot.diagnosis.report.sentences import absent_sources, gap_sentence, headline, next_lines
 from pouring_robot.exceptions import DescriptionError, OutputError
 from pouring_robot.io.files import check_folder, write_together
 from pouring_robot.mechanism.poses import MM, pose_figures

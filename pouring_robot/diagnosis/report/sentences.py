@@ -4,27 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 import numpy as np
 
 from pouring_robot.campaign.columns import approach_names
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.checks.flags import FlagCode
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.discrepancy import described
 from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.processes import CHANCE
+from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
 from pouring_robot.effects.defaults import causes_of
 from pouring_robot.effects.facts import sources
-from pouring_robot.estimation.instruments import KINDS, component_name
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.estimation.instruments import component_name
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.causes import Thermometers
 
 _SHOWN_PARAMETERS, _SHOWN_SENTENCES, _SHOWN_PAIRS, _SHOWN_MEASUREMENTS = 4, 5, 2, 3
-_FEW_ROWS = 30
 _CLEAR = 2.0
 
 
@@ -307,67 +304,6 @@ def measurement_text(measurement: SuggestedMeasurement) -> str:
 
 def _first(kind: Thermometers) -> list[tuple[str, str]]:
     return list(kind.members.items())[:1]
-
-
-def note_lines(diagnosis: Conclusions) -> list[str]:
-    """Return what limits the answer."""
-    given = diagnosis.rows.conditions
-    lines = [note for note in diagnosis.notes if not (given.filled and note.startswith("single missing cells"))]
-    if len(diagnosis.rows) < _FEW_ROWS:
-        lines.append(f"only {len(diagnosis.rows)} rows: take what is named as a hint, and measure {_FEW_ROWS} or more")
-    if not diagnosis.rows.measured.framed:
-        lines.append(
-            "nothing was measured from outside: closures tell the shape of the robot, not where it stands, and all "
-            "lengths only in proportion; what is held as drawn (places, zeros or leads) decides the rest"
-        )
-    if given.filled:
-        lines.append(f"missing cells were filled in from their neighbours in time: {', '.join(given.filled)}")
-    if not given.time_known:
-        lines.append("there is no time: the order of the rows stands for it")
-    if "repeats" in map(diagnosis.noise.source, KINDS):
-        lines.append(
-            "the noise is not stated and comes from how far repeats of a command scatter: what changes from one repeat "
-            "to the next counts as noise"
-        )
-    lines += [line for line in (diagnosis.refused, diagnosis.unsuggested) if line]
-    if diagnosis.outliers.size:
-        lines.append(f"left out as gross errors: {_file_lines(diagnosis, diagnosis.outliers)}")
-    unusable = np.setdiff1d(np.flatnonzero(~diagnosis.campaign.usable), diagnosis.outliers)
-    if unusable.size:
-        lines.append(f"without a command or a measurement: {_file_lines(diagnosis, unusable)}")
-    if diagnosis.worse:
-        lines.append("the amended model is further from the held-out rows than the given one: do not use it")
-    if diagnosis.model.robot is not None:
-        lines.append("no ladles.html: measured ladles are drawn of the pouring robot only")
-    lines += _minor_lines(diagnosis)
-    stays = diagnosis.amended.conditional
-    if stays:
-        lines.append(
-            f"{', '.join(stays)} depend{'s' if len(stays) == 1 else ''} on conditions: other commands apply this part "
-            "of model.yaml under what --condition or columns beside their poses say"
-        )
-    told = (FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES)
-    seen = [flag for flag in diagnosis.flags if flag.severity == "warning" and flag.code not in told]
-    lines += [f"data: {flag.message}" for flag in seen]
-    return lines
-
-
-def _minor_lines(diagnosis: Conclusions) -> list[str]:
-    """Return what is fitted beside the causes, and what was for a time."""
-    effects, minor = diagnosis.diagnoser.library.effects, diagnosis.judgement.minor
-    passing = [effect for effect in minor if effects[effect].passes and diagnosis.effects]
-    beside = [effect for effect in minor if effect not in passing]
-    lines = [f"fitted beside, but no causes, as they add too little: {', '.join(beside)}"] if beside else []
-    if passing:
-        own = "left out of the model, as they add too little and go by this campaign's own time or sessions"
-        lines.append(f"{own}: {', '.join(passing)}")
-    return lines
-
-
-def _file_lines(diagnosis: Conclusions, rows: FloatArray | Any, most: int = 8) -> str:
-    lines = [str(int(diagnosis.campaign.lines[row])) for row in rows]
-    more = f" and {len(lines) - most} more" if len(lines) > most else ""
-    return f"line{'s' if len(lines) > 1 else ''} {', '.join(lines[:most])}{more}"
 
 
 def sections(diagnosis: Conclusions, *, short: bool = True) -> list[tuple[str, list[str]]]:

@@ -1,0 +1,92 @@
+"""What limits the answer of a diagnosis, in sentences."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pouring_robot.checks.flags import FlagCode
+from pouring_robot.diagnosis.conclusions import Conclusions
+from pouring_robot.estimation.instruments import KINDS
+from pouring_robot.inference.hypotheses import BACKGROUND_LEVELS
+from pouring_robot.mechanism.arrays import FloatArray
+
+_FEW_ROWS = 30
+
+
+def note_lines(diagnosis: Conclusions) -> list[str]:
+    """Return what limits the answer."""
+    given = diagnosis.rows.conditions
+    lines = [note for note in diagnosis.notes if not (given.filled and note.startswith("single missing cells"))]
+    if len(diagnosis.rows) < _FEW_ROWS:
+        lines.append(f"only {len(diagnosis.rows)} rows: take what is named as a hint, and measure {_FEW_ROWS} or more")
+    if not diagnosis.rows.measured.framed:
+        lines.append(
+            "nothing was measured from outside: closures tell the shape of the robot, not where it stands, and all "
+            "lengths only in proportion; what is held as drawn (places, zeros or leads) decides the rest"
+        )
+    if given.filled:
+        lines.append(f"missing cells were filled in from their neighbours in time: {', '.join(given.filled)}")
+    if not given.time_known:
+        lines.append("there is no time: the order of the rows stands for it")
+    if "repeats" in map(diagnosis.noise.source, KINDS):
+        lines.append(
+            "the noise is not stated and comes from how far repeats of a command scatter: what changes from one repeat "
+            "to the next counts as noise"
+        )
+    lines += [line for line in (diagnosis.refused, diagnosis.unsuggested) if line]
+    if diagnosis.outliers.size:
+        lines.append(f"left out as gross errors: {_file_lines(diagnosis, diagnosis.outliers)}")
+    unusable = np.setdiff1d(np.flatnonzero(~diagnosis.campaign.usable), diagnosis.outliers)
+    if unusable.size:
+        lines.append(f"without a command or a measurement: {_file_lines(diagnosis, unusable)}")
+    if diagnosis.worse:
+        lines.append("the amended model is further from the held-out rows than the given one: do not use it")
+    if diagnosis.model.robot is not None:
+        lines.append("no ladles.html: measured ladles are drawn of the pouring robot only")
+    lines += [*_workmanship_lines(diagnosis), *_minor_lines(diagnosis)]
+    stays = diagnosis.amended.conditional
+    if stays:
+        lines.append(
+            f"{', '.join(stays)} depend{'s' if len(stays) == 1 else ''} on conditions: other commands apply this part "
+            "of model.yaml under what --condition or columns beside their poses say"
+        )
+    told = (FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES)
+    seen = [flag for flag in diagnosis.flags if flag.severity == "warning" and flag.code not in told]
+    lines += [f"data: {flag.message}" for flag in seen]
+    return lines
+
+
+def _workmanship_lines(diagnosis: Conclusions) -> list[str]:
+    """Return how large the usual small errors are that were found beside the causes."""
+    sizes: dict[str, float] = {}
+    levels = zip(diagnosis.diagnoser.library.backgrounds.items(), diagnosis.hypothesis.levels, strict=True)
+    for (effect, form), level in levels:
+        if level and diagnosis.firm and effect not in {found.cause.effect for found in diagnosis.effects}:
+            for p in form.parameters:
+                sizes[p.unit] = max(sizes.get(p.unit, 0.0), BACKGROUND_LEVELS[level] * p.prior_std)
+    said = " and ".join(f"{size:.2g} {unit}" for unit, size in sizes.items())
+    return (
+        [f"beside it all joints are off as workmanship leaves them, by about {said} (standard deviation)"]
+        if said
+        else []
+    )
+
+
+def _minor_lines(diagnosis: Conclusions) -> list[str]:
+    """Return what is fitted beside the causes, and what was for a time."""
+    effects, minor = diagnosis.diagnoser.library.effects, diagnosis.judgement.minor
+    passing = [effect for effect in minor if effects[effect].passes and diagnosis.effects]
+    beside = [effect for effect in minor if effect not in passing]
+    lines = [f"fitted beside, but no causes, as they add too little: {', '.join(beside)}"] if beside else []
+    if passing:
+        own = "left out of the model, as they add too little and go by this campaign's own time or sessions"
+        lines.append(f"{own}: {', '.join(passing)}")
+    return lines
+
+
+def _file_lines(diagnosis: Conclusions, rows: FloatArray | Any, most: int = 8) -> str:
+    lines = [str(int(diagnosis.campaign.lines[row])) for row in rows]
+    more = f" and {len(lines) - most} more" if len(lines) > most else ""
+    return f"line{'s' if len(lines) > 1 else ''} {', '.join(lines[:most])}{more}"
