@@ -260,7 +260,7 @@ def test_nobody_is_a_hundred_percent_sure(probability, words):
 
 
 def test_workmanship_beside_a_cause_is_told_with_its_size(diagnosed):
-    """The rig's centres are off by 15 um, its axes by 10 urad; sizes are found to a step of two, both at most one apart."""
+    """The rig's centres are off by 15 um, its axes by 10 urad; sizes are found to a step of two."""
     (told,) = [line for line in note_lines(diagnosed(HOT, background=True)) if "workmanship" in line]
     found = re.fullmatch(r"beside it .* by about (\S+) mm and (\S+) mrad \(standard deviation\)", told)
     assert 0.5 <= float(found[1]) / 0.015 <= 2.0
