@@ -30,9 +30,9 @@ def draw(sets: Sequence[tuple[str, Sequence[Trial]]], path: Path) -> None:
     sizes.set(ylabel="named, alone or in a group, 95 % interval")
     sizes.set_xticks([1, 2, 3, 5, 10], ["1", "2", "3", "5", "10"])
     sizes.minorticks_off()
-    for panel, place in ((stated, "lower right"), (sizes, "lower left")):
+    for panel in (stated, sizes):
         tidy(panel)
-        panel.legend(frameon=False, loc=place)
+        panel.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
     path.write_bytes(png_of(figure))
 
 

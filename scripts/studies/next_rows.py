@@ -109,7 +109,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "| measured so that | more rows | suggested: truth alone | false | at random: truth alone | false |\n"
     )
     sys.stdout.write("|---|---|---|---|---|---|\n")
-    for trap, count in dict.fromkeys((trap, count) for trap, count, _ in said):
+    for trap, count in sorted(dict.fromkeys((trap, count) for trap, count, _ in said), key=lambda key: key[0] == "all"):
         cells = [f"{trap.replace('_', ' ')} | {count}"]
         for way in ("suggested", "random"):
             one = said[trap, count, way]
