@@ -21,7 +21,7 @@ from pouring_robot.effects.base import EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions, NominalRows, conditions_of, told
 from pouring_robot.effects.drives import channel
 from pouring_robot.effects.nominal import nominal_rows
-from pouring_robot.effects.stack import local_changes, stack_of, untold_notes
+from pouring_robot.effects.stack import local_changes, stack_of
 from pouring_robot.estimation.frames import FRAMES, OuterFrames
 from pouring_robot.estimation.measurement import MeasurementModel, Prediction
 from pouring_robot.estimation.noise_level import NoiseLevel
@@ -182,7 +182,7 @@ class CampaignRows:
         self.frames = SeenFrom(first.T_tracker_base, first.T_end_target, np.zeros(6 * len(own)))
         self._nominal = self._by_the_drawing()
         self.conditions = conditions_of(campaign, self._nominal)
-        self._given = self._by_stack(model)
+        self._given, self.untold = self._by_stack(model)
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -202,24 +202,19 @@ class CampaignRows:
         self._start = closure.as_start()
         return nominal_rows(robot, engine, closure)
 
-    def _by_stack(self, model: RobotModel) -> RowChanges:
-        """Return what the effects that the model already has change in these rows."""
+    def _by_stack(self, model: RobotModel) -> tuple[RowChanges, tuple[str, ...]]:
+        """Return what the effects that the model already has change in these rows, and which are none in some."""
         if not model.conditional:
-            return self.unchanged()
+            return self.unchanged(), ()
         try:
-            found = stack_of(model, told(self.campaign), self._counted)
+            found, untold = stack_of(model, told(self.campaign), self._counted)
         except MissingConditionsError as problem:
             raise DiagnosisError(
                 f"the model's effect '{problem.effect}' needs {', '.join(problem.headings)}, and the campaign does not "
                 "say it",
                 "add it to the campaign, or take the effect out of the model file",
             ) from problem
-        return self.changes([parameter for parameter, _ in found], np.array([value for _, value in found]))
-
-    @property
-    def untold(self) -> tuple[str, ...]:
-        """Which effects of the given model are taken as none in some rows, a line each."""
-        return untold_notes(self.model, self._counted)
+        return self.changes([parameter for parameter, _ in found], np.array([value for _, value in found])), untold
 
     def _counted(self, learned: LearnedCampaign | None) -> Conditions:
         return conditions_of(self.campaign, self._nominal, learned) if learned else self.conditions

@@ -187,7 +187,7 @@ class Conditions:
         counts = np.array(list(self.learned.sessions.values())) if self.learned else np.bincount(self.session)
         return np.asarray(counts / counts.sum())
 
-    def told(self, drive: Drive, shortest_rad: float) -> FloatArray:
+    def learned_share(self, drive: Drive, shortest_rad: float) -> FloatArray:
         """Return how far waves of a turning drive's own angle are known in each row, (n,): 1 at angles that were seen.
 
         Samples of a wave tell it if they lie no further apart than half of its length (Shannon 1949): what was learned

@@ -191,15 +191,15 @@ class Periodic(Family):
             return value
         return 2.0 * np.pi * value / self.stated.get(drive.joint, float(conditions.screw_pitch_m or np.nan))
 
-    def _told(self, conditions: Conditions) -> list[FloatArray]:
+    def _learned(self, conditions: Conditions) -> list[FloatArray]:
         if not self.of_turn:
             return [np.ones(len(conditions)) for _ in self.drives]
-        return [conditions.told(drive, 2.0 * np.pi / len(self.sizes)) for drive in self.drives]
+        return [conditions.learned_share(drive, 2.0 * np.pi / len(self.sizes)) for drive in self.drives]
 
     def untold(self, conditions: Conditions) -> Mapping[str, int]:
         """Of waves of a joint's turn: rows at angles far from all that were seen."""
         counts = {
-            d.words: int((known == 0.0).sum()) for d, known in zip(self.drives, self._told(conditions), strict=True)
+            d.words: int((known == 0.0).sum()) for d, known in zip(self.drives, self._learned(conditions), strict=True)
         }
         return {words: count for words, count in counts.items() if count}
 
@@ -230,7 +230,7 @@ class Periodic(Family):
         parameters = [
             of_drive(d, f"{name}_{order}", size, known * wave(order * phase), main=self.all_main or order == 1)
             for order, size in enumerate(self.sizes, 1)
-            for d, phase, known in zip(self.drives, phases, self._told(conditions), strict=True)
+            for d, phase, known in zip(self.drives, phases, self._learned(conditions), strict=True)
             for name, wave in (("sine", np.sin), ("cosine", np.cos))
         ]
         return (Form("turns", tuple(parameters)),)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,8 +17,17 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.effect_stack import EffectEntry, LearnedCampaign
 from pouring_robot.robot.model import RobotModel
 
-Stack = list[tuple[EffectParameter, float]]
-"""Parameters of effects under conditions, each with its value in its unit."""
+
+class Stack(NamedTuple):
+    """What effects change under conditions.
+
+    Attributes:
+        parameters: each with its value in its unit.
+        untold: which effects are taken as none in some rows because nobody learned them there, a line each.
+    """
+
+    parameters: list[tuple[EffectParameter, float]]
+    untold: tuple[str, ...]
 
 
 def stack_of(
@@ -39,7 +49,7 @@ def stack_of(
         MissingConditionsError: an effect needs one that is not given.
         BadInputError: an effect, a form or a parameter is unknown, or in another unit.
     """
-    found: Stack = []
+    found, untold = list[tuple[EffectParameter, float]](), dict[str, None]()
     known, counted = all_effects(model.definition), dict[str, Conditions]()
     for entry in model.effects:
         if entry.placed:
@@ -68,24 +78,10 @@ def stack_of(
                 by_session = _is_known({p.name: p for p in effect.form(entry.form, some).parameters}[name])
                 raise MissingConditionsError(entry.effect, ("session" if by_session else "time_s",))
             found.append((form[name], parameter.value))
-    return found
-
-
-def untold_notes(model: RobotModel, conditions: Callable[[LearnedCampaign | None], Conditions]) -> tuple[str, ...]:
-    """Return which of a model's effects are taken as none in some rows because nobody learned them there, a line each.
-
-    Args:
-        model: its effects are known.
-        conditions: as of :func:`stack_of`.
-    """
-    known, lines = all_effects(model.definition), []
-    for entry in model.effects:
-        if not entry.placed:
-            rows = conditions(model.learned.get(entry.learned))
-            for part, count in known[entry.effect].untold(rows).items():
-                where = f"{count} of {len(rows)} rows" if len(rows) > 1 else "this pose"
-                lines.append(f"{entry.effect} of {part} was not learned at the angles of {where}: taken as none there")
-    return tuple(dict.fromkeys(lines))
+        for part, count in effect.untold(rows).items():
+            where = f"{count} of {len(rows)} rows" if len(rows) > 1 else "this pose"
+            untold[f"{entry.effect} of {part} was not learned at the angles of {where}: taken as none there"] = None
+    return Stack(found, tuple(untold))
 
 
 def _is_known(parameter: EffectParameter) -> bool:

@@ -30,7 +30,7 @@ from pouring_robot.effects.conditions import Conditions, conditions_of, told
 from pouring_robot.effects.heat import standing
 from pouring_robot.effects.nominal import nominal_rows
 from pouring_robot.effects.registry import all_effects
-from pouring_robot.effects.stack import local_changes, stack_of, untold_notes
+from pouring_robot.effects.stack import local_changes, stack_of
 from pouring_robot.exceptions import BadInputError, CompensationError, MissingConditionsError, NoSolutionError, closest
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.quantities import UNITS, to_inner
@@ -153,14 +153,14 @@ class RobotUnderConditions:
 
         given = told(campaign)
         try:
-            stack = stack_of(self.robot.model, given, counted, seen=False)
+            found, untold = stack_of(self.robot.model, given, counted, seen=False)
         except MissingConditionsError as problem:
             if problem.headings == ("time_s",) and "time_s" in given:
                 said = f"the model's effect '{problem.effect}' was learned in a campaign without times"
                 raise BadInputError(f"{said}, so nobody knows what it does elsewhere; take it out") from problem
             raise
-        self.notes = (*self._notes(given), *untold_notes(self.robot.model, counted))
-        changes = local_changes([parameter for parameter, _ in stack], [value for _, value in stack])
+        self.notes = (*self._notes(given), *untold)
+        changes = local_changes([parameter for parameter, _ in found], [value for _, value in found])
         return [self._standing({name: float(c[k]) for name, c in changes.items()}) for k in range(len(drives))]
 
     def _rows(self, drives: FloatArray) -> Campaign:

@@ -211,27 +211,14 @@ class Share:
     total: int
 
     @property
-    def value(self) -> float:
-        """The share."""
-        return self.good / self.total
-
-    @property
-    def low(self) -> float:
-        """Lower end of its 95 % interval (Wilson)."""
-        return float(proportion_confint(self.good, self.total, alpha=0.05, method="wilson")[0])
-
-    @property
-    def high(self) -> float:
-        """Upper end of its 95 % interval (Wilson)."""
-        return float(proportion_confint(self.good, self.total, alpha=0.05, method="wilson")[1])
+    def figure(self) -> Figure:
+        """The share with its interval."""
+        return _rate(f"{self.low_end:g} to {self.high_end:g}", self.good, self.total, math.nan, math.nan)
 
     def cells(self) -> tuple[str, ...]:
         """Return it as cells of a table."""
-        name = f"{self.low_end:g} to {self.high_end:g}"
-        if not self.total:
-            return (name, "0", "-", "-", "-")
-        ends = f"{_text(self.low)} to {_text(self.high)}"
-        return (name, f"{self.good} of {self.total}", f"{self.mean:.4g}", _text(self.value), ends)
+        name, counts, *share = self.figure.cells()[:4]
+        return (name, counts, f"{self.mean:.4g}" if self.total else "-", *share)
 
 
 def reliability(trials: Sequence[Trial]) -> list[Share]:

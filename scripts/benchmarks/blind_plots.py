@@ -40,17 +40,21 @@ def _draw_reliability(panel: Any, shares: Sequence[Share], name: str, colour: st
     """Draw shares of names that do not stand over what was stated of them."""
     there = [s for s in shares if s.total]
     x = [max(1 - s.mean, _LEAST) * shift for s in there]
-    wrong = np.array([[1 - s.value, 1 - s.high, 1 - s.low] for s in there]).reshape(-1, 3).clip(_LEAST, 1)
-    _draw_shares(panel, x, wrong, name, colour, joined=False)
+    right = _with_ends(there)
+    _draw_shares(panel, x, (1.0 - right[:, [0, 2, 1]]).clip(_LEAST, 1), name, colour, joined=False)
 
 
 def _draw_power(panel: Any, shares: Sequence[Share], name: str, colour: str, shift: float) -> None:
     """Draw the share of single effects named over the middle of each range of sizes."""
     there = [s for s in shares if s.total]
     x = [s.mean * shift for s in there]
-    _draw_shares(
-        panel, x, np.array([[s.value, s.low, s.high] for s in there]).reshape(-1, 3), name, colour, joined=True
-    )
+    _draw_shares(panel, x, _with_ends(there), name, colour, joined=True)
+
+
+def _with_ends(shares: Sequence[Share]) -> np.ndarray:
+    """Return each share with both ends of its interval, (n, 3)."""
+    figures = [s.figure for s in shares]
+    return np.array([[f.value, f.low, f.high] for f in figures]).reshape(-1, 3)
 
 
 def _draw_shares(panel: Any, x: Sequence[float], y: np.ndarray, name: str, colour: str, *, joined: bool) -> None:

@@ -33,7 +33,6 @@ from tests.rig.campaign import CONFOUNDED
 from tests.rig.effects import FORMS
 
 _SUGGEST = import_module("pouring_robot.diagnosis.suggest.suggest")
-_LARGEST = {"tilt_encoder_eccentricity": 40.0}
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,7 @@ def machines(seeds: int) -> Iterator[tuple[str, str, Machine]]:
     for effect, only, trap in CONFOUNDED:
         for form in [only] if only else sorted(FORMS[effect]):
             for seed in range(seeds):
-                yield trap, effect, Machine(effect, form, trap, seed=seed, largest=_LARGEST.get(effect, 3.0))
+                yield trap, effect, Machine(effect, form, trap, seed=seed)
 
 
 @one_blas_thread()

@@ -179,7 +179,7 @@ def test_shares_are_counted_by_ranges_of_what_was_stated_and_of_size():
     sized = [replace(said[0], ratios=(size,)) for size in (1.0, 1.2)] + [replace(said[2], ratios=(1.3,))]
     weak = next(s for s in power(sized) if s.low_end == 1.0)
     assert (weak.good, weak.total, weak.mean) == (2, 3, pytest.approx((1.0 * 1.2 * 1.3) ** (1 / 3)))
-    assert (weak.low, weak.high) == pytest.approx(proportion_confint(2, 3, alpha=0.05, method="wilson"))
+    assert (weak.figure.low, weak.figure.high) == pytest.approx(proportion_confint(2, 3, alpha=0.05, method="wilson"))
     assert weak.cells()[1] == "2 of 3"
     empty = next(s for s in power(sized) if s.low_end == 8.0)
     assert empty.cells() == ("8 to inf", "0", "-", "-", "-")

@@ -60,25 +60,23 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
 
 def _workmanship_lines(diagnosis: Conclusions) -> list[str]:
     """Return how large the usual small errors are that were found beside the causes."""
-    sizes: dict[str, float] = {}
+    named, sizes = {found.cause.effect for found in diagnosis.effects}, dict[str, float]()
     levels = zip(diagnosis.diagnoser.library.backgrounds.items(), diagnosis.hypothesis.levels, strict=True)
     for (effect, form), level in levels:
-        if level and diagnosis.firm and effect not in {found.cause.effect for found in diagnosis.effects}:
+        if level and effect not in named:
             for p in form.parameters:
                 sizes[p.unit] = max(sizes.get(p.unit, 0.0), BACKGROUND_LEVELS[level] * p.prior_std)
+    if not (sizes and diagnosis.firm):
+        return []
     said = " and ".join(f"{size:.2g} {unit}" for unit, size in sizes.items())
-    return (
-        [f"beside it all joints are off as workmanship leaves them, by about {said} (standard deviation)"]
-        if said
-        else []
-    )
+    return [f"beside it all joints are off as workmanship leaves them, by about {said} (standard deviation)"]
 
 
 def _minor_lines(diagnosis: Conclusions) -> list[str]:
     """Return what is fitted beside the causes, and what was for a time."""
-    effects, minor = diagnosis.diagnoser.library.effects, diagnosis.judgement.minor
-    passing = [effect for effect in minor if effects[effect].passes and diagnosis.effects]
-    beside = [effect for effect in minor if effect not in passing]
+    minor, fitted = diagnosis.judgement.minor, diagnosis.hypothesis.effects
+    beside = [effect for effect in minor if effect in fitted]
+    passing = [effect for effect in minor if effect not in fitted]
     lines = [f"fitted beside, but no causes, as they add too little: {', '.join(beside)}"] if beside else []
     if passing:
         own = "left out of the model, as they add too little and go by this campaign's own time or sessions"
