@@ -20,10 +20,10 @@ from .exceptions import BadInputError as BadInputError
 from .exceptions import NoSolutionError as NoSolutionError
 from .exceptions import PouringRobotError as PouringRobotError
 from .mechanism.closed_chain import ClosedChainMechanism as ClosedChainMechanism
-from .mechanism.closure import ClosureOptions as ClosureOptions
-from .mechanism.closure import ClosureResult as ClosureResult
-from .mechanism.closure import ClosureSolver as ClosureSolver
-from .mechanism.energy import Loads as Loads
+from .mechanism.closure.energy import Loads as Loads
+from .mechanism.closure.solver import ClosureOptions as ClosureOptions
+from .mechanism.closure.solver import ClosureResult as ClosureResult
+from .mechanism.closure.solver import ClosureSolver as ClosureSolver
 from .mechanism.loops import LoopsFile as LoopsFile
 from .mechanism.loops import load_loops as load_loops
 from .mechanism.poses import PoseDifference as PoseDifference

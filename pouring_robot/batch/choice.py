@@ -7,7 +7,7 @@ from pouring_robot.batch.general import GeneralEngine
 from pouring_robot.batch.interface import Engine
 from pouring_robot.exceptions import UnsupportedMechanismError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure import DEFAULT_OPTIONS, ClosureOptions
+from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions
 
 
 def engine_for(

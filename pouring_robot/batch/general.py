@@ -24,14 +24,14 @@ from pouring_robot.batch.structure import seat_joint
 from pouring_robot.exceptions import BadInputError, ClosureError, SingularPoseError, UnknownJointError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure import DEFAULT_OPTIONS, ClosureOptions, ClosureSolver
+from pouring_robot.mechanism.closure.redundancy import disagreement, redundant_drives
+from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureSolver
 from pouring_robot.mechanism.parameters import (
     DriveParameter,
     LocalParameter,
     PlacementParameter,
     placement_parameters,
 )
-from pouring_robot.mechanism.redundancy import disagreement, redundant_drives
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 
 _CLOSED, _NOT_FINITE, _SINGULAR = (STATUS_NAMES.index(name) for name in ("closed", "not finite", "singular"))

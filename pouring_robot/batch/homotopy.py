@@ -12,7 +12,7 @@ from pouring_robot.batch.structure import fixed
 from pouring_robot.exceptions import BadInputError, ClosureError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
+from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
 
 
 def closed_home(

@@ -8,7 +8,7 @@ from typing import Protocol
 from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure import ClosureOptions
+from pouring_robot.mechanism.closure.solver import ClosureOptions
 from pouring_robot.mechanism.parameters import LocalParameter, PlacementParameter
 
 

@@ -20,7 +20,7 @@ from pouring_robot.exceptions import BadInputError, CampaignError, PouringRobotE
 from pouring_robot.io.files import check_outputs, write_together
 from pouring_robot.io.quantities import Quantity, read_quantities
 from pouring_robot.mechanism.arrays import FloatArray, read_only
-from pouring_robot.mechanism.redundancy import redundant_drives
+from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.report.result import Result
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.pouring.definition import PouringDefinition

@@ -17,7 +17,7 @@ import pinocchio as pin
 from pouring_robot.compensation.result import Compensation
 from pouring_robot.exceptions import ClosureError, CompensationError, SingularPoseError, UnreachablePoseError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closure import ClosureResult
+from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.mechanism.transfer import closed_chain_transfer

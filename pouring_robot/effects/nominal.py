@@ -10,7 +10,7 @@ from pouring_robot.effects.conditions import NominalRows
 from pouring_robot.effects.defaults import causes_of
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure import ClosureSolver
+from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.description.definition import RobotDefinition

@@ -11,8 +11,8 @@ closure       none: drives that are redundant          closure, … in m        
 
 A distance is that of the target from the origin of the device's frame, which is unknown like all of that frame, or from
 its place in the row that ``distance_from`` names. A closure is what redundant drives disagree by
-(:mod:`pouring_robot.mechanism.redundancy`); it should be zero. Another instrument is another class here, its columns in
-:mod:`pouring_robot.campaign.columns`, and its noise in :mod:`pouring_robot.campaign.metadata`.
+(:mod:`pouring_robot.mechanism.closure.redundancy`); it should be zero. Another instrument is another class here, its
+columns in :mod:`pouring_robot.campaign.columns`, and its noise in :mod:`pouring_robot.campaign.metadata`.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ from pouring_robot.estimation.frames import FRAME_PARAMETERS, FRAMES, OuterFrame
 from pouring_robot.estimation.session_frames import SessionParameter, base_displacements
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closure import DEFAULT_OPTIONS
+from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS
 from pouring_robot.mechanism.parameters import (
     DriveParameter,
     GeometricParameter,

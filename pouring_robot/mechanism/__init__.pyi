@@ -1,10 +1,10 @@
 from .arrays import FloatArray as FloatArray
 from .closed_chain import ClosedChainMechanism as ClosedChainMechanism
-from .closure import ClosureOptions as ClosureOptions
-from .closure import ClosureResult as ClosureResult
-from .closure import ClosureSolver as ClosureSolver
-from .energy import NO_LOADS as NO_LOADS
-from .energy import Loads as Loads
+from .closure.energy import NO_LOADS as NO_LOADS
+from .closure.energy import Loads as Loads
+from .closure.solver import ClosureOptions as ClosureOptions
+from .closure.solver import ClosureResult as ClosureResult
+from .closure.solver import ClosureSolver as ClosureSolver
 from .jacobians import AxisWeakness as AxisWeakness
 from .jacobians import Dexterity as Dexterity
 from .jacobians import DriveJacobians as DriveJacobians

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
-from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
+from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
 from pouring_robot.mechanism.parameters import drive_parameters, placement_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 

@@ -24,9 +24,11 @@ import pinocchio as pin
 from pouring_robot.exceptions import BadInputError, SingularPoseError, UnknownJointError
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
-from pouring_robot.mechanism.energy import ClosureEnergy, EnergyState
-from pouring_robot.mechanism.null_space import SINGULAR_RATIO, Spectrum, unit_scale
+from pouring_robot.mechanism.closure.energy import ClosureEnergy, EnergyState
+from pouring_robot.mechanism.closure.null_space import SINGULAR_RATIO, Spectrum, unit_scale
+from pouring_robot.mechanism.closure.placed_twists import PlacedTwists
+from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
+from pouring_robot.mechanism.closure.weight import Weight
 from pouring_robot.mechanism.parameters import (
     DriveParameter,
     FrameParameter,
@@ -35,8 +37,6 @@ from pouring_robot.mechanism.parameters import (
     StiffnessParameter,
     unit_twist,
 )
-from pouring_robot.mechanism.placed_twists import PlacedTwists
-from pouring_robot.mechanism.weight import Weight
 from pouring_robot.report.result import Result
 
 if TYPE_CHECKING:

@@ -23,8 +23,8 @@ from numpy.typing import ArrayLike
 
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError, UnreachableTargetError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closure import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
-from pouring_robot.mechanism.energy import NO_LOADS, Loads
+from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
+from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
 from pouring_robot.mechanism.jacobians import AxisWeakness, Dexterity, dexterity, drive_jacobians
 from pouring_robot.mechanism.parameters import LocalParameter
 from pouring_robot.mechanism.reach import JointReach, joint_reach

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
+from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
 from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 

@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 from scipy.constants import g
 
-from pouring_robot.mechanism.closure import ClosureSolver
-from pouring_robot.mechanism.energy import Loads
+from pouring_robot.mechanism.closure.energy import Loads
+from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.loops import LoopStiffness, Quantity
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring.stiffness import PartStiffness, StiffnessProperties, load_stiffness

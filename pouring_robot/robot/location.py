@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
+from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
 from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
 from pouring_robot.mechanism.reach import JointReach

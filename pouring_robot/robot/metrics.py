@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure import ClosureResult
+from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.jacobians import AxisWeakness, Dexterity
 from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
 from pouring_robot.robot.location import LadleLocation, Location

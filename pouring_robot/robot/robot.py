@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closure import DEFAULT_OPTIONS, ClosureOptions, ClosureResult
-from pouring_robot.mechanism.energy import NO_LOADS, Loads
+from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
+from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult
 from pouring_robot.mechanism.jacobians import AxisWeakness, DriveJacobians, axis_weakness, drive_jacobians
 from pouring_robot.mechanism.parameters import LocalParameter
 from pouring_robot.robot.base import Command, Robot, as_it_stands

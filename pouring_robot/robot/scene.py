@@ -15,7 +15,7 @@ import numpy as np
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure import ClosureResult
+from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.poses import MM, MRAD, bodies_at
 from pouring_robot.robot.description.urdf import with_mesh_files
 from pouring_robot.robot.location import Location

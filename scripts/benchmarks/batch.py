@@ -26,7 +26,7 @@ from pouring_robot.exceptions import ClosureError
 from pouring_robot.io.files import check_writable, write_whole
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure import ClosureSolver
+from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.description.urdf import perturb_urdf
 from pouring_robot.robot.dh.table import DHTable

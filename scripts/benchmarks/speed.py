@@ -34,8 +34,8 @@ from pouring_robot.estimation.solver import Fit, first_frames, identify
 from pouring_robot.exceptions import NoSolutionError, PouringRobotError
 from pouring_robot.io.files import check_writable, write_whole
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
-from pouring_robot.mechanism.energy import ClosureEnergy
+from pouring_robot.mechanism.closure.energy import ClosureEnergy
+from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import all_parameters
 from pouring_robot.robot.pouring.poses import PlatformPose

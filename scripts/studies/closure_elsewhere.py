@@ -31,8 +31,8 @@ START = 2e-3
 def write(folder: Path) -> None:
     """Export the three robots and say where they stand by our closure at fifty poses."""
     from pouring_robot.io.files import write_together
-    from pouring_robot.mechanism.closure import ClosureSolver
-    from pouring_robot.mechanism.energy import Loads
+    from pouring_robot.mechanism.closure.energy import Loads
+    from pouring_robot.mechanism.closure.solver import ClosureSolver
     from pouring_robot.robot.export.assembly import Assembly
     from pouring_robot.robot.export.closed import ClosedRobot
     from pouring_robot.robot.export.folder import exported_files

@@ -28,8 +28,8 @@ from pouring_robot.batch import BatchStart, engine_for
 from pouring_robot.batch.samples import STATUS_NAMES
 from pouring_robot.exceptions import ClosureError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closure import ClosureOptions, ClosureSolver
-from pouring_robot.mechanism.growth import jumps
+from pouring_robot.mechanism.closure.growth import jumps
+from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
 from pouring_robot.mechanism.poses import MM, MRAD, PlacementError
 from pouring_robot.robot.robot import PouringRobot
 

@@ -31,7 +31,7 @@ from pouring_robot.batch.samples import BatchClosure
 from pouring_robot.exceptions import PouringRobotError, SingularPoseError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
+from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
 from pouring_robot.mechanism.loops import load_loops
 from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer

@@ -37,7 +37,7 @@ class Target:
 
 TARGETS = {
     "closure": Target(
-        "pouring_robot/mechanism/closure.py",
+        "pouring_robot/mechanism/closure/solver.py",
         tuple(f"tests/mechanism/test_{room}.py" for room in ("closure_figures", "newton", "growth", "idle", "serial")),
     ),
     "G": Target(

@@ -7,7 +7,7 @@ import pytest
 from pouring_robot.batch import BatchEngine, BatchStart, engine_for
 from pouring_robot.exceptions import UnknownJointError, UnsupportedMechanismError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure import ClosureSolver
+from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.parameters import drive_parameters, placement_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from tests.support import ARM_JOINTS, arm, perturbed, placement_error, round_off

@@ -6,7 +6,7 @@ import pytest
 from pouring_robot.compensation.path import NOT_FOUND, compensate_path
 from pouring_robot.compensation.search import compensate
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.mechanism.energy import Loads
+from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location import OUT_OF_REACH
 from pouring_robot.robot.model import DriveOffset

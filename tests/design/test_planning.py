@@ -26,8 +26,8 @@ from pouring_robot.estimation.identifiability import CRITERIA, observability, ob
 from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure import ClosureSolver
-from pouring_robot.mechanism.energy import Loads
+from pouring_robot.mechanism.closure.energy import Loads
+from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.robot.tolerances import Tolerances
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechanism
-from pouring_robot.mechanism.closure import ClosureSolver
-from pouring_robot.mechanism.energy import Loads
+from pouring_robot.mechanism.closure.energy import Loads
+from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.robot.model import RobotModel
 from tests.effects.bench import CENTRE_OF_MASS, CHANNELS, EFFECTS, GRAVITY, SIGMA_M, SIGMA_RAD, SPAN_M, TARE_KG
 from tests.rig.machine import LOWER, UPPER

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.batch import BatchEngine, GeneralEngine, HomotopyStarts
-from pouring_robot.mechanism.closure import ClosureSolver
+from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.robot.description.definition import RobotDefinition
 from tests.examples import arm, delta, five_bar, hexapod
 from tests.support import ROOT, pose_gap

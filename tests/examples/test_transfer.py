@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
-from pouring_robot.mechanism.closure import ClosureSolver
+from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.parameters import drive_parameters, placement_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from tests.examples import delta

@@ -8,7 +8,7 @@ import pytest
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownFrameError, UnknownJointError
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechanism
-from pouring_robot.mechanism.closure import ClosureSolver
+from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.loops import LoopsFile
 from tests.support import planar_urdf, pose_gap, random_poses
 

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from pouring_robot.exceptions import BadInputError, ClosureError, UnknownFrameError, UnknownJointError
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechanism
-from pouring_robot.mechanism.closure import ClosureOptions, ClosureSolver
-from pouring_robot.mechanism.energy import Loads
+from pouring_robot.mechanism.closure.energy import Loads
+from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
 from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.pouring.poses import PlatformPose

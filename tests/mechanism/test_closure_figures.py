@@ -8,7 +8,7 @@ import pytest
 
 from pouring_robot.exceptions import ClosureError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure import ClosureOptions, ClosureSolver
+from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
 from pouring_robot.mechanism.loops import LoopsFile
 from tests.mechanism.struts import joint
 

@@ -6,7 +6,13 @@ import pytest
 
 from pouring_robot.exceptions import BadInputError, UnknownFrameError
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2, ClosedChainMechanism
-from pouring_robot.mechanism.energy import ClosureEnergy, Loads, bracket_form, log_wrench_derivative, motion_cross
+from pouring_robot.mechanism.closure.energy import (
+    ClosureEnergy,
+    Loads,
+    bracket_form,
+    log_wrench_derivative,
+    motion_cross,
+)
 from pouring_robot.mechanism.loops import LoopsFile
 from tests.support import central_differences, planar_urdf, random_poses, relative_error
 

@@ -7,8 +7,8 @@ import pytest
 from pouring_robot.batch.general import GeneralEngine
 from pouring_robot.exceptions import BadInputError, DescriptionError, SingularPoseError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure import ClosureSolver
-from pouring_robot.mechanism.energy import Loads
+from pouring_robot.mechanism.closure.energy import Loads
+from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.joint_types import read_mimics
 from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.parameters import drive_parameters

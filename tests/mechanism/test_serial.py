@@ -9,8 +9,8 @@ import pytest
 
 from pouring_robot.exceptions import ClosureError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure import ClosureOptions, ClosureSolver
-from pouring_robot.mechanism.energy import Loads
+from pouring_robot.mechanism.closure.energy import Loads
+from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
 from pouring_robot.mechanism.jacobians import drive_jacobians
 from pouring_robot.mechanism.parameters import (
     DriveParameter,

@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from pouring_robot.exceptions import BadInputError, OutputError, UnknownLayoutError
-from pouring_robot.mechanism.closure import ClosureSolver
+from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.poses import PlatformPose

@@ -12,8 +12,8 @@ from lxml import etree
 
 from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.io.files import write_together
-from pouring_robot.mechanism.closure import ClosureSolver
-from pouring_robot.mechanism.energy import Loads
+from pouring_robot.mechanism.closure.energy import Loads
+from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.robot.export.assembly import Assembly
 from pouring_robot.robot.export.closed import ClosedRobot
 from pouring_robot.robot.export.contacts import joined_or_touching

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.exceptions import BadInputError, NoSolutionError, PouringRobotError, UnreachablePoseError
-from pouring_robot.mechanism.closure import ClosureSolver
+from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.mechanism.reach import JointReach
 from pouring_robot.robot.model import RobotModel

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pouring_robot.exceptions import ClosureError
-from pouring_robot.mechanism.closure import ClosureSolver
+from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.sweeps.evaluation import Platforms
 from tests.support import perturbed, placement_error
 

@@ -18,7 +18,7 @@ from lxml import etree
 
 from pouring_robot.batch import engine_for
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure import ClosureResult
+from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.base import Command, Robot
 from pouring_robot.robot.description.urdf import perturb_urdf

@@ -16,7 +16,7 @@ import numpy as np
 from pouring_robot.batch.interface import Structure
 from pouring_robot.batch.samples import BatchClosure
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.mechanism.closure import ClosureResult
+from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.robot.model import RobotModel
 
 

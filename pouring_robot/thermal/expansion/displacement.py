@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closure import ClosureResult
+from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.robot.pouring.names import LEGS

@@ -15,7 +15,7 @@ import numpy as np
 
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closure import ClosureResult
+from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location import LadleLocation

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from pouring_robot.mechanism.closure import ClosureResult, ClosureSolver
+from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
 from pouring_robot.thermal.expansion.growth import ThermalExpansion

@@ -14,7 +14,7 @@ from pouring_robot.exceptions import BadInputError, HistoryError, TableError
 from pouring_robot.io.tables import read_table
 from pouring_robot.io.temperatures import REFERENCE_DEGC, ZERO_CELSIUS_K, kelvin, temperature_fault
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closure import ClosureResult
+from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.robot.pouring.poses import PlatformPose
 
 Placed = PlatformPose | ClosureResult

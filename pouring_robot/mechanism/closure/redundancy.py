@@ -24,9 +24,9 @@ import pinocchio as pin
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure import RANK_TOLERANCE, ClosureResult, ClosureSolver
+from pouring_robot.mechanism.closure.placed_twists import PlacedTwists
+from pouring_robot.mechanism.closure.solver import RANK_TOLERANCE, ClosureResult, ClosureSolver
 from pouring_robot.mechanism.parameters import DriveParameter, LocalParameter
-from pouring_robot.mechanism.placed_twists import PlacedTwists
 
 _MOVES = 1e-6
 """m of gap per m or rad of a drive: below, no drive moves a direction."""

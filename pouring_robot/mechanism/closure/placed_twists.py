@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.energy import TwistColumns
+from pouring_robot.mechanism.closure.energy import TwistColumns
 from pouring_robot.mechanism.parameters import LocalParameter, PlacementParameter
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.energy import ClosureEnergy
+from pouring_robot.mechanism.closure.energy import ClosureEnergy
 from pouring_robot.mechanism.parameters import LocalParameter, PlacementParameter
 
 
