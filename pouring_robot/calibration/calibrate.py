@@ -19,13 +19,13 @@ from pouring_robot.calibration.selection import Selection, select_groups
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import usable_without
-from pouring_robot.estimation.frames import FRAMES
+from pouring_robot.estimation.frames.outer import FRAMES
+from pouring_robot.estimation.frames.sessions import session_parameters
 from pouring_robot.estimation.identifiability import base_parameters
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.noise import repeats, stated_noise
 from pouring_robot.estimation.priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses, observed, regressor
-from pouring_robot.estimation.session_frames import session_parameters
 from pouring_robot.estimation.solver import Fit, FitOptions, first_frames, fit_with_noise, identify, seen_from_one_place
 from pouring_robot.estimation.splits import HoldOut, Rows, Split, split
 from pouring_robot.io.progress import Progress, say_nothing

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.estimation.frames import FRAMES
+from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.mechanism.arrays import FloatArray

@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 
 from pouring_robot.calibration.findings import CalibrationFindings
-from pouring_robot.estimation.frames import FRAMES
+from pouring_robot.estimation.frames.outer import FRAMES
+from pouring_robot.estimation.frames.sessions import SESSION
 from pouring_robot.estimation.identifiability import combination_text, robot_combinations
 from pouring_robot.estimation.instruments import are
-from pouring_robot.estimation.session_frames import SESSION
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.poses import MM, MRAD
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pouring_robot.calibration.acceptance import harmless, mean_and_error, row_scores
-from pouring_robot.estimation.frames import FRAMES
+from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.instruments import KINDS
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.priors import prior_std

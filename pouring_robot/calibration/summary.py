@@ -20,7 +20,7 @@ from pouring_robot.calibration.lines import (
     parameter_lines,
 )
 from pouring_robot.calibration.metrics import Misfit
-from pouring_robot.estimation.frames import FRAMES
+from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.identifiability import observability
 from pouring_robot.estimation.splits import WORSE
 from pouring_robot.mechanism.poses import MM, MRAD, pose_figures

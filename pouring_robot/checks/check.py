@@ -17,7 +17,7 @@ from pouring_robot.checks.mistakes import Comparison
 from pouring_robot.checks.noise import check_noise
 from pouring_robot.checks.residuals import check_rows
 from pouring_robot.checks.sessions import in_frames_of_their_own
-from pouring_robot.estimation.frame_fit import FrameFit
+from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.drawing import Drawing

@@ -10,8 +10,8 @@ import numpy as np
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import BoolArray, Campaign
 from pouring_robot.checks.flags import FEW_ROWS, FEW_VALUES, DataFlag, FlagCode, Rows, Severity, found, where
-from pouring_robot.estimation.frame_fit import robust_sigma
-from pouring_robot.estimation.frame_starts import FEWEST_ROWS
+from pouring_robot.estimation.frames.fit import robust_sigma
+from pouring_robot.estimation.frames.starts import FEWEST_ROWS
 from pouring_robot.mechanism.arrays import FloatArray
 
 _SAME_POSE = 1e-4  # m or rad: closer commands are the same pose

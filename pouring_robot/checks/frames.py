@@ -27,8 +27,8 @@ from pouring_robot.checks.mistakes import (
     TurnMistake,
     position_mistakes,
 )
-from pouring_robot.estimation.frame_fit import FrameFit
-from pouring_robot.estimation.frame_starts import FEWEST_ROWS
+from pouring_robot.estimation.frames.fit import FrameFit
+from pouring_robot.estimation.frames.starts import FEWEST_ROWS
 from pouring_robot.exceptions import FrameFitError
 from pouring_robot.mechanism.arrays import FloatArray, evenly
 from pouring_robot.robot.description.drawing import Drawing

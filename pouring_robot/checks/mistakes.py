@@ -15,8 +15,8 @@ from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import BoolArray, Campaign
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses
 from pouring_robot.checks.flags import FlagCode, Rows
-from pouring_robot.estimation.frame_fit import FrameFit, fit_frames
-from pouring_robot.estimation.frame_starts import FEWEST_ROWS, affine_map
+from pouring_robot.estimation.frames.fit import FrameFit, fit_frames
+from pouring_robot.estimation.frames.starts import FEWEST_ROWS, affine_map
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.rotations import rotation_matrices
 from pouring_robot.robot.description.drawing import Drawing

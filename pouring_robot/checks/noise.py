@@ -25,7 +25,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag, FlagCode, Rows, found
 from pouring_robot.checks.mistakes import Comparison
 from pouring_robot.checks.smoothing import joint_effect
-from pouring_robot.estimation.frame_fit import FrameFit
+from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.mechanism.arrays import FloatArray, evenly
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.drawing import Drawing

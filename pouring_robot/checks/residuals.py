@@ -23,7 +23,7 @@ from pouring_robot.checks.smoothing import (
     smooth_terms,
     unexplained,
 )
-from pouring_robot.estimation.frame_fit import FrameFit
+from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.mechanism.arrays import FloatArray, evenly
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.drawing import Drawing

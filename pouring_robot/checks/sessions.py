@@ -10,8 +10,8 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import PER_SESSION
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.checks.flags import DataFlag, FlagCode, found
-from pouring_robot.estimation.frame_fit import fit_frames
-from pouring_robot.estimation.session_frames import in_one_frame
+from pouring_robot.estimation.frames.fit import fit_frames
+from pouring_robot.estimation.frames.sessions import in_one_frame
 from pouring_robot.exceptions import CampaignError, FrameFitError
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.mechanism.rotations import rotation_matrices

@@ -17,8 +17,8 @@ from pouring_robot.batch import engine_for
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
-from pouring_robot.estimation.frame_fit import robust_sigma
-from pouring_robot.estimation.frames import OuterFrames
+from pouring_robot.estimation.frames.fit import robust_sigma
+from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import GeometricParameter, drive_parameters
 from pouring_robot.mechanism.poses import MM, MRAD

@@ -37,7 +37,7 @@ from pouring_robot.design.parameters import (
 )
 from pouring_robot.design.request import PlanRequest
 from pouring_robot.design.result import MeasurementPlan, PlanQuality, UndeterminedError
-from pouring_robot.estimation.frames import FRAME_PARAMETERS, FRAMES
+from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES
 from pouring_robot.estimation.identifiability import base_parameters, observability_index
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing

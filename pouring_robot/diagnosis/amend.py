@@ -15,7 +15,7 @@ from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.problem import BACKGROUND
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.effects.conditions import learned_in
-from pouring_robot.estimation.frames import FRAMES
+from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.measurement import MeasurementModel
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry

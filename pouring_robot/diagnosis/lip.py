@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.effects.base import EffectParameter
-from pouring_robot.estimation.frames import OuterFrames
+from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.mechanism.arrays import FloatArray
 
 

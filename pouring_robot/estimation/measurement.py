@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from pouring_robot.batch import BatchClosure, BatchStart, engine_for
 from pouring_robot.campaign.nominal import PoseStack
-from pouring_robot.estimation.frames import FRAME_PARAMETERS, FRAMES, OuterFrames, displaced_columns
-from pouring_robot.estimation.session_frames import SessionParameter, base_displacements
+from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES, OuterFrames, displaced_columns
+from pouring_robot.estimation.frames.sessions import SessionParameter, base_displacements
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pouring_robot.estimation.frames import FRAMES
-from pouring_robot.estimation.session_frames import SessionParameter
+from pouring_robot.estimation.frames.outer import FRAMES
+from pouring_robot.estimation.frames.sessions import SessionParameter
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import GeometricParameter
 from pouring_robot.robot.tolerances import Tolerances

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from pouring_robot.estimation.frame_starts import FEWEST_ROWS
-from pouring_robot.estimation.frames import FRAMES
+from pouring_robot.estimation.frames.outer import FRAMES
+from pouring_robot.estimation.frames.starts import FEWEST_ROWS
 from pouring_robot.estimation.measurement import ModelledRows, Prediction, Unknowns
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations, whiten
 from pouring_robot.estimation.robust import Loss, robust_terms, scatter

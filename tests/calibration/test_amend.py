@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.calibration.amend import amended_model
-from pouring_robot.estimation.frames import FRAMES
+from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.measurement import Unknowns
 from pouring_robot.exceptions import CalibrationError
 from pouring_robot.robot.model import RobotModel

@@ -11,7 +11,7 @@ from pouring_robot.calibration.summary import warnings_of
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.checks.flags import FlagCode
-from pouring_robot.estimation.frames import FRAMES
+from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.splits import split
 from pouring_robot.exceptions import CampaignError
 from pouring_robot.robot.model import JointPlacement

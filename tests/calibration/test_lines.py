@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.calibration.lines import ParameterLine, combination_lines, group_effects, parameter_lines
-from pouring_robot.estimation.frames import FRAMES
+from pouring_robot.estimation.frames.outer import FRAMES
 
 
 def test_parameters_come_in_the_units_of_the_shop_floor(found):

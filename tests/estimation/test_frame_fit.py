@@ -7,9 +7,9 @@ import scipy.special
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses
-from pouring_robot.estimation.frame_fit import fit_frames
-from pouring_robot.estimation.frame_starts import affine_map
-from pouring_robot.estimation.frames import FRAME_PARAMETERS, OuterFrames
+from pouring_robot.estimation.frames.fit import fit_frames
+from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, OuterFrames
+from pouring_robot.estimation.frames.starts import affine_map
 
 NAMES = [parameter.name for parameter in FRAME_PARAMETERS]
 TARGET_TURNS = {"tool.rx", "tool.ry", "tool.rz"}

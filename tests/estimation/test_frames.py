@@ -5,9 +5,9 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.campaign.nominal import nominal_poses
-from pouring_robot.estimation.frame_fit import fit_frames
-from pouring_robot.estimation.frame_starts import affine_map
-from pouring_robot.estimation.frames import displaced_columns
+from pouring_robot.estimation.frames.fit import fit_frames
+from pouring_robot.estimation.frames.outer import displaced_columns
+from pouring_robot.estimation.frames.starts import affine_map
 from pouring_robot.exceptions import FrameFitError
 from pouring_robot.mechanism.rotations import rotation_matrices
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, measure

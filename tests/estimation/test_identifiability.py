@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pouring_robot.estimation.frames import FRAMES
+from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.identifiability import RANK_TOLERANCE, base_parameters, observability, robot_combinations
 from pouring_robot.estimation.measurement import Unknowns
 from pouring_robot.estimation.residuals import regressor

@@ -13,7 +13,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.effects.conditions import conditions_of
 from pouring_robot.effects.nominal import nominal_rows
-from pouring_robot.estimation.frames import OuterFrames
+from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.estimation.instruments import KINDS, component_name, kind_of
 from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
 from pouring_robot.estimation.noise import stated_noise

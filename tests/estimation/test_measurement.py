@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pouring_robot.estimation.frames import FRAMES
+from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.measurement import Unknowns
 from pouring_robot.exceptions import BadInputError, UnknownJointError
 from pouring_robot.mechanism.parameters import DriveParameter, PayloadParameter, PlacementParameter

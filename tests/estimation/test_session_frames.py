@@ -13,9 +13,9 @@ from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaig
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import FlagCode, Severity
 from pouring_robot.diagnosis.diagnose import diagnose
-from pouring_robot.estimation.frames import OuterFrames
+from pouring_robot.estimation.frames.outer import OuterFrames
+from pouring_robot.estimation.frames.sessions import session_parameters
 from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
-from pouring_robot.estimation.session_frames import session_parameters
 from pouring_robot.estimation.solver import seen_from_one_place
 from pouring_robot.exceptions import CalibrationError, CampaignError
 from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors

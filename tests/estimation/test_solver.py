@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from pouring_robot.estimation.frames import FRAMES
+from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.measurement import Unknowns
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.estimation.robust import robust_terms, scatter

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.diagnosis.rows import CampaignRows
-from pouring_robot.estimation.frame_fit import fit_frames
+from pouring_robot.estimation.frames.fit import fit_frames
 from pouring_robot.estimation.noise import stated_noise
 from pouring_robot.robot.model import RobotModel
 from tests.examples.campaigns import main, write

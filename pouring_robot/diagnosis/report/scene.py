@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.rows import CampaignRows, RowChanges
-from pouring_robot.estimation.frames import OuterFrames
+from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.estimation.noise import stated_noise
 from pouring_robot.estimation.solver import seen_from_one_place
 from pouring_robot.mechanism.arrays import FloatArray

@@ -25,7 +25,7 @@ from pouring_robot.diagnosis.problem import Library, known_effects, usual_errors
 from pouring_robot.diagnosis.processes import processes_of
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects.defaults import causes_of
-from pouring_robot.estimation.session_frames import largest_session
+from pouring_robot.estimation.frames.sessions import largest_session
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.explanations import Background, Explanation, Problem
 from pouring_robot.inference.nuisance import Nuisance

@@ -4,7 +4,7 @@
 
 X is the pose of the moving platform (end) in the fixed platform (base). :class:`OuterFrames` carries poses to the
 tracker and says how they move with the frames: the one Jacobian of the frames that checks, calibration, design and
-diagnosis use. :mod:`pouring_robot.estimation.frame_fit` fits both. With R_1, t_1 and R_2, t_2 the two frames and R, p
+diagnosis use. :mod:`pouring_robot.estimation.frames.fit` fits both. With R_1, t_1 and R_2, t_2 the two frames and R, p
 a row's X:
 
     position  t_1 + R_1 (p + R t_2)          rotation  R_1 R R_2

@@ -20,8 +20,8 @@ import pinocchio as pin
 import scipy.linalg
 
 from pouring_robot.campaign.nominal import PoseStack
-from pouring_robot.estimation.frame_starts import FEWEST_ROWS, frame_starts
-from pouring_robot.estimation.frames import FRAME_PARAMETERS, FRAMES, OuterFrames
+from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES, OuterFrames
+from pouring_robot.estimation.frames.starts import FEWEST_ROWS, frame_starts
 from pouring_robot.exceptions import FrameFitError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.rotations import skew

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import PER_SESSION
 from pouring_robot.campaign.nominal import PoseStack
-from pouring_robot.estimation.frame_fit import fit_frames, robust_sigma
-from pouring_robot.estimation.frame_starts import FEWEST_ROWS
+from pouring_robot.estimation.frames.fit import fit_frames, robust_sigma
+from pouring_robot.estimation.frames.starts import FEWEST_ROWS
 from pouring_robot.exceptions import CampaignError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import COMPONENTS

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from pouring_robot.batch import BatchClosure
 from pouring_robot.campaign.nominal import PoseStack
-from pouring_robot.estimation.frame_starts import FEWEST_ROWS
-from pouring_robot.estimation.frames import FRAMES, OuterFrames
+from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
+from pouring_robot.estimation.frames.starts import FEWEST_ROWS
 from pouring_robot.estimation.measurement import Prediction
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations, whiten
 from pouring_robot.exceptions import FrameFitError
