@@ -5,8 +5,7 @@ import pytest
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import all_parameters
-from pouring_robot.robot.pouring.names import CHAIN_JOINTS, DRIVE_JOINTS, SEATS
-from pouring_robot.robot.pouring.parameter_groups import SETS
+from pouring_robot.robot.pouring.names import CHAIN_JOINTS, DRIVE_JOINTS, SEATS, SETS
 
 
 @pytest.fixture(scope="module")

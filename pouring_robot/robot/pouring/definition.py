@@ -23,8 +23,7 @@ from pouring_robot.robot.pouring.causes import CAUSES
 from pouring_robot.robot.pouring.description import render_urdf
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.layout import load_layout
-from pouring_robot.robot.pouring.names import DRIVE_SYMBOLS, DRIVE_WORDS, LEGS
-from pouring_robot.robot.pouring.parameter_groups import GROUPS, SETS
+from pouring_robot.robot.pouring.names import DRIVE_SYMBOLS, DRIVE_WORDS, GROUPS, LEGS, SETS
 
 if TYPE_CHECKING:
     from pouring_robot.batch import BatchStart
