@@ -28,8 +28,8 @@ from .mechanism.loops import LoopsFile as LoopsFile
 from .mechanism.loops import load_loops as load_loops
 from .mechanism.poses import PoseDifference as PoseDifference
 from .robot.base import Robot as Robot
-from .robot.files import package_path as package_path
-from .robot.files import urdf_path as urdf_path
+from .robot.export.paths import package_path as package_path
+from .robot.export.paths import urdf_path as urdf_path
 from .robot.location import LadleLocation as LadleLocation
 from .robot.model import JointPlacement as JointPlacement
 from .robot.model import RobotModel as RobotModel

@@ -16,7 +16,7 @@ Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder to make; it 
 def copy(folder: Folder) -> None:
     """Copy the examples into a new folder: model files, robots, campaigns, sweeps, a plug-in."""
     from pouring_robot.io.files import copy_folder
-    from pouring_robot.robot.files import examples_path
+    from pouring_robot.robot.export.paths import examples_path
 
     files = copy_folder(examples_path(), folder)
     console = options.console()

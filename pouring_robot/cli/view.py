@@ -15,7 +15,7 @@ from pouring_robot.exceptions import BadInputError
 
 if TYPE_CHECKING:
     from pouring_robot.robot.base import Robot
-    from pouring_robot.robot.bench import RobotBench
+    from pouring_robot.robot.view.bench import RobotBench
     from pouring_robot.viewer import Scene
 
 
@@ -73,9 +73,9 @@ def view(
 
 def _bench(robot: Robot, commanded: bundles.Commanded, exaggerate: float | None) -> RobotBench:
     """Return the sliders of a robot, and the melt's where it carries one."""
-    from pouring_robot.robot.bench import RobotBench
     from pouring_robot.robot.location import LadleLocation
     from pouring_robot.robot.robot import PouringRobot
+    from pouring_robot.robot.view.bench import RobotBench
     from pouring_robot.thermal.bench import PouringBench
 
     location = robot.location_of(commanded.of(robot)) if commanded.given else robot.location_in_the_middle()
@@ -85,7 +85,7 @@ def _bench(robot: Robot, commanded: bundles.Commanded, exaggerate: float | None)
 
 
 def _path_scene(robot: Robot, path: Path, under: bundles.Under, exaggerate: float | None) -> Scene:
-    from pouring_robot.robot.scene import pose_scene
+    from pouring_robot.robot.view.scene import pose_scene
 
     locations, commands = [], under.read_commands(robot, path)
     robots, notes = under.robots(robot, commands, path)

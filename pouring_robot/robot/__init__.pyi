@@ -1,6 +1,6 @@
 from .base import Robot as Robot
-from .files import package_path as package_path
-from .files import urdf_path as urdf_path
+from .export.paths import package_path as package_path
+from .export.paths import urdf_path as urdf_path
 from .location import LadleLocation as LadleLocation
 from .model import DriveOffset as DriveOffset
 from .model import JointPlacement as JointPlacement

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from pouring_robot.robot.files import examples_path
+from pouring_robot.robot.export.paths import examples_path
 
 ROOT = Path(__file__).resolve().parents[2]
 KERNELS = ("Prescott", "Haswell", "Zen", "SkylakeX")

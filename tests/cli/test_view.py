@@ -3,7 +3,7 @@
 import pytest
 
 from pouring_robot.cli.app import main
-from pouring_robot.robot.bench import RobotBench
+from pouring_robot.robot.view.bench import RobotBench
 from pouring_robot.thermal.bench import PouringBench
 from tests.robot.test_base import ROBOTS
 from tests.support import ROOT

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from pouring_robot.robot.base import Robot
-from pouring_robot.robot.bench import RobotBench
 from pouring_robot.robot.model import DriveOffset, JointPlacement
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.view.bench import RobotBench
 from tests.robot.benches import POSE, ask, check
 from tests.robot.test_base import ROBOTS
 

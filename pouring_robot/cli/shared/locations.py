@@ -150,7 +150,7 @@ def write_drawings(
             raise BadInputError("--exaggerate enlarges the errors of a drawing; ask for one with --html or --png")
         return []
     # The drawing libraries take half a second to import; only commands that draw pay for it.
-    from pouring_robot.robot.scene import pose_scene
+    from pouring_robot.robot.view.scene import pose_scene
     from pouring_robot.viewer import write_html, write_png
 
     scene = pose_scene(locations, exaggerate, "as built, warm" if warm else "as built")

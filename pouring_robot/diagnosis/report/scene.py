@@ -26,7 +26,7 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM, bodies_at
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import robot_of
-from pouring_robot.robot.scene import VIEW_DIRECTION, drawn_robot, exaggeration_for
+from pouring_robot.robot.view.scene import VIEW_DIRECTION, drawn_robot, exaggeration_for
 from pouring_robot.viewer import GHOST_TINT, Curve, Scene, SceneArrows, SceneRobot, Step, camera_on
 from pouring_robot.viewer.scene import BACKGROUND_LINKS, Colour
 

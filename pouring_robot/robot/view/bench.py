@@ -20,7 +20,7 @@ from pouring_robot.robot.description.command import CommandAxis
 from pouring_robot.robot.location import LadleLocation, Location
 from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
 from pouring_robot.robot.parameters import Parameter
-from pouring_robot.robot.scene import at_location, pose_scene
+from pouring_robot.robot.view.scene import at_location, pose_scene
 from pouring_robot.viewer import Scene
 from pouring_robot.viewer.packing import film
 

@@ -27,7 +27,7 @@ def examples_path() -> Path:
     Raises:
         DescriptionError: it is missing from the installation.
     """
-    package = Path(__file__).resolve().parents[1]
+    package = Path(__file__).resolve().parents[2]
     for folder in (package / "examples", package.parent / "examples"):
         if (folder / "actual.yaml").is_file():
             return folder
