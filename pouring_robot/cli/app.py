@@ -22,7 +22,8 @@ from pouring_robot.exceptions import PouringRobotError, StoppedError
 from pouring_robot.io.interrupt import heard
 from pouring_robot.io.threads import one_blas_thread_from_the_start
 
-# In the order of use, as on the help page. Each stands in the module of its name, imported when it is asked for.
+# In the order of use, as on the help page. Each stands in the module of its name, imported when it is asked for;
+# those of poses in a room of their own.
 _COMMANDS = (
     "examples",
     "robots",
@@ -41,6 +42,7 @@ _COMMANDS = (
     "regress",
     "export",
 )
+_OF_POSES = ("pose", "path", "view", "compensate")
 
 EXTRAS = {
     "dask": "distributed",
@@ -64,7 +66,8 @@ class _Subcommands(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         if cmd_name not in _COMMANDS:
             return None
-        found = getattr(importlib.import_module(f"pouring_robot.cli.{cmd_name}"), cmd_name)
+        room = "poses." if cmd_name in _OF_POSES else ""
+        found = getattr(importlib.import_module(f"pouring_robot.cli.{room}{cmd_name}"), cmd_name)
         if isinstance(found, typer.Typer):
             return typer.main.get_group(found)
         return typer.main.get_command(group_of("", [found]))

@@ -56,7 +56,7 @@ def test_no_place_for_the_details(run, broken, monkeypatch):
 
 
 def test_a_module_that_the_installation_has_lost(tmp_path):
-    lost = "import sys; sys.modules['typing_extensions'] = sys.modules['pouring_robot.cli.pose'] = None; "
+    lost = "import sys; sys.modules['typing_extensions'] = sys.modules['pouring_robot.cli.poses.pose'] = None; "
     line = lost + "from pouring_robot.cli.app import main; sys.exit(main(['pose']))"
     done = subprocess.run(
         [sys.executable, "-c", line],

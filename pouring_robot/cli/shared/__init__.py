@@ -1,1 +1,1 @@
-"""What subcommands have in common: options, tables, progress, heat, and what is said of a location."""
+"""What subcommands have in common: options, tables, progress, and what is said of a location."""

@@ -10,7 +10,7 @@ from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnknownFrameError
 
 if TYPE_CHECKING:
-    from pouring_robot.cli.shared.heat import ThermalLaw
+    from pouring_robot.cli.poses.heat import ThermalLaw
     from pouring_robot.compensation.drives import DriveCompensation
     from pouring_robot.compensation.result import Compensation
     from pouring_robot.effects.under import RobotUnderConditions
@@ -55,7 +55,7 @@ def compensate(
 
     With --after-min every pose is taken by itself: held so long from cold.
     """
-    from pouring_robot.cli.shared.heat import thermal_law
+    from pouring_robot.cli.poses.heat import thermal_law
 
     if poses is not None and commanded.given:
         raise BadInputError("give a file of poses or one command by options, one of the two")
@@ -94,8 +94,8 @@ def _ladle(
     as_json: bool,
     law: ThermalLaw | None,
 ) -> None:
-    from pouring_robot.cli.shared import heat as warm
-    from pouring_robot.cli.shared.compensated import commands_table, compensation_lines
+    from pouring_robot.cli.poses import heat as warm
+    from pouring_robot.cli.poses.compensated import commands_table, compensation_lines
     from pouring_robot.compensation.result import commands_csv
     from pouring_robot.compensation.search import compensate as compensated
     from pouring_robot.io.files import write_whole

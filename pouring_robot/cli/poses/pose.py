@@ -19,7 +19,7 @@ def pose(
 
     Text and JSON alike give positions and legs in mm, tilt and joint angles in degrees, and errors in mm and mrad.
     """
-    from pouring_robot.cli.shared import heat as warm
+    from pouring_robot.cli.poses import heat as warm
     from pouring_robot.cli.shared import locations
     from pouring_robot.robot.metrics import location_figures
 

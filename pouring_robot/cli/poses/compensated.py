@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from pouring_robot.cli.shared.heat import unsettled_words
+from pouring_robot.cli.poses.heat import unsettled_words
 from pouring_robot.cli.shared.tables import few_rows
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.metrics import decimals

@@ -38,7 +38,7 @@ def path(
 
     A warm robot is taken by itself at every pose: held until nothing changes, or so long from cold (--after-min).
     """
-    from pouring_robot.cli.shared import heat as warm
+    from pouring_robot.cli.poses import heat as warm
     from pouring_robot.cli.shared import locations as places
     from pouring_robot.robot.location import LadleLocation
     from pouring_robot.robot.metrics import location_figures
