@@ -15,12 +15,12 @@ from typing import Any
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import condition_names
 from pouring_robot.effects.defaults import causes_of
-from pouring_robot.effects.drives import Family, LostMotion, Periodic, Scale, Zero
 from pouring_robot.effects.facts import known_facts
-from pouring_robot.effects.heat import DriveGrowth, LinkGrowth, LinksGrowth
-from pouring_robot.effects.joints import Centres, Placement, Tilts
-from pouring_robot.effects.loads import Deflection, Spring, Stretch
-from pouring_robot.effects.surroundings import BaseDrift, MetrologyScale, SessionOffset
+from pouring_robot.effects.families.drives import Family, LostMotion, Periodic, Scale, Zero
+from pouring_robot.effects.families.heat import DriveGrowth, LinkGrowth, LinksGrowth
+from pouring_robot.effects.families.joints import Centres, Placement, Tilts
+from pouring_robot.effects.families.loads import Deflection, Spring, Stretch
+from pouring_robot.effects.families.surroundings import BaseDrift, MetrologyScale, SessionOffset
 from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.robot.description.causes import CauseEntry
 from pouring_robot.robot.description.definition import RobotDefinition

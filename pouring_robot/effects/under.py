@@ -27,7 +27,7 @@ from pouring_robot.campaign.plan import approaches
 from pouring_robot.compensation.drives import DriveCompensation
 from pouring_robot.compensation.result import Compensation
 from pouring_robot.effects.conditions import Conditions, conditions_of, told
-from pouring_robot.effects.heat import standing
+from pouring_robot.effects.families.heat import standing
 from pouring_robot.effects.nominal import nominal_rows
 from pouring_robot.effects.registry import all_effects
 from pouring_robot.effects.stack import local_changes, stack_of

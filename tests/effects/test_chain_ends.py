@@ -5,7 +5,7 @@ import pinocchio as pin
 
 from pouring_robot.effects.conditions import set_apart
 from pouring_robot.effects.defaults import causes_of
-from pouring_robot.effects.heat import chain_ends
+from pouring_robot.effects.families.heat import chain_ends
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.poses import PlacementError

@@ -13,7 +13,7 @@ from scipy.special import ndtri
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.discrepancy import described, parts_by_row
 from pouring_robot.diagnosis.gap import Gap, component_unit, in_base, table_of
-from pouring_robot.diagnosis.shapes import Shape, shape_of
+from pouring_robot.diagnosis.report.shapes import Shape, shape_of
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import RISE, Conditions
 from pouring_robot.effects.facts import axis_over
