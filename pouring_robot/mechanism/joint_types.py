@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import pinocchio as pin
 from lxml import etree
@@ -24,7 +24,6 @@ JointKind = Literal[
 ]
 """What a joint may be changed to. A universal joint turns about two axes of its placement, the first one first, in two
 joints ``<name>_X`` and ``<name>_Y`` (or Z)."""
-JOINT_KINDS: tuple[JointKind, ...] = get_args(JointKind)
 _AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 
 
@@ -33,7 +32,7 @@ def change_joints(urdf: str, kinds: Mapping[str, str]) -> str:
 
     Args:
         urdf: the URDF's text.
-        kinds: one of :data:`JOINT_KINDS`, or ``floating``, by joint.
+        kinds: a :data:`JointKind`, or ``floating``, by joint.
 
     Raises:
         UnknownJointError: the URDF has no such joint.
