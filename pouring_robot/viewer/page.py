@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from importlib.resources import files
+from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
 
@@ -62,5 +62,7 @@ def page(scene: Scene, *, live: bool = False, bench: dict[str, Any] | None = Non
 
 def _viewer_script() -> str:
     """Return meshcat's viewer as JavaScript that may stand between script tags."""
-    source = files("meshcat").joinpath("viewer", "dist", "main.min.js").read_text(encoding="utf-8")
+    # Found without an import, which would take IPython along and open a socket.
+    script = distribution("meshcat").locate_file("meshcat/viewer/dist/main.min.js")
+    source = Path(str(script)).read_text(encoding="utf-8")
     return source.replace("</script", r"<\/script")

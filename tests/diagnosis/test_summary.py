@@ -11,7 +11,6 @@ import pytest
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.diagnose import _free_residuals, diagnose
 from pouring_robot.diagnosis.gap import Gap
-from pouring_robot.diagnosis.lip import moved_at_lip
 from pouring_robot.diagnosis.parameters import FoundParameter
 from pouring_robot.diagnosis.report.export import described, diagnosis_metrics
 from pouring_robot.diagnosis.report.notes import note_lines
@@ -195,7 +194,7 @@ def test_a_shift_at_the_lip_is_what_two_robots_differ_by(tmp_path):
         offsets[joint] = {"offset_mrad" if joint == "leg4_s5" else "offset_mm": values[id(p.parameter)]}
     assert len(found.after.parameters) == len(effect.parameters)
     built, drawing = PouringRobot(RobotModel(drive_offsets=offsets)), PouringRobot()
-    moved = moved_at_lip(found, [p.parameter for p in effect.parameters])
+    moved = found.moved_by([p.parameter for p in effect.parameters])
     lip = found.model.nominal_mechanism().T_end_tool
     for row in (0, 17, 33):
         drives = found.rows.campaign.drive_values(row)
