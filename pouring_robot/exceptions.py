@@ -1,4 +1,4 @@
-"""Every error the package raises on purpose, each with its figures and one line that says how to mend it.
+"""The errors the package raises on purpose, each with its figures and one line that says how to mend it.
 
 Two families: :class:`BadInputError` (what was given is wrong; exit code 2) and :class:`NoSolutionError`
 (the input is sound but the mechanism has no answer; exit code 3). ``str(error)`` is always one line.

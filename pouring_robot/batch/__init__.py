@@ -1,6 +1,6 @@
 """Closures and error-transfer matrices of many samples at once: the mathematics of :mod:`pouring_robot.mechanism`.
 
-``BatchEngine(mechanism)`` takes arrays and gives arrays; compiled kernels do the work, on all cores.
+``CompiledEngine(mechanism)`` takes arrays and gives arrays; compiled kernels do the work, on all cores.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pouring_robot.batch.engine import BatchEngine
+from pouring_robot.batch.compiled import CompiledEngine
 from pouring_robot.batch.general import GeneralEngine
 from pouring_robot.batch.interface import Engine
 from pouring_robot.exceptions import UnsupportedMechanismError
@@ -26,6 +26,6 @@ def engine_for(
     if mechanism.loops.redundant_drives:
         return GeneralEngine(mechanism, options)
     try:
-        return BatchEngine(mechanism, threads, options)
+        return CompiledEngine(mechanism, threads, options)
     except UnsupportedMechanismError:  # no star, no serial arm
         return GeneralEngine(mechanism, options)

@@ -127,7 +127,7 @@ class SiteErrors:
         """Set one of the engine's placement parameters a sample.
 
         Args:
-            parameter: its column in :attr:`~pouring_robot.batch.engine.BatchEngine.parameters`, shape (n,).
+            parameter: its column in :attr:`~pouring_robot.batch.compiled.CompiledEngine.parameters`, shape (n,).
             value: in m or rad, shape (n,).
 
         Raises:

@@ -23,7 +23,7 @@ from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.frames.sessions import session_parameters
 from pouring_robot.estimation.identifiability import base_parameters
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
-from pouring_robot.estimation.noise import repeats, stated_noise
+from pouring_robot.estimation.noise import noise_beforehand, repeats
 from pouring_robot.estimation.priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses, observed, regressor
 from pouring_robot.estimation.solver import Fit, FitOptions, first_frames, fit_with_noise, identify, seen_from_one_place
@@ -141,7 +141,7 @@ def calibrate(
     parts = split(campaign, left_out, options.hold_out)
     everything = MeasurementModel(model, all_parameters(candidates), options.threads, sessions)
     rows = everything.at(campaign.drives, sessions=campaign.sessions)
-    noise = stated_noise(campaign, parts.train)
+    noise = noise_beforehand(campaign, parts.train)
     measured = MeasuredPoses.from_campaign(campaign, noise).without(left_out)
     if noise.from_residuals:
         progress("estimating the noise from residuals", 0, 0)

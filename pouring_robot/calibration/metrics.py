@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.estimation.residuals import MeasuredPoses
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, rms
 from pouring_robot.mechanism.poses import MM, MRAD
 
 _FEWEST_REPEATS = 3
@@ -47,19 +47,14 @@ class Misfit:
         length = position if np.isfinite(position).any() or not line.size else line
         return cls(
             int(np.isfinite(difference).any(axis=1).sum()),
-            _rms(length),
+            rms(length),
             *_largest(length),
-            _rms(turn),
+            rms(turn),
             *_largest(turn),
-            (_rms(position[:, 0]), _rms(position[:, 1]), _rms(position[:, 2])),
-            (_rms(turn[:, 0]), _rms(turn[:, 1]), _rms(turn[:, 2])),
-            _rms(line),
+            (rms(position[:, 0]), rms(position[:, 1]), rms(position[:, 2])),
+            (rms(turn[:, 0]), rms(turn[:, 1]), rms(turn[:, 2])),
+            rms(line),
         )
-
-
-def _rms(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.sqrt((known**2).mean())) if known.size else float("nan")
 
 
 def _largest(vectors: FloatArray) -> tuple[float, float]:

@@ -27,7 +27,7 @@ from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.registry import chosen_effects
 from pouring_robot.estimation.instruments import are
-from pouring_robot.estimation.noise import stated_noise
+from pouring_robot.estimation.noise import noise_beforehand
 from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.solver import seen_from_one_place
 from pouring_robot.estimation.splits import HoldOut, Split, split
@@ -195,7 +195,7 @@ class _Work:
         fitted = np.ones(len(campaign), dtype=bool)
         if parts:
             fitted[parts.test] = False
-        noise = stated_noise(campaign, np.flatnonzero(fitted))
+        noise = noise_beforehand(campaign, np.flatnonzero(fitted))
         for turn in itertools.count(1):
             self.say("searching for effects", 0, 0)
             rows = CampaignRows(campaign, self.model, noise)

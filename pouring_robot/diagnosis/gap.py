@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pouring_robot.diagnosis.rows import WhitenedRows
 from pouring_robot.estimation.instruments import component_name
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, rms
 from pouring_robot.mechanism.poses import MM, MRAD
 
 
@@ -62,17 +62,18 @@ class Gap:
             sigma: noise of the K components, in m and rad.
         """
         size = len(sigma)
-        return cls(int(rows.sum()), _rms(before.of(rows), size), _rms(after.of(rows), size), np.asarray(sigma, float))
+        was, left = (_by_component(seen.of(rows), size) for seen in (before, after))
+        return cls(int(rows.sum()), was, left, np.asarray(sigma, float))
 
     def position(self, which: str) -> float:
         """Return ``before``, ``after`` or ``floor`` over x, y and z, in m; without places, over the rest."""
         part = slice(0, 3) if np.isfinite(self.before[:3]).any() else slice(6, None)
-        return _over(np.where(np.isfinite(self.before), getattr(self, which), np.nan)[part])
+        return rms(np.where(np.isfinite(self.before), getattr(self, which), np.nan)[part])
 
     def rotation(self, which: str) -> float:
         """Return ``before``, ``after`` or ``floor`` over the rotation components, in rad; NaN for positions only."""
         values = getattr(self, which)[3:6]
-        return _over(values if np.isfinite(self.before[3:6]).any() else np.full(3, np.nan))
+        return rms(values if np.isfinite(self.before[3:6]).any() else np.full(3, np.nan))
 
     @property
     def closed(self) -> float:
@@ -96,18 +97,13 @@ class Gap:
         return found
 
 
-def _rms(seen: WhitenedRows, size: int) -> FloatArray:
+def _by_component(seen: WhitenedRows, size: int) -> FloatArray:
     found = np.full(size, np.nan)
     for k in range(size):
         values = (seen.residual * seen.tracker)[seen.component == k]
         if values.size:
             found[k] = np.sqrt((values**2).mean())
     return found
-
-
-def _over(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.sqrt((known**2).mean())) if known.size else float("nan")
 
 
 def _number(value: float) -> float | None:

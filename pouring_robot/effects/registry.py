@@ -16,7 +16,8 @@ from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import condition_names
 from pouring_robot.effects.defaults import causes_of
 from pouring_robot.effects.facts import known_facts
-from pouring_robot.effects.families.drives import Family, LostMotion, Periodic, Scale, Zero
+from pouring_robot.effects.families.base import Family
+from pouring_robot.effects.families.drives import LostMotion, Periodic, Scale, Zero
 from pouring_robot.effects.families.heat import DriveGrowth, LinkGrowth, LinksGrowth
 from pouring_robot.effects.families.joints import Centres, Placement, Tilts
 from pouring_robot.effects.families.loads import Deflection, Spring, Stretch

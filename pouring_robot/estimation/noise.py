@@ -1,6 +1,7 @@
 """The noise of a campaign: as stated, or from repeats of a pose.
 
-Where it is neither, a fit says what it leaves over: :func:`pouring_robot.estimation.solver.fit_with_noise`.
+Where it is neither, a fit says what it leaves over: ``estimation.solver.fit_with_noise`` when a robot is calibrated,
+``diagnosis.diagnose`` after each search.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ def repeat_noise(
     return found[0], found[1]
 
 
-def stated_noise(campaign: Campaign, rows: NDArray[np.intp]) -> NoiseLevel:
+def noise_beforehand(campaign: Campaign, rows: NDArray[np.intp]) -> NoiseLevel:
     """Return the noise that metadata or repeats tell; ``residuals`` with a first guess where neither does.
 
     Args:

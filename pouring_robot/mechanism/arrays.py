@@ -1,4 +1,4 @@
-"""Arrays that are handed out, which must not change under the hands of their reader, and even choices of many rows."""
+"""Arrays that are handed out and must not change under their reader's hands, even choices of many rows, their RMS."""
 
 from __future__ import annotations
 
@@ -17,6 +17,12 @@ def evenly(count: int, most: int) -> NDArray[np.intp]:
     The first is among them, and the last where there are two.
     """
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.intp))
+
+
+def rms(values: FloatArray) -> float:
+    """Return the root mean square of those values that are known; NaN where none is."""
+    known = values[np.isfinite(values)]
+    return float(np.sqrt((known**2).mean())) if known.size else float("nan")
 
 
 def read_only(array: NDArray[Number]) -> NDArray[Number]:

@@ -6,7 +6,7 @@ Closed chain. At the energy minimum the gradient g over the free joints vanishes
 
 where T turns joint (f) and parameter (p) twists into the twist of the observed frame. G is exact whether or not the
 loops close, with weight and yielding drives in the model. (One chain alone, its joints held, as in the paper's
-Section 4: :meth:`pouring_robot.batch.engine.BatchEngine.transfer_open_branch`.)
+Section 4: :meth:`pouring_robot.batch.compiled.CompiledEngine.transfer_open_branch`.)
 
 A row triple is the displacement of the frame's origin, then the rotation vector, both in the axes of the base frame.
 """

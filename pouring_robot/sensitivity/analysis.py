@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pouring_robot.batch import BatchEngine, BatchStart, BatchTransfer, SiteErrors, engine_for
+from pouring_robot.batch import BatchStart, BatchTransfer, CompiledEngine, SiteErrors, engine_for
 from pouring_robot.batch.interface import Engine
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
@@ -101,14 +101,14 @@ def _transfers(
     progress: Progress,
 ) -> list[tuple[Kind, FloatArray, FloatArray]]:
     """Return G (n, 6, P) of the closed chain and, where there are chains, of open branches; with the end's axes."""
-    branches = isinstance(engine, BatchEngine) and not engine.structure.is_serial
+    branches = isinstance(engine, CompiledEngine) and not engine.structure.is_serial
     closed: list[tuple[BatchTransfer, FloatArray]] = []
     opened: list[tuple[BatchTransfer, FloatArray]] = []
     for first in range(0, len(start), _AT_ONCE):
         part = slice(first, first + _AT_ONCE)
         found = engine.close(drives[part], start[part]).require_all()
         closed.append((engine.transfer(found, wanted), found.rotation))
-        if branches and isinstance(engine, BatchEngine):
+        if branches and isinstance(engine, CompiledEngine):
             opened.append((engine.transfer_open_branch(found.joints, wanted), found.rotation))
         progress("transfer matrices", min(first + _AT_ONCE, len(start)), len(start))
     kinds: dict[Kind, list[tuple[BatchTransfer, FloatArray]]] = {"closed chain": closed, "open branch": opened}

@@ -21,7 +21,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from pouring_robot.batch import BatchCommand, BatchEngine, BatchStart, SiteErrors
+from pouring_robot.batch import BatchCommand, BatchStart, CompiledEngine, SiteErrors
 from pouring_robot.exceptions import ClosureError
 from pouring_robot.io.files import check_writable, write_whole
 from pouring_robot.mechanism.arrays import FloatArray
@@ -82,7 +82,7 @@ def draw_command(robot: PouringRobot, count: int, seed: int) -> tuple[BatchComma
     return command, kinematics.commands(np.column_stack([position + aside, turned])).start
 
 
-def robot_of_sample(engine: BatchEngine, errors: FloatArray) -> ClosedChainMechanism:
+def robot_of_sample(engine: CompiledEngine, errors: FloatArray) -> ClosedChainMechanism:
     """Return the mechanism that holds the placement errors of one sample, shape (sites * 6,), in its URDF."""
     mechanism = engine.structure.mechanism
     if not errors.any():
@@ -93,7 +93,7 @@ def robot_of_sample(engine: BatchEngine, errors: FloatArray) -> ClosedChainMecha
 
 
 def one_at_a_time_s(
-    engine: BatchEngine, command: BatchCommand, start: BatchStart, errors: Callable[[int], FloatArray], count: int
+    engine: CompiledEngine, command: BatchCommand, start: BatchStart, errors: Callable[[int], FloatArray], count: int
 ) -> tuple[float, int]:
     """Return the median time of one closure of the first samples, one at a time, in s, and how many did not close.
 
@@ -122,7 +122,7 @@ def closure_rows(robot: PouringRobot, unit_s: float, count: int, seed: int) -> l
     mechanism = robot.nominal_solver.mechanism
     command, away = draw_command(robot, count, seed)
     random = np.random.default_rng(seed + 1)
-    sites = len(BatchEngine(mechanism).parameters) // 6
+    sites = len(CompiledEngine(mechanism).parameters) // 6
 
     def all_errors(length_m: float, angle_rad: float) -> FloatArray:
         scale = np.tile(np.repeat([length_m, angle_rad], 3), sites)
@@ -138,11 +138,11 @@ def closure_rows(robot: PouringRobot, unit_s: float, count: int, seed: int) -> l
     ]
     rows = []
     for name, start, errors, errors_of in cases:
-        single_s, open_ones = one_at_a_time_s(BatchEngine(mechanism, 1), command, start, errors_of, SINGLE_SAMPLES)
+        single_s, open_ones = one_at_a_time_s(CompiledEngine(mechanism, 1), command, start, errors_of, SINGLE_SAMPLES)
         row: dict[str, Any] = {"errors": name, "samples": count}
         row |= {"single_us": 1e6 * single_s, "single_failed": open_ones}
         for label, threads in (("one_thread", 1), ("all_threads", None)):
-            engine = BatchEngine(mechanism, threads)
+            engine = CompiledEngine(mechanism, threads)
             engine.close(command.drives[:2], start[slice(0, 2)])
             result = engine.close(command.drives, start, errors)
             spent = best_time_s(lambda e=engine, s=start, x=errors: e.close(command.drives, s, x)) / count  # type: ignore[misc]
@@ -156,7 +156,7 @@ def closure_rows(robot: PouringRobot, unit_s: float, count: int, seed: int) -> l
 def transfer_figures(robot: PouringRobot, unit_s: float, count: int, seed: int) -> dict[str, float]:
     """Measure G for all DH parameters on one core."""
     command, _ = draw_command(robot, count, seed)
-    engine = BatchEngine(robot.nominal_solver.mechanism, threads=1)
+    engine = CompiledEngine(robot.nominal_solver.mechanism, threads=1)
     parameters = [parameter.local for parameter in DHTable.from_mechanism(robot.nominal_solver.mechanism).parameters]
     closed = engine.close(command.drives, command.start)
     engine.transfer(closed, parameters)
@@ -167,7 +167,7 @@ def transfer_figures(robot: PouringRobot, unit_s: float, count: int, seed: int) 
 
 def growth_rows(robot: PouringRobot, sizes: Sequence[int], chunk: int, seed: int) -> list[dict[str, float]]:
     """Measure one closure as work grows, chunk by chunk, and the memory the process has ever held."""
-    engine = BatchEngine(robot.nominal_solver.mechanism)
+    engine = CompiledEngine(robot.nominal_solver.mechanism)
     rows = []
     for size in sizes:
         begin = time.perf_counter()

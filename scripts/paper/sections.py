@@ -19,7 +19,7 @@ from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from pouring_robot.batch import BatchCommand, BatchEngine
+from pouring_robot.batch import BatchCommand, CompiledEngine
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
@@ -138,7 +138,7 @@ def _identified(robot: PouringRobot, random: np.random.Generator) -> tuple[float
     catalogue = ParameterCatalogue(robot.model.definition, robot.nominal_solver.mechanism)
     assert catalogue.table is not None
     chosen = tuple(catalogue.parameters[p.name] for p in catalogue.table.selection())
-    mapped, engine = ErrorMap(catalogue, chosen), BatchEngine(robot.nominal_solver.mechanism)
+    mapped, engine = ErrorMap(catalogue, chosen), CompiledEngine(robot.nominal_solver.mechanism)
     sites = [engine.structure.site(joint) for joint in mapped.joints]
     command = robot.kinematics.commands(random.uniform(*robot.layout.box, (_LEARNT + _HELD_OUT, 4)))
     learnt, unseen = slice(0, _LEARNT), slice(_LEARNT, None)

@@ -21,7 +21,7 @@ import numpy as np
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.rows import CampaignRows
-from pouring_robot.estimation.noise import stated_noise
+from pouring_robot.estimation.noise import noise_beforehand
 from pouring_robot.estimation.splits import split
 from pouring_robot.robot.model import RobotModel
 
@@ -32,7 +32,7 @@ def figures(model: RobotModel, campaign: Campaign) -> Figures:
     """Return the RMS of a coordinate in held-out and in other rows, in mm."""
     fitted = np.ones(len(campaign), dtype=bool)
     fitted[split(campaign, np.zeros(0, dtype=np.intp)).test] = False
-    rows = CampaignRows(campaign, model, stated_noise(campaign, np.flatnonzero(fitted)))
+    rows = CampaignRows(campaign, model, noise_beforehand(campaign, np.flatnonzero(fitted)))
     linear = rows.linearise(rows.unchanged(), rows.refined_frames(fitted))
     left = [
         part.residual[part.component < 3] * part.tracker[part.component < 3]

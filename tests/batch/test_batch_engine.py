@@ -13,8 +13,8 @@ import pytest
 from pouring_robot.batch import (
     STATUS_NAMES,
     BatchClosure,
-    BatchEngine,
     BatchStart,
+    CompiledEngine,
     SiteErrors,
     StarStructure,
 )
@@ -45,7 +45,7 @@ SHIFTS_ONLY = np.tile([2e-3] * 3 + [0.0] * 3, SITES)
 
 def engine_and_kinematics(layout):
     mechanism = RobotModel(layout=layout).nominal_mechanism()
-    return BatchEngine(mechanism, threads=2), FourUPUKinematics(mechanism)
+    return CompiledEngine(mechanism, threads=2), FourUPUKinematics(mechanism)
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +117,7 @@ def test_it_equals_the_one_at_a_time_solver(robots, layout, spread):
 def test_a_mechanism_that_is_displaced_already_equals_the_errors_given(paper):
     engine, kinematics = paper
     command, errors = command_of(kinematics, 20, seed=5), errors_of(FULL_ERRORS, 1, seed=6)[0]
-    displaced_already = BatchEngine(as_built(engine.structure.mechanism, engine, errors))
+    displaced_already = CompiledEngine(as_built(engine.structure.mechanism, engine, errors))
     one = displaced_already.close(command.drives, command.start).require_all()
     other = engine.close(command.drives, command.start, errors).require_all()
     np.testing.assert_allclose(one.position, other.position, rtol=0, atol=1e-12)
@@ -146,7 +146,7 @@ def test_all_chain_orders_give_the_same(paper):
     command = command_of(kinematics, 20, seed=7)
     errors = errors_of(FULL_ERRORS, 20, seed=8)
     expected = engine.close(command.drives, command.start, errors)
-    other = BatchEngine(ClosedChainMechanism(render_urdf(chain_order=(3, 1, 4, 2)), RobotModel().loops()))
+    other = CompiledEngine(ClosedChainMechanism(render_urdf(chain_order=(3, 1, 4, 2)), RobotModel().loops()))
     found = other.close(command.drives, command.start, errors)
     assert other.structure.site_joints == engine.structure.site_joints
     np.testing.assert_allclose(found.position, expected.position, rtol=0, atol=1e-12)
@@ -169,14 +169,14 @@ def test_the_result_does_not_depend_on_threads_or_chunks(paper):
     engine, kinematics = paper
     count = 1500
     command, errors = command_of(kinematics, count, seed=11), errors_of(FULL_ERRORS, count, seed=12)
-    whole = BatchEngine(engine.structure.mechanism, threads=1).close(command.drives, command.start, errors)
-    split = BatchEngine(engine.structure.mechanism, threads=7).close(command.drives, command.start, errors)
+    whole = CompiledEngine(engine.structure.mechanism, threads=1).close(command.drives, command.start, errors)
+    split = CompiledEngine(engine.structure.mechanism, threads=7).close(command.drives, command.start, errors)
     for name in ("position", "rotation", "joints", "residual", "iterations", "status"):
         np.testing.assert_array_equal(getattr(whole, name), getattr(split, name))
     part = slice(333, 901)
     piece = engine.close(command.drives[part], command.start[part], errors[part])
     np.testing.assert_array_equal(piece.joints, whole.joints[part])
-    one = BatchEngine(engine.structure.mechanism, threads=1).transfer(whole, None, errors)
+    one = CompiledEngine(engine.structure.mechanism, threads=1).transfer(whole, None, errors)
     two = engine.transfer(piece, None, errors[part])
     np.testing.assert_array_equal(two.matrix, one.matrix[part])
 
@@ -319,7 +319,7 @@ def test_a_singular_pose_has_a_status_of_its_own():
     model = RobotModel()
     loops = model.loops().model_copy(update={"drives": tuple(f"leg{i}_s3" for i in (1, 2, 3, 4))})
     mechanism = ClosedChainMechanism(model.nominal_urdf(), loops)
-    engine, kinematics = BatchEngine(mechanism), FourUPUKinematics(mechanism)
+    engine, kinematics = CompiledEngine(mechanism), FourUPUKinematics(mechanism)
     command = command_of(kinematics, 20, seed=34)
     start = command.start
     closed = BatchClosure(
@@ -375,7 +375,7 @@ def test_failed_samples_say_so_and_leave_the_others_alone(paper):
 def test_loops_left_open_too_far_have_their_own_status(paper):
     engine, kinematics = paper
     command, errors = command_of(kinematics, 6, seed=22), errors_of(FULL_ERRORS, 6, seed=23)
-    strict = BatchEngine(engine.structure.mechanism, options=ClosureOptions(max_gap_m=1e-6, max_gap_rad=1e-5))
+    strict = CompiledEngine(engine.structure.mechanism, options=ClosureOptions(max_gap_m=1e-6, max_gap_rad=1e-5))
     closed = strict.close(command.drives, command.start, errors)
     assert closed.status.tolist() == [2] * 6
     assert np.isnan(closed.position).all()
@@ -401,7 +401,7 @@ def test_shapes_and_names_that_do_not_fit_are_refused(paper):
     with pytest.raises(BadInputError, match="poses must have the shape"):
         kinematics.commands(np.zeros(4))
     with pytest.raises(BadInputError, match="threads must be positive"):
-        BatchEngine(engine.structure.mechanism, threads=0)
+        CompiledEngine(engine.structure.mechanism, threads=0)
     with pytest.raises(BadInputError, match="no column for 'payload'"):
         engine.transfer(closed, [PayloadParameter()])
     with pytest.raises(UnknownJointError, match="leg1_s9"):
@@ -440,7 +440,7 @@ def test_another_star_with_chains_of_different_lengths():
         joints[0, i, : len(names)] = [values[name] for name in names]
     start = BatchStart(np.array([[0.3, 0.0, 0.8]]), np.eye(3)[None], joints)
     drives = np.array([[values["a_j1"] + 0.02, values["b_j1"] - 0.01]])
-    engine = BatchEngine(mechanism)
+    engine = CompiledEngine(mechanism)
     closed = engine.close(drives, start).require_all()
     solver = ClosureSolver(mechanism)
     configuration = mechanism.with_joint_values(mechanism.neutral_configuration(), values)
@@ -478,7 +478,7 @@ def test_another_star_with_chains_of_different_lengths():
 def test_a_mechanism_that_is_no_star_is_refused(changes, problem):
     mechanism = platform_star(CHAINS, ("a_j1", "b_j1"), **changes)
     with pytest.raises(UnsupportedMechanismError, match=problem) as caught:
-        BatchEngine(mechanism)
+        CompiledEngine(mechanism)
     assert "\n" not in str(caught.value)
     assert "engine_for" in str(caught.value)
 
@@ -494,12 +494,12 @@ def test_results_and_commands_pickle(paper):
 def test_a_second_process_reads_the_kernels_from_disk(tmp_path):
     script = (
         "import numpy as np\n"
-        "from pouring_robot.batch import BatchEngine\n"
+        "from pouring_robot.batch import CompiledEngine\n"
         "from pouring_robot.batch.kernels.samples import close_samples\n"
         "from pouring_robot.robot.robot import PouringRobot\n"
         "robot = PouringRobot()\n"
         "command = robot.kinematics.commands(np.array([[-0.1, 0.02, -0.6, 0.3]]))\n"
-        "BatchEngine(robot.nominal_solver.mechanism).close(command.drives, command.start).require_all()\n"
+        "CompiledEngine(robot.nominal_solver.mechanism).close(command.drives, command.start).require_all()\n"
         "print(sum(close_samples.stats.cache_hits.values()))\n"
     )
     environment = os.environ | {"PYTHONPATH": str(ROOT)}

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pouring_robot.batch import BatchEngine, BatchStart, GeneralEngine, HomotopyStarts, SiteErrors, engine_for
+from pouring_robot.batch import BatchStart, CompiledEngine, GeneralEngine, HomotopyStarts, SiteErrors, engine_for
 from pouring_robot.batch.homotopy import closed_home
 from pouring_robot.exceptions import BadInputError, ClosureError, UnknownJointError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -111,8 +111,8 @@ def reordered(errors, source, target):
 @pytest.mark.parametrize("make", [pouring, five_bar_star], ids=["pouring robot", "five-bar"])
 def test_both_engines_give_the_same(make):
     mechanism, drives, configurations = make()
-    star, general = BatchEngine(mechanism), GeneralEngine(mechanism)
-    assert isinstance(engine_for(mechanism), BatchEngine)
+    star, general = CompiledEngine(mechanism), GeneralEngine(mechanism)
+    assert isinstance(engine_for(mechanism), CompiledEngine)
     assert set(general.structure.site_joints) == {name for name in star.structure.site_joints if name}
     errors = errors_of(star, len(drives))
     both = []
@@ -132,7 +132,7 @@ def test_both_engines_give_the_same(make):
 def test_a_serial_arm_is_the_same_to_both():
     mechanism = arm()
     drives = np.random.default_rng(6).uniform(-9.0, 9.0, (10, 6))
-    star, general = BatchEngine(mechanism), GeneralEngine(mechanism)
+    star, general = CompiledEngine(mechanism), GeneralEngine(mechanism)
     found = []
     for engine in (star, general):
         start = engine.start_at(np.tile(mechanism.neutral_configuration(), (10, 1)))

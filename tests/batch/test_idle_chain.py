@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pouring_robot.batch import BatchEngine, GeneralEngine, HomotopyStarts, engine_for
+from pouring_robot.batch import CompiledEngine, GeneralEngine, HomotopyStarts, engine_for
 from pouring_robot.mechanism.parameters import drive_parameters
 from tests.mechanism.struts import CRANK, GROUND, STROKE, crank_end, strut_star
 
@@ -17,7 +17,7 @@ def home():
 def test_a_chain_whose_rod_spins_closes_where_the_triangle_says():
     mechanism = strut_star()
     engine = engine_for(mechanism)
-    assert isinstance(engine, BatchEngine)
+    assert isinstance(engine, CompiledEngine)
     drives = np.linspace(0.45, 0.75, 50)[:, None]
     closed = engine.close(drives, HomotopyStarts(engine, home()).starts(drives)).require_all()
     expected = np.array([crank_end(stroke) for stroke in drives[:, 0]])
@@ -27,7 +27,7 @@ def test_a_chain_whose_rod_spins_closes_where_the_triangle_says():
 
 def test_its_transfer_matrix_is_that_of_the_general_engine():
     mechanism = strut_star()
-    star, general = BatchEngine(mechanism), GeneralEngine(mechanism)
+    star, general = CompiledEngine(mechanism), GeneralEngine(mechanism)
     drives, matrices = np.array([[0.55], [0.65]]), []
     parameters = [*general.parameters, *drive_parameters(mechanism)]
     for engine in (star, general):

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pouring_robot.batch import BatchEngine, BatchStart, engine_for
+from pouring_robot.batch import BatchStart, CompiledEngine, engine_for
 from pouring_robot.exceptions import UnknownJointError, UnsupportedMechanismError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureSolver
@@ -17,7 +17,7 @@ COUNT = 600  # more than one range of samples
 
 @pytest.fixture(scope="module")
 def engine():
-    return BatchEngine(arm())
+    return CompiledEngine(arm())
 
 
 @pytest.fixture
@@ -117,7 +117,7 @@ def test_starts_read_pinocchios_configurations(engine, drives):
 
 
 def test_a_locked_rail_between_base_and_end_stands_where_the_start_says():
-    engine = BatchEngine(arm(base_frame="hall"))
+    engine = CompiledEngine(arm(base_frame="hall"))
     mechanism = engine.structure.mechanism
     still = dict.fromkeys(ARM_JOINTS, 0.2)
     configuration = mechanism.with_joint_values(mechanism.neutral_configuration(), {"rail": 0.7, **still})
@@ -152,7 +152,7 @@ def test_what_is_not_finite_says_so_and_leaves_the_others_alone(engine, drives):
 )
 def test_what_is_no_serial_arm_is_refused_by_name(changes, problem):
     with pytest.raises(UnsupportedMechanismError, match=problem):
-        BatchEngine(arm(**changes))
+        CompiledEngine(arm(**changes))
 
 
 def test_joints_beyond_the_end_do_not_matter():
@@ -164,7 +164,7 @@ def test_joints_beyond_the_end_do_not_matter():
     )
     drives = np.array([[0.3, -0.2, 0.5, 7.0, -0.6]])
     for built in (mechanism, ClosedChainMechanism(tied, mechanism.loops)):
-        engine, solver = BatchEngine(built), ClosureSolver(built)
+        engine, solver = CompiledEngine(built), ClosureSolver(built)
         start = built.neutral_configuration()
         closed = engine.close(drives, engine.start_at(start[None])).require_all()
         result = solver.solve(dict(zip(ARM_JOINTS, drives[0], strict=False)), start)
@@ -182,7 +182,7 @@ def test_a_joint_of_the_chain_that_mimics_another_is_no_drive():
     )
     mechanism = ClosedChainMechanism(tied, mechanism.loops)
     with pytest.raises(UnsupportedMechanismError, match="'flange_turn' mimics 'pitch'"):
-        BatchEngine(mechanism)
+        CompiledEngine(mechanism)
     engine = engine_for(mechanism)
     drives = np.array([[0.3, -0.2, 0.5, 7.0, -0.6]])
     closed = engine.close(drives, engine.start_at(mechanism.neutral_configuration()[None])).require_all()

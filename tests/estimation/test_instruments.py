@@ -16,7 +16,7 @@ from pouring_robot.effects.nominal import nominal_rows
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.estimation.instruments import KINDS, component_name, kind_of
 from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
-from pouring_robot.estimation.noise import stated_noise
+from pouring_robot.estimation.noise import noise_beforehand
 from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.estimation.solver import FitOptions, first_frames, identify
@@ -167,9 +167,9 @@ def test_too_few_values_are_refused(model, drives):
 
 def test_noise_of_each_kind_is_stated_or_open(drives):
     campaign = campaign_of(drives, distance_m=np.ones((24, 1)))
-    assert stated_noise(campaign, np.arange(24)).open_kinds == ("distance",)
+    assert noise_beforehand(campaign, np.arange(24)).open_kinds == ("distance",)
     stated = dataclasses.replace(campaign, metadata=MADE.model_copy(update={"sigma_distance_m": 2e-4}))
-    found = stated_noise(stated, np.arange(24))
+    found = noise_beforehand(stated, np.arange(24))
     assert (found.open_kinds, found.distance_m, found.length_kind) == ((), 2e-4, "distance")
 
 

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from pouring_robot.estimation.noise import repeat_noise, repeats, stated_noise
+from pouring_robot.estimation.noise import noise_beforehand, repeat_noise, repeats
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.estimation.solver import first_frames, fit_with_noise
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, damaged
@@ -23,7 +23,7 @@ def test_repeats_are_rows_commanded_alike_from_the_same_side(repeated):
 
 
 def test_noise_from_repeats(repeated):
-    noise = stated_noise(repeated, np.arange(len(repeated)))
+    noise = noise_beforehand(repeated, np.arange(len(repeated)))
     assert noise.position_source == noise.rotation_source == "repeats"
     # Twenty differences of three coordinates: 1 / sqrt(2 * 60) is nine per cent.
     assert noise.position_m == pytest.approx(SIGMA_M, rel=0.3)
@@ -44,19 +44,19 @@ def test_repeat_noise_by_hand():
 
 
 def test_what_is_stated_counts_first_and_without_anything_residuals(clean, positions):
-    stated = stated_noise(clean.campaign, np.arange(60))
+    stated = noise_beforehand(clean.campaign, np.arange(60))
     assert (stated.position_m, stated.position_source) == (SIGMA_M, "stated")
     assert stated.freedoms == np.inf
     metadata = clean.campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
     blank = dataclasses.replace(clean.campaign, metadata=metadata)
-    assert stated_noise(blank, np.arange(60)).from_residuals
-    assert stated_noise(positions.campaign, np.arange(60)).rotation_source == "none"
+    assert noise_beforehand(blank, np.arange(60)).from_residuals
+    assert noise_beforehand(positions.campaign, np.arange(60)).rotation_source == "none"
 
 
 def test_noise_from_residuals_is_the_true_one(drawing, clean):
     virtual = Virtual(drawing, model_of(drawing, "drives"), 60)
     metadata = clean.campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
-    unknown = stated_noise(dataclasses.replace(clean.campaign, metadata=metadata), np.arange(60))
+    unknown = noise_beforehand(dataclasses.replace(clean.campaign, metadata=metadata), np.arange(60))
     start = first_frames(virtual.rows, virtual.measured)
     fit, noise = fit_with_noise(virtual.rows, virtual.measured, start, virtual.prior, unknown)
     assert noise.position_m == pytest.approx(SIGMA, rel=0.15)

@@ -15,7 +15,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.estimation.frames.fit import fit_frames
-from pouring_robot.estimation.noise import stated_noise
+from pouring_robot.estimation.noise import noise_beforehand
 from pouring_robot.robot.model import RobotModel
 from tests.examples.campaigns import main, write
 from tests.examples.effects import EFFECTS, LARGEST, effects_of
@@ -118,7 +118,7 @@ def test_the_library_knows_what_weight_puts_on_the_drives(name, tmp_path):
     write(tmp_path, MACHINES[name], seed=9)
     model = RobotModel.for_robot(robot_of(name).path)
     campaign = Campaign.read(tmp_path / "campaign.csv", model.definition)
-    conditions = CampaignRows(campaign, model, stated_noise(campaign, np.arange(len(campaign)))).conditions
+    conditions = CampaignRows(campaign, model, noise_beforehand(campaign, np.arange(len(campaign)))).conditions
     payload = campaign.conditions["payload"]
     assert relative_error(conditions.drive_force, MACHINES[name].weight(campaign.drives, payload)) < 1e-8
 

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pouring_robot.batch import BatchEngine, GeneralEngine, HomotopyStarts
+from pouring_robot.batch import CompiledEngine, GeneralEngine, HomotopyStarts
 from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.robot.description.definition import RobotDefinition
 from tests.examples import arm, delta, five_bar, hexapod
@@ -113,7 +113,7 @@ def test_every_target_is_reached_from_home(mechanism, name):
         assert np.all((lower <= values) & (values <= upper))
 
 
-@pytest.mark.parametrize("kind", [BatchEngine, GeneralEngine])
+@pytest.mark.parametrize("kind", [CompiledEngine, GeneralEngine])
 def test_every_target_is_reached_through_the_engines(mechanism, name, kind):
     engine = kind(mechanism)
     drives, wanted = targets(name)

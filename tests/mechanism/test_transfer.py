@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot import ClosedChainMechanism, ClosureSolver, Loads, PlatformPose, RobotModel
-from pouring_robot.batch import BatchEngine
+from pouring_robot.batch import CompiledEngine
 from pouring_robot.exceptions import BadInputError, UnknownJointError
 from pouring_robot.mechanism.parameters import (
     DriveParameter,
@@ -142,7 +142,7 @@ def test_open_branch_is_the_chain_alone_with_its_joints_held(layout):
     solver = case.solver()
     result = solver.solve(case.drives, case.start)
     parameters = placement_parameters(JOINTS)
-    engine = BatchEngine(solver.mechanism)
+    engine = CompiledEngine(solver.mechanism)
     joints = [[result.joint_values[name] for name in chain] for chain in engine.structure.joint_names]
     matrix = engine.transfer_open_branch(np.array([joints]), parameters).matrix[0]
 

@@ -1,4 +1,4 @@
-r"""Compiled: Newton's step, with the chains eliminated one by one, and the closure of one sample.
+r"""Compiled: Newton's step, with the chains eliminated one by one; ``newton`` takes it until a sample is closed.
 
 Write R for the columns by which the relative twist of frame b against frame a follows the freedoms: +I for the
 platform, minus the joint's twist for a joint. In the order seat, platform, site 1, joint 1, site 2, joint 2, ... the

@@ -19,7 +19,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.rows import CampaignRows, RowChanges
 from pouring_robot.estimation.frames.outer import OuterFrames
-from pouring_robot.estimation.noise import stated_noise
+from pouring_robot.estimation.noise import noise_beforehand
 from pouring_robot.estimation.solver import seen_from_one_place
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -133,7 +133,7 @@ def campaign_scene(campaign: Campaign, model: RobotModel) -> Scene | None:
     """
     one_place = seen_from_one_place(campaign, model)
     usable = one_place.subset(np.flatnonzero(one_place.usable))
-    rows = CampaignRows(usable, model, stated_noise(usable, np.arange(len(usable))))
+    rows = CampaignRows(usable, model, noise_beforehand(usable, np.arange(len(usable))))
     states = _drawing_and(_as_given("model given", rows), rows)
     shown = np.flatnonzero(np.isfinite(_everywhere(states))).tolist()
     labels = {row: _sample(usable, row) for row in shown}

@@ -6,46 +6,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from pouring_robot.effects.base import Effect, EffectParameter, Form
+from pouring_robot.effects.base import Form
 from pouring_robot.effects.conditions import Conditions
+from pouring_robot.effects.families.base import Drives, Family, of_drive
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.definition import Drive
 
-Drives = tuple[Drive, ...]
 _SHOWN_ORDERS = 3
-
-
-def channel(drive: Drive) -> str:
-    """Return the name of the local parameter that moves a drive."""
-    return f"drive.{drive.joint}"
-
-
-def of_drives(drives: Sequence[Drive], unit: float, courses: FloatArray) -> dict[str, FloatArray]:
-    """Return the change of all drives along courses (n, drives), of a unit in m or rad."""
-    return {channel(drive): unit * courses[:, k] for k, drive in enumerate(drives)}
-
-
-def of_drive(
-    drive: Drive, name: str, prior_std: float, course: FloatArray, main: bool = True, per: str = ""
-) -> EffectParameter:
-    """Return a parameter that moves one drive along a course (n,), in its own unit; ``per`` is added to that."""
-    unit, si = ("mm", MM) if drive.unit == "m" else ("mrad", MRAD)
-    return EffectParameter(f"{drive.symbol}_{name}", unit + per, prior_std, {channel(drive): si * course}, main)
-
-
-class Family(Effect):
-    """A family of effects, made for parts of one robot.
-
-    Args:
-        id_: name in files and on the command line.
-        story: one line for people.
-        drives: on which it acts.
-    """
-
-    def __init__(self, id_: str, story: str, drives: Drives = ()) -> None:
-        """Keep what it is called and what it acts on."""
-        self.id, self.story, self.drives = id_, story, drives
 
 
 class Zero(Family):

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from pouring_robot.effects.base import EffectParameter, Form
 from pouring_robot.effects.conditions import RISE, Conditions
-from pouring_robot.effects.families.drives import Drives, Family, channel, of_drives
+from pouring_robot.effects.families.base import Drives, Family, channel, of_drives
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.definition import RobotDefinition
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from pouring_robot.effects.base import EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.effects.families.drives import Family
+from pouring_robot.effects.families.base import Family
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.causes import Placements

@@ -7,7 +7,7 @@ from numpy.polynomial.legendre import legvander
 
 from pouring_robot.effects.base import EffectParameter, Form
 from pouring_robot.effects.conditions import FORCE, Conditions
-from pouring_robot.effects.families.drives import Drives, Family, channel, of_drives
+from pouring_robot.effects.families.base import Drives, Family, channel, of_drives
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 

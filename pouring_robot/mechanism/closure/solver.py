@@ -1,7 +1,7 @@
 """Closing the loops: damped Newton on the closure energy, symmetric in the chains.
 
 Four UPU chains over-constrain the platform: any axis error makes rigid closure impossible. The answer is the
-minimum of ``mechanism.energy``, and what is left open at that minimum is part of the result: it tells the
+minimum of ``energy``, and what is left open at that minimum is part of the result: it tells the
 user that parts would be forced together.
 """
 

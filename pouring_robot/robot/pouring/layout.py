@@ -1,4 +1,4 @@
-"""The dimensions file: its schema, and what Python needs of it in SI units.
+"""The dimensions file: what Python needs of it, in SI units; its schema is ``layout_schema``.
 
 The URDF is the source of the geometry; xacro makes it from the same file. This module checks the
 file before xacro sees it (a misspelt key, a negative size, a NaN is refused with file, line and key). Then

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pouring_robot.batch import BatchCommand, BatchEngine, engine_for
+from pouring_robot.batch import BatchCommand, CompiledEngine, engine_for
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.sweeps.plan import SweepPlan
 
@@ -27,7 +27,7 @@ def transfer_matrices(plan: SweepPlan, poses: BatchCommand) -> FloatArray:
     wanted = [parameter.local for parameter in plan.parameters]
     rotation = poses.start.rotation
     if plan.config.kind == "open_branch":
-        assert isinstance(engine, BatchEngine)  # only a star has a DH table of its chains
+        assert isinstance(engine, CompiledEngine)  # only a star has a DH table of its chains
         found = engine.transfer_open_branch(poses.start.joints, wanted)
     else:
         closed = engine.close(poses.drives, poses.start).require_all()

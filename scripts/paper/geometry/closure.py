@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pouring_robot.batch import BatchCommand, BatchEngine, SiteErrors
+from pouring_robot.batch import BatchCommand, CompiledEngine, SiteErrors
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -48,7 +48,7 @@ class ClosedChainStudy:
 
     def __init__(self, mechanism: ClosedChainMechanism, table: DHTable, command: BatchCommand) -> None:
         """Take what is given; all work is done when it is asked for."""
-        self._engine, self._table, self._command = BatchEngine(mechanism), table, command
+        self._engine, self._table, self._command = CompiledEngine(mechanism), table, command
         self._left_open = np.zeros(2)
 
     @property

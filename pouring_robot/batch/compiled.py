@@ -40,7 +40,7 @@ _SAMPLES_AT_A_TIME = 512
 _NOT_CONVERGED, _MODE_ENDS = STATUS_NAMES.index("not converged"), STATUS_NAMES.index("assembly mode ends")
 
 
-class BatchEngine:
+class CompiledEngine:
     """Closes a star mechanism, or places a serial arm, for many samples. Safe to use from several threads.
 
     Args:
@@ -66,7 +66,7 @@ class BatchEngine:
         self.threads = threads or len(os.sched_getaffinity(0))
         self.options = options
         self._largest_turn = largest_turn(mechanism)
-        self._smaller = Shares(mechanism, partial(BatchEngine, threads=threads, options=options), options.most_steps)
+        self._smaller = Shares(mechanism, partial(CompiledEngine, threads=threads, options=options), options.most_steps)
 
     @property
     def parameters(self) -> tuple[PlacementParameter, ...]:
