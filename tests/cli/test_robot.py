@@ -81,6 +81,13 @@ def test_every_line_of_a_first_file_is_known_to_the_reader(run, urdf):
     assert RobotFile.load(urdf.parent / "robot.yaml").loops == ()
 
 
+def test_a_joint_with_the_name_of_a_measured_column_gets_a_column_of_its_own(run, urdf):
+    urdf.write_text(ARM.replace('"reach"', '"z"').replace('"shoulder"', '"z_drive"'), encoding="utf-8")
+    code, out, err = run("robot", "init", urdf)
+    assert (code, err) == (0, "")
+    assert "z_drive (angle), z_drive_ (length)" in out
+
+
 def test_a_slide_that_cannot_stand_at_zero_starts_in_the_middle_of_its_range(run, tmp_path, urdf):
     limit = '<limit lower="0" upper="1"'
     assert ARM.count(limit) == 1

@@ -19,7 +19,7 @@ from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.loops import LoopsFile, load_loops
 from pouring_robot.robot.description.rendering import run_xacro
-from pouring_robot.robot.description.robot_file import FORMAT
+from pouring_robot.robot.description.robot_file import FORMAT, TAKEN
 from pouring_robot.robot.description.urdf import read_text
 
 _DRIVABLE = ("revolute", "continuous", "prismatic")
@@ -213,7 +213,7 @@ def _text(
         "# joint's name). ratio: joint per command (a gear); mm_per_turn: a slide whose motor's angle is commanded.",
         "# In a closed robot leave only the driven joints.",
         "drives:",
-        *(f"  - {{joint: {_quoted(name)}}}" for name in drives),
+        *(_drive(name, drives) for name in drives),
         "# Drives that share a cause of error; by default all that turn and all that slide.",
         "#   groups: {legs: [leg1, leg2]}",
         f"payload_frame: {quoted['end']}",
@@ -225,6 +225,16 @@ def _text(
         else "#   home: {elbow: 0.5}",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _drive(name: str, drives: Sequence[str]) -> str:
+    """Return the entry of a drive, with a column where its joint's name is one that campaigns have already."""
+    if name not in TAKEN:
+        return f"  - {{joint: {_quoted(name)}}}"
+    column = f"{name}_drive"
+    while column in drives:
+        column += "_"
+    return f"  - {{joint: {_quoted(name)}, column: {column}}}  # campaigns have '{name}' for something else"
 
 
 def _proposed(meetings: Sequence[tuple[str, str, str]]) -> list[str]:

@@ -114,7 +114,11 @@ class RobotFile(StrictModel):
         if len(joints) < len(self.drives):
             raise ValueError("two drives move the same joint")
         if taken := TAKEN.intersection(columns):
-            raise ValueError(f"a drive's column cannot be '{min(taken)}', which campaigns have for something else")
+            name = min(taken)
+            raise ValueError(
+                f"a drive's column cannot be '{name}', which campaigns have for something else; set column: to another "
+                f"name, such as column: {name}_drive"
+            )
         both = joints.intersection((*self.locked_joints, *self.travel))
         if both:
             raise ValueError(f"'{min(both)}' is a drive; strike it from locked_joints and travel")
