@@ -284,8 +284,24 @@ class Robot:
         return self._located(values, nominal)
 
     def location_in_the_middle(self) -> Location:
-        """Return where the robot should be and where it is at its home, or in the middle of its workspace."""
-        return self.location_at(self.model.definition.home_drives)
+        """Return where the robot should be and where it is at its home, or in the middle of its workspace.
+
+        Raises:
+            NoSolutionError: it cannot stand at its home.
+        """
+        definition = self.model.definition
+        home = definition.home_drives
+        try:
+            nominal = self.close_nominal(home, self.drawing.configuration_at(home))
+            self._refuse_beyond_limits(home, nominal)
+        except NoSolutionError as problem:
+            at = "" if definition.file.home else " (all joints at zero, as the file gives none)"
+            why = str(problem).partition(";")[0]  # what follows mends drive values, and nobody gave any
+            raise NoSolutionError(
+                f"{definition.path}: the robot cannot stand at its home{at}: {why}; write under home: the values "
+                "(m, rad) of all joints at a pose that it can take"
+            ) from problem
+        return self._located(home, nominal)
 
     def location_to(self, target: Target) -> Location:
         """Return where the robot is when it is sent to a target: the drives that bring the drawing's end body there.

@@ -7,9 +7,10 @@ import shutil
 import numpy as np
 import pytest
 
-from pouring_robot.exceptions import BadInputError, DescriptionError, ModelFileError, PouringRobotError
+from pouring_robot.exceptions import BadInputError, DescriptionError, ModelFileError, NoSolutionError, PouringRobotError
 from pouring_robot.mechanism.loops import load_loops
 from pouring_robot.mechanism.poses import PlacementError
+from pouring_robot.robot.base import Robot
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.urdf import description_folder, perturb_urdf
 from pouring_robot.robot.model import JointPlacement, RobotModel
@@ -191,6 +192,20 @@ def test_drives_that_cannot_be_are_refused(arm, old, new, says):
     arm.write_text(FILE.replace(old, new), encoding="utf-8")
     with pytest.raises(DescriptionError, match=says):
         RobotDefinition.load(arm)
+
+
+@pytest.mark.parametrize(
+    ("home", "says"),
+    [("", "its home (all joints at zero, as the file gives none): "), ("home: {shoulder: 1.0}", "its home: ")],
+)
+def test_a_home_at_which_the_robot_cannot_stand_is_named(arm, home, says):
+    (arm.parent / "arm.urdf").write_text(ARM.replace('lower="0"', 'lower="0.2"'), encoding="utf-8")
+    arm.write_text(FILE + home, encoding="utf-8")
+    with pytest.raises(NoSolutionError) as error:
+        Robot.load(arm).location_in_the_middle()
+    why = "the pose is out of reach: joint 'reach' would stand at 0.00 mm, 200.00 mm beyond its limits"
+    assert f"robot.yaml: the robot cannot stand at {says}{why}" in str(error.value)
+    assert "; write under home: the values" in str(error.value)
 
 
 def test_limits_of_a_urdf_that_leaves_them_out_bind_nothing(arm):
