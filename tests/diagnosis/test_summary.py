@@ -21,6 +21,7 @@ from pouring_robot.diagnosis.report.sentences import (
     gap_table,
     parameter_text,
     sections,
+    source_text,
     sure_text,
     untestable_lines,
     value_and_half_width,
@@ -129,6 +130,13 @@ def test_missing_columns_are_named(tmp_path):
     assert "truss_deflection: add column payload_kg and truss.span_m in campaign.yaml" in lines
     untestable = {u["effect"]: u for u in diagnosis_metrics(diagnosis, "m")["untestable"]}
     assert untestable["truss_deflection"]["add"] == ["payload_kg", "truss.span_m"]
+
+
+def test_a_single_session_is_no_missing_column(nothing):
+    unnamed = replace(nothing.campaign, headings={})
+    one = replace(unnamed, headings={"session": "session"})
+    assert source_text(("session",), unnamed) == "add column session"
+    assert source_text(("session",), one).startswith("all rows are of one session; set base and device up anew")
 
 
 def test_sources_of_an_unknown_need_keep_its_name():

@@ -16,7 +16,7 @@ from pouring_robot.diagnosis.processes import CHANCE
 from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
 from pouring_robot.effects.defaults import causes_of
-from pouring_robot.effects.facts import sources
+from pouring_robot.effects.facts import facts_of, sources
 from pouring_robot.estimation.instruments import component_name
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.causes import Thermometers
@@ -215,12 +215,14 @@ def absent_sources(needs: Iterable[str], campaign: Campaign) -> tuple[str, ...]:
 
 
 def source_text(names: Sequence[str], campaign: Campaign) -> str:
-    """Return in words what is to be added to a campaign: columns to the table, keys to the YAML beside it."""
+    """Return in words what a campaign is to be given: columns in the table, keys in the YAML beside it, a session."""
+    if list(names) == ["session"] and "session" in campaign.headings:
+        return f"all rows are of one session; {facts_of('session', campaign.robot).vary} in a second"
     keys = [name for name in names if "." in name]
     columns = [name for name in names if "." not in name]
     parts = [f"column{'s' if len(columns) > 1 else ''} {', '.join(columns)}"] if columns else []
     parts += [f"{', '.join(keys)} in {campaign.path.with_suffix('.yaml').name}"] if keys else []
-    return " and ".join(parts)
+    return f"add {' and '.join(parts)}"
 
 
 def untestable_lines(diagnosis: Conclusions) -> list[str]:
@@ -229,7 +231,7 @@ def untestable_lines(diagnosis: Conclusions) -> list[str]:
     by_source: dict[str, list[str]] = {}
     for effect, missing in diagnosis.untestable.items():
         by_source.setdefault(source_text(absent_sources(missing, campaign), campaign), []).append(effect)
-    return [f"{', '.join(effects)}: add {source}" for source, effects in by_source.items()]
+    return [f"{', '.join(effects)}: {source}" for source, effects in by_source.items()]
 
 
 def next_lines(diagnosis: Conclusions) -> list[str]:
