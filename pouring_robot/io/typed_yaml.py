@@ -79,6 +79,22 @@ def _line_of(content: Any, location: Sequence[str | int]) -> int | None:
     return line
 
 
+def _in_the_file(content: Any, location: Sequence[str | int], missing: bool) -> list[str | int]:
+    """Return a place as the file has it: without what pydantic says in between of the types that it tried.
+
+    Args:
+        content: of the file.
+        location: of the error, as pydantic says it.
+        missing: whether its last part is a key that the file does not have.
+    """
+    found = list[str | int]()
+    for key in location[: len(location) - missing]:
+        if key in content if isinstance(content, CommentedMap) else isinstance(key, int):
+            found.append(key)
+            content = content[key] if isinstance(content, CommentedMap | CommentedSeq) else None
+    return [*found, *location[len(location) - missing :]]
+
+
 def _known_keys(model: type[pydantic.BaseModel], location: Sequence[str | int]) -> list[str]:
     """Return the keys allowed at a place of the file, as far as the types tell."""
     current: Any = model
@@ -113,7 +129,7 @@ def validate(
             key=lambda one: (one["loc"] != ("format",) or one["type"] == "missing", one["type"] != "extra_forbidden"),
         )
         first, *others = errors
-        location = [part for part in first["loc"] if not str(part).startswith("function-")]
+        location = _in_the_file(content, first["loc"], first["type"] == "missing")
         where = ".".join(str(part) for part in location)
         line = _line_of(content, location)
         if first["type"] == "extra_forbidden":

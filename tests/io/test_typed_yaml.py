@@ -23,6 +23,7 @@ class Machine(StrictModel):
     parts: tuple[Part, ...] = ()
     named: dict[str, Part] = pydantic.Field(default_factory=dict)
     base: Part | None = None
+    drive: tuple[Part, ...] | str = ""
 
 
 @pytest.fixture
@@ -58,6 +59,9 @@ def test_reads_what_is_right(written):
         ("party:\n- 1\n", 1, "unknown key 'party'; did you mean 'parts'"),
         ("parts: 5\n", 1, "it is 5"),
         ("party: 1\nformat: ship/1\n", 2, r"'machine/1' \(it is 'ship/1'\) \(and 1 more\)"),
+        ("drive:\n- {mass_kg: 1}\n- {mass_kg: -1}\n", 3, "'drive.1.mass_kg': .* greater than 0"),
+        ("drive:\n- {name: x}\n", 2, "key 'drive.0.mass_kg' is missing"),
+        ("drive: 5\n", 1, "'drive': .* tuple"),
         ("parts:\n- {name: x}\n", 2, "key 'parts.0.mass_kg' is missing"),
     ],
 )
