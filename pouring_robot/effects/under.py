@@ -61,7 +61,9 @@ def understood(robot: RobotDefinition, given: Given) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for heading, values in given.items():
         if heading not in known:
-            raise BadInputError(f"'{heading}' is no condition of {robot.name}{closest(heading, known)}")
+            same = [quantity.canonical for quantity in known.values() if quantity.name == heading.rpartition("_")[0]]
+            near = f"; did you mean '{same[0]}'?" if same else closest(heading, known)
+            raise BadInputError(f"'{heading}' is no condition of {robot.name}{near}")
         quantity = known[heading]
         if quantity.name in found:
             raise BadInputError(f"'{heading}': the condition '{quantity.name}' is given twice; keep one")

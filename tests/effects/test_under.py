@@ -194,6 +194,7 @@ def test_another_session_has_no_homing_of_its_own(bench, rng):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
+        ({"ambient_C": 30.0}, "'ambient_C' is no condition of pouring_robot; did you mean 'ambient_degC'?"),
         ({"leg1_degK": 40.0}, "'leg1_degK' is no condition of pouring_robot; did you mean 'leg1_degC'?"),
         ({"time_s": 1.0, "time_min": 1.0}, "'time_min': the condition 'time' is given twice"),
         ({"time_s": "noon"}, "time_s: give a finite number for every command, not noon"),
