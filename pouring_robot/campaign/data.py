@@ -398,7 +398,8 @@ def _refuse_campaign_of_another(path: Path, robot: RobotDefinition, problem: Cam
         return  # that is another matter, and the columns come first
     if named != robot.name:
         said = f"is a campaign of the robot '{named}', and was read as one of '{robot.name}'"
-        raise CampaignError(path, f"{said}; name its robot file (--robot)") from problem
+        mend = "name its robot file (--robot; in Python the argument robot, a RobotDefinition)"
+        raise CampaignError(path, f"{said}; {mend}") from problem
 
 
 def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:

@@ -15,7 +15,7 @@ import functools
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import pinocchio as pin
@@ -139,6 +139,17 @@ class Robot:
     def actual_drives(self, drives: Mapping[str, float]) -> dict[str, float]:
         """Return where the drives of the robot as built stand for commanded values, in m and rad."""
         return {name: value + self._drive_offsets.get(name, 0.0) for name, value in drives.items()}
+
+    def locate(self, pose: Any) -> Any:
+        """Refuse a pose of the pouring robot's platform, which has a method of its own for it.
+
+        Raises:
+            BadInputError: always.
+        """
+        raise BadInputError(
+            f"{self.model.definition.name} is commanded by drive values: locate_drives(drives) takes many commands, "
+            "location_at(drives) one; location_to(target) takes a pose of its end body"
+        )
 
     def locate_drives(self, drives: ArrayLike) -> xr.Dataset:
         """Return where the robot should be and where it is for many commands.

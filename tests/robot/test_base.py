@@ -7,6 +7,8 @@ import pytest
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.robot.base import Robot
 from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from tests.support import ROOT, relative_error
 
 ROBOTS = ROOT / "examples" / "robots"
@@ -74,6 +76,14 @@ def test_commands_that_no_pose_has_say_so():
     assert np.isnan(found.actual_position.values[1]).all()
     with pytest.raises(NoSolutionError, match="no pose of the drawing"):
         robot.location_at(apart)
+
+
+def test_poses_of_the_pouring_robot_are_refused_with_the_right_calls():
+    robot = Robot.load(ROBOTS / "arm" / "robot.yaml")
+    with pytest.raises(BadInputError, match=r"locate_drives\(drives\) takes many"):
+        robot.locate(PlatformPose((-0.1, 0.0, -0.6), 0.0))
+    with pytest.raises(BadInputError, match=r"this is a Robot; .* compensate_drives\(robot, "):
+        HeatedRobot(robot, None)
 
 
 @pytest.mark.parametrize("drives", [[1.0, 2.0], [[1.0, np.nan, 0.0]], [["a", 1, 2]], [[1.0, 2.0]]])

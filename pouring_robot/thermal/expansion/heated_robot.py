@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import ClosureResult
@@ -99,7 +100,16 @@ class HeatedRobot:
     def __init__(
         self, robot: PouringRobot, heat: HeatSection | None = None, network: ThermalNetwork | None = None
     ) -> None:
-        """Keep what was given; the network is made when it is needed."""
+        """Keep what was given; the network is made when it is needed.
+
+        Raises:
+            BadInputError: it is another robot than the pouring robot.
+        """
+        if not isinstance(robot, PouringRobot):
+            raise BadInputError(
+                f"only a PouringRobot is heated by its melt, and this is a {type(robot).__name__}; any robot is "
+                "compensated by compensate_drives(robot, robot.location_at(drives))"
+            )
         self.robot, self.heat = robot, heat
         self._given_network = network
 
