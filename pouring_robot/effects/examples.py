@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from pouring_robot.effects.conditions import Conditions
@@ -32,4 +34,18 @@ def complete_conditions(robot: RobotDefinition, rows: int = 3) -> Conditions:
         travels=dict.fromkeys(robot.travels, 3.0 * course),
         screw_pitch_m=0.01,
         truss_span_m=6.0,
+    )
+
+
+def bare_conditions(robot: RobotDefinition) -> Conditions:
+    """Return the same for a campaign that holds nothing but drives and measured poses."""
+    return replace(
+        complete_conditions(robot),
+        approach=None,
+        weight_n=None,
+        drive_force=None,
+        rises={},
+        travels={},
+        screw_pitch_m=None,
+        truss_span_m=None,
     )

@@ -14,7 +14,7 @@ from pouring_robot.effects.conditions import FORCE, RISE, Conditions
 from pouring_robot.effects.defaults import causes_of
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.robot.description.causes import Thermometers, Words
+from pouring_robot.robot.description.causes import Causes, Thermometers
 from pouring_robot.robot.description.definition import Drive, RobotDefinition
 
 _KILO, _HOUR_S = 1e3, 3600.0
@@ -67,11 +67,11 @@ def known_facts(robot: RobotDefinition) -> dict[str, Facts]:
     """Return the facts of a robot's conditions by their names, in the order they are spoken of."""
     causes = causes_of(robot)
     words = causes.words
-    load = _of_weight(words, f"weight on the {words.body} [kN]", lambda c: _scaled(c.weight_n, _KILO))
+    load = _of_weight(causes, f"weight on the {words.body} [kN]", lambda c: _scaled(c.weight_n, _KILO))
     found = {"weight_n": replace(load, word="load")}
     for group, drives in robot.groups.items():
         kind = "mean force on {} [kN]" if drives[0].unit == "m" else "mean moment on {} [kNm]"
-        found[f"{group}{FORCE}"] = _force(words, f"{group}{FORCE}", words.force.get(group, kind.format(group)))
+        found[f"{group}{FORCE}"] = _force(causes, f"{group}{FORCE}", words.force.get(group, kind.format(group)))
     found |= {f"{travel}_m": _travel(travel, causes.travel_words.get(travel)) for travel in robot.travels}
     found["truss_span_m"] = Facts(
         sources=("truss.span_m",), record="the length of the rails (truss span in campaign.yaml)"
@@ -101,24 +101,26 @@ def _time(given: Conditions) -> tuple[str, FloatArray | None]:
     return ("time [h]", given.time_s / _HOUR_S) if given.time_known else ("time [row]", given.time_s)
 
 
-def _of_weight(words: Words, label: str, values: Callable[[Conditions], FloatArray | None]) -> Facts:
-    """Return the facts of a condition that goes by the load."""
+def _of_weight(causes: Causes, label: str, values: Callable[[Conditions], FloatArray | None]) -> Facts:
+    """Return the facts of a condition that goes by the load; a tare counts where the links' own weight does not."""
+    words, tare = causes.words, () if causes.own_weight else ("ladle.tare_kg", "ladle.centre_of_mass_mm")
     return Facts(
         lambda c: (label, values(c)),
-        sources=("payload_kg", "ladle.tare_kg", "ladle.centre_of_mass_mm"),
-        record=f"the load (payload_kg), and state tare and centre of mass of the {words.moved}",
+        sources=("payload_kg", *tare),
+        record="the load (payload_kg)" + (f", and state tare and centre of mass of the {words.moved}" if tare else ""),
         vary=f"measure the same poses with the {words.moved} empty and full",
         least_spread=500.0,
         varied="weight_n",
     )
 
 
-def _force(words: Words, name: str, label: str) -> Facts:
+def _force(causes: Causes, name: str, label: str) -> Facts:
     def values(given: Conditions) -> FloatArray | None:
         force = given.value(name)
         return None if force is None else np.asarray(force.mean(axis=1)) / _KILO
 
-    return _of_weight(words, label, values)
+    found = _of_weight(causes, label, values)
+    return replace(found, sources=("inertias of the links in the URDF",)) if causes.own_weight else found
 
 
 def _travel(name: str, words: tuple[str, str] | None) -> Facts:

@@ -1,6 +1,7 @@
 """``pouring-robot robot init`` and ``robots --robot``: from somebody's URDF to a robot file that loads."""
 
 import io
+import itertools
 import json
 import shutil
 
@@ -133,6 +134,12 @@ def test_effects_are_those_of_the_robot(run):
     assert code == 0
     assert "joint_periodic" in out
     assert "truss_deflection" not in out
+    needs = {line.partition(":")[0]: after for line, after in itertools.pairwise(out.splitlines())}
+    assert needs["link_thermal_expansion"] == "  needs: ambient_degC"
+    assert needs["session_offset"] == "  needs: session"
+    assert {line for effect, line in needs.items() if effect.startswith("drive_compliance")} == {
+        "  needs: inertias of the links in the URDF"
+    }
 
 
 @pytest.mark.parametrize("name", ["turn: left #2", "007", "No", "null", "a/b, c", 'say "x"', "[1]", "1e3"])
