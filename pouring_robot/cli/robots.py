@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from pouring_robot.cli.shared import bundles, options
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from rich.console import Console
 
@@ -87,11 +87,13 @@ def robots(
     if as_json:
         options.print_json(figures)
         return
-    for found in figures:
-        _print(options.console(), found)
+    for found, one in zip(figures, chosen, strict=True):
+        geared = {d.joint: d.command for d in one.definition.drives if d.factor != 1.0}
+        _print(options.console(), found, geared)
 
 
-def _print(console: Console, robot: dict[str, Any]) -> None:
+def _print(console: Console, robot: dict[str, Any], geared: Mapping[str, Literal["length", "angle"]]) -> None:
+    """Print what is known of a robot; of drives with a gear also what is commanded."""
     from pouring_robot.cli.shared.locations import unseen_note
 
     joints = f"{robot['joints']} {'chain ' if robot['loops'] else ''}joints"
@@ -111,6 +113,8 @@ def _print(console: Console, robot: dict[str, Any]) -> None:
         edges = [f"{edge:.6g}" if edge is not None else "any" for edge in (drive["lower"], drive["upper"])]
         column = robot["campaign_columns"][name]
         called = "" if column == name else f"; {column} in campaigns"
+        if command := geared.get(name):
+            called = f"; {column}_{'mm' if command == 'length' else 'deg'} in campaigns, the {command} of its motor"
         console.print(f"  drive {name}: {' … '.join(edges)} {drive['unit']}{called}")
     if workspace := robot.get("workspace"):
         limits = zip("xyz", workspace["position_lower_mm"], workspace["position_upper_mm"], strict=True)

@@ -53,6 +53,7 @@ class Quantity:
         required: whether a table without it is refused.
         unless: a quantity that may stand in its place.
         part_of: what it is nothing without, such as "a rotation vector": such quantities come all or none.
+        words: what it is, where its name may be taken for something else.
     """
 
     name: str
@@ -60,6 +61,7 @@ class Quantity:
     required: bool = False
     unless: str = ""
     part_of: str = ""
+    words: str = ""
 
     @property
     def headings(self) -> tuple[str, ...]:
@@ -174,11 +176,11 @@ def _understand(table: Table, quantities: Sequence[Quantity]) -> dict[str, int]:
 def _refuse_slip(table: Table, heading: str, quantities: Sequence[Quantity], known: dict[str, Quantity]) -> None:
     stem, _, unit = heading.rpartition("_")
     for quantity in quantities:
-        wanted = " or ".join(quantity.headings)
+        wanted, words = " or ".join(quantity.headings), quantity.words or "this quantity"
         if heading in (quantity.name, f"{quantity.name}_") and UNITS[quantity.kind]:
             raise table.heading_fault(f"the column names no unit; write {wanted}", heading)
         if stem == quantity.name and (unit in _ALL_UNITS or len(unit) <= 4):
-            raise table.heading_fault(f"'{unit}' is no unit of this quantity; write {wanted}", heading)
+            raise table.heading_fault(f"'{unit}' is no unit of {words}; write {wanted}", heading)
     lower = {name.lower(): name for name in known}
     near = difflib.get_close_matches(heading.lower(), lower, n=1, cutoff=0.85)
     if near:

@@ -9,7 +9,7 @@ import pytest
 
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.robot_file import RobotFile
-from tests.robot.test_definition import ARM, ROBOTS
+from tests.robot.test_definition import ARM, FILE, ROBOTS
 from tests.support import ROOT
 
 
@@ -113,6 +113,18 @@ def test_rows_of_drives_are_located_in_their_units(run, tmp_path):
     assert first["frames"]["flange"]["nominal_mm"] == pytest.approx([770.0, 0.0, 1070.0], abs=1e-9)
     assert second["frames"]["flange"]["nominal_mm"] == pytest.approx([0.0, 770.0, 1070.0], abs=1e-9)
     assert first["frames"]["flange"]["error"]["distance_mm"] == 0.0
+
+
+def test_of_a_drive_with_a_gear_the_column_holds_the_motor(run, tmp_path, urdf):
+    robot = tmp_path / "robot.yaml"
+    robot.write_text(FILE.replace("arm.urdf", urdf.name), encoding="utf-8")
+    _, out, _ = run("robots", "--robot", robot)
+    assert "drive shoulder: any … any deg; turn_deg in campaigns, the angle of its motor" in out
+    assert "drive reach: 0 … 1000 mm; reach_deg in campaigns, the angle of its motor" in out
+    (tmp_path / "series.csv").write_text("turn_deg,reach_mm,x_mm,y_mm,z_mm\n1,2,3,4,5\n", encoding="utf-8")
+    code, _, err = run("campaign", "check", "series.csv", "--robot", robot)
+    assert code == 2
+    assert "'mm' is no unit of the angle of the motor, which this column holds for the slide; write reach_rad" in err
 
 
 def test_a_missing_drive_value_is_named(run, tmp_path):

@@ -246,7 +246,11 @@ class RobotDefinition:
     @property
     def drive_columns(self) -> tuple[Quantity, ...]:
         """The columns of the drives in a table, as they are commanded."""
-        return tuple(Quantity(drive.column, drive.command, required=True) for drive in self.drives)
+        words = {("m", "angle"): "the angle of the motor, which this column holds for the slide"}
+        return tuple(
+            Quantity(drive.column, drive.command, required=True, words=words.get((drive.unit, drive.command), ""))
+            for drive in self.drives
+        )
 
     def drive_values(self, numbers: Mapping[str, FloatArray]) -> FloatArray:
         """Return the values of the driven joints, (n, drives), in m and rad, from columns (n,); absent ones are NaN."""
