@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from pouring_robot.robot.base import Robot
+    from pouring_robot.robot.location import Location
     from pouring_robot.robot.pouring.layout import Layout
 
 
@@ -35,6 +36,7 @@ def robot_figures(robot: Robot) -> dict[str, Any]:
         "rank_nominal": location.nominal.rank,
         "rank_actual": location.actual.rank,
         "freedoms": location.nominal.freedoms,
+        "pose_determined": _determined(robot, location),
         "drives": {
             name: _at_the_edge(limits.get(name, (-math.inf, math.inf)), mechanism.unit_of(name))
             for name in loops.drives
@@ -44,6 +46,18 @@ def robot_figures(robot: Robot) -> dict[str, Any]:
         "unseen_displacements": list(robot.unseen_displacements),
         **workspace,
     }
+
+
+def _determined(robot: Robot, location: Location) -> bool:
+    """Return whether the drives determine the pose of the drawing at a location."""
+    from pouring_robot.exceptions import SingularPoseError
+    from pouring_robot.mechanism.jacobians import drive_jacobians
+
+    try:
+        drive_jacobians(robot.nominal_solver, location.nominal)
+    except SingularPoseError:
+        return False
+    return True
 
 
 def _workspace(layout: Layout) -> dict[str, Any]:
@@ -105,6 +119,10 @@ def _print(console: Console, robot: dict[str, Any], geared: Mapping[str, Literal
         f"{robot.get('layout') or robot['robot']}: {robot['mechanism']}, {robot['bodies']} bodies, "
         f"{robot['mass_kg']:.0f} kg\n  {joints}, {closures}: {robot['freedoms']} freedoms{redundant}"
     )
+    if not robot["pose_determined"]:
+        console.print(
+            "  the drives do not determine the pose: name all that is driven, or another home if this one is singular"
+        )
     if robot["displaced_joints"]:
         console.print(f"  as built: {len(robot['displaced_joints'])} joints displaced, rank {robot['rank_actual']}")
     for joint in robot["unseen_displacements"]:

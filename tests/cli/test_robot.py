@@ -70,6 +70,20 @@ def test_example_robots_are_listed(run, name, freedoms):
     assert f"{freedoms} freedoms" in out
 
 
+def test_drives_that_do_not_determine_the_pose_are_told(run, tmp_path):
+    """The five-bar with one of its two cranks let go of."""
+    shutil.copytree(ROBOTS / "five_bar", tmp_path / "five_bar")
+    shutil.copy(ROBOTS / "shapes.xacro", tmp_path)
+    path = tmp_path / "five_bar" / "robot.yaml"
+    text = path.read_text(encoding="utf-8")
+    one = text.replace("  - {joint: right_drive, column: right}\n", "").replace(", right_drive]", "]")
+    path.write_text(one, encoding="utf-8")
+    code, out, _ = run("robots", "--robot", path)
+    assert code == 0
+    assert "  the drives do not determine the pose: name all that is driven" in out
+    assert "do not determine" not in run("robots", "--robot", ROBOTS / "five_bar" / "robot.yaml")[1]
+
+
 def test_one_robot_at_a_time(run, tmp_path):
     shutil.copytree(ROBOTS / "arm", tmp_path / "arm")
     code, _, err = run("robots", "--robot", ROBOTS / "arm" / "robot.yaml", "--layout", "wide")
