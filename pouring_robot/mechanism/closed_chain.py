@@ -407,6 +407,10 @@ class ClosedChainMechanism:
         followed = {m.joint: m.ratio * values[m.leader] + m.offset for m in self._mimics}
         return self.with_joint_values(configuration, followed)
 
+    def followed(self, offsets: Mapping[str, float]) -> dict[str, float]:
+        """Return offsets of joints (m or rad) with those of the joints that mimic them, as their leaders move them."""
+        return {**offsets, **{m.joint: m.ratio * offsets[m.leader] for m in self._mimics if m.leader in offsets}}
+
     def joint_values(self, configuration: FloatArray) -> dict[str, float]:
         """Return the value of every one-freedom joint by name, in m or rad."""
         values = {}

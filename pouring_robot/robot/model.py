@@ -120,6 +120,7 @@ class RobotModel(StrictModel):
     learned: dict[str, LearnedCampaign] = pydantic.Field(default_factory=dict)
 
     _folder: Path = pydantic.PrivateAttr(default_factory=Path)
+    _checked: bool = pydantic.PrivateAttr(default=False)
     _defined: tuple[Any, RobotDefinition] | None = pydantic.PrivateAttr(default=None)
 
     @pydantic.model_validator(mode="after")
@@ -310,6 +311,8 @@ class RobotModel(StrictModel):
             BadInputError: there is no such drive, or it is a length where an angle is given or the other way round; or
                 something is off by more than a tenth of the robot's reach, or 100 mrad.
         """
+        if self._checked:
+            return
         drives = {drive.joint: drive for drive in self.definition.drives} if self.drive_offsets else {}
         for joint, offset in self.drive_offsets.items():
             if joint not in drives:
@@ -368,21 +371,25 @@ class RobotModel(StrictModel):
     def with_offsets_placed(self) -> RobotModel:
         """Return the same robot with each drive's offset as a displacement of its joint along or about its axis.
 
-        A joint's placement M moved by an offset o and then by the command q is M moved by q + o.
+        A joint's placement M moved by an offset o and then by the command q is M moved by q + o. What mimics a drive no
+        longer sees its offset, and is displaced by its own share of it.
         """
         if not self.drive_offsets:
             return self
         self.check_errors()
-        model = self.mechanism().shared_model
+        mechanism = self.mechanism()
+        model = mechanism.shared_model
         data = model.createData()
         pin.computeJointJacobians(model, data, pin.neutral(model))
         placements = dict(self.joint_placements)
-        for drive, offset in self.drive_offset_values().items():
-            joint = model.getJointId(drive)
+        for name, offset in mechanism.followed(self.drive_offset_values()).items():
+            joint = model.getJointId(name)
             axis = pin.getJointJacobian(model, data, joint, pin.LOCAL)[:, model.idx_vs[joint]]
-            present = placements.get(drive, JointPlacement()).to_se3()
-            placements[drive] = JointPlacement.from_se3(present * pin.exp6(pin.Motion(axis * offset)))
-        return self.model_copy(update={"joint_placements": placements, "drive_offsets": {}})
+            present = placements.get(name, JointPlacement()).to_se3()
+            placements[name] = JointPlacement.from_se3(present * pin.exp6(pin.Motion(axis * offset)))
+        placed = self.model_copy(update={"joint_placements": placements, "drive_offsets": {}})
+        placed._checked = True  # a spindle that follows a slide may turn far for a small offset of it
+        return placed
 
     def nominal_mechanism(self) -> ClosedChainMechanism:
         """Return the mechanism of the drawing."""

@@ -21,6 +21,7 @@ from pouring_robot.robot.export.folder import FORMATS, exported_files
 from pouring_robot.robot.export.joints import JointRow, joints_text
 from pouring_robot.robot.export.mjcf import mjcf
 from pouring_robot.robot.model import DriveOffset, RobotModel
+from pouring_robot.robot.robot import robot_of
 from tests.support import ROOT, crooked_model, pose_gap, random_poses
 
 ROBOTS = ROOT / "examples" / "robots"
@@ -69,6 +70,83 @@ def test_the_tree_stands_where_the_closed_robot_stands(crooked, pose):
     assert closed.joints["leg2_s3"] == pytest.approx(located.drives["leg2_s3"], abs=1e-15)
     zero = of_tree(closed.urdf_zero_here(), {}, "fixed_platform", "ladle_lip")
     assert pose_gap(zero, located.poses("ladle_lip")[1]) == pytest.approx([0.0, 0.0], abs=1e-9)
+
+
+# An arm that turns and slides; a belt, a wheel driven by it and the spindle of the slide follow, all about z.
+TIED = {
+    "turn": ('type="revolute"', "0 0 0.3", '<limit lower="-2" upper="2" effort="9" velocity="1"/>'),
+    "slide": ('type="prismatic"', "0.35 0 0", '<limit lower="0" upper="0.2" effort="9" velocity="1"/>'),
+    "belt": ('type="continuous"', "0.2 0 0", '<mimic joint="turn" multiplier="-0.5" offset="0.1"/>'),
+    "wheel": ('type="continuous"', "0.1 0 0", '<mimic joint="belt" multiplier="3"/>'),
+    "spindle": ('type="continuous"', "0.05 0 0", '<mimic joint="slide" multiplier="300"/>'),
+    "tip_mount": ('type="fixed"', "0.02 0 -0.05", ""),
+}
+TIED_OFFSETS = {"turn": 2e-3, "slide": 0.5e-3}
+
+
+@pytest.fixture
+def tied(tmp_path):
+    """A robot whose joints follow two drives that stand beyond their commands, the spindle by 150 mrad."""
+    mass = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    parts, parent = ['<robot name="tied"><link name="base"/>'], "base"
+    for name, (kind, place, more) in TIED.items():
+        parts.append(
+            f'<link name="{name}_link">{mass}</link><joint name="{name}" {kind}><parent link="{parent}"/>'
+            f'<child link="{name}_link"/><origin xyz="{place}"/><axis xyz="0 0 1"/>{more}</joint>'
+        )
+        parent = f"{name}_link"
+    (tmp_path / "tied.urdf").write_text("".join((*parts, "</robot>")), encoding="utf-8")
+    (tmp_path / "robot.yaml").write_text(
+        "format: pouring_robot/robot/1\nname: tied\nurdf: tied.urdf\nbase_frame: base\nend_frame: tip_mount_link\n"
+        "drives: [{joint: turn}, {joint: slide}]\n",
+        encoding="utf-8",
+    )
+    offsets = {"turn": DriveOffset(offset_mrad=2.0), "slide": DriveOffset(offset_mm=0.5)}
+    return RobotModel.for_robot(tmp_path / "robot.yaml").model_copy(update={"drive_offsets": offsets})
+
+
+def tied_values(turn, slide):
+    """Return what all joints of that arm stand at, as whoever reads the URDF takes it."""
+    belt = -0.5 * turn + 0.1
+    return {"turn": turn, "slide": slide, "belt": belt, "wheel": 3.0 * belt, "spindle": 300.0 * slide}
+
+
+def tied_tip(turn, slide):
+    """Return where its tip stands by plane trigonometry, its drives standing so."""
+    values = tied_values(turn + TIED_OFFSETS["turn"], slide + TIED_OFFSETS["slide"])
+    heading, place = 0.0, np.array([0.0, 0.0, 0.3 + values["slide"] - 0.05])
+    for name, length in (("turn", 0.35 + 0.2), ("belt", 0.1), ("wheel", 0.05), ("spindle", 0.02)):
+        heading += values[name]
+        place += length * np.array([np.cos(heading), np.sin(heading), 0.0])
+    return pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, heading), place)
+
+
+@pytest.mark.parametrize("command", [(0.35, 0.01), (-1.2, 0.0)])
+def test_joints_that_mimic_a_drive_follow_its_offset_in_every_format(tied, command, tmp_path):
+    expected, same = tied_tip(*command), pytest.approx([0.0, 0.0], abs=1e-12)
+    location = robot_of(tied).location_at(list(command))
+    assert pose_gap(location.actual.pose("base", "tip_mount_link"), expected) == same
+    closed = at_pose(tied, list(command))
+    for there in (command, (0.7, 0.02)):  # a reader's mimic holds at other values, too
+        tree = of_tree(closed.urdf, tied_values(*there), "base", "tip_mount_link")
+        assert pose_gap(tree, tied_tip(*there)) == same
+    assert pose_gap(of_tree(closed.urdf_zero_here(), {}, "base", "tip_mount_link"), expected) == same
+    model = mujoco.MjModel.from_xml_path(str(written(closed, tmp_path / "mjcf", "mjcf")))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    there = data.body("tip_mount_link")
+    assert pose_gap(pin.SE3(there.xmat.reshape(3, 3), there.xpos), expected) == same
+    for form in ("sdf", "drake"):
+        link = etree.parse(written(closed, tmp_path / form, form)).find("model/link[@name='tip_mount_link']/pose")
+        found = pin.XYZQUATToSE3(np.array([float(v) for v in link.text.split()]))
+        assert pose_gap(found, expected) == same
+
+
+def test_tables_of_joints_are_of_the_tree_whose_joints_hold_offsets(tied):
+    robot, command = robot_of(tied), [0.35, 0.005]
+    row = JointRow.of(robot.location_at(command).actual, tied.drive_offset_values())
+    for values in (row.values, at_pose(tied, command).joints):
+        assert values == pytest.approx(tied_values(*command), abs=1e-12)
 
 
 def test_zeros_that_were_moved_keep_the_limits_where_they_were(crooked):

@@ -43,7 +43,8 @@ class JointRow:
             closed: the robot as built.
             offsets: by which drives stand beyond their commands in it, m or rad; in the exported tree joints hold them.
         """
-        values = {name: value - offsets.get(name, 0.0) for name, value in closed.joint_values.items()}
+        beyond = closed.mechanism.followed(offsets)
+        values = {name: value - beyond.get(name, 0.0) for name, value in closed.joint_values.items()}
         units = {name: closed.mechanism.unit_of(name) for name in values}
         return cls(values, units, closed.gap_m, closed.gap_rad)
 
