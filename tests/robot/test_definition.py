@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, ModelFileError, NoSolutionError, PouringRobotError
+from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.loops import load_loops
 from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.base import Robot
@@ -37,6 +38,41 @@ drives:
 """
 
 
+# A bridge on rails, its trolley and hoist, and a wire from the bridge to the hook that measures.
+GANTRY_JOINTS = (
+    ("rails", "prismatic", "hall", "bridge", "0 0 3", "1 0 0", 0.5, 8.0),
+    ("trolley", "prismatic", "bridge", "carriage", "0 0 0", "0 1 0", 0.5, 3.5),
+    ("hoist", "prismatic", "carriage", "hook", "0 0 0", "0 0 -1", 0.3, 2.0),
+    ("pan", "revolute", "bridge", "wire_pan", "0.5 0 0", "0 0 1", -3.0, 3.0),
+    ("tilt", "revolute", "wire_pan", "wire_tilt", "0 0 0", "0 1 0", -1.5, 1.5),
+    ("wire", "prismatic", "wire_tilt", "wire_end", "0 0 0", "1 0 0", 0.1, 6.0),
+)
+GANTRY = """format: pouring_robot/robot/1
+name: gantry
+urdf: gantry.urdf
+base_frame: bridge
+end_frame: hook
+loops: [{name: wire, frame_a: wire_end, frame_b: hook, type: 3d}]
+travel: [rails]
+drives: [{joint: trolley}, {joint: hoist}]
+home: {trolley: 2.0, hoist: 1.2, pan: 1.8, tilt: 0.5, wire: 2.4}
+"""
+
+
+@pytest.fixture
+def gantry(tmp_path):
+    links = "".join(f'<link name="{name}"/>' for name in ("hall", *(child for _, _, _, child, *_ in GANTRY_JOINTS)))
+    joints = "".join(
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{place}"/>'
+        f'<axis xyz="{axis}"/><limit lower="{lower}" upper="{upper}" effort="1" velocity="1"/></joint>'
+        for name, kind, parent, child, place, axis, lower, upper in GANTRY_JOINTS
+    )
+    (tmp_path / "gantry.urdf").write_text(f'<robot name="gantry">{links}{joints}</robot>', encoding="utf-8")
+    path = tmp_path / "robot.yaml"
+    path.write_text(GANTRY, encoding="utf-8")
+    return path
+
+
 @pytest.fixture
 def arm(tmp_path):
     (tmp_path / "arm.urdf").write_text(ARM, encoding="utf-8")
@@ -50,6 +86,34 @@ def test_drives_have_columns_units_and_gears(arm):
     assert (turn.column, turn.unit, turn.command, turn.factor) == ("turn", "rad", "angle", 0.5)
     assert (reach.column, reach.unit, reach.command) == ("reach", "m", "angle")
     assert reach.factor * 2.0 * math.pi == pytest.approx(0.010, rel=1e-15)
+
+
+@pytest.mark.parametrize(("home", "rails"), [("", 0.0), ("rails: 2.5, ", 2.5)])
+def test_a_travel_carries_the_base_and_is_nothing_to_be_closed(gantry, home, rails):
+    """The hook has the freedoms of its drives, wherever the bridge stands; the wire is as long as Pythagoras says."""
+    gantry.write_text(GANTRY.replace("home: {", f"home: {{{home}"), encoding="utf-8")
+    robot = Robot.load(gantry)
+    location = robot.location_at([1.5, 1.0])
+    assert location.nominal.freedoms == 2 and location.nominal.idle_joints == ()
+    assert location.nominal.joint_values["wire"] == pytest.approx(np.sqrt(0.5**2 + 1.5**2 + 1.0**2), abs=1e-12)
+    assert location.nominal.joint_values["rails"] == rails
+    assert {reach.joint for reach in location.reach} == {"trolley", "hoist", "pan", "tilt", "wire"}
+    assert len(robot.model.definition.workspace(robot.drawing)[0]) > 100  # though the rails do not reach to zero
+    again = gantry.with_name("again.yaml")
+    again.write_bytes(robot.model.definition.files_beside()["robot.yaml"])
+    assert RobotDefinition.load(again).loops == robot.model.definition.loops
+
+
+def test_a_wire_that_measures_beside_a_travel_is_redundant(gantry):
+    measured = GANTRY.replace("{joint: hoist}]", "{joint: hoist}, {joint: wire}]\nredundant_drives: true")
+    gantry.write_text(measured, encoding="utf-8")
+    assert redundant_drives(RobotDefinition.load(gantry).mechanism()) == 1
+
+
+def test_a_travel_that_the_urdf_holds_is_a_column_only(arm):
+    arm.write_text(FILE + "travel: [carriage]\n", encoding="utf-8")
+    definition = RobotDefinition.load(arm)
+    assert definition.travels == ("carriage",) and definition.mechanism().loops.locked_joints == ()
 
 
 def test_groups_are_by_kind_unless_the_file_says_otherwise(arm):

@@ -121,6 +121,10 @@ class RobotDefinition:
         for name in (*file.travel, *file.home):
             if name not in kinds:
                 raise DescriptionError(path, f"'{name}' is not a joint of the robot{closest(name, kinds)}")
+        # What carries the base stands where a campaign says; poses are seen from the base, so no loop moves it.
+        carrying = (joint for joint in file.travel if kinds[joint] != "fixed")
+        locked = tuple(dict.fromkeys((*self.loops.locked_joints, *carrying)))
+        self.loops = self.loops.model_copy(update={"locked_joints": locked})
         frames = (*self._links, *kinds)
         if file.payload_frame is not None and file.payload_frame not in frames:
             near = closest(file.payload_frame, frames)

@@ -78,7 +78,7 @@ class HomeDrawing:
         values, limits = self._followed.engine.structure.joint_values(start.joints), self.mechanism.joint_limits()
         within = np.ones(len(start), dtype=bool)
         for name, (lower, upper) in limits.items():
-            if name in values:
+            if name in values and name not in self.mechanism.loops.locked_joints:
                 within &= (values[name] >= lower) & (values[name] <= upper)
         return within
 

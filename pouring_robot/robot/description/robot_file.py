@@ -70,7 +70,7 @@ class RobotFile(StrictModel):
         tolerances: a tolerances file of this robot's own.
         usual_force_n: force on a sliding drive at which its stretch is given; ``usual_moment_nm`` on a turning one.
         payload_frame: where a payload hangs.
-        travel: joints that carry the base.
+        travel: joints that carry the base; they take no part in the closure either.
         home: joint values (m, rad) near which the robot closes; by default all zero.
     """
 
