@@ -54,6 +54,7 @@ class HomotopyStarts:
         engine: of the mechanism.
         home: joint values near which it closes, m or rad, as :func:`closed_home` takes them.
         steps: from home to target.
+        last: engine of the last step, which may ask for more than those on the way; by default the same.
 
     Raises:
         UnknownJointError: a name is no joint.
@@ -61,11 +62,11 @@ class HomotopyStarts:
         ClosureError: the mechanism does not close at its home.
     """
 
-    def __init__(self, engine: Engine, home: Mapping[str, float], steps: int = 8) -> None:
+    def __init__(self, engine: Engine, home: Mapping[str, float], steps: int = 8, last: Engine | None = None) -> None:
         """Close the home."""
         if steps < 1:
             raise BadInputError(f"the number of steps must be positive, not {steps}")
-        self.engine, self.steps = engine, steps
+        self.engine, self.steps, self._last = engine, steps, last or engine
         mechanism = engine.structure.mechanism
         closed = closed_home(mechanism, home, engine.options)
         self._home = engine.start_at(closed.configuration[None])
@@ -87,5 +88,6 @@ class HomotopyStarts:
         serial = not self.engine.structure.mechanism.anchors
         for step in range(self.steps if serial else 1, self.steps + 1):
             share = step / self.steps
-            start = self.engine.close((1.0 - share) * self._home_drives + share * drives, start).as_start()
+            engine = self._last if step == self.steps else self.engine
+            start = engine.close((1.0 - share) * self._home_drives + share * drives, start).as_start()
         return start

@@ -128,11 +128,18 @@ def simulate_campaign(
         progress: told of every row.
 
     Raises:
-        BadInputError: more outliers than rows are asked for.
+        BadInputError: more outliers than rows are asked for, or the robot has redundant drives: what they read follows
+            from where the body is, not the other way round.
         CampaignError: the robot as built cannot take a pose; names the row.
     """
     options = options or MeasurementOptions()
     rows = len(plan)
+    if robot.model.loops().redundant_drives:
+        raise BadInputError(
+            f"{robot.model.definition.name} has redundant drives, and commands that were chosen one by one would "
+            "disagree by far more than errors make them; take redundant_drives out of a copy of its robot file, with "
+            "as many drives as it has freedoms"
+        )
     if options.outliers > rows:
         raise BadInputError(f"{options.outliers} outliers do not fit into {rows} rows")
     path = Path(path)

@@ -182,7 +182,8 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
                     n_workers=workers,
                     threads_per_worker=1,
                     processes=True,
-                    dashboard_address=None,
+                    dashboard_address="127.0.0.1:0",  # a server of Dask's own all the same: any free port, this machine
+                    scheduler_kwargs={"dashboard": False},
                     silence_logs=logging.ERROR,
                     preload=_DEAF,
                 )

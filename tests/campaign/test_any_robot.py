@@ -10,7 +10,7 @@ from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.campaign.plan import random_plan, read_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.estimation.frames.outer import OuterFrames
-from pouring_robot.exceptions import CampaignError
+from pouring_robot.exceptions import BadInputError, CampaignError
 from pouring_robot.robot.base import Robot
 from pouring_robot.robot.description.robot_file import TAKEN
 from tests.robot.test_base import NAMES, ROBOTS
@@ -30,6 +30,12 @@ def test_without_noise_two_frames_explain_what_the_drawing_would_give(name, tmp_
     seen = OuterFrames(outer, inner).seen(nominal_poses(robot.drawing, again.drives))
     # Twice a closure to 1e-9 rad, seen over a platform of some decimetres, and the digits of the file.
     assert again.position_m == pytest.approx(seen.position_m, abs=5e-9)
+
+
+def test_redundant_drives_are_not_simulated_from_commands():
+    lines = Robot.load(ROBOTS.parent / "machines" / "hangprinter" / "robot.yaml")
+    with pytest.raises(BadInputError, match=r"hangprinter has redundant drives.*take redundant_drives out"):
+        simulate_campaign(lines, random_plan(lines, 4, 3))
 
 
 def test_a_plan_of_drives_is_read_in_their_units(tmp_path):

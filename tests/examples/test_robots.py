@@ -54,6 +54,17 @@ def on_the_way(name, drives):
     return [home + share * (drives - home) for share in (0.25, 0.5, 0.75, 1.0)]
 
 
+def test_a_drawing_is_closed_where_its_parts_meet_and_nowhere_else():
+    """Two circles meet as long as their centres are no further apart than both radii; errors alone may stretch that."""
+    drives = np.random.default_rng(7).uniform(-1.8, 1.8, size=(2000, 2))
+    tips = five_bar.BASE + five_bar.CRANK[:, None] * np.stack([-np.sin(drives), np.cos(drives)], axis=-1)
+    missing = np.linalg.norm(tips[:, 1] - tips[:, 0], axis=1) - five_bar.COUPLER.sum()
+    closed = np.isfinite(robot_of("five_bar").drawing().starts(drives).position).all(axis=1)
+    told = np.abs(missing) > 2e-4  # the drawing's own precision, twice
+    assert (missing[told] > 0.0).sum() > 50
+    np.testing.assert_array_equal(closed[told], missing[told] < 0.0)
+
+
 @pytest.mark.parametrize("name", MACHINES)
 def test_closed_forms_are_each_others_inverse(name):
     drives, poses = targets(name)

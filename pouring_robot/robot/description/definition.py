@@ -17,7 +17,7 @@ import functools
 import io
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -30,6 +30,7 @@ from pouring_robot.exceptions import DescriptionError, UnknownJointError, closes
 from pouring_robot.io.quantities import Quantity
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions
 from pouring_robot.mechanism.joint_types import change_joints
 from pouring_robot.mechanism.loops import LoopsFile, load_loops
 from pouring_robot.mechanism.poses import MM
@@ -45,6 +46,8 @@ if TYPE_CHECKING:
 
 _WORKSPACE_SAMPLES = 200
 _LIMIT_SLACK = 1e-6  # m or rad: a home that was rounded
+_DRAWN_FIT = 1e-4
+"""How far a drawing's loops may be open, over its reach and in rad: drawings are written to a tenth of a mm a metre."""
 ParameterGroups = Mapping[str, tuple[str, tuple[str, ...]]]
 ParameterSets = Mapping[str, tuple[str, ...]]
 _GROUPS: ParameterGroups = {
@@ -239,6 +242,11 @@ class RobotDefinition:
         """Length of the longest way from the root to a joint, stretched out, in m; the robot's size."""
         return reach(self.urdf(), self.file.home)
 
+    @property
+    def drawn_fit(self) -> ClosureOptions:
+        """When the drawing, which has no errors, counts as closed: its loops fit as well as drawings are written."""
+        return replace(DEFAULT_OPTIONS, max_gap_m=_DRAWN_FIT * self.reach_m, max_gap_rad=_DRAWN_FIT)
+
     def files_beside(self) -> dict[str, bytes]:
         """Return what makes the exported URDF a robot again, by file name: its robot file."""
         said = self.file.model_dump(mode="json", exclude_defaults=True, exclude={"xacro", "mappings", "joint_types"})
@@ -280,7 +288,7 @@ class RobotDefinition:
     def _drawing_of(self, mechanism: ClosedChainMechanism) -> Drawing:
         from pouring_robot.robot.description.drawing import HomeDrawing
 
-        return HomeDrawing(mechanism, self.file.home)
+        return HomeDrawing(mechanism, self.file.home, self.drawn_fit)
 
     def workspace(self, drawing: Drawing, count: int = _WORKSPACE_SAMPLES) -> tuple[FloatArray, BatchStart]:
         """Return up to ``count`` drive values spread over the workspace, (n, drives), in m and rad, and closed poses.

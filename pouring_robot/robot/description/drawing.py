@@ -13,6 +13,7 @@ from pouring_robot.batch import BatchCommand, BatchStart, HomotopyStarts, StarSt
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure.solver import ClosureOptions
 
 _KEPT = 4
 
@@ -45,16 +46,18 @@ class HomeDrawing:
     Args:
         mechanism: of the drawing.
         home: joint values (m, rad) near which it closes; joints that are not named stand at zero.
+        options: when a pose of the drawing counts as closed; on the way there loops may be open as those with errors.
     """
 
-    def __init__(self, mechanism: ClosedChainMechanism, home: Mapping[str, float]) -> None:
-        """Keep both; the home is closed at first use."""
-        self.mechanism, self._home = mechanism, dict(home)
+    def __init__(self, mechanism: ClosedChainMechanism, home: Mapping[str, float], options: ClosureOptions) -> None:
+        """Keep them; the home is closed at first use."""
+        self.mechanism, self._home, self._options = mechanism, dict(home), options
         self._known: dict[tuple[int, bytes], BatchStart] = {}
 
     @functools.cached_property
     def _followed(self) -> HomotopyStarts:
-        return HomotopyStarts(engine_for(self.mechanism), self._home)
+        last = engine_for(self.mechanism, options=self._options)
+        return HomotopyStarts(engine_for(self.mechanism), self._home, last=last)
 
     def starts(self, drives: FloatArray, /) -> BatchStart:
         """Return the closed poses of drive values (n, drives), in m and rad; NaN where no pose has them.
