@@ -75,8 +75,8 @@ def check_noise(
         stated = campaign.metadata.sigma_position_m / MM
         message = (
             f"the stated noise is too small: all {len(scatters)} measured components scatter by {least.factor:.2g} "
-            f"times as much or more, which no cause explains; of a position that is {least.factor * stated:.2g} mm, "
-            f"not {stated:.2g}"
+            "times as much or more, which no smooth cause explains; of a position that is "
+            f"{least.factor * stated:.2g} mm, not {stated:.2g}"
         )
         yield found(campaign, FlagCode.NOISE_TOO_SMALL, message, metrics={"factor": least.factor})
 

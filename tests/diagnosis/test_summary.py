@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.checks.flags import FlagCode, found
 from pouring_robot.diagnosis.diagnose import _free_residuals, diagnose
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.parameters import FoundParameter
@@ -264,6 +265,16 @@ def test_a_model_that_is_worse_on_held_out_rows_says_so(hot):
 )
 def test_nobody_is_a_hundred_percent_sure(probability, words):
     assert sure_text(probability) == words
+
+
+def test_a_noise_that_the_found_cause_comes_down_to_is_not_called_too_small(diagnosed):
+    hot = diagnosed(HOT)
+    flag = found(hot.campaign, FlagCode.NOISE_TOO_SMALL, "the stated noise is too small")
+    gap = hot.train
+    assert gap.position("after") < 1.2 * gap.position("floor")
+    assert f"data: {flag.message}" not in note_lines(replace(hot, flags=(flag,)))
+    unexplained = replace(hot, flags=(flag,), train=Gap(gap.rows, gap.before, gap.before, gap.floor))
+    assert f"data: {flag.message}" in note_lines(unexplained)
 
 
 def test_workmanship_beside_a_cause_is_told_with_its_size(diagnosed):

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.checks.flags import FlagCode
+from pouring_robot.checks.noise import LEAST_FACTOR
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.estimation.instruments import KINDS
 from pouring_robot.inference.hypotheses import BACKGROUND_LEVELS
@@ -52,7 +53,9 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
             f"{', '.join(stays)} depend{'s' if len(stays) == 1 else ''} on conditions: other commands apply this part "
             "of model.yaml under what --condition or columns beside their poses say"
         )
-    told = (FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES)
+    told = {FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_DRIVES}
+    if diagnosis.train.position("after") < LEAST_FACTOR * diagnosis.train.position("floor"):
+        told.add(FlagCode.NOISE_TOO_SMALL)  # what was found explains what no smooth cause did
     seen = [flag for flag in diagnosis.flags if flag.severity == "warning" and flag.code not in told]
     lines += [f"data: {flag.message}" for flag in seen]
     return lines
