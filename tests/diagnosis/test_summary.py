@@ -20,6 +20,7 @@ from pouring_robot.diagnosis.report.sentences import (
     apart_lines,
     gap_sentence,
     gap_table,
+    next_lines,
     parameter_text,
     sections,
     source_text,
@@ -138,6 +139,12 @@ def test_a_single_session_is_no_missing_column(nothing):
     one = replace(unnamed, headings={"session": "session"})
     assert source_text(("session",), unnamed) == "add column session"
     assert source_text(("session",), one).startswith("all rows are of one session; set base and device up anew")
+
+
+def test_an_unknown_may_be_what_could_not_be_tested(excluded):
+    line = "first what could not be tested, and may be it: truss_deflection"
+    assert line in next_lines(replace(excluded, untestable={"truss_deflection": ("truss_span_m",)}))
+    assert not any("could not be tested" in one for one in next_lines(replace(excluded, untestable={})))
 
 
 def test_sources_of_an_unknown_need_keep_its_name():

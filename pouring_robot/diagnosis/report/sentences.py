@@ -238,6 +238,8 @@ def next_lines(diagnosis: Conclusions) -> list[str]:
     """Return what to measure or do next."""
     verdict, lines = diagnosis.verdict, []
     if verdict == "unknown":
+        if diagnosis.untestable:
+            lines.append(f"first what could not be tested, and may be it: {', '.join(diagnosis.untestable)}")
         by = [x.structure.process.by for x in diagnosis.discrepancies if x.structure.process.by != CHANCE]
         lines.append(
             f"look for a cause that depends on {' or '.join(dict.fromkeys(by))}; "
