@@ -15,7 +15,7 @@ import functools
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 import pinocchio as pin
@@ -139,17 +139,6 @@ class Robot:
     def actual_drives(self, drives: Mapping[str, float]) -> dict[str, float]:
         """Return where the drives of the robot as built stand for commanded values, in m and rad."""
         return {name: value + self._drive_offsets.get(name, 0.0) for name, value in drives.items()}
-
-    def locate(self, pose: Any) -> Any:
-        """Refuse a pose of the pouring robot's platform, which has a method of its own for it.
-
-        Raises:
-            BadInputError: always.
-        """
-        raise BadInputError(
-            f"{self.model.definition.name} is commanded by drive values: locate_drives(drives) takes many commands, "
-            "location_at(drives) one; location_to(target) takes a pose of its end body"
-        )
 
     def locate_drives(self, drives: ArrayLike) -> xr.Dataset:
         """Return where the robot should be and where it is for many commands.
@@ -301,10 +290,8 @@ class Robot:
             NoSolutionError: it cannot stand at its home.
         """
         definition = self.model.definition
-        home = definition.home_drives
         try:
-            nominal = self.close_nominal(home, self.drawing.configuration_at(home))
-            self._refuse_beyond_limits(home, nominal)
+            return self.location_at(definition.home_drives)
         except NoSolutionError as problem:
             at = "" if definition.file.home else " (all joints at zero, as the file gives none)"
             why = str(problem).partition(";")[0]  # what follows mends drive values, and nobody gave any
@@ -312,7 +299,6 @@ class Robot:
                 f"{definition.path}: the robot cannot stand at its home{at}: {why}; write under home: the values "
                 "(m, rad) of all joints at a pose that it can take"
             ) from problem
-        return self._located(home, nominal)
 
     def location_to(self, target: Target) -> Location:
         """Return where the robot is when it is sent to a target: the drives that bring the drawing's end body there.

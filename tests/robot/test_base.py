@@ -7,7 +7,6 @@ import pytest
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.robot.base import Robot
 from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
-from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from tests.support import ROOT, relative_error
 
@@ -78,10 +77,8 @@ def test_commands_that_no_pose_has_say_so():
         robot.location_at(apart)
 
 
-def test_poses_of_the_pouring_robot_are_refused_with_the_right_calls():
+def test_heat_of_a_melt_is_the_pouring_robots_and_the_right_call_is_named():
     robot = Robot.load(ROBOTS / "arm" / "robot.yaml")
-    with pytest.raises(BadInputError, match=r"locate_drives\(drives\) takes many"):
-        robot.locate(PlatformPose((-0.1, 0.0, -0.6), 0.0))
     with pytest.raises(BadInputError, match=r"this is a Robot; .* compensate_drives\(robot, "):
         HeatedRobot(robot, None)
 
