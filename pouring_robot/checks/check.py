@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from pouring_robot.batch import engine_for
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import nominal_poses
@@ -19,7 +17,7 @@ from pouring_robot.checks.residuals import check_rows
 from pouring_robot.checks.sessions import in_frames_of_their_own
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.io.threads import one_blas_thread
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, rms
 from pouring_robot.robot.description.drawing import Drawing
 
 
@@ -62,7 +60,7 @@ def _disagreement(campaign: Campaign, drawing: Drawing, drives: FloatArray) -> f
     if not campaign.redundant_drives:
         return None
     apart = engine_for(drawing.mechanism).close(drives, drawing.starts(drives)).disagreement[campaign.usable]
-    return float(np.sqrt(np.nanmean(apart**2)))
+    return rms(apart)
 
 
 def check_campaign(campaign: Campaign, drawing: Drawing) -> list[DataFlag]:

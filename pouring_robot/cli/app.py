@@ -26,27 +26,29 @@ from pouring_robot.exceptions import PouringRobotError, StoppedError
 from pouring_robot.io.interrupt import heard
 from pouring_robot.io.threads import one_blas_thread_from_the_start
 
-# In the order of use, as on the help page. Each stands in the module of its name, imported when it is asked for;
-# those of poses in a room of their own.
-_COMMANDS = (
-    "examples",
-    "robots",
-    "robot",
-    "pose",
-    "path",
-    "view",
-    "campaign",
-    "diagnose",
-    "effects",
-    "calibrate",
-    "compensate",
-    "sensitivity",
-    "sweep",
-    "thermal",
-    "regress",
-    "export",
-)
-_OF_POSES = ("pose", "path", "view", "compensate")
+# By name, in the order of use, as on the help page: the module that each stands in, imported when it is asked for.
+_MODULES = {
+    path.rpartition(".")[2]: path
+    for path in (
+        "examples",
+        "robots",
+        "robot",
+        "poses.pose",
+        "poses.path",
+        "poses.view",
+        "campaign",
+        "diagnose",
+        "effects",
+        "calibrate",
+        "poses.compensate",
+        "sensitivity",
+        "sweep",
+        "thermal",
+        "regress",
+        "export",
+    )
+}
+_COMMANDS = tuple(_MODULES)
 _FAULT = 70  # an error of the program itself, as ``sysexits.h`` counts it
 
 EXTRAS = {
@@ -71,8 +73,7 @@ class _Subcommands(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         if cmd_name not in _COMMANDS:
             return None
-        room = "poses." if cmd_name in _OF_POSES else ""
-        found = getattr(importlib.import_module(f"pouring_robot.cli.{room}{cmd_name}"), cmd_name)
+        found = getattr(importlib.import_module(f"pouring_robot.cli.{_MODULES[cmd_name]}"), cmd_name)
         if isinstance(found, typer.Typer):
             return typer.main.get_group(found)
         return typer.main.get_command(group_of("", [found]))

@@ -98,12 +98,8 @@ class Gap:
 
 
 def _by_component(seen: WhitenedRows, size: int) -> FloatArray:
-    found = np.full(size, np.nan)
-    for k in range(size):
-        values = (seen.residual * seen.tracker)[seen.component == k]
-        if values.size:
-            found[k] = np.sqrt((values**2).mean())
-    return found
+    values = seen.residual * seen.tracker
+    return np.array([rms(values[seen.component == k]) for k in range(size)])
 
 
 def _number(value: float) -> float | None:

@@ -314,7 +314,7 @@ class Robot:
     def drives_to(self, target: Target) -> Reached:
         """Return the drives that bring a frame of the drawing to a target; see :meth:`location_to`."""
         refusal: NoSolutionError | None = None
-        nearest, drawn = np.inf, ClosureSolver(self.drawing.mechanism, options=self.model.definition.drawn_fit)
+        nearest, fit = np.inf, self.model.definition.drawn_fit
         for drives, configuration in self._tries(target):
             try:
                 found = bring(self.nominal_solver, self.close_nominal, target, drives, configuration)
@@ -323,8 +323,7 @@ class Robot:
                     if size < nearest:
                         nearest, refusal = size, UnreachableTargetError(found.left)
                     continue
-                drawn.solve_from(found.result.configuration)
-                self._refuse_beyond_limits(found.drives, found.result)
+                self._refuse_beyond_limits(found.drives, found.result.within(fit))
             except NoSolutionError as problem:
                 refusal = problem
                 continue

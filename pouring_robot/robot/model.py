@@ -120,7 +120,7 @@ class RobotModel(StrictModel):
     learned: dict[str, LearnedCampaign] = pydantic.Field(default_factory=dict)
 
     _folder: Path = pydantic.PrivateAttr(default_factory=Path)
-    _checked: bool = pydantic.PrivateAttr(default=False)
+    _placed: dict[str, JointPlacement] = pydantic.PrivateAttr(default_factory=dict)
     _defined: tuple[Any, RobotDefinition] | None = pydantic.PrivateAttr(default=None)
 
     @pydantic.model_validator(mode="after")
@@ -311,8 +311,6 @@ class RobotModel(StrictModel):
             BadInputError: there is no such drive, or it is a length where an angle is given or the other way round; or
                 something is off by more than a tenth of the robot's reach, or 100 mrad.
         """
-        if self._checked:
-            return
         drives = {drive.joint: drive for drive in self.definition.drives} if self.drive_offsets else {}
         for joint, offset in self.drive_offsets.items():
             if joint not in drives:
@@ -322,7 +320,8 @@ class RobotModel(StrictModel):
                 raise BadInputError(f"drive_offsets: '{joint}' needs {wanted}")
             self._check_size(joint, "drive offset", (offset.offset_mm or 0.0,), (offset.offset_mrad or 0.0,))
         for joint, error in self.joint_placements.items():
-            self._check_size(joint, "placement error", error.translation_mm, error.rotation_mrad)
+            if error != self._placed.get(joint):  # they were checked as offsets
+                self._check_size(joint, "placement error", error.translation_mm, error.rotation_mrad)
 
     def _check_size(self, joint: str, kind: str, lengths_mm: tuple[float, ...], turns_mrad: tuple[float, ...]) -> None:
         length, turn = (max(values, key=abs) for values in (lengths_mm, turns_mrad))
@@ -381,15 +380,16 @@ class RobotModel(StrictModel):
         model = mechanism.shared_model
         data = model.createData()
         pin.computeJointJacobians(model, data, pin.neutral(model))
-        placements = dict(self.joint_placements)
+        placed = dict[str, JointPlacement]()
         for name, offset in mechanism.followed(self.drive_offset_values()).items():
             joint = model.getJointId(name)
             axis = pin.getJointJacobian(model, data, joint, pin.LOCAL)[:, model.idx_vs[joint]]
-            present = placements.get(name, JointPlacement()).to_se3()
-            placements[name] = JointPlacement.from_se3(present * pin.exp6(pin.Motion(axis * offset)))
-        placed = self.model_copy(update={"joint_placements": placements, "drive_offsets": {}})
-        placed._checked = True  # a spindle that follows a slide may turn far for a small offset of it
-        return placed
+            present = self.joint_placements.get(name, JointPlacement()).to_se3()
+            placed[name] = JointPlacement.from_se3(present * pin.exp6(pin.Motion(axis * offset)))
+        placements = {**self.joint_placements, **placed}
+        moved = self.model_copy(update={"joint_placements": placements, "drive_offsets": {}})
+        moved._placed = placed  # a spindle that follows a slide may turn far for a small offset of it
+        return moved
 
     def nominal_mechanism(self) -> ClosedChainMechanism:
         """Return the mechanism of the drawing."""

@@ -16,7 +16,7 @@ from pouring_robot.effects.facts import in_words, known_facts
 from pouring_robot.inference.discrepancy import Discrepancy, Summand
 from pouring_robot.inference.explanations import Problem
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, rms
 
 _MOST, _NOISE_ROUNDS = 12, 3
 _MONOTONE = 0.8
@@ -69,7 +69,7 @@ def _finding(
     for item in together:
         if item.size >= _MINOR * main.size:
             size, turning = _size(item)
-            error = size_text(float(np.sqrt((item.std**2).mean())), turning)
+            error = size_text(rms(item.std), turning)
             texts.append(f"{item.process.where} by {size_text(size, turning)} ± {error}")
     text = f"{_opening(main, given)}: {_listed(texts)} (rms)"
     if rivals:
@@ -84,7 +84,7 @@ def _finding(
 def _size(item: Summand) -> tuple[float, bool]:
     """Return the root mean square of its movement, in m or rad, and whether it turns."""
     turning = item.process.lengths[item.length][0].channel.turning
-    return float(np.sqrt((item.movement**2).mean())), turning
+    return rms(item.movement), turning
 
 
 def _opening(main: Summand, given: Conditions) -> str:

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Self
 
 import eigenpy
 import numpy as np
@@ -130,6 +130,19 @@ class ClosureResult(Result):
             table |= {f.format(a): array[:, first + k] for f, first in columns.items() for k, a in enumerate("xyz")}
         return pd.DataFrame(table)
 
+    def within(self, options: ClosureOptions) -> Self:
+        """Return the same, if no loop is open further than options allow; redundant drives need not agree.
+
+        Raises:
+            ClosureError: one is.
+        """
+        if self.mechanism.loops.redundant_drives:
+            return self
+        if self.gap_m > options.max_gap_m or self.gap_rad > options.max_gap_rad:
+            reason, status = "the parts do not fit together", "left open too far"
+            raise _failure(self.mechanism, reason, self.residual, self.iterations, status)
+        return self
+
     @functools.cached_property
     def joint_values(self) -> dict[str, float]:
         """Value of every one-freedom joint, in m or rad."""
@@ -222,8 +235,6 @@ class ClosureSolver:
         options: ClosureOptions = DEFAULT_OPTIONS,
     ) -> None:
         """Keep the energy of the mechanism at hand."""
-        if mechanism.loops.redundant_drives:  # they need not agree
-            options = replace(options, max_gap_m=np.inf, max_gap_rad=np.inf)
         self.mechanism, self.options = mechanism, options
         self.energy = ClosureEnergy(mechanism, loads)
         self._smaller = Shares(mechanism, functools.partial(ClosureEnergy, loads=loads), options.most_steps)
@@ -256,10 +267,7 @@ class ClosureSolver:
             raise BadInputError("the start configuration holds a value that is not a finite number")
         configuration = self.mechanism.with_mimics(configuration, values)
         state, iterations = self._grown(configuration)
-        result = self._result(state, configuration, iterations)
-        if result.gap_m > self.options.max_gap_m or result.gap_rad > self.options.max_gap_rad:
-            raise self._failure("the parts do not fit together", state, iterations, "left open too far")
-        return result
+        return self._result(state, configuration, iterations).within(self.options)
 
     def result_at(self, configuration: FloatArray) -> ClosureResult:
         """Return what holds at a configuration, shape (nq,), that is known to be closed with drives at command."""
@@ -290,7 +298,7 @@ class ClosureSolver:
             if share == 1.0:
                 return state, spent
         reason = f"the drawing's assembly mode ends at {share:.1%} of the errors"
-        raise self._failure(reason, state, spent, "assembly mode ends")
+        raise _failure(mechanism, reason, state.residual, spent, "assembly mode ends")
 
     def _followed(self, commanded: FloatArray, steps: int, smooth: int) -> tuple[EnergyState, int, float]:
         """Follow the mode of the drawing while errors grow; return where it ends, Newton steps, and at what share."""
@@ -359,7 +367,8 @@ class ClosureSolver:
             else:
                 best = state = energy.evaluate(best.configuration, commanded)  # the Hessian reads the workspace
                 damping, climbed = max(10.0 * damping, 1e-4), False
-        raise self._failure("Newton's steps do not settle", best, options.max_iterations, "not converged")
+        reason = "Newton's steps do not settle"
+        raise _failure(self.mechanism, reason, best.residual, options.max_iterations, "not converged")
 
     def _step(self, energy: ClosureEnergy, state: EnergyState, exact: bool, damping: float, kept: bool) -> FloatArray:
         """Return the Newton step over all velocity columns, or one with the kept factors of the step before; (nv,)."""
@@ -378,15 +387,17 @@ class ClosureSolver:
                 break
         return energy.expanded(spectrum.solve(downhill))
 
-    def _failure(self, reason: str, state: EnergyState, iterations: int, status: str) -> ClosureError:
-        gaps = np.linalg.norm(state.residual[:, :3], axis=1)
-        turns = np.linalg.norm(state.residual[:, 3:], axis=1)
-        names = self.mechanism.loops.names
-        return ClosureError(
-            reason,
-            iterations=iterations,
-            gap_m=largest_norm(state.residual[:, :3]),
-            gap_rad=largest_norm(state.residual[:, 3:]),
-            worst_loop=names[int(np.argmax(gaps + 0.1 * turns))] if names else None,
-            status=status,
-        )
+
+def _failure(
+    mechanism: ClosedChainMechanism, reason: str, residual: FloatArray, iterations: int, status: str
+) -> ClosureError:
+    gaps, turns = (np.linalg.norm(part, axis=1) for part in (residual[:, :3], residual[:, 3:]))
+    names = mechanism.loops.names
+    return ClosureError(
+        reason,
+        iterations=iterations,
+        gap_m=largest_norm(residual[:, :3]),
+        gap_rad=largest_norm(residual[:, 3:]),
+        worst_loop=names[int(np.argmax(gaps + 0.1 * turns))] if names else None,
+        status=status,
+    )
