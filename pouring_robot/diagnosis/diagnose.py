@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import examine
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 
 FEWEST_ROWS = 8
 _WRONG_SIGMAS, _WRONG_SHARE, _FEW_WRONG = 6.5, 0.04, 2
+_CALM, _NORMAL_MEDIAN = 1.5, 0.6745
 _NOISE_ROUNDS, _NOISE_SETTLED = 5, 0.02
 _OUTLIER_ROUNDS = 3
 
@@ -142,7 +144,10 @@ def diagnose(
         if not more.size:
             break
         progress("leaving out rows that fit nothing", 0, 0)
-        found = work.searched(np.union1d(found.outliers, found.inliers[more]), found.hypothesis)
+        again = work.searched(np.union1d(found.outliers, found.inliers[more]), found.hypothesis)
+        if not again.calm:  # what is missing is missing in many rows: none is known to be wrong
+            break
+        found = again
     return work.judged(found, tuple(flags))
 
 
@@ -160,15 +165,27 @@ class _Searched:
     after: LinearState
     hypothesis: Hypothesis
 
+    @property
+    def calm(self) -> bool:
+        """Whether nearly all rows are explained, to half as much again as the noise."""
+        return float(np.sqrt(np.median(self.hypothesis.remainder**2)) / _NORMAL_MEDIAN) < _CALM
+
     def wrong_rows(self) -> NDArray[np.intp]:
-        """Return fitted rows that nothing explains while nearly all others are explained: gross errors."""
-        left = self.hypothesis.remainder
+        """Return fitted rows that nothing explains while nearly all others are explained better: gross errors.
+
+        A gross error draws the answer to itself, so that the others may not be explained to their noise before it is
+        left out: rows count by what nine tenths of them stay below.
+        """
+        left, measured = self.hypothesis.remainder, self.after.fitted_rows
         worst = np.zeros(len(self.inliers))
-        np.maximum.at(worst, self.after.fitted_rows.row, np.abs(left))
-        wrong = np.flatnonzero(worst > _WRONG_SIGMAS)
+        np.maximum.at(worst, measured.row, np.abs(left))
+        components = len(left) / self.fitted.sum()
+        # Of so many normal values the largest stays below this in nine rows of ten.
+        usual = float(ndtri(0.5 + 0.5 * 0.9 ** (1.0 / components)))
+        scale = max(1.0, float(np.quantile(worst[self.fitted], 0.9)) / usual)
+        wrong = np.flatnonzero(worst > _WRONG_SIGMAS * scale)
         few = wrong.size + self.outliers.size <= max(_FEW_WRONG, int(_WRONG_SHARE * len(self.inliers)))
-        calm = float(np.sqrt(np.median(left**2)) / 0.6745) < 1.5
-        return wrong if few and calm else np.zeros(0, dtype=np.intp)
+        return wrong if few else np.zeros(0, dtype=np.intp)
 
 
 @dataclass(frozen=True)

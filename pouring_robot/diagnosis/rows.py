@@ -139,10 +139,21 @@ class LinearRows(WhitenedRows):
     own: NDArray[np.bool_]
 
     @property
-    def free(self) -> FloatArray:
+    def frame_columns(self) -> FloatArray:
         """Columns of the frames, then of the base as sessions see it, (m, 12 + 6 s), in units of 1/m and 1/rad."""
         base = (self.jacobian[:, :6] * own[:, None] for own in self.own.T)
         return np.hstack([self.jacobian[:, :FRAMES], *base])
+
+    @property
+    def free(self) -> FloatArray:
+        """Columns (m, r), r <= 12 + 6 s: what these rows tell of the frames beyond what is known from the start.
+
+        A direction of which they tell less than :data:`FRAME_STD` moves no prediction by as much as its noise: left
+        free, as tracker and target about an axis that all rows share, it would explain what second orders of an effect
+        alone make.
+        """
+        axes, told, _ = np.linalg.svd(self.frame_columns, full_matrices=False)
+        return np.asarray((axes * told)[:, told > 1.0 / FRAME_STD])
 
 
 class CampaignRows:
@@ -253,7 +264,7 @@ class CampaignRows:
         frames = self.frames
         for _ in range(_FRAME_STEPS):
             linear = self.linearise(self.unchanged(), frames).of(fitted)
-            frames = frames.moved(least_squares(linear.free, linear.residual))
+            frames = frames.moved(least_squares(linear.frame_columns, linear.residual))
         return frames
 
     def linearise(self, changes: RowChanges, frames: SeenFrom) -> LinearRows:

@@ -162,7 +162,7 @@ class Diagnoser:
         for k, item in enumerate(hypothesis.items):
             if item.key not in self.library.forms:  # it has no parameters of the robot
                 left -= hypothesis.part(k)
-        step = least_squares(linear.free, left)
+        step = least_squares(linear.frame_columns, left)
         share = 1.0
         for _ in range(_HALVINGS):
             values = from_here + share * (wanted - from_here)
@@ -171,7 +171,7 @@ class Diagnoser:
             except DiagnosisError:
                 share *= 0.5
                 continue
-            gone = before - self._signature(parameters, values, linear) - linear.free @ (share * step)
+            gone = before - self._signature(parameters, values, linear) - linear.frame_columns @ (share * step)
             off = new.every_row.residual[self.fitted[new.every_row.row]] - (linear.residual + gone)
             # A step that is off by more than it moves is outside of what the derivatives say: they are asked nearer.
             if off @ off > _TRUST * (gone @ gone) + len(off):

@@ -103,8 +103,35 @@ def test_cyclic_error_returns_with_every_turn(bench):
     further = replace(given, drives=given.drives + np.array([PITCH_M, -2 * PITCH_M, 7 * PITCH_M, 0.1]))
     before, after = (EFFECTS["drive_cyclic"].form("turns", c).parameters for c in (given, further))
     for p, q in zip(before, after, strict=True):
-        for channel, change in p.changes.items():
+        for channel, change in p.changes.items() if not p.name.endswith("by_length") else ():
             assert np.allclose(change, q.changes[channel], rtol=0.0, atol=1e-14)
+
+
+def left_of(wanted, bench, effect, form, drive="l1_"):
+    """Return what a drive's own columns of a form leave of a course (n,), and their condition number."""
+    columns = np.column_stack(
+        [p.changes[CHANNELS[0]] for p in bench.form(effect, form).parameters if p.name.startswith(drive)]
+    )
+    return wanted - columns @ np.linalg.lstsq(columns, wanted, rcond=None)[0], np.linalg.cond(columns)
+
+
+@pytest.mark.parametrize("bend", [-1.0, 0.7, 3.0])
+def test_a_bent_screw_may_wobble_more_towards_its_end(bench, bend):
+    """A wave whose amplitude is straight along the stroke, from wherever it counts."""
+    length = bench.rows.conditions.drives[:, 0]
+    wanted = 1e-3 * (1.0 + bend * length) * np.sin(2.0 * np.pi * length / PITCH_M + 0.4)
+    left, condition = left_of(wanted, bench, "drive_cyclic", "turns")
+    assert np.abs(left).max() <= round_off(condition, terms=10 * len(wanted)) * np.abs(wanted).max()
+
+
+def test_free_play_lies_on_the_flank_that_force_presses_it_to(bench):
+    """Where it is larger than the friction that drags the nut; a jump beside a series of the force."""
+    given = bench.rows.conditions
+    force, side = given.drive_force[:, 0], given.approach[:, 0]
+    friction = np.median(np.abs(force))
+    wanted = np.where(np.abs(force) > friction, np.sign(force), -side)
+    left = {form: left_of(wanted, bench, "drive_backlash", form)[0].std() for form in ("both_sides", "any_load")}
+    assert left["any_load"] < 0.5 * left["both_sides"]
 
 
 def test_backlash_on_one_side_leaves_the_other_alone(bench):

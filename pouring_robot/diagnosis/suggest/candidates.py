@@ -240,7 +240,7 @@ class Prospect:
         found = self._with_new_rows(known_effects(rows, self._linear, library), given, given.explanations)
         self.problem = Problem(given.residual, given.nuisance, tuple(usual), tuple(found))
         self._described: dict[str, tuple[Part, ...]] = {}
-        self.frames = _FRAME * self._linear.free[self._new]
+        self.frames = _FRAME * self._linear.frame_columns[self._new]
 
     def _with_new_rows(self, items: Iterable[Item], given: Problem, before: Sequence[Item]) -> Iterator[Item]:
         """Yield the same with the columns of the campaign's rows; those of the new rows are kept.

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 
-from pouring_robot.effects.base import Form
+from pouring_robot.effects.base import EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.families.base import Drives, Family, of_drive
 from pouring_robot.mechanism.arrays import FloatArray
@@ -14,6 +15,7 @@ from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.definition import Drive
 
 _SHOWN_ORDERS = 3
+_WAVES = (("sine", np.sin), ("cosine", np.cos))
 
 
 class Zero(Family):
@@ -192,15 +194,25 @@ class Periodic(Family):
         return tuple(lines)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """Once a turn, and overtones; what another campaign taught of a joint's turn, only at angles it had."""
+        """Once a turn, and overtones, on a screw perhaps larger towards one end of it.
+
+        What another campaign taught of a joint's turn counts only at angles it had.
+        """
         columns = conditions.places(self.drives)
         phases = [self._phase(conditions, d, k) for d, k in zip(self.drives, columns, strict=True)]
         parameters = [
             of_drive(d, f"{name}_{order}", size, known * wave(order * phase), main=self.all_main or order == 1)
             for order, size in enumerate(self.sizes, 1)
             for d, phase, known in zip(self.drives, phases, self._learned(conditions), strict=True)
-            for name, wave in (("sine", np.sin), ("cosine", np.cos))
+            for name, wave in _WAVES
         ]
+        if not self.of_turn:  # a bent screw wobbles more the farther its nut is from the bearings
+            along = conditions.spans[:, columns] / conditions.mean_span_m[columns] - 1.0
+            parameters += [
+                of_drive(d, f"{name}_1_by_length", self.sizes[0], wave(phase) * along[:, k], main=False)
+                for k, (d, phase) in enumerate(zip(self.drives, phases, strict=True))
+                for name, wave in _WAVES
+            ]
         return (Form("turns", tuple(parameters)),)
 
 
@@ -217,6 +229,7 @@ class LostMotion(Family):
 
     needs, shaped_by = ("approach",), ("weight_n",)
     _LOADED, _LATER, _WORN = 0.3, 0.1, 0.1
+    _ORDERS = 6
 
     def __init__(self, id_: str, story: str, drives: Drives, middle_m: float = 0.0, half_stroke_m: float = 1.0) -> None:
         """Keep the stroke."""
@@ -224,7 +237,10 @@ class LostMotion(Family):
         self.middle_m, self.half_stroke_m = middle_m, half_stroke_m
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """Symmetrical, or on one side only; load may take up part of it, wear may make more of it along the stroke."""
+        """Symmetrical, or on one side only; load may take up part of it, wear may make more of it along the stroke.
+
+        Free play itself lies on the flank that the force presses it to, where the force is large enough (``any_load``).
+        """
         places = conditions.places(self.drives)
         side = np.asarray(conditions.approach)[:, places]
         drives = list(enumerate(self.drives))
@@ -251,4 +267,23 @@ class LostMotion(Family):
                     for k, d in drives
                 ]
             found.append(Form(name, tuple(parameters)))
+        if conditions.drive_force is not None and conditions.mean_force.size:
+            found.append(Form("any_load", self._under_any_load(conditions, side)))
         return tuple(found)
+
+    def _under_any_load(self, conditions: Conditions, side: FloatArray) -> tuple[EffectParameter, ...]:
+        """Return free play that load, too, presses to one side: on either side of approach any course of the force.
+
+        A series of Legendre polynomials of the force over itself and its mean, which is between -1 and 1 for any force.
+        """
+        places = conditions.places(self.drives)
+        force = np.asarray(conditions.drive_force)[:, places]
+        courses = legvander(force / np.maximum(np.abs(force) + conditions.mean_force[places], 1e-9), self._ORDERS)
+        play = [of_drive(d, "play", 1.0, side[:, k]) for k, d in enumerate(self.drives)]
+        shaping = [
+            of_drive(d, f"{name}_{order}", 1.0, sides[:, k] * courses[:, k, order], main=False)
+            for order in range(1, self._ORDERS + 1)
+            for name, sides in (("play_by_load", side), ("pressed_by_load", np.ones_like(side)))
+            for k, d in enumerate(self.drives)
+        ]
+        return (*play, *shaping)

@@ -1,0 +1,32 @@
+"""A gross error that draws the answer to itself, and a cause that nobody knows, which takes no row away."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pouring_robot.diagnosis.diagnose import diagnose
+from tests.diagnosis.hidden import campaign, stepped
+from tests.rig import Wanted
+
+ROW, OFF_M = 20, 10e-3
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory):
+    """Diagnose a truss that gives way by as much as one row is off, so that the checks before cannot tell the row."""
+    sagging = (Wanted("truss_deflection", 8.0, "a"),)
+    data = campaign(tmp_path_factory.mktemp("gross"), sagging, rows=48, full_pose=False, background=True)
+    position = np.array(data.position_m)
+    position[ROW] += OFF_M / np.sqrt(3.0) * np.array([1.0, -1.0, 1.0])
+    return diagnose(replace(data, position_m=position))
+
+
+def test_the_row_is_left_out_and_the_cause_named(drawn):
+    assert not any(flag.rows for flag in drawn.flags if flag.code == "outlier")
+    assert (drawn.verdict, [e.cause.effect for e in drawn.firm]) == ("named", ["truss_deflection"])
+    assert drawn.outliers.tolist() == [ROW]
+
+
+def test_what_many_rows_show_is_no_gross_error(tmp_path):
+    assert diagnose(stepped(tmp_path)).outliers.size == 0
