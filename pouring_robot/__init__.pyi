@@ -7,7 +7,7 @@ from .campaign.data import Campaign as Campaign
 from .campaign.plan import random_plan as random_plan
 from .campaign.simulate import MeasurementOptions as MeasurementOptions
 from .campaign.simulate import simulate_campaign as simulate_campaign
-from .compensation.search import compensate as compensate
+from .compensation.pose import compensate as compensate
 from .design.planning import PlanRequest as PlanRequest
 from .design.planning import plan_campaign as plan_campaign
 from .diagnosis.diagnose import Diagnosis as Diagnosis
@@ -27,15 +27,15 @@ from .mechanism.closure.solver import ClosureSolver as ClosureSolver
 from .mechanism.loops import LoopsFile as LoopsFile
 from .mechanism.loops import load_loops as load_loops
 from .mechanism.poses import PoseDifference as PoseDifference
-from .robot.base import Robot as Robot
 from .robot.export.paths import package_path as package_path
 from .robot.export.paths import urdf_path as urdf_path
 from .robot.location import LadleLocation as LadleLocation
 from .robot.model import JointPlacement as JointPlacement
 from .robot.model import RobotModel as RobotModel
 from .robot.pouring.poses import PlatformPose as PlatformPose
-from .robot.robot import PouringRobot as PouringRobot
-from .robot.robot import load_robot as load_robot
+from .robot.pouring_robot import PouringRobot as PouringRobot
+from .robot.pouring_robot import load_robot as load_robot
+from .robot.robot import Robot as Robot
 from .sweeps.config import SweepConfig as SweepConfig
 from .sweeps.runner import sweep as sweep
 from .thermal.expansion.heated_robot import HeatedRobot as HeatedRobot

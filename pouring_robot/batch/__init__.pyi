@@ -1,5 +1,5 @@
-from .choice import engine_for as engine_for
 from .compiled import CompiledEngine as CompiledEngine
+from .engines import engine_for as engine_for
 from .general import GeneralEngine as GeneralEngine
 from .homotopy import HomotopyStarts as HomotopyStarts
 from .interface import Engine as Engine

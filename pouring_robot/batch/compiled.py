@@ -32,7 +32,7 @@ from pouring_robot.batch.structure import StarStructure, fixed
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure.growth import Shares, jumps, largest_turn
+from pouring_robot.mechanism.closure.homotopy import Shares, jumps, largest_turn
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions
 from pouring_robot.mechanism.parameters import DriveParameter, LocalParameter, PlacementParameter
 

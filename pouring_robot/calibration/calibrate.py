@@ -22,11 +22,18 @@ from pouring_robot.checks.flags import usable_without
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.frames.sessions import session_parameters
 from pouring_robot.estimation.identifiability import base_parameters
+from pouring_robot.estimation.map_fit import (
+    Fit,
+    FitOptions,
+    first_frames,
+    fit_with_noise,
+    identify,
+    seen_from_one_place,
+)
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.noise import noise_beforehand, repeats
-from pouring_robot.estimation.priors import prior_std
+from pouring_robot.estimation.parameter_priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses, observed, regressor
-from pouring_robot.estimation.solver import Fit, FitOptions, first_frames, fit_with_noise, identify, seen_from_one_place
 from pouring_robot.estimation.splits import HoldOut, Rows, Split, split
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
@@ -85,7 +92,7 @@ class Calibration(Result, CalibrationFindings):
         """Return the parameters kept, one a row, in mm and mrad as column ``unit`` says; 95 % intervals."""
         import pandas
 
-        from pouring_robot.calibration.lines import parameter_lines
+        from pouring_robot.calibration.movements import parameter_lines
 
         names = ("parameter", "group", "unit", "value", "std", "low95", "high95", "prior_std", "learnt", "verdict")
         rows = [

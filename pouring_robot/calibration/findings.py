@@ -14,8 +14,8 @@ from pouring_robot.calibration.selection import Selection
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag
 from pouring_robot.estimation.identifiability import BaseParameters
+from pouring_robot.estimation.map_fit import Fit
 from pouring_robot.estimation.noise_level import NoiseLevel
-from pouring_robot.estimation.solver import Fit
 from pouring_robot.estimation.splits import Split
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.model import RobotModel

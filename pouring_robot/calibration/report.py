@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Mapping
 
 from pouring_robot.calibration.findings import CalibrationFindings
-from pouring_robot.calibration.lines import (
+from pouring_robot.calibration.movements import (
     SEEN,
     Movement,
     ParameterLine,

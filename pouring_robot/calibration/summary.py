@@ -11,7 +11,8 @@ import numpy as np
 import scipy.special
 
 from pouring_robot.calibration.findings import CalibrationFindings
-from pouring_robot.calibration.lines import (
+from pouring_robot.calibration.metrics import Misfit
+from pouring_robot.calibration.movements import (
     LEARNT,
     Z95,
     ParameterLine,
@@ -19,7 +20,6 @@ from pouring_robot.calibration.lines import (
     group_effects,
     parameter_lines,
 )
-from pouring_robot.calibration.metrics import Misfit
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.identifiability import observability
 from pouring_robot.estimation.splits import WORSE

@@ -13,11 +13,11 @@ from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionErr
 from pouring_robot.io.quantities import read_quantities
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.base import Command, Robot
 from pouring_robot.robot.description.command import command_box
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
+from pouring_robot.robot.robot import Command, Robot
 
 _SECONDS_A_POSE = 75.0
 _MOST_POSES = 100_000

@@ -23,8 +23,8 @@ from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import pose_figures
 from pouring_robot.mechanism.rotations import rotation_vectors
-from pouring_robot.robot.base import Robot
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
+from pouring_robot.robot.robot import Robot
 
 _SCREW_PITCH_M = 0.010
 

@@ -15,7 +15,7 @@ import pinocchio as pin
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, found
-from pouring_robot.checks.mistakes import LENGTH_MISTAKES
+from pouring_robot.checks.units_and_axes import LENGTH_MISTAKES
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.drawing import Drawing

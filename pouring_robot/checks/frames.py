@@ -19,7 +19,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import nominal_poses
 from pouring_robot.checks.columns import distinct_poses
 from pouring_robot.checks.flags import DataFlag, FlagCode, found, where
-from pouring_robot.checks.mistakes import (
+from pouring_robot.checks.units_and_axes import (
     DRIVE_MISTAKES,
     TURN_MISTAKES,
     Comparison,

@@ -49,7 +49,7 @@ def calibrate(
     from pouring_robot.calibration.calibrate import calibrate as run
     from pouring_robot.calibration.summary import calibration_metrics
     from pouring_robot.campaign.data import Campaign
-    from pouring_robot.estimation.solver import FitOptions
+    from pouring_robot.estimation.map_fit import FitOptions
     from pouring_robot.robot.tolerances import Tolerances
 
     present = options.model_of(model, robot)

@@ -37,7 +37,7 @@ def export(
     from pouring_robot.robot.export.folder import exported_files
     from pouring_robot.robot.pouring.ladle_mesh import stale_mesh_note
     from pouring_robot.robot.pouring.layout import load_layout
-    from pouring_robot.robot.robot import robot_of
+    from pouring_robot.robot.pouring_robot import robot_of
 
     built = which.read()
     options.say_left_out(built, which.model)

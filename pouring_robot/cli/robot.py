@@ -69,7 +69,7 @@ def new(
     from pouring_robot.io.files import write_together
     from pouring_robot.robot.model import RobotModel
     from pouring_robot.robot.pouring.new_layout import NewLayout, check_lines, checked
-    from pouring_robot.robot.robot import PouringRobot
+    from pouring_robot.robot.pouring_robot import PouringRobot
 
     usual = NewLayout.usual()
     given = {

@@ -12,14 +12,14 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from pouring_robot.robot.base import Robot
     from pouring_robot.robot.location import Location
     from pouring_robot.robot.pouring.layout import Layout
+    from pouring_robot.robot.robot import Robot
 
 
 def robot_figures(robot: Robot) -> dict[str, Any]:
     """Return what is known of a robot, ready for JSON: at the middle of its workspace, or at its home."""
-    from pouring_robot.robot.robot import PouringRobot
+    from pouring_robot.robot.pouring_robot import PouringRobot
 
     mechanism, loops = robot.actual_solver.mechanism, robot.actual_solver.mechanism.loops
     model, limits = mechanism.shared_model, mechanism.joint_limits()
@@ -90,7 +90,7 @@ def robots(
     """List the robots that are loaded: freedoms, rank, drives, workspace."""
     from pouring_robot.robot.model import RobotModel
     from pouring_robot.robot.pouring.layout import layout_names
-    from pouring_robot.robot.robot import robot_of
+    from pouring_robot.robot.pouring_robot import robot_of
 
     if which.given:
         chosen = [which.read()]

@@ -13,11 +13,11 @@ from pouring_robot.io.tables import csv_text
 from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
 from pouring_robot.mechanism.reach import joint_reach
 from pouring_robot.report.result import Result
-from pouring_robot.robot.base import Robot
 from pouring_robot.robot.description.command import CommandAxis
 from pouring_robot.robot.inverse import Target, bring
 from pouring_robot.robot.location import Location, drive_words
 from pouring_robot.robot.metrics import difference_figures, joint_figures
+from pouring_robot.robot.robot import Robot
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -1,6 +1,6 @@
 """Drive values for a whole path at once: Newton over all poses, which the compiled engine closes.
 
-One by one (:func:`~pouring_robot.compensation.search.compensate`) temperatures are taken anew where the ladle has come
+One by one (:func:`~pouring_robot.compensation.pose.compensate`) temperatures are taken anew where the ladle has come
 to, until that moves nothing. A compensated ladle is where it is wanted, but for roll and yaw, so here they are taken
 there, once (:mod:`pouring_robot.thermal.expansion.warm_path`).
 """
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure
-from pouring_robot.compensation.search import TOLERANCE
+from pouring_robot.compensation.pose import TOLERANCE
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.poses import MM, MRAD

@@ -17,9 +17,9 @@ from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
-from pouring_robot.robot.base import Robot
 from pouring_robot.robot.description.command import CommandAxis, command_box
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
+from pouring_robot.robot.robot import Robot
 
 _EDGE_LEVELS = 3
 

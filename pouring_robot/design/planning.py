@@ -43,8 +43,8 @@ from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.base import Robot
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
+from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.tolerances import Tolerances
 
 __all__ = [

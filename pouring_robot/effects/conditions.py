@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pouring_robot.campaign.columns import approach_names, condition_columns, force_names
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
-from pouring_robot.effects.defaults import causes_of
+from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.effects.defaults import causes_of
+from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.robot.description.definition import RobotDefinition
 
 

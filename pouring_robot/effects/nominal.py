@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from pouring_robot.batch import BatchClosure, Engine
 from pouring_robot.effects.conditions import NominalRows
-from pouring_robot.effects.defaults import causes_of
+from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureSolver

@@ -14,7 +14,6 @@ from typing import Any
 
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import condition_names
-from pouring_robot.effects.defaults import causes_of
 from pouring_robot.effects.facts import known_facts
 from pouring_robot.effects.families.base import Family
 from pouring_robot.effects.families.drives import LostMotion, Periodic, Scale, Zero
@@ -22,6 +21,7 @@ from pouring_robot.effects.families.heat import DriveGrowth, LinkGrowth, LinksGr
 from pouring_robot.effects.families.joints import Centres, Placement, Tilts
 from pouring_robot.effects.families.loads import Deflection, Spring, Stretch
 from pouring_robot.effects.families.surroundings import BaseDrift, MetrologyScale, SessionOffset
+from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.robot.description.causes import CauseEntry
 from pouring_robot.robot.description.definition import RobotDefinition

@@ -38,11 +38,11 @@ from pouring_robot.io.tables import read_table
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import COMPONENTS
-from pouring_robot.robot.base import Command, Robot
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.effect_stack import LearnedCampaign
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.robot import robot_of
+from pouring_robot.robot.pouring_robot import robot_of
+from pouring_robot.robot.robot import Command, Robot
 
 Given = Mapping[str, ArrayLike | str | Sequence[str]]
 """Conditions by a campaign's heading: a number for all commands, or one for each; of ``session`` a name or names."""

@@ -1,4 +1,3 @@
-from .base import Robot as Robot
 from .export.paths import package_path as package_path
 from .export.paths import urdf_path as urdf_path
 from .location import LadleLocation as LadleLocation
@@ -9,6 +8,7 @@ from .parameters import Parameter as Parameter
 from .parameters import ParameterCatalogue as ParameterCatalogue
 from .pose_table import read_poses as read_poses
 from .pouring.poses import PlatformPose as PlatformPose
-from .robot import PouringRobot as PouringRobot
-from .robot import load_robot as load_robot
+from .pouring_robot import PouringRobot as PouringRobot
+from .pouring_robot import load_robot as load_robot
+from .robot import Robot as Robot
 from .tolerances import Tolerances as Tolerances

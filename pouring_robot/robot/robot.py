@@ -1,51 +1,70 @@
-"""Where the ladle is: the robot of the drawing and the robot as built, side by side.
+"""Any robot: the robot of the drawing and the robot as built, side by side, for commanded drives.
 
-The controller knows the drawing. It turns a wanted pose into drive values by the nominal kinematics; the robot as
-built takes these drive values and closes its own loops. The difference of the two is the error at the ladle.
+    robot = Robot.load("delta/robot.yaml")
+    robot.locate_drives([[0.1, 0.1, 0.2]])      # where it should be and where it is
+    robot.transfer_at([0.1, 0.1, 0.2])          # G: how each local parameter moves it
+
+:class:`~pouring_robot.robot.pouring_robot.PouringRobot` adds what only the pouring robot has: poses as commands.
 """
 
 from __future__ import annotations
 
+import contextlib
+import copy
 import functools
-from collections.abc import Iterable, Sequence
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError, UnreachableTargetError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
-from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult
-from pouring_robot.mechanism.jacobians import AxisWeakness, DriveJacobians, axis_weakness, drive_jacobians
+from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
+from pouring_robot.mechanism.jacobians import AxisWeakness, Dexterity, dexterity, drive_jacobians
 from pouring_robot.mechanism.parameters import LocalParameter
-from pouring_robot.robot.base import Command, Robot, as_it_stands
-from pouring_robot.robot.description.urdf import read_text
-from pouring_robot.robot.location import LadleLocation, Location, located
+from pouring_robot.mechanism.reach import JointReach, joint_reach
+from pouring_robot.mechanism.transfer import closed_chain_transfer
+from pouring_robot.robot.inverse import REACHED, Reached, Target, bring
+from pouring_robot.robot.location import OUT_OF_REACH, Location, error_dataset, frames_of
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pose_table import read_pose_lines
-from pouring_robot.robot.pouring.kinematics import TASK_ROWS, FourUPUKinematics
-from pouring_robot.robot.pouring.ladle_mesh import stale_mesh_note
-from pouring_robot.robot.pouring.layout import Layout, check_layout, load_layout, shipped_layouts_file
-from pouring_robot.robot.pouring.layout_schema import LayoutEntry
+from pouring_robot.robot.pose_table import read_command_lines
 from pouring_robot.robot.pouring.poses import PlatformPose
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from pouring_robot.batch import BatchClosure, BatchStart, Engine
+    from pouring_robot.robot.description.command import CommandAxis
+    from pouring_robot.robot.parameters import ParameterCatalogue
 
-class PouringRobot(Robot):
-    """The pouring robot: a :class:`Robot` that is commanded by poses.
+Command = PlatformPose | Target | FloatArray
+"""What a robot may be asked for: a target of its end body, drive values, or a pose of the pouring robot's platform."""
+_MOST_TRIES = 12
+
+
+def as_it_stands(model: RobotModel | Path | str | None, who: str) -> RobotModel:
+    """Return a model, and warn the caller of ``who``, a function of the library, of what its robot leaves out of it."""
+    loaded = RobotModel.of(model)
+    for line in loaded.left_out(who):
+        warnings.warn(line, stacklevel=3)
+    return loaded
+
+
+class Robot:
+    """The robot of the drawing and as built. Holds solver workspace: one object a thread.
 
     Args:
-        model: the robot as built; without one, the drawing of the default layout.
+        model: the robot as built; without one, the drawing of the pouring robot's default layout.
         loads: weight and yielding drives of the actual robot.
         options: when a closure counts as found.
 
     Raises:
-        BadInputError: the model names a joint or drive that the robot does not have, or is one of another robot.
+        BadInputError: the model names a joint or drive that the robot does not have.
     """
 
     def __init__(
@@ -55,208 +74,364 @@ class PouringRobot(Robot):
         options: ClosureOptions = DEFAULT_OPTIONS,
     ) -> None:
         """Build both mechanisms."""
-        super().__init__(model, loads, options)
-        if not isinstance(self.drawing, FourUPUKinematics):
-            raise BadInputError(f"the model is one of {self.model.definition.name}: load it with Robot.load")
-        self.kinematics = self.drawing
+        self.model = model or RobotModel()
+        self.model.check_errors()
+        self._drive_offsets = self.model.drive_offset_values()
+        self.drawing = self.model.definition.drawing()
+        self.nominal_solver = ClosureSolver(self.drawing.mechanism, options=options)
+        self.actual_solver = ClosureSolver(self.model.mechanism(), loads, options)
+
+    @classmethod
+    def load(cls, model: RobotModel | Path | str | None = None) -> Self:
+        """Load a robot from a model, a model file or a robot file.
+
+        The robot stands cold and without effects that depend on conditions: where the model tells of them, a warning
+        says so. ``robots_under`` applies them.
+
+        Raises:
+            DescriptionError: a file is wrong.
+        """
+        return cls(as_it_stands(model, f"{cls.__name__}.load"))
+
+    def built_as(self, model: RobotModel) -> Self:
+        """Return the same drawing built with the geometric errors of another model; the drawing's side is shared.
+
+        Args:
+            model: of the same robot or layout; only its joint placements and drive offsets count.
+
+        Raises:
+            BadInputError: it names a joint or drive that the robot does not have.
+        """
+        model.check_errors()
+        other = copy.copy(self)
+        other.__dict__.pop("unseen_displacements", None)
+        other.model, other._drive_offsets = model, model.drive_offset_values()
+        displaced = {joint: error.to_se3() for joint, error in model.placement_errors().items()}
+        stiff = self.nominal_solver.mechanism.with_stiffness(self.actual_solver.mechanism.loops.stiffness)
+        solver = self.actual_solver
+        other.actual_solver = ClosureSolver(stiff.displaced(displaced), solver.energy.loads, solver.options)
+        return other
+
+    def __repr__(self) -> str:
+        """Return name and number of errors."""
+        errors = len(self.model.joint_placements) + len(self.model.drive_offsets)
+        return f"<{type(self).__name__}: {self._called}, {errors} displaced joints and drives>"
 
     @property
     def _called(self) -> str:
-        return f"layout {self.model.layout}"
+        return self.model.definition.name
 
     @functools.cached_property
-    def layout(self) -> Layout:
-        """Workspace and ladle of the layout, in SI units."""
-        return load_layout(self.model.layout, self.model.layouts_path)
+    def parameters(self) -> ParameterCatalogue:
+        """Every geometric error of the drawing by name."""
+        from pouring_robot.robot.parameters import ParameterCatalogue
+
+        return ParameterCatalogue(self.model.definition, self.nominal_solver.mechanism)
 
     @functools.cached_property
-    def dimensions(self) -> LayoutEntry:
-        """Sizes of every part, as the dimensions file has them."""
-        path = self.model.layouts_path or shipped_layouts_file()
-        return check_layout(self.model.layout, path, read_text(path))
+    def unseen_displacements(self) -> tuple[str, ...]:
+        """Displaced joints that no pose seen from the base frame shows: they carry it, such as a rail."""
+        paths, loops = self.actual_solver.mechanism.frame_paths, self.actual_solver.mechanism.loops
+        frames = (*loops.reported_frames, *(name for loop in loops.loops for name in (loop.frame_a, loop.frame_b)))
+        seen = {joint for frame in frames for joint in paths[frame]} - {*paths[loops.base_frame]}
+        return tuple(joint for joint in self.model.joint_placements if joint not in seen)
 
-    def forward(self, drives: dict[str, float], near: PlatformPose | None = None) -> ClosureResult:
-        """Close the robot as built for commanded drive values (m, rad).
+    def actual_drives(self, drives: Mapping[str, float]) -> dict[str, float]:
+        """Return where the drives of the robot as built stand for commanded values, in m and rad."""
+        return {name: value + self._drive_offsets.get(name, 0.0) for name, value in drives.items()}
 
-        Args:
-            drives: l1, l2, l3 (m) and theta46 (rad) by joint name: ``leg1_s3``, ``leg2_s3``, ``leg3_s3``, ``leg4_s5``.
-            near: a pose to start from; by default the nominal pose for these drives.
-
-        Raises:
-            BadInputError: a drive value is missing or not finite, or a name is no drive.
-            NoSolutionError: no pose has these drive values.
-            UnreachablePoseError: the pose that has them is beyond a joint's limits.
-        """
-        self.kinematics.check_drives(drives)
-        start = near or self.kinematics.forward(drives)
-        return self._closed_as_built(drives, self.kinematics.configuration(start))
-
-    def _closed_as_built(self, drives: dict[str, float], start: FloatArray) -> ClosureResult:
-        """Close the robot as built for commanded drive values, and check its own joints against their limits."""
-        result = self.actual_solver.solve(self.actual_drives(drives), start)
-        # Far from the start the loops may also close in another assembly, whose joints are then beyond their limits.
-        self.kinematics.refuse_beyond_limits({name: result.joint_values[name] for name in self.kinematics.joint_names})
-        return result
-
-    @overload
-    def locate(self, pose: PlatformPose) -> LadleLocation: ...
-    @overload
-    def locate(self, pose: Sequence[PlatformPose] | ArrayLike) -> xr.Dataset: ...
-    def locate(self, pose: PlatformPose | Sequence[PlatformPose] | ArrayLike) -> LadleLocation | xr.Dataset:
-        """Return where the ladle should be and where it is for a commanded pose, or for many.
+    def locate_drives(self, drives: ArrayLike) -> xr.Dataset:
+        """Return where the robot should be and where it is for many commands.
 
         Args:
-            pose: one pose; or a sequence of poses, or an array of x, y, z in m and the tilt in rad, shape (n, 4).
+            drives: commanded drives in the order of the robot file, shape (n, drives), in m and rad.
 
         Returns:
-            For one pose all that is known of it. For many a dataset with the dimensions ``pose``, ``frame`` and
-            ``axis``: nominal and actual positions (m), rotation vectors (rad) and their differences, and a ``status``.
-            A pose that has no answer is NaN, its status says why; nothing is raised for it.
+            A dataset with the dimensions ``pose``, ``frame`` and ``axis``: nominal and actual positions (m), rotation
+            vectors (rad) and their differences, and a ``status``. A command that has no answer is NaN, its status
+            says why; nothing is raised for it.
 
         Raises:
-            UnreachablePoseError: a joint of the drawing or of the robot as built would pass its limits.
-            ClosureError: the robot as built cannot take these drive values.
-            BadInputError: an array has another shape or holds a number that is not finite.
+            BadInputError: the array has another shape or holds a number that is not finite.
         """
-        if isinstance(pose, pin.SE3):
-            raise BadInputError("an SE3 has six freedoms, the platform four: give PlatformPose.from_se3(pose)")
-        if not isinstance(pose, PlatformPose):
-            return located(self, pose)
-        drives = self.kinematics.inverse(pose)
-        start = self.kinematics.configuration(pose)
-        outside_m, outside_rad = self.outside_workspace(pose)
-        return LadleLocation(
-            commanded=pose,
-            drives=drives,
-            nominal=self.nominal_solver.solve(drives, start),
-            actual=self._closed_as_built(drives, start),
-            reach=self.kinematics.reach(self.kinematics.joint_values(pose)),
-            outside_workspace_m=outside_m,
-            outside_workspace_rad=outside_rad,
-        )
+        from pouring_robot.batch import STATUS_NAMES
 
-    def _located(self, drives: FloatArray, nominal: ClosureResult) -> LadleLocation:
-        return self.locate(self.kinematics.forward(self._named(drives)))
+        names = self.nominal_solver.mechanism.loops.drives
+        commanded = np.asarray(drives, dtype=float)
+        if commanded.ndim != 2 or commanded.shape[1] != len(names) or not np.isfinite(commanded).all():
+            raise BadInputError(f"drives must be finite numbers of the shape (n, {len(names)}): {', '.join(names)}")
+        start = self.drawing.starts(commanded)
+        closed = self.close(commanded, start)
+        nominal = frames_of(self.nominal_solver.mechanism, start.position, start.rotation)
+        actual = frames_of(self.actual_solver.mechanism, closed.position, closed.rotation)
+        units = [drive.unit for drive in self.model.definition.drives]
+        coordinates = {
+            "drive": list(names),
+            "unit": ("drive", units),
+            "commanded_drives": (("pose", "drive"), commanded),
+        }
+        reachable = self.drawing.in_reach(start) | ~closed.closed
+        status = np.where(reachable, np.array(STATUS_NAMES)[closed.status], OUT_OF_REACH)
+        return error_dataset(self.nominal_solver.mechanism.loops, status, nominal, actual, coordinates)
+
+    def close(self, drives: FloatArray, start: BatchStart) -> BatchClosure:
+        """Close the robot as built for commanded drives (n, drives), in m and rad, from closed poses of the drawing.
+
+        Raises:
+            BadInputError: the robot carries loads, under which it is closed pose by pose.
+        """
+        offsets = self.actual_drives(dict.fromkeys(self.nominal_solver.mechanism.loops.drives, 0.0))
+        return self.engine().close(drives + np.array(list(offsets.values())), start)
+
+    def engine(self) -> Engine:
+        """Return what closes the robot as built for many drive values at once.
+
+        Raises:
+            BadInputError: the robot carries loads, under which it is closed pose by pose.
+        """
+        from pouring_robot.batch import engine_for
+
+        loads = self.actual_solver.energy.loads
+        if loads.gravity or loads.drive_stiffness:
+            raise BadInputError("under loads a robot is closed command by command: use transfer_at or location_at")
+        return engine_for(self.actual_solver.mechanism, options=self.actual_solver.options)
 
     @property
-    def accuracy_m(self) -> float:
-        """Required accuracy of the pouring lip, in m."""
-        return self.layout.accuracy_m
+    def name(self) -> dict[str, str]:
+        """Which robot it is, for figures."""
+        return self.model.named
+
+    @property
+    def accuracy_m(self) -> float | None:
+        """Required accuracy of the working frame, in m, if somebody says so."""
+        return None
 
     @property
     def picture_notes(self) -> tuple[str, ...]:
-        """Whether the ladle's mesh is that of the layout."""
-        note = stale_mesh_note(self.layout)
-        return (note,) if note else ()
+        """What one should know of its pictures, in a line each."""
+        return ()
 
-    def read_commands(self, path: Path, beside: Iterable[str] = ()) -> dict[int, PlatformPose]:
-        """Read poses from a table, by the line they stand on, as :meth:`Robot.read_commands`.
+    def read_commands(self, path: Path, beside: Iterable[str] = ()) -> Mapping[int, Command]:
+        """Read commands from a table, by the line they stand on; see :mod:`pouring_robot.robot.pose_table`.
+
+        Args:
+            path: the table.
+            beside: headings of columns that may stand there and are left to others.
 
         Raises:
             TableError: the file is wrong.
         """
-        return read_pose_lines(path, beside)
+        return read_command_lines(path, self.model.definition)
 
-    def pose_command(self, position_m: FloatArray, turn_rad: FloatArray | None) -> PlatformPose:
-        """Return the pose of a place and a turn about y."""
-        turn = np.zeros(3) if turn_rad is None else turn_rad
-        if turn[0] or turn[2]:
-            raise BadInputError("the platform turns about y only: give a tilt")
-        x, y, z, tilt = (float(value) for value in (*position_m, turn[1]))
-        return PlatformPose((x, y, z), tilt)
+    def pose_command(self, position_m: FloatArray, turn_rad: FloatArray | None) -> Command:
+        """Return the command that asks for a pose of the end body.
 
-    def location_in_the_middle(self) -> LadleLocation:
-        """Return where the ladle should be and where it is in the middle of the workspace box."""
-        x, y, z, tilt = np.mean(self.layout.box, axis=0).tolist()
-        return self.locate(PlatformPose((x, y, z), tilt))
+        Args:
+            position_m: of its origin in the base, shape (3,), in m.
+            turn_rad: rotation vector of its axes, shape (3,), in rad; None: not said.
 
-    def command_at(self, values: FloatArray) -> PlatformPose:
-        """Return the pose of x, y, z in m and the tilt in rad, (4,)."""
-        x, y, z, tilt = values.tolist()
-        return PlatformPose((x, y, z), tilt)
+        Raises:
+            BadInputError: the robot cannot be asked for such a pose.
+        """
+        return Target(position_m, None if turn_rad is None else pin.exp3(turn_rad))
 
-    def drives_of(self, command: Command) -> FloatArray:
-        """Return the drive values, (4,), in m and rad, that a pose, a target or drive values mean."""
-        if not isinstance(command, PlatformPose):
-            return super().drives_of(command)
-        drives = self.kinematics.inverse(command)
-        return np.array([drives[name] for name in self.nominal_solver.mechanism.loops.drives])
+    def command_at(self, values: FloatArray) -> Command:
+        """Return the command of numbers (k,), in m and rad; see :meth:`RobotDefinition.command_axes`."""
+        return values
+
+    @functools.cached_property
+    def command_axes(self) -> tuple[CommandAxis, ...]:
+        """What it is commanded by."""
+        return self.model.definition.command_axes(self.nominal_solver.mechanism)
 
     def location_of(self, command: Command) -> Location:
-        """Return where the ladle should be and where it is for a pose, a target or drive values (4,), in m and rad."""
-        return self.locate(command) if isinstance(command, PlatformPose) else super().location_of(command)
+        """Return where the robot should be and where it is: at drives, or at a target.
+
+        Raises:
+            BadInputError: it is no command of this robot.
+            NoSolutionError: as those.
+        """
+        return self.location_to(command) if isinstance(command, Target) else self.location_at(self.drives_of(command))
 
     def actual_of(self, command: Command) -> ClosureResult:
-        """Return the robot as built at a pose, a target or drive values; as the ``actual`` of its location."""
-        if not isinstance(command, PlatformPose):
-            return super().actual_of(command)
-        return self._closed_as_built(self.kinematics.inverse(command), self.kinematics.configuration(command))
+        """Return the robot as built at a command, without where it should be; raises as :meth:`location_of`."""
+        return self.location_of(command).actual
 
-    def outside_workspace(self, pose: PlatformPose) -> tuple[FloatArray, float]:
-        """Return by how far a pose leaves the workspace box: per axis, shape (3,), in m, and in tilt, in rad."""
-        layout, position = self.layout, np.array(pose.position_m)
-        below, above = layout.position_lower_m - position, position - layout.position_upper_m
-        shift = np.maximum(below, 0.0) + np.maximum(above, 0.0)
-        turn = max(layout.tilt_lower_rad - pose.tilt_rad, pose.tilt_rad - layout.tilt_upper_rad, 0.0)
-        # A box limit typed in mm or degrees must not count as outside by round-off.
-        return np.where(shift < 1e-9, 0.0, shift), turn if turn > 1e-9 else 0.0
+    def drives_of(self, command: Command) -> FloatArray:
+        """Return the drive values that a command means, (drives,), in m and rad.
 
-    def transfer(
+        Raises:
+            BadInputError: it is no command of this robot.
+            NoSolutionError: the drawing does not come there.
+        """
+        if isinstance(command, PlatformPose):
+            raise BadInputError(f"{self.model.definition.name} is commanded by drive values or a target, not a tilt")
+        return self.drives_to(command).drives if isinstance(command, Target) else np.asarray(command, dtype=float)
+
+    def location_at(self, drives: Sequence[float] | FloatArray) -> Location:
+        """Return where the robot should be and where it is for one command (drives,), in m and rad.
+
+        Raises:
+            BadInputError: the number of drives is wrong.
+            NoSolutionError: no pose has these drive values.
+            UnreachablePoseError: the pose that has them is beyond a joint's limits.
+        """
+        mechanism = self.nominal_solver.mechanism
+        values = np.asarray(drives, dtype=float)
+        if values.shape != (len(mechanism.loops.drives),) or not np.isfinite(values).all():
+            raise BadInputError(f"give one finite value for each drive: {', '.join(mechanism.loops.drives)}")
+        nominal = self.close_nominal(values, self.drawing.configuration_at(values))
+        return self._located(values, nominal)
+
+    def location_in_the_middle(self) -> Location:
+        """Return where the robot should be and where it is at its home, or in the middle of its workspace.
+
+        Raises:
+            NoSolutionError: it cannot stand at its home.
+        """
+        definition = self.model.definition
+        try:
+            return self.location_at(definition.home_drives)
+        except NoSolutionError as problem:
+            at = "" if definition.file.home else " (all joints at zero, as the file gives none)"
+            why = str(problem).partition(";")[0]  # what follows mends drive values, and nobody gave any
+            raise NoSolutionError(
+                f"{definition.path}: the robot cannot stand at its home{at}: {why}; write under home: the values "
+                "(m, rad) of all joints at a pose that it can take"
+            ) from problem
+
+    def location_to(self, target: Target) -> Location:
+        """Return where the robot is when it is sent to a target: the drives that bring the drawing's end body there.
+
+        Raises:
+            BadInputError: the target does not determine the drives.
+            UnreachablePoseError: a joint would pass its limits.
+            NoSolutionError: the drawing does not come to the target.
+        """
+        found = self.drives_to(target)
+        return self._located(found.drives, found.result)
+
+    def drives_to(self, target: Target) -> Reached:
+        """Return the drives that bring a frame of the drawing to a target; see :meth:`location_to`."""
+        refusal: NoSolutionError | None = None
+        nearest, fit = np.inf, self.model.definition.drawn_fit
+        for drives, configuration in self._tries(target):
+            try:
+                found = bring(self.nominal_solver, self.close_nominal, target, drives, configuration)
+                size = float(np.abs(found.left).max())
+                if size >= REACHED:
+                    if size < nearest:
+                        nearest, refusal = size, UnreachableTargetError(found.left)
+                    continue
+                self._refuse_beyond_limits(found.drives, found.result.within(fit))
+            except NoSolutionError as problem:
+                refusal = problem
+                continue
+            if (count := len(drives)) > sum(found.ranks):
+                more = "; give its attitude too" if target.rotation is None else ""
+                raise BadInputError(
+                    f"the pose determines {sum(found.ranks)} of the {count} drives{more}, or give the drive values"
+                )
+            return found
+        raise refusal or NoSolutionError("the robot closes nowhere near its home")
+
+    def _tries(self, target: Target) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Yield drives and configurations from which to search: home, then the workspace, the nearest first."""
+        home = self.model.definition.home_drives
+        with contextlib.suppress(NoSolutionError):
+            yield home, self.drawing.configuration_at(home)
+        drives, start = self._workspace
+        apart = np.linalg.norm(start.position - target.position_m, axis=1)
+        if target.rotation is not None:
+            apart = apart + 0.1 * np.linalg.norm(start.rotation - target.rotation, axis=(1, 2))
+        for k in np.argsort(apart)[:_MOST_TRIES].tolist():
+            yield drives[k], self.drawing.configuration_at(drives[k])
+
+    @functools.cached_property
+    def _workspace(self) -> tuple[FloatArray, BatchStart]:
+        return self.model.definition.workspace(self.drawing)
+
+    def close_nominal(self, drives: FloatArray, start: FloatArray) -> ClosureResult:
+        """As :meth:`close_actual`, of the drawing."""
+        return self.nominal_solver.solve(self._named(drives), start)
+
+    def close_actual(self, drives: FloatArray, start: FloatArray) -> ClosureResult:
+        """Close the robot as built for one command (drives,), in m and rad, from a configuration (nq,).
+
+        Raises:
+            ClosureError: it does not close.
+        """
+        return self.actual_solver.solve(self.actual_drives(self._named(drives)), start)
+
+    def _named(self, drives: FloatArray) -> dict[str, float]:
+        return dict(zip(self.nominal_solver.mechanism.loops.drives, drives.tolist(), strict=True))
+
+    def _reach(self, drives: FloatArray, nominal: ClosureResult) -> tuple[JointReach, ...]:
+        return joint_reach(self.nominal_solver.mechanism, nominal.joint_values | self._named(drives))
+
+    def _refuse_beyond_limits(self, drives: FloatArray, nominal: ClosureResult) -> None:
+        for worst in self._reach(drives, nominal)[:1]:
+            if worst.margin < 0.0:
+                raise UnreachablePoseError(worst.joint, worst.value, worst.lower, worst.upper, worst.unit)
+
+    def _located(self, drives: FloatArray, nominal: ClosureResult) -> Location:
+        self._refuse_beyond_limits(drives, nominal)
+        actual = self.close_actual(drives, nominal.configuration)
+        return Location(self._named(drives), nominal, actual, self._reach(drives, nominal))
+
+    def dexterity(self, location: Location) -> Dexterity:
+        """Return condition and distance to singularity of the actual robot at a location."""
+        mechanism = self.actual_solver.mechanism
+        prismatic = tuple(mechanism.unit_of(name) == "m" for name in mechanism.loops.drives)
+        jacobians = drive_jacobians(self.actual_solver, location.actual)
+        return dexterity(jacobians, prismatic, self._length_m(location), self._task_rows)
+
+    _task_rows: Sequence[int] = range(6)
+
+    def axis_weakness(self, location: Location) -> AxisWeakness | None:
+        """Return how far one tilted axis moves the working frame sideways; None: nothing is known of it."""
+        return None
+
+    def _length_m(self, location: Location) -> float:
+        """Return the mean distance of the driven joints from the end body, in m: compares angles with lengths."""
+        mechanism = location.nominal.mechanism
+        model, data = mechanism.shared_model, mechanism.thread_data()
+        pin.forwardKinematics(model, data, location.nominal.configuration)
+        end = location.nominal.pose("universe", str(mechanism.loops.end_frame)).translation
+        joints = [data.oMi[mechanism.joint_id(name)].translation for name in mechanism.loops.drives]
+        return float(np.linalg.norm(np.array(joints) - end, axis=1).mean())
+
+    def transfer_at(
         self,
-        pose: PlatformPose,
+        drives: Sequence[float] | FloatArray,
         parameters: str | Sequence[str | LocalParameter] = "geometry",
         frame: str | None = None,
     ) -> xr.DataArray:
-        """Return G of the robot as built at a commanded pose: how each local parameter moves a frame.
+        """Return G of the robot as built at one command: how each local parameter moves a frame.
 
         Args:
-            pose: the commanded pose.
+            drives: the command, (drives,), in m and rad.
             parameters: sets, groups, names or patterns of :attr:`parameters`, or local parameters themselves.
-            frame: the observed frame (default: the pouring lip).
+            frame: the observed frame (default: the one whose error counts).
 
         Returns:
-            Dimensions ``component`` (displacement x, y, z, rotation vector rx, ry, rz, in the fixed platform's axes)
-            and ``parameter``; the coordinates ``unit`` and ``per`` give the units of a number: ``unit`` per ``per``.
+            Dimensions ``component`` (displacement x, y, z, rotation vector rx, ry, rz, in the base's axes) and
+            ``parameter``; the coordinates ``unit`` and ``per`` give the units of a number: ``unit`` per ``per``.
 
         Raises:
-            BadInputError: no parameter has a name.
+            BadInputError: no parameter has a name, or the number of drives is wrong.
             UnknownFrameError: there is no such frame.
-            NoSolutionError: as :meth:`locate`, or the drives do not determine the platform here.
+            NoSolutionError: no pose has these drive values, or they do not determine the frame.
         """
-        if not isinstance(pose, PlatformPose):
-            raise BadInputError("transfer takes one PlatformPose; for drive values take transfer_at")
-        return self._transfer(self.actual_of(pose), parameters, frame)
+        return self._transfer(self.location_at(drives).actual, parameters, frame)
 
-    def drive_jacobians(self, location: LadleLocation) -> DriveJacobians:
-        """Return the Jacobians of the actual robot at a location."""
-        return drive_jacobians(self.actual_solver, location.actual)
-
-    _task_rows = TASK_ROWS
-
-    def _length_m(self, location: Location) -> float:
-        return float(np.linalg.norm(self.kinematics.moving_centres_m, axis=1).mean())
-
-    def axis_weakness(self, location: Location) -> AxisWeakness:
-        """Return how far one tilted joint axis moves the pouring lip sideways, at the worst joint."""
-        return axis_weakness(self.actual_solver, location.actual, location.loops.working_frame)
-
-
-def robot_of(model: RobotModel) -> Robot:
-    """Return the robot of a model, whichever it is."""
-    return Robot(model) if model.robot else PouringRobot(model)
-
-
-def load_robot(model: RobotModel | Path | str | None = None) -> PouringRobot:
-    """Load a robot from a model, a model file, or (default) the drawing of the default layout.
-
-    The robot stands cold and without effects that depend on conditions: where the model tells of them, a warning says
-    so. ``HeatedRobot(robot, robot.model.heat)`` cares for the heat, ``robots_under`` for the effects.
-
-    Args:
-        model: a model, or the path of its file.
-
-    Raises:
-        ModelFileError: the model file is wrong.
-        UnknownLayoutError: it names a layout that does not exist.
-    """
-    return PouringRobot(as_it_stands(model, "load_robot"))
+    def _transfer(
+        self, closed: ClosureResult, parameters: str | Sequence[str | LocalParameter], frame: str | None
+    ) -> xr.DataArray:
+        named = (parameters,) if isinstance(parameters, str) else parameters
+        chosen: dict[str, LocalParameter] = {}
+        for item in named:
+            found = [p.local for p in self.parameters.match(item)] if isinstance(item, str) else [item]
+            chosen |= {parameter.name: parameter for parameter in found}
+        frame = frame or closed.mechanism.loops.working_frame
+        return closed_chain_transfer(self.actual_solver, closed, list(chosen.values()), frame).to_dataarray()

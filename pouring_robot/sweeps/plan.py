@@ -22,7 +22,7 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterCatalogue
-from pouring_robot.robot.robot import robot_of
+from pouring_robot.robot.pouring_robot import robot_of
 from pouring_robot.sweeps.config import Grouping, SweepConfig
 from pouring_robot.sweeps.draws import Draws
 from pouring_robot.sweeps.evaluation import ByteArray, ClosedChains, OpenBranch, Platforms

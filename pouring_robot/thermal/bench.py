@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.robot.base import Robot
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location import LadleLocation, Location
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
+from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.view.bench import RobotBench, Wish
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from pouring_robot.thermal.expansion.warm_robot import WarmRobot

@@ -20,7 +20,7 @@ from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.metrics import difference_figures
 from pouring_robot.robot.pouring.names import CHAINS
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.bending import LegBending
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot

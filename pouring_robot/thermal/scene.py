@@ -10,7 +10,7 @@ import pinocchio as pin
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, bodies_at
 from pouring_robot.robot.pouring.names import LEGS
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.view.scene import VIEW_DIRECTION, drawn_robot, exaggeration_for
 from pouring_robot.thermal.expansion.displacement import DisplacementField
 from pouring_robot.thermal.network.field import TemperatureField

@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 
 from pouring_robot import RobotModel
 from pouring_robot.exceptions import NoSolutionError
-from pouring_robot.robot.base import Robot
+from pouring_robot.robot.robot import Robot
 
 
 class ClosedJointStates(Node):

@@ -30,7 +30,7 @@ from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.description.urdf import perturb_urdf
 from pouring_robot.robot.dh.table import DHTable
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 
 OFF_M, OFF_RAD = 0.020, 0.050
 REPEATS = 3

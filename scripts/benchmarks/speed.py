@@ -26,11 +26,11 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from pouring_robot.estimation.map_fit import Fit, first_frames, identify
 from pouring_robot.estimation.measurement import MeasurementModel
 from pouring_robot.estimation.noise_level import NoiseLevel
-from pouring_robot.estimation.priors import prior_std
+from pouring_robot.estimation.parameter_priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses
-from pouring_robot.estimation.solver import Fit, first_frames, identify
 from pouring_robot.exceptions import NoSolutionError, PouringRobotError
 from pouring_robot.io.files import check_writable, write_whole
 from pouring_robot.mechanism.arrays import FloatArray
@@ -39,7 +39,7 @@ from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import all_parameters
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.robot import PouringRobot, load_robot
+from pouring_robot.robot.pouring_robot import PouringRobot, load_robot
 from pouring_robot.robot.tolerances import Tolerances
 from scripts.studies.calibration import StudyOptions, virtual_campaign
 
@@ -346,7 +346,7 @@ def thermal_study(setting: Setting) -> Measurement:
 
 def compensation(setting: Setting) -> Measurement:
     """Drive values for the robot as built at 1700 °C; errors of the four freedoms against the wanted pose."""
-    from pouring_robot.compensation.search import compensate
+    from pouring_robot.compensation.pose import compensate
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 

@@ -25,12 +25,12 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.dh.parameters import DHParameter
 from pouring_robot.robot.heat_section import HeatSection
-from pouring_robot.robot.loaded import stiffer, stiffness_at, under_weight
 from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.parameters import ParameterCatalogue
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring.stiffness import PartStiffness
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
+from pouring_robot.robot.under_weight import stiffer, stiffness_at, under_weight
 from pouring_robot.sweeps.parameters import ErrorMap
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from scripts.paper.claims import COLUMNS, Claim, judge

@@ -19,18 +19,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from pouring_robot.calibration.amend import amended_model
-from pouring_robot.calibration.lines import Z95
+from pouring_robot.calibration.movements import Z95
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.cli.shared.progress import stage_bars
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES
 from pouring_robot.estimation.identifiability import BaseParameters, base_parameters, robot_combinations
+from pouring_robot.estimation.map_fit import Fit, FitOptions, first_frames, identify
 from pouring_robot.estimation.measurement import BoolArray, MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.noise_level import NoiseLevel
-from pouring_robot.estimation.priors import prior_std
+from pouring_robot.estimation.parameter_priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
-from pouring_robot.estimation.solver import Fit, FitOptions, first_frames, identify
 from pouring_robot.estimation.splits import split
 from pouring_robot.exceptions import CalibrationError, PouringRobotError
 from pouring_robot.io.files import write_whole
@@ -38,7 +38,7 @@ from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import all_parameters
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.tolerances import Tolerances
 
 _FRAMES = tuple(p.name for p in FRAME_PARAMETERS)

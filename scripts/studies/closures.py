@@ -28,10 +28,10 @@ from pouring_robot.batch import BatchStart, engine_for
 from pouring_robot.batch.samples import STATUS_NAMES
 from pouring_robot.exceptions import ClosureError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closure.growth import jumps
+from pouring_robot.mechanism.closure.homotopy import jumps
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
 from pouring_robot.mechanism.poses import MM, MRAD, PlacementError
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 
 PAPER_MM, PAPER_MRAD = 0.2, 4.0
 STEPS, FINEST = 20, 2000

@@ -46,12 +46,12 @@ from pouring_robot.robot.pose_table import read_command_lines, read_pose_lines
 from pouring_robot.robot.pouring.layout import load_layout
 from pouring_robot.robot.pouring.stiffness import load_stiffness
 from pouring_robot.robot.pouring.thermal_properties import load_thermal_properties
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.tolerances import Tolerances
 from pouring_robot.sweeps.config import SweepConfig
 from pouring_robot.thermal.network.history import read_shift
-from pouring_robot.thermal.regression.model_file import ThermalModel
 from pouring_robot.thermal.regression.table import ErrorTable
+from pouring_robot.thermal.regression.thermal_model import ThermalModel
 
 BATCH = 500
 LONGEST_S = 10.0

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.batch.choice import engine_for
+from pouring_robot.batch.engines import engine_for
 from pouring_robot.batch.homotopy import closed_home
 from pouring_robot.batch.interface import Engine
 from pouring_robot.batch.samples import BatchClosure

@@ -20,7 +20,7 @@ from pouring_robot.design.compare import Comparison, compare_with_random
 from pouring_robot.design.planning import Planner, PlanRequest
 from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.tolerances import Tolerances
 
 REQUIRED = 0.70

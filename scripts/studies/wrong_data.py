@@ -29,7 +29,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.drawing import Drawing
 from pouring_robot.robot.export.paths import examples_path
 from pouring_robot.robot.model import JointPlacement, RobotModel
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 
 Mistake = tuple[str, Callable[[Campaign], Campaign]]
 USUAL = {"outlier", "measurement_jump"}

@@ -496,7 +496,7 @@ def test_a_second_process_reads_the_kernels_from_disk(tmp_path):
         "import numpy as np\n"
         "from pouring_robot.batch import CompiledEngine\n"
         "from pouring_robot.batch.kernels.samples import close_samples\n"
-        "from pouring_robot.robot.robot import PouringRobot\n"
+        "from pouring_robot.robot.pouring_robot import PouringRobot\n"
         "robot = PouringRobot()\n"
         "command = robot.kinematics.commands(np.array([[-0.1, 0.02, -0.6, 0.3]]))\n"
         "CompiledEngine(robot.nominal_solver.mechanism).close(command.drives, command.start).require_all()\n"

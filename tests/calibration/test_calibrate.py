@@ -16,7 +16,7 @@ from pouring_robot.estimation.splits import split
 from pouring_robot.exceptions import CampaignError
 from pouring_robot.robot.model import JointPlacement
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, damaged, measure
 
 

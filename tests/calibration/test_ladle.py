@@ -6,7 +6,7 @@ import pytest
 
 from pouring_robot.calibration.ladle import ladle_uncertainty, workspace_rows
 from pouring_robot.estimation.frames.outer import FRAMES
-from pouring_robot.estimation.solver import first_frames, identify
+from pouring_robot.estimation.map_fit import first_frames, identify
 from tests.estimation.virtual import Virtual, model_of
 
 

@@ -11,9 +11,9 @@ from pouring_robot.campaign.plan import random_plan, read_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.exceptions import BadInputError, CampaignError
-from pouring_robot.robot.base import Robot
 from pouring_robot.robot.description.robot_file import TAKEN
-from tests.robot.test_base import NAMES, ROBOTS
+from pouring_robot.robot.robot import Robot
+from tests.robot.test_robot import NAMES, ROBOTS
 
 
 @pytest.mark.parametrize("name", NAMES)

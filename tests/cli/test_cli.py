@@ -22,7 +22,7 @@ from pouring_robot.mechanism.loops import load_loops
 from pouring_robot.robot.pose_table import read_poses
 from pouring_robot.robot.pouring.layout import shipped_layouts_file
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 from tests.support import ACTUAL, ROOT, pose_gap
 
 POSES = ROOT / "examples" / "poses.csv"

@@ -400,7 +400,7 @@ def test_room_temperature_in_kelvin_is_refused(run, tmp_path):
 @pytest.fixture
 def thermal_model(tmp_path):
     """A law near what heat does at POSE and 1700 degC."""
-    from pouring_robot.thermal.regression.model_file import ThermalModel
+    from pouring_robot.thermal.regression.thermal_model import ThermalModel
 
     axes = {
         "x": {"method": "mean", "coefficients": [[-3e-4], [-4e-7]]},

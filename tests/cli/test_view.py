@@ -5,7 +5,7 @@ import pytest
 from pouring_robot.cli.app import main
 from pouring_robot.robot.view.bench import RobotBench
 from pouring_robot.thermal.bench import PouringBench
-from tests.robot.test_base import ROBOTS
+from tests.robot.test_robot import ROBOTS
 from tests.support import ROOT
 
 ACTUAL, POSES = (str(ROOT / "examples" / name) for name in ("actual.yaml", "poses.csv"))

@@ -7,13 +7,13 @@ import itertools
 import numpy as np
 import pytest
 
+from pouring_robot.compensation.pose import compensate
 from pouring_robot.compensation.result import commands_csv
-from pouring_robot.compensation.search import compensate
 from pouring_robot.exceptions import CompensationError, UnknownFrameError, UnreachablePoseError
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import DriveOffset, RobotModel
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from tests.support import BOX_LOWER, BOX_UPPER, random_poses
 

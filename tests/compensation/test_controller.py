@@ -10,7 +10,7 @@ from pouring_robot.compensation.path import compensate_path
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from scripts.studies.controller import answers
 from scripts.studies.controller import compiled as gcc_made

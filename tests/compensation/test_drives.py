@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pouring_robot.compensation.drives import compensate_drives, drives_csv
-from pouring_robot.robot.base import Robot
-from tests.robot.test_base import commands, crooked
+from pouring_robot.robot.robot import Robot
+from tests.robot.test_robot import commands, crooked
 
 __all__ = ["crooked"]
 

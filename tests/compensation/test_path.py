@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from pouring_robot.compensation.path import NOT_FOUND, compensate_path
-from pouring_robot.compensation.search import compensate
+from pouring_robot.compensation.pose import compensate
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location import OUT_OF_REACH
 from pouring_robot.robot.model import DriveOffset
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from pouring_robot.thermal.expansion.warm_path import locate_path
 from tests.support import BOX_LOWER, BOX_UPPER, crooked_model

@@ -28,7 +28,7 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureSolver
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.tolerances import Tolerances
 
 SMALL = {"candidates": 300, "starts": 2}

@@ -12,7 +12,7 @@ from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.cli.app import main
 from pouring_robot.diagnosis.amend import amended
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.robot import robot_of
+from pouring_robot.robot.pouring_robot import robot_of
 from tests.diagnosis.hidden import DRIFT, HOT
 from tests.rig import Wanted
 

@@ -18,7 +18,7 @@ from pouring_robot.inference.discrimination import Prediction, choose, divergenc
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 from tests.diagnosis.remeasured import Machine
 from tests.rig import make_campaign, write_case
 

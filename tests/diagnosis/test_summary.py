@@ -33,7 +33,7 @@ from pouring_robot.effects.facts import sources
 from pouring_robot.effects.registry import all_effects
 from pouring_robot.inference.decision import Thresholds
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 from tests.diagnosis.hidden import HOT, NOTHING, ZEROS, campaign
 
 CONTRACT = {

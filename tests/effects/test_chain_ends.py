@@ -4,14 +4,14 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.effects.conditions import set_apart
-from pouring_robot.effects.defaults import causes_of
 from pouring_robot.effects.families.heat import chain_ends
+from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.poses import PlacementError
-from pouring_robot.robot.base import Robot
 from pouring_robot.robot.description.urdf import perturb_urdf
 from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.robot import Robot
 from tests.support import ROOT
 
 

@@ -7,7 +7,7 @@ from pouring_robot import RobotUnderConditions
 from pouring_robot.effects.conditions import arcs_of
 from pouring_robot.robot.effect_stack import EffectEntry, LearnedCampaign, ParameterEntry
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.robot import robot_of
+from pouring_robot.robot.pouring_robot import robot_of
 from tests.support import ROOT
 
 ARM = RobotModel.for_robot(ROOT / "examples" / "robots" / "arm" / "robot.yaml")

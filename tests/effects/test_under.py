@@ -14,7 +14,7 @@ from pouring_robot.effects.conditions import learned_in, told
 from pouring_robot.exceptions import BadInputError, MissingConditionsError
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.robot import robot_of
+from pouring_robot.robot.pouring_robot import robot_of
 from tests.effects.bench import EFFECTS, NOISE, SIGMA_M
 from tests.examples.machines import MACHINES
 from tests.support import ROOT, random_poses

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from pouring_robot.estimation.map_fit import first_frames
 from pouring_robot.estimation.residuals import MeasuredPoses
-from pouring_robot.estimation.solver import first_frames
 from pouring_robot.exceptions import FrameFitError
 from tests.estimation.virtual import SIGMA, Virtual, model_of
 

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from pouring_robot.estimation.map_fit import first_frames, fit_with_noise
 from pouring_robot.estimation.noise import noise_beforehand, repeat_noise, repeats
 from pouring_robot.estimation.residuals import MeasuredPoses
-from pouring_robot.estimation.solver import first_frames, fit_with_noise
 from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, damaged
 from tests.estimation.virtual import SIGMA, Virtual, model_of
 

@@ -15,12 +15,12 @@ from pouring_robot.checks.flags import FlagCode, Severity
 from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.estimation.frames.sessions import session_parameters
+from pouring_robot.estimation.map_fit import seen_from_one_place
 from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
-from pouring_robot.estimation.solver import seen_from_one_place
 from pouring_robot.exceptions import CalibrationError, CampaignError
 from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors
 from pouring_robot.robot.model import DriveOffset, RobotModel
-from pouring_robot.robot.robot import robot_of
+from pouring_robot.robot.pouring_robot import robot_of
 from tests.support import ROOT
 
 MODELS = {

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.robot.pouring.layout import load_layout
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 from scripts.paper.geometry.study import run_open_study
 from scripts.paper.readings import (
     COLDEST_DEGC,

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from pouring_robot.robot.base import Robot
 from pouring_robot.robot.model import DriveOffset, JointPlacement
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
+from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.view.bench import RobotBench
 from tests.robot.benches import POSE, ask, check
-from tests.robot.test_base import ROBOTS
+from tests.robot.test_robot import ROBOTS
 
 
 @pytest.fixture(name="bench", scope="module")

@@ -11,11 +11,11 @@ from pouring_robot.exceptions import BadInputError, DescriptionError, ModelFileE
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.loops import load_loops
 from pouring_robot.mechanism.poses import PlacementError
-from pouring_robot.robot.base import Robot
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.urdf import description_folder, perturb_urdf
 from pouring_robot.robot.model import JointPlacement, RobotModel
 from pouring_robot.robot.pouring.definition import PouringDefinition
+from pouring_robot.robot.robot import Robot
 from tests.support import ROOT
 
 ROBOTS = ROOT / "examples" / "robots"

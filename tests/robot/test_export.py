@@ -21,7 +21,7 @@ from pouring_robot.robot.export.folder import FORMATS, exported_files
 from pouring_robot.robot.export.joints import JointRow, joints_text
 from pouring_robot.robot.export.mjcf import mjcf
 from pouring_robot.robot.model import DriveOffset, RobotModel
-from pouring_robot.robot.robot import robot_of
+from pouring_robot.robot.pouring_robot import robot_of
 from tests.support import ROOT, crooked_model, pose_gap, random_poses
 
 ROBOTS = ROOT / "examples" / "robots"
@@ -61,7 +61,7 @@ def crooked():
 @pytest.mark.parametrize("pose", random_poses(3, seed=11))
 def test_the_tree_stands_where_the_closed_robot_stands(crooked, pose):
     """The package's answer comes from the model with its offset; the tree's from joint values that are commands."""
-    from pouring_robot.robot.robot import PouringRobot
+    from pouring_robot.robot.pouring_robot import PouringRobot
 
     closed, located = at_pose(crooked, pose), PouringRobot(crooked).locate(pose)
     for frame in ("ladle_lip", "leg2_foot", "leg4_moving_rod"):
@@ -159,7 +159,7 @@ def test_zeros_that_were_moved_keep_the_limits_where_they_were(crooked):
 
 def test_how_far_the_tree_is_off_elsewhere_is_said(crooked):
     """Ten poses closed one by one lie within the printed figures."""
-    from pouring_robot.robot.robot import PouringRobot
+    from pouring_robot.robot.pouring_robot import PouringRobot
 
     closed, robot = ClosedRobot.of(crooked), PouringRobot(crooked.with_offsets_placed())
     off = []

@@ -5,9 +5,9 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.exceptions import BadInputError, UnreachableTargetError
-from pouring_robot.robot.base import Robot
 from pouring_robot.robot.inverse import REACHED, Target
-from tests.robot.test_base import NAMES, ROBOTS
+from pouring_robot.robot.robot import Robot
+from tests.robot.test_robot import NAMES, ROBOTS
 from tests.support import ROOT
 
 PLACED_ONLY = ("delta", "five_bar")

@@ -10,7 +10,7 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.robot.pouring.layout import load_layout
 from pouring_robot.robot.pouring.new_layout import NewLayout, checked
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.robot import load_robot
+from pouring_robot.robot.pouring_robot import load_robot
 
 
 def test_its_defaults_are_the_papers_robot():

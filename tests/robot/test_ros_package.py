@@ -13,7 +13,7 @@ from lxml import etree
 from pouring_robot.robot.description.rendering import run_xacro
 from pouring_robot.robot.description.urdf import MESH_PACKAGE, description_folder
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 
 PACKAGE = "pouring_robot_description"
 FOLDER = description_folder()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.estimation.frames.outer import FRAMES
-from pouring_robot.estimation.priors import FRAME_STD, prior_std
+from pouring_robot.estimation.parameter_priors import FRAME_STD, prior_std
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.robot.tolerances import Tolerances, kind_of
 from tests.estimation.virtual import model_of

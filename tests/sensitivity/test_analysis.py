@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.robot.base import Robot
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
+from pouring_robot.robot.robot import Robot
 from pouring_robot.sensitivity.analysis import sensitivity
 from pouring_robot.sensitivity.request import Request
 from scripts.paper.geometry.study import run_study

@@ -6,7 +6,7 @@ import pytest
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.sweeps import SweepConfig, SweepPlan, sweep
 from pouring_robot.sweeps.analysis.linear import transfer_matrices
-from tests.robot.test_base import NAMES, ROBOTS
+from tests.robot.test_robot import NAMES, ROBOTS
 
 STUDY = """
 format: pouring_robot/sweep/1

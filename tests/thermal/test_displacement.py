@@ -8,9 +8,9 @@ import pytest
 from pouring_robot.cli.app import main
 from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.heat_section import HeatSection
-from pouring_robot.robot.loaded import stiffness_at, truss_sag_m, under_weight
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.under_weight import stiffness_at, truss_sag_m, under_weight
 from pouring_robot.thermal.expansion.displacement import DisplacementField
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from pouring_robot.thermal.expansion.truss import TrussMotion

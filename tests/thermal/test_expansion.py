@@ -12,7 +12,7 @@ from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring.thermal_properties import load_thermal_properties
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.bending import LegBending
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
 from pouring_robot.thermal.expansion.warm_robot import WarmRobot

@@ -7,7 +7,7 @@ from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import DriveOffset, RobotModel
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
 from pouring_robot.thermal.expansion.heated_robot import SETTLED_M, HeatedRobot
 from pouring_robot.thermal.expansion.warm_robot import WarmRobot, drawing_of

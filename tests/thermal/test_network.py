@@ -240,7 +240,7 @@ def test_impossible_input_is_refused(network, drawing):
 
 def test_the_other_layout_works():
     from pouring_robot.robot.model import RobotModel
-    from pouring_robot.robot.robot import PouringRobot
+    from pouring_robot.robot.pouring_robot import PouringRobot
 
     field = ThermalNetwork(PouringRobot(RobotModel(layout="wide"))).steady(POSE)
     assert field.balance.relative_error < 1e-9

@@ -6,12 +6,12 @@ import yaml
 
 from pouring_robot.cli.app import main
 from pouring_robot.exceptions import BadInputError, TableError, ThermalFileError
-from pouring_robot.robot.base import Robot
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.thermal.regression.lines import Positions
-from pouring_robot.thermal.regression.model_file import ThermalModel
+from pouring_robot.robot.robot import Robot
+from pouring_robot.thermal.regression.error_line import Positions
 from pouring_robot.thermal.regression.report import by_axis, read_positions, regress
 from pouring_robot.thermal.regression.table import ErrorTable
+from pouring_robot.thermal.regression.thermal_model import ThermalModel
 from tests.support import ROOT
 
 T = np.linspace(873.15, 1973.15, 8)

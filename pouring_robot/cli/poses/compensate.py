@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from pouring_robot.compensation.drives import DriveCompensation
     from pouring_robot.compensation.result import Compensation
     from pouring_robot.effects.under import RobotUnderConditions
-    from pouring_robot.robot.base import Command, Robot
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.pouring.poses import PlatformPose
-    from pouring_robot.robot.robot import PouringRobot
+    from pouring_robot.robot.pouring_robot import PouringRobot
+    from pouring_robot.robot.robot import Command, Robot
 
 Found = TypeVar("Found", "Compensation", "DriveCompensation")
 PosesFile = Annotated[
@@ -60,7 +60,7 @@ def compensate(
     if poses is not None and commanded.given:
         raise BadInputError("give a file of poses or one command by options, one of the two")
     present = which.built(warm=True, under=True)
-    from pouring_robot.robot.robot import PouringRobot
+    from pouring_robot.robot.pouring_robot import PouringRobot
 
     _check_frame(present.nominal_solver.mechanism.loops.reported_frames, frame)
     warmth = heat.of(present)
@@ -96,11 +96,11 @@ def _ladle(
 ) -> None:
     from pouring_robot.cli.poses import heat as warm
     from pouring_robot.cli.poses.compensated import commands_table, compensation_lines
+    from pouring_robot.compensation.pose import compensate as compensated
     from pouring_robot.compensation.result import commands_csv
-    from pouring_robot.compensation.search import compensate as compensated
     from pouring_robot.io.files import write_whole
     from pouring_robot.robot.pouring.poses import PlatformPose
-    from pouring_robot.robot.robot import PouringRobot
+    from pouring_robot.robot.pouring_robot import PouringRobot
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 
     heated = HeatedRobot(robot, heat)

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from pouring_robot.mechanism.arrays import FloatArray
-    from pouring_robot.robot.base import Command, Robot
     from pouring_robot.robot.location import Location
+    from pouring_robot.robot.robot import Command, Robot
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, PoseShares, WarmState
-    from pouring_robot.thermal.regression.model_file import ThermalModel
+    from pouring_robot.thermal.regression.thermal_model import ThermalModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ def thermal_law(path: Path | None, robot: Robot, heat: HeatSection | None) -> Th
     """
     if path is None:
         return None
-    from pouring_robot.thermal.regression.model_file import ThermalModel
+    from pouring_robot.thermal.regression.thermal_model import ThermalModel
 
     with_melt(robot)
     same = heat or HeatSection()

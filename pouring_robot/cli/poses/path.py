@@ -10,9 +10,9 @@ from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 
 if TYPE_CHECKING:
-    from pouring_robot.robot.base import Command, Robot
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.location import Location
+    from pouring_robot.robot.robot import Command, Robot
 
 PosesFile = Annotated[
     Path,
@@ -97,7 +97,7 @@ def _at_once(
     from pouring_robot.mechanism.poses import MM, MRAD
     from pouring_robot.robot.export.joints import JointRow
     from pouring_robot.robot.pouring.poses import PlatformPose
-    from pouring_robot.robot.robot import PouringRobot
+    from pouring_robot.robot.pouring_robot import PouringRobot
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
     from pouring_robot.thermal.expansion.warm_path import locate_path
 

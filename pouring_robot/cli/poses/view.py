@@ -14,7 +14,7 @@ from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.exceptions import BadInputError
 
 if TYPE_CHECKING:
-    from pouring_robot.robot.base import Robot
+    from pouring_robot.robot.robot import Robot
     from pouring_robot.robot.view.bench import RobotBench
     from pouring_robot.viewer import Scene
 
@@ -74,7 +74,7 @@ def view(
 def _bench(robot: Robot, commanded: bundles.Commanded, exaggerate: float | None) -> RobotBench:
     """Return the sliders of a robot, and the melt's where it carries one."""
     from pouring_robot.robot.location import LadleLocation
-    from pouring_robot.robot.robot import PouringRobot
+    from pouring_robot.robot.pouring_robot import PouringRobot
     from pouring_robot.robot.view.bench import RobotBench
     from pouring_robot.thermal.bench import PouringBench
 

@@ -17,10 +17,10 @@ from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseErr
 
 if TYPE_CHECKING:
     from pouring_robot.effects.under import RobotUnderConditions
-    from pouring_robot.robot.base import Command, Robot
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.location import Location
     from pouring_robot.robot.model import RobotModel
+    from pouring_robot.robot.robot import Command, Robot
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Which:
 
         Unless the command cares for heat (``warm``) and conditions (``under``), a line says what is left out.
         """
-        from pouring_robot.robot.robot import robot_of
+        from pouring_robot.robot.pouring_robot import robot_of
 
         present = self.read()
         options.say_left_out(present, self.model, warm=warm, under=under)

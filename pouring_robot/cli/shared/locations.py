@@ -15,11 +15,11 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.files import write_whole
 from pouring_robot.mechanism.jacobians import AxisWeakness, Dexterity
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.robot.base import Robot
 from pouring_robot.robot.export.joints import JointRow, joints_text
 from pouring_robot.robot.location import LadleLocation, Location, drive_words
 from pouring_robot.robot.metrics import decimals
 from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.robot import Robot
 
 
 def _cells(values: Iterable[float], digits: int = 3, *, sign: bool = False) -> list[str]:

@@ -23,9 +23,9 @@ from pouring_robot.exceptions import BadInputError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from pouring_robot.robot.base import Robot
     from pouring_robot.robot.model import RobotModel
-    from pouring_robot.robot.robot import PouringRobot
+    from pouring_robot.robot.pouring_robot import PouringRobot
+    from pouring_robot.robot.robot import Robot
 
 _QUIET, _OVERWRITE = ContextVar("quiet", default=False), ContextVar("overwrite", default=False)
 _OUTPUTS = f"{__name__}.outputs"
@@ -184,7 +184,7 @@ def with_melt(robot: Robot) -> PouringRobot:
     Raises:
         BadInputError: it is another than the pouring robot.
     """
-    from pouring_robot.robot.robot import PouringRobot
+    from pouring_robot.robot.pouring_robot import PouringRobot
 
     if isinstance(robot, PouringRobot):
         return robot

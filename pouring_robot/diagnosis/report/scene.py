@@ -19,13 +19,13 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.rows import CampaignRows, RowChanges
 from pouring_robot.estimation.frames.outer import OuterFrames
+from pouring_robot.estimation.map_fit import seen_from_one_place
 from pouring_robot.estimation.noise import noise_beforehand
-from pouring_robot.estimation.solver import seen_from_one_place
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM, bodies_at
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.robot import robot_of
+from pouring_robot.robot.pouring_robot import robot_of
 from pouring_robot.robot.view.scene import VIEW_DIRECTION, drawn_robot, exaggeration_for
 from pouring_robot.viewer import GHOST_TINT, Curve, Scene, SceneArrows, SceneRobot, Step, camera_on
 from pouring_robot.viewer.scene import BACKGROUND_LINKS, Colour

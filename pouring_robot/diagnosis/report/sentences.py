@@ -15,8 +15,8 @@ from pouring_robot.diagnosis.parameters import FoundParameter, NamedEffect
 from pouring_robot.diagnosis.processes import CHANCE
 from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
-from pouring_robot.effects.defaults import causes_of
 from pouring_robot.effects.facts import facts_of, sources
+from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.estimation.instruments import component_name
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.causes import Thermometers

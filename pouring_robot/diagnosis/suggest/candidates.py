@@ -24,7 +24,7 @@ from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.problem import Library, known_effects, usual_errors
 from pouring_robot.diagnosis.processes import processes_of
 from pouring_robot.diagnosis.rows import CampaignRows
-from pouring_robot.effects.defaults import causes_of
+from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.estimation.frames.sessions import largest_session
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.explanations import Background, Explanation, Problem
@@ -36,7 +36,7 @@ from pouring_robot.mechanism.poses import MM
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.robot.description.causes import Thermometers
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 
 SESSION = "next"
 _HOUR_S = 3600.0

@@ -21,7 +21,7 @@ from pouring_robot.exceptions import BadInputError, ClosureError
 from pouring_robot.mechanism.arrays import FloatArray, read_only
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism, IndexArray
 from pouring_robot.mechanism.closure.energy import NO_LOADS, ClosureEnergy, EnergyState, Loads
-from pouring_robot.mechanism.closure.growth import Shares, jumps, largest_turn
+from pouring_robot.mechanism.closure.homotopy import Shares, jumps, largest_turn
 from pouring_robot.mechanism.closure.null_space import Spectrum, is_regular
 from pouring_robot.report.result import Result
 

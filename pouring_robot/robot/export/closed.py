@@ -20,11 +20,11 @@ from pouring_robot.batch import engine_for
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.poses import PlacementError
-from pouring_robot.robot.base import Command, Robot
 from pouring_robot.robot.description.urdf import perturb_urdf
 from pouring_robot.robot.location import frames_of
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.robot import robot_of
+from pouring_robot.robot.pouring_robot import robot_of
+from pouring_robot.robot.robot import Command, Robot
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,11 @@ from pouring_robot.exceptions import BadInputError, PouringRobotError
 from pouring_robot.io.typed_yaml import StrictModel
 from pouring_robot.mechanism.parameters import DriveParameter
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.robot.base import Robot
 from pouring_robot.robot.description.command import CommandAxis
 from pouring_robot.robot.location import LadleLocation, Location
 from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
 from pouring_robot.robot.parameters import Parameter
+from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.view.scene import at_location, pose_scene
 from pouring_robot.viewer import Scene
 from pouring_robot.viewer.packing import film

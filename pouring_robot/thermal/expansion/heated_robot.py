@@ -22,7 +22,7 @@ from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location import LadleLocation
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
 from pouring_robot.thermal.expansion.warm_robot import WarmRobot, drawing_of, passive_lengths
 from pouring_robot.thermal.network.assembly import ThermalNetwork

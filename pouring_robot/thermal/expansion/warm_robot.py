@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
 
 

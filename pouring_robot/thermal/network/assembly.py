@@ -18,7 +18,7 @@ from pouring_robot.io.temperatures import kelvin
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, load_thermal_properties
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.network import parts
 from pouring_robot.thermal.network.circuit import Circuit
 from pouring_robot.thermal.network.elements import (

@@ -14,8 +14,8 @@ from pouring_robot.io.quantities import UNITS, to_inner
 from pouring_robot.io.tables import read_table
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.report.result import Result
+from pouring_robot.thermal.regression.error_line import ErrorLine, Positions, Remains
 from pouring_robot.thermal.regression.joint_model import JointRegression
-from pouring_robot.thermal.regression.lines import ErrorLine, Positions, Remains
 from pouring_robot.thermal.regression.methods import (
     HELPS_BELOW,
     METHODS,
@@ -24,9 +24,9 @@ from pouring_robot.thermal.regression.methods import (
     judge,
     left_out,
 )
-from pouring_robot.thermal.regression.model_file import AXES, AxisModel, ThermalModel
 from pouring_robot.thermal.regression.sensitive_sets import SensitiveSetSelector
 from pouring_robot.thermal.regression.table import ErrorTable
+from pouring_robot.thermal.regression.thermal_model import AXES, AxisModel, ThermalModel
 
 if TYPE_CHECKING:
     import pandas as pd

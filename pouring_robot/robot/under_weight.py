@@ -13,7 +13,7 @@ from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.loops import LoopStiffness, Quantity
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring.stiffness import PartStiffness, StiffnessProperties, load_stiffness
-from pouring_robot.robot.robot import PouringRobot
+from pouring_robot.robot.pouring_robot import PouringRobot
 
 
 def stiffness_at(

@@ -9,7 +9,6 @@ import numpy as np
 from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag, FlagCode, Rows, Severity, found
-from pouring_robot.checks.mistakes import Comparison
 from pouring_robot.checks.smoothing import (
     ROWS_PER_TERM,
     drive_effect,
@@ -23,6 +22,7 @@ from pouring_robot.checks.smoothing import (
     smooth_terms,
     unexplained,
 )
+from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.mechanism.arrays import FloatArray, evenly
 from pouring_robot.mechanism.poses import MM, MRAD

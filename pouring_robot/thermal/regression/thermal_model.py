@@ -9,7 +9,7 @@
     axes:
       z: {method: pose, coefficients: [[…], […]]}      # C of ErrorLine, m, per K in the second row
 
-The error along each axis is :class:`~pouring_robot.thermal.regression.lines.ErrorLine`'s.
+The error along each axis is :class:`~pouring_robot.thermal.regression.error_line.ErrorLine`'s.
 """
 
 # ruff: noqa: N815 - units keep their capitals
@@ -27,7 +27,7 @@ from pouring_robot.io.files import write_whole
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.thermal.regression.lines import ErrorLine
+from pouring_robot.thermal.regression.error_line import ErrorLine
 
 AXES = ("x", "y", "z")
 

@@ -6,7 +6,8 @@ Minimised is
 
 where a block b is the position or the rotation of one row: one slip spoils all three coordinates. The robust loss is
 quadratic up to the bound that 99 % of sound blocks keep, widened while the median block is larger than noise makes it
-(far from the answer, or where the model lacks something). How it is searched: :mod:`pouring_robot.estimation.search`.
+(far from the answer, or where the model lacks something). How it is searched:
+:mod:`pouring_robot.estimation.levenberg_marquardt`.
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.estimation.frames.sessions import in_one_frame
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS
 from pouring_robot.estimation.instruments import Kind, are
+from pouring_robot.estimation.levenberg_marquardt import Search
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Prediction, Unknowns
 from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations
 from pouring_robot.estimation.robust import Loss
-from pouring_robot.estimation.search import Search
 from pouring_robot.estimation.searched_frames import searched_frames
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray

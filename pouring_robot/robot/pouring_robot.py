@@ -1,0 +1,262 @@
+"""Where the ladle is: the robot of the drawing and the robot as built, side by side.
+
+The controller knows the drawing. It turns a wanted pose into drive values by the nominal kinematics; the robot as
+built takes these drive values and closes its own loops. The difference of the two is the error at the ladle.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, overload
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
+from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult
+from pouring_robot.mechanism.jacobians import AxisWeakness, DriveJacobians, axis_weakness, drive_jacobians
+from pouring_robot.mechanism.parameters import LocalParameter
+from pouring_robot.robot.description.urdf import read_text
+from pouring_robot.robot.location import LadleLocation, Location, located
+from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.pose_table import read_pose_lines
+from pouring_robot.robot.pouring.kinematics import TASK_ROWS, FourUPUKinematics
+from pouring_robot.robot.pouring.ladle_mesh import stale_mesh_note
+from pouring_robot.robot.pouring.layout import Layout, check_layout, load_layout, shipped_layouts_file
+from pouring_robot.robot.pouring.layout_schema import LayoutEntry
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.robot import Command, Robot, as_it_stands
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+class PouringRobot(Robot):
+    """The pouring robot: a :class:`Robot` that is commanded by poses.
+
+    Args:
+        model: the robot as built; without one, the drawing of the default layout.
+        loads: weight and yielding drives of the actual robot.
+        options: when a closure counts as found.
+
+    Raises:
+        BadInputError: the model names a joint or drive that the robot does not have, or is one of another robot.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel | None = None,
+        loads: Loads = NO_LOADS,
+        options: ClosureOptions = DEFAULT_OPTIONS,
+    ) -> None:
+        """Build both mechanisms."""
+        super().__init__(model, loads, options)
+        if not isinstance(self.drawing, FourUPUKinematics):
+            raise BadInputError(f"the model is one of {self.model.definition.name}: load it with Robot.load")
+        self.kinematics = self.drawing
+
+    @property
+    def _called(self) -> str:
+        return f"layout {self.model.layout}"
+
+    @functools.cached_property
+    def layout(self) -> Layout:
+        """Workspace and ladle of the layout, in SI units."""
+        return load_layout(self.model.layout, self.model.layouts_path)
+
+    @functools.cached_property
+    def dimensions(self) -> LayoutEntry:
+        """Sizes of every part, as the dimensions file has them."""
+        path = self.model.layouts_path or shipped_layouts_file()
+        return check_layout(self.model.layout, path, read_text(path))
+
+    def forward(self, drives: dict[str, float], near: PlatformPose | None = None) -> ClosureResult:
+        """Close the robot as built for commanded drive values (m, rad).
+
+        Args:
+            drives: l1, l2, l3 (m) and theta46 (rad) by joint name: ``leg1_s3``, ``leg2_s3``, ``leg3_s3``, ``leg4_s5``.
+            near: a pose to start from; by default the nominal pose for these drives.
+
+        Raises:
+            BadInputError: a drive value is missing or not finite, or a name is no drive.
+            NoSolutionError: no pose has these drive values.
+            UnreachablePoseError: the pose that has them is beyond a joint's limits.
+        """
+        self.kinematics.check_drives(drives)
+        start = near or self.kinematics.forward(drives)
+        return self._closed_as_built(drives, self.kinematics.configuration(start))
+
+    def _closed_as_built(self, drives: dict[str, float], start: FloatArray) -> ClosureResult:
+        """Close the robot as built for commanded drive values, and check its own joints against their limits."""
+        result = self.actual_solver.solve(self.actual_drives(drives), start)
+        # Far from the start the loops may also close in another assembly, whose joints are then beyond their limits.
+        self.kinematics.refuse_beyond_limits({name: result.joint_values[name] for name in self.kinematics.joint_names})
+        return result
+
+    @overload
+    def locate(self, pose: PlatformPose) -> LadleLocation: ...
+    @overload
+    def locate(self, pose: Sequence[PlatformPose] | ArrayLike) -> xr.Dataset: ...
+    def locate(self, pose: PlatformPose | Sequence[PlatformPose] | ArrayLike) -> LadleLocation | xr.Dataset:
+        """Return where the ladle should be and where it is for a commanded pose, or for many.
+
+        Args:
+            pose: one pose; or a sequence of poses, or an array of x, y, z in m and the tilt in rad, shape (n, 4).
+
+        Returns:
+            For one pose all that is known of it. For many a dataset with the dimensions ``pose``, ``frame`` and
+            ``axis``: nominal and actual positions (m), rotation vectors (rad) and their differences, and a ``status``.
+            A pose that has no answer is NaN, its status says why; nothing is raised for it.
+
+        Raises:
+            UnreachablePoseError: a joint of the drawing or of the robot as built would pass its limits.
+            ClosureError: the robot as built cannot take these drive values.
+            BadInputError: an array has another shape or holds a number that is not finite.
+        """
+        if isinstance(pose, pin.SE3):
+            raise BadInputError("an SE3 has six freedoms, the platform four: give PlatformPose.from_se3(pose)")
+        if not isinstance(pose, PlatformPose):
+            return located(self, pose)
+        drives = self.kinematics.inverse(pose)
+        start = self.kinematics.configuration(pose)
+        outside_m, outside_rad = self.outside_workspace(pose)
+        return LadleLocation(
+            commanded=pose,
+            drives=drives,
+            nominal=self.nominal_solver.solve(drives, start),
+            actual=self._closed_as_built(drives, start),
+            reach=self.kinematics.reach(self.kinematics.joint_values(pose)),
+            outside_workspace_m=outside_m,
+            outside_workspace_rad=outside_rad,
+        )
+
+    def _located(self, drives: FloatArray, nominal: ClosureResult) -> LadleLocation:
+        return self.locate(self.kinematics.forward(self._named(drives)))
+
+    @property
+    def accuracy_m(self) -> float:
+        """Required accuracy of the pouring lip, in m."""
+        return self.layout.accuracy_m
+
+    @property
+    def picture_notes(self) -> tuple[str, ...]:
+        """Whether the ladle's mesh is that of the layout."""
+        note = stale_mesh_note(self.layout)
+        return (note,) if note else ()
+
+    def read_commands(self, path: Path, beside: Iterable[str] = ()) -> dict[int, PlatformPose]:
+        """Read poses from a table, by the line they stand on, as :meth:`Robot.read_commands`.
+
+        Raises:
+            TableError: the file is wrong.
+        """
+        return read_pose_lines(path, beside)
+
+    def pose_command(self, position_m: FloatArray, turn_rad: FloatArray | None) -> PlatformPose:
+        """Return the pose of a place and a turn about y."""
+        turn = np.zeros(3) if turn_rad is None else turn_rad
+        if turn[0] or turn[2]:
+            raise BadInputError("the platform turns about y only: give a tilt")
+        x, y, z, tilt = (float(value) for value in (*position_m, turn[1]))
+        return PlatformPose((x, y, z), tilt)
+
+    def location_in_the_middle(self) -> LadleLocation:
+        """Return where the ladle should be and where it is in the middle of the workspace box."""
+        x, y, z, tilt = np.mean(self.layout.box, axis=0).tolist()
+        return self.locate(PlatformPose((x, y, z), tilt))
+
+    def command_at(self, values: FloatArray) -> PlatformPose:
+        """Return the pose of x, y, z in m and the tilt in rad, (4,)."""
+        x, y, z, tilt = values.tolist()
+        return PlatformPose((x, y, z), tilt)
+
+    def drives_of(self, command: Command) -> FloatArray:
+        """Return the drive values, (4,), in m and rad, that a pose, a target or drive values mean."""
+        if not isinstance(command, PlatformPose):
+            return super().drives_of(command)
+        drives = self.kinematics.inverse(command)
+        return np.array([drives[name] for name in self.nominal_solver.mechanism.loops.drives])
+
+    def location_of(self, command: Command) -> Location:
+        """Return where the ladle should be and where it is for a pose, a target or drive values (4,), in m and rad."""
+        return self.locate(command) if isinstance(command, PlatformPose) else super().location_of(command)
+
+    def actual_of(self, command: Command) -> ClosureResult:
+        """Return the robot as built at a pose, a target or drive values; as the ``actual`` of its location."""
+        if not isinstance(command, PlatformPose):
+            return super().actual_of(command)
+        return self._closed_as_built(self.kinematics.inverse(command), self.kinematics.configuration(command))
+
+    def outside_workspace(self, pose: PlatformPose) -> tuple[FloatArray, float]:
+        """Return by how far a pose leaves the workspace box: per axis, shape (3,), in m, and in tilt, in rad."""
+        layout, position = self.layout, np.array(pose.position_m)
+        below, above = layout.position_lower_m - position, position - layout.position_upper_m
+        shift = np.maximum(below, 0.0) + np.maximum(above, 0.0)
+        turn = max(layout.tilt_lower_rad - pose.tilt_rad, pose.tilt_rad - layout.tilt_upper_rad, 0.0)
+        # A box limit typed in mm or degrees must not count as outside by round-off.
+        return np.where(shift < 1e-9, 0.0, shift), turn if turn > 1e-9 else 0.0
+
+    def transfer(
+        self,
+        pose: PlatformPose,
+        parameters: str | Sequence[str | LocalParameter] = "geometry",
+        frame: str | None = None,
+    ) -> xr.DataArray:
+        """Return G of the robot as built at a commanded pose: how each local parameter moves a frame.
+
+        Args:
+            pose: the commanded pose.
+            parameters: sets, groups, names or patterns of :attr:`parameters`, or local parameters themselves.
+            frame: the observed frame (default: the pouring lip).
+
+        Returns:
+            Dimensions ``component`` (displacement x, y, z, rotation vector rx, ry, rz, in the fixed platform's axes)
+            and ``parameter``; the coordinates ``unit`` and ``per`` give the units of a number: ``unit`` per ``per``.
+
+        Raises:
+            BadInputError: no parameter has a name.
+            UnknownFrameError: there is no such frame.
+            NoSolutionError: as :meth:`locate`, or the drives do not determine the platform here.
+        """
+        if not isinstance(pose, PlatformPose):
+            raise BadInputError("transfer takes one PlatformPose; for drive values take transfer_at")
+        return self._transfer(self.actual_of(pose), parameters, frame)
+
+    def drive_jacobians(self, location: LadleLocation) -> DriveJacobians:
+        """Return the Jacobians of the actual robot at a location."""
+        return drive_jacobians(self.actual_solver, location.actual)
+
+    _task_rows = TASK_ROWS
+
+    def _length_m(self, location: Location) -> float:
+        return float(np.linalg.norm(self.kinematics.moving_centres_m, axis=1).mean())
+
+    def axis_weakness(self, location: Location) -> AxisWeakness:
+        """Return how far one tilted joint axis moves the pouring lip sideways, at the worst joint."""
+        return axis_weakness(self.actual_solver, location.actual, location.loops.working_frame)
+
+
+def robot_of(model: RobotModel) -> Robot:
+    """Return the robot of a model, whichever it is."""
+    return Robot(model) if model.robot else PouringRobot(model)
+
+
+def load_robot(model: RobotModel | Path | str | None = None) -> PouringRobot:
+    """Load a robot from a model, a model file, or (default) the drawing of the default layout.
+
+    The robot stands cold and without effects that depend on conditions: where the model tells of them, a warning says
+    so. ``HeatedRobot(robot, robot.model.heat)`` cares for the heat, ``robots_under`` for the effects.
+
+    Args:
+        model: a model, or the path of its file.
+
+    Raises:
+        ModelFileError: the model file is wrong.
+        UnknownLayoutError: it names a layout that does not exist.
+    """
+    return PouringRobot(as_it_stands(model, "load_robot"))
