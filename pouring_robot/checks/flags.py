@@ -214,6 +214,18 @@ def usable_without(campaign: Campaign, flags: Sequence[DataFlag]) -> Rows:
     return rows
 
 
+def refuse_errors(campaign: Campaign, flags: Iterable[DataFlag]) -> None:
+    """Refuse data in which anything is in error, single rows too, which a fit would leave out.
+
+    Raises:
+        CampaignError: something is; says how much, and the first of it.
+    """
+    errors = [flag for flag in flags if flag.severity is Severity.ERROR]
+    if errors:
+        first, count = errors[0], f"{len(errors)} error{'s' if len(errors) > 1 else ''}"
+        raise CampaignError(campaign.path, f"{count} in the data: {first.message}; {first.remedy}")
+
+
 def outlier_rows(flags: Iterable[DataFlag]) -> Rows:
     """Return the rows that no fit should use: outliers, poses or drives out of reach, and copies; ascending."""
     rows = {row for flag in flags if flag.code in ROW_CODES for row in flag.rows}

@@ -34,6 +34,19 @@ def test_simulate_and_check(tmp_path, capsys):
     assert figures["ranges"]["q1"]["unit"] == "mm"
 
 
+@pytest.mark.parametrize("more", [[], ["--json"]])
+def test_an_error_in_the_data_ends_with_exit_code_2(tmp_path, capsys, more):
+    assert simulate(tmp_path) == 0
+    path = tmp_path / "c.csv"
+    path.write_text(path.read_text().replace("x_mm,y_mm,z_mm", "x_m,y_m,z_m", 1))
+    capsys.readouterr()
+    assert main(["campaign", "check", str(path), *more]) == 2
+    printed = capsys.readouterr()
+    assert "1 error in the data: " in printed.err
+    assert printed.err.count("\n") == 1
+    assert ("position_unit" if more else "error: ") in printed.out
+
+
 def test_parquet_frames_and_positions(tmp_path, capsys):
     frame = ["100", "200", "300", "10", "20", "30"]
     more = ["--position-only", "--tracker-frame", *frame, "--target-frame", *frame, "--lost", "0.05"]
@@ -83,6 +96,6 @@ def test_does_not_overwrite_unless_told(tmp_path, capsys):
 
 def test_pictures_with_nothing_to_fit(tmp_path, capsys):
     assert main(["campaign", "simulate", "--out", str(tmp_path / "c.csv"), "--random", "3"]) == 0
-    assert main(["campaign", "check", str(tmp_path / "c.csv"), "--png", str(tmp_path / "c.png")]) == 0
+    assert main(["campaign", "check", str(tmp_path / "c.csv"), "--png", str(tmp_path / "c.png")]) == 2
     assert "too few" in capsys.readouterr().out
     assert (tmp_path / "c.png").stat().st_size > 0

@@ -32,9 +32,10 @@ def check(
     as_json: options.AsJson = False,
     png: options.PngFile = None,
 ) -> None:
-    """Say what is in a campaign and what is wrong with its data, before any fit."""
+    """Say what is in a campaign and what is wrong with its data, before any fit; exit code 2 if there is an error."""
     from pouring_robot.campaign.data import Campaign
     from pouring_robot.checks.check import examine
+    from pouring_robot.checks.flags import refuse_errors
     from pouring_robot.checks.plots import write_picture
     from pouring_robot.checks.summary import campaign_metrics
 
@@ -45,10 +46,11 @@ def check(
     written = [write_picture(campaign, found, _box(definition), png)] if png else []
     if as_json:
         options.print_figures(figures, written)
-        return
-    console = options.console()
-    _print_summary(console, figures)
-    options.print_written(console, written)
+    else:
+        console = options.console()
+        _print_summary(console, figures)
+        options.print_written(console, written)
+    refuse_errors(campaign, found.flags)
 
 
 def _print_summary(console: Console, figures: dict[str, Any]) -> None:
