@@ -25,13 +25,12 @@ def init(urdf: Urdf, out: Out = None) -> None:
     What a Gepetto robot.yaml beside it closes is taken over; the file is then called robot_file.yaml.
     """
     from pouring_robot.io.files import write_whole
-    from pouring_robot.robot.description.definition import RobotDefinition
-    from pouring_robot.robot.description.first_file import first_robot_file, loops_beside
+    from pouring_robot.robot.description.first_file import first_robot, loops_beside
 
     path = out or urdf.parent / ("robot_file.yaml" if loops_beside(urdf) else "robot.yaml")
     options.refuse_present([path])
-    write_whole(path, first_robot_file(urdf, path.parent))
-    found = RobotDefinition.load(path)
+    text, found = first_robot(urdf, path)  # whatever does not load is refused before a file is written
+    write_whole(path, text)
     console = options.console()
     drives = ", ".join(f"{drive.column} ({drive.command})" for drive in found.drives)
     frames = f"{found.loops.base_frame} to {found.loops.end_frame}"

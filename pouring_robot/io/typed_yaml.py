@@ -37,10 +37,21 @@ def read_yaml(path: Path | str, error: type[DescriptionError] = DescriptionError
     """
     path = Path(path)
     try:
-        content = _parsed(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as problem:
         reason = problem.strerror if isinstance(problem, OSError) else "it is not UTF-8 text"
         raise error(path, f"cannot be read: {reason}") from problem
+    return parse_yaml(text, path, error)
+
+
+def parse_yaml(text: str, path: Path, error: type[DescriptionError] = DescriptionError) -> CommentedMap:
+    """Parse the text of such a file, which is or shall be at ``path``.
+
+    Raises:
+        DescriptionError: as :func:`read_yaml`.
+    """
+    try:
+        content = _parsed(text)
     except MarkedYAMLError as problem:
         line = f"line {problem.problem_mark.line + 1}: " if problem.problem_mark else ""
         # Of a doubled key the reader quotes all that stands under it.

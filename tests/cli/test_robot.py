@@ -189,6 +189,17 @@ def test_what_pinocchio_cannot_build_leaves_no_file(run, tmp_path):
     assert not (tmp_path / "robot.yaml").exists()
 
 
+def test_a_mesh_that_may_not_be_read_leaves_no_file(run, tmp_path):
+    path = tmp_path / "r.urdf"
+    visual = '<visual><geometry><mesh filename="/elsewhere/arm.stl"/></geometry></visual>'
+    path.write_text(ARM.replace('<link name="base"/>', f'<link name="base">{visual}</link>'), encoding="utf-8")
+    code, _, err = run("robot", "init", path)
+    assert code == 2
+    assert "arm.stl: lies outside the folder" in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "robot.yaml").exists()
+
+
 def test_a_campaign_of_another_robot_says_whose_it_is(run, tmp_path):
     series = ROOT / "examples" / "machines" / "ur10" / "series_c.csv"
     code, _, err = run("campaign", "check", series)

@@ -16,10 +16,12 @@ import pinocchio as pin
 from lxml import etree
 
 from pouring_robot.exceptions import DescriptionError
+from pouring_robot.io.typed_yaml import parse_yaml, validate
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.loops import LoopsFile, load_loops
+from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.rendering import run_xacro
-from pouring_robot.robot.description.robot_file import FORMAT, TAKEN
+from pouring_robot.robot.description.robot_file import FORMAT, TAKEN, RobotFile
 from pouring_robot.robot.description.urdf import read_text
 
 _DRIVABLE = ("revolute", "continuous", "prismatic")
@@ -96,6 +98,20 @@ class _Tree:
 def _link(joint: etree._Element, end: str) -> str:
     found = joint.find(end)
     return "" if found is None else str(found.get("link"))
+
+
+def first_robot(urdf: Path, path: Path) -> tuple[str, RobotDefinition]:
+    """Return the text of a robot file that is to be written for a URDF, and the robot that it will load as.
+
+    Args:
+        urdf: the URDF or xacro.
+        path: of the robot file.
+
+    Raises:
+        DescriptionError: as :func:`first_robot_file`, or the robot cannot be loaded, for instance for its meshes.
+    """
+    text = first_robot_file(urdf, path.parent)
+    return text, RobotDefinition(validate(RobotFile, parse_yaml(text, path), path), path)
 
 
 def first_robot_file(urdf: Path, beside: Path) -> str:
