@@ -12,11 +12,11 @@ import numpy as np
 
 from pouring_robot.calibration.amend import amended_model
 from pouring_robot.diagnosis.findings import Findings
-from pouring_robot.diagnosis.problem import BACKGROUND
 from pouring_robot.effects.base import EffectParameter
 from pouring_robot.effects.conditions import learned_in
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.measurement import MeasurementModel
+from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.effect_stack import EffectEntry, ParameterEntry
 from pouring_robot.robot.model import RobotModel
@@ -88,9 +88,9 @@ def _found(diagnosis: Findings) -> list[tuple[str, str, list[Found]]]:
     for name, parameters in diagnoser.parameters_of(diagnosis.hypothesis):
         effect, _, form = name.partition("/")
         own = [(p.parameter, left[id(p.parameter)].pop(0), p.std) for p in parameters if left.get(id(p.parameter))]
-        found.append((effect, form or BACKGROUND, own))
+        found.append((effect, form or WORKMANSHIP_FORM, own))
     library = diagnoser.library
-    forms = {(effect, BACKGROUND): form for effect, form in library.backgrounds.items()} | dict(library.forms)
+    forms = {(effect, WORKMANSHIP_FORM): form for effect, form in library.workmanship.items()} | dict(library.forms)
     # What is left belongs to the largest form that is there as a whole.
     for (effect, name), whole in sorted(forms.items(), key=lambda item: -len(item[1].parameters)):
         if all(left.get(id(p)) for p in whole.parameters):

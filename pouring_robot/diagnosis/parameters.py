@@ -69,13 +69,13 @@ class NamedEffect:
 
 
 def found_parameters(
-    hypothesis: Hypothesis, backgrounds: Mapping[str, Form], forms: FormsByKey
+    hypothesis: Hypothesis, workmanship: Mapping[str, Form], forms: FormsByKey
 ) -> list[tuple[str, tuple[FoundParameter, ...]]]:
-    """Return every group of a hypothesis that has parameters: backgrounds by effect, then items as effect/form.
+    """Return every group of a hypothesis that has parameters: workmanship by effect, then items as effect/form.
 
     Args:
         hypothesis: what was found.
-        backgrounds: form of each background, in the order of the hypothesis's levels.
+        workmanship: form of each kind of workmanship, in the order of the hypothesis's levels.
         forms: by key of the hypothesis's items.
     """
     mean, covariance = hypothesis.coefficients()
@@ -88,7 +88,7 @@ def found_parameters(
         return tuple(FoundParameter(p, unit * value, unit * std) for p, unit, (value, std) in each)
 
     weights = iter(hypothesis.weights())
-    levels = zip(backgrounds.items(), hypothesis.levels, strict=True)
+    levels = zip(workmanship.items(), hypothesis.levels, strict=True)
     found = [(effect, of(form, next(weights))) for (effect, form), level in levels if level]
     for item, own in zip(hypothesis.items, weights, strict=True):
         if item.key in forms:

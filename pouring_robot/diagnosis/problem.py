@@ -11,11 +11,9 @@ from pouring_robot.diagnosis.processes import poses
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.effects.base import Effect, Form, checked_forms
 from pouring_robot.effects.registry import all_effects
-from pouring_robot.inference.explanations import Background, Explanation, Problem
+from pouring_robot.inference.explanations import WORKMANSHIP_FORM, Explanation, Problem, Workmanship
 from pouring_robot.mechanism.arrays import FloatArray
 
-BACKGROUND = "background"
-"""Form of the usual small errors."""
 SAG = "background_sag"
 _SAG_COLUMNS, _SAG_SIZE = 40, 1.0 / 32.0
 """So many directions carry nearly all of it; at 5 kN it is at most what axes that are off by a 32nd of a mrad do."""
@@ -28,12 +26,12 @@ class Library:
     Attributes:
         effects: all there are, by id.
         forms: of the effects that may be named and that the campaign can test, by effect and form.
-        backgrounds: the usual small errors, by the effect they are called when they are all there is.
+        workmanship: its kinds, by the effect that each is called when it is all there is.
     """
 
     effects: Mapping[str, Effect]
     forms: Mapping[tuple[str, str], Form]
-    backgrounds: Mapping[str, Form]
+    workmanship: Mapping[str, Form]
 
     @classmethod
     def of(cls, rows: CampaignRows, chosen: Mapping[str, Effect]) -> Library:
@@ -55,8 +53,8 @@ class Library:
             for form in checked_forms(effect, given, channels)
         }
         effects = all_effects(given.robot)
-        usual = {name: effect.background(given) for name, effect in effects.items()}
-        return cls(effects, forms, {name: Form(BACKGROUND, found) for name, found in usual.items() if found})
+        kinds = {name: effect.workmanship(given) for name, effect in effects.items()}
+        return cls(effects, forms, {name: Form(WORKMANSHIP_FORM, found) for name, found in kinds.items() if found})
 
     @property
     def tried(self) -> frozenset[str]:
@@ -74,20 +72,20 @@ def problem_at(rows: CampaignRows, linear: LinearRows, library: Library, added: 
         added: what the state's own changes add to the prediction to first order, (m,): it is given back, so that the
             problem is to find them again.
     """
-    usual, found = usual_errors(rows, linear, library), known_effects(rows, linear, library)
-    return Problem.build(linear.residual + added, linear.free, usual, found)
+    workmanship, found = workmanship_of(rows, linear, library), known_effects(rows, linear, library)
+    return Problem.build(linear.residual + added, linear.free, workmanship, found)
 
 
-def usual_errors(rows: CampaignRows, linear: LinearRows, library: Library) -> Iterator[Background]:
-    """Yield the usual small errors with their columns in all equations."""
-    for effect, form in library.backgrounds.items():
-        yield Background(effect, rows.columns(form, linear))
+def workmanship_of(rows: CampaignRows, linear: LinearRows, library: Library) -> Iterator[Workmanship]:
+    """Yield the kinds of workmanship with their columns in all equations."""
+    for effect, form in library.workmanship.items():
+        yield Workmanship(effect, rows.columns(form, linear))
 
 
 def known_effects(rows: CampaignRows, linear: LinearRows, library: Library) -> Iterator[Explanation]:
-    """Yield what may be found, and what weight makes of the usual errors, with their columns in all equations."""
+    """Yield what may be found, and what weight makes of workmanship, with their columns in all equations."""
     # What weight makes comes first: it takes most room while it is made, and the others are not there yet.
-    loose = [form for name, form in library.backgrounds.items() if library.effects[name].loosened_by_load]
+    loose = [form for name, form in library.workmanship.items() if library.effects[name].loosened_by_load]
     if loose and rows.conditions.weight_n is not None:
         yield _sag(rows, linear, np.hstack([rows.columns(form, linear) for form in loose]), rows.conditions.weight_n)
     for (effect, _), form in library.forms.items():

@@ -31,7 +31,7 @@ class State:
     """A robot with changes put in, and the rows as they look from there.
 
     Attributes:
-        parameters: what is changed: effects' and background parameters.
+        parameters: what is changed: effects' and workmanship's parameters.
         values: one a parameter, in its unit.
         frames: the two frames.
         every_row: residuals there.
@@ -147,7 +147,7 @@ class Diagnoser:
 
     def parameters_of(self, hypothesis: Hypothesis) -> list[tuple[str, tuple[FoundParameter, ...]]]:
         """Return every group of a hypothesis that has parameters, with their values."""
-        return found_parameters(hypothesis, self.library.backgrounds, self.library.forms)
+        return found_parameters(hypothesis, self.library.workmanship, self.library.forms)
 
     def _advanced(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, float]:
         """Put in what a hypothesis found, and say by how much that differs from its linear prediction (noise units)."""

@@ -89,7 +89,7 @@ class Effect(ABC):
     told_apart_by: str = ""
     """Measurement that tells it from other effects, in words; by default what varies :attr:`driven_by`."""
     loosened_by_load: bool = False
-    """Whether load brings its background to light: the mechanism gives way further where it is soft."""
+    """Whether load brings its workmanship to light: the mechanism gives way further where it is soft."""
 
     @property
     def driver(self) -> str:
@@ -109,7 +109,7 @@ class Effect(ABC):
         """Return what it is best drawn over in a campaign."""
         return axis_over((self.driver, *self.needs, *ALWAYS), conditions)
 
-    def background(self, conditions: Conditions) -> tuple[EffectParameter, ...]:
+    def workmanship(self, conditions: Conditions) -> tuple[EffectParameter, ...]:
         """Return what of its kind workmanship leaves in every machine, if far less of it; by default nothing.
 
         Its ``prior_std`` are those of the effect. How much less it is follows from the campaign.

@@ -28,7 +28,7 @@ class Chance:
 
 
 def by_chance(null: Hypothesis, rate: float, draws: int = DRAWS, seed: int = SEED) -> Chance:
-    """Return what the evidence is by chance: noise and usual errors at their most probable level, and nothing else.
+    """Return what the evidence is by chance: noise and workmanship at their most probable level, and nothing else.
 
     Inner products of columns with a residual drawn from the null's covariance C are normal with the columns' own inner
     products through C for covariance, so that no residual has to be drawn.

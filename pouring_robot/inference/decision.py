@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import expit, logsumexp, ndtri
 
 from pouring_robot.inference.discrepancy import Challenge, Discrepancy, Structure, Summand
+from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.inference.search import credible
@@ -24,7 +25,7 @@ class Thresholds:
     Attributes:
         false_names: rate of false answers that is accepted. What is one of n things that were tried must be worth n
             over this rate (see :class:`~.search.SearchOptions`): structure in what is left, a process against a
-            cause, small errors where nothing else is found.
+            cause, workmanship where nothing else is found.
         structure_size: its least size, in noise standard deviations.
         structure_share: its least share of the largest named effect: below, it is that effect's form that is not quite
             the library's.
@@ -69,7 +70,7 @@ class Cause:
     Attributes:
         effect: its id.
         form: in which form it fits best.
-        indices: of its items in the hypothesis, several where it takes more than one form; none for usual small errors
+        indices: of its items in the hypothesis, several where it takes more than one form; none for workmanship
             that are all there is.
         alternatives: effects that these data cannot tell apart from it.
         probability: that it is at work rather than an alternative or chance.
@@ -163,9 +164,9 @@ def judge(
     found = Judgement("unknown", tuple(causes), tuple(left), challenges, (), len(discrepancy), thresholds, minor)
     reasons = _reasons(hypothesis, found)
     if not causes and not reasons:
-        small = background_cause(hypothesis, thresholds)
+        small = workmanship_cause(hypothesis, thresholds)
         causes = [cause for cause in small if cause.effect in hypothesis.problem.known]
-        reasons = [f"small errors like {c.effect} are there, which may not be named" for c in small if c not in causes]
+        reasons = [f"workmanship like {c.effect} is there, which may not be named" for c in small if c not in causes]
     verdict: Verdict = "named"
     if reasons:
         verdict = "unknown"
@@ -215,7 +216,7 @@ def _reasons(hypothesis: Hypothesis, found: Judgement) -> list[str]:
         for effect, better in found.beaten.items()
     ]
     if not found.causes and not all(item.cause for item in hypothesis.items):
-        reasons.append("the gap looks like small errors brought to light by the load, and nothing else is found")
+        reasons.append("the gap looks like workmanship brought to light by the load, and nothing else is found")
     return reasons
 
 
@@ -251,8 +252,8 @@ def _rivals(hypothesis: Hypothesis, indices: Sequence[int], close: float = 12.0)
     return found
 
 
-def background_cause(hypothesis: Hypothesis, thresholds: Thresholds) -> list[Cause]:
-    """Return the usual small errors as causes, where nothing else is found and the data ask for them.
+def workmanship_cause(hypothesis: Hypothesis, thresholds: Thresholds) -> list[Cause]:
+    """Return kinds of workmanship as causes, where nothing else is found and the data ask for them.
 
     Mostly one kind of them explains as well as all; then it is named alone, with the others that do as alternatives.
     """
@@ -270,18 +271,18 @@ def background_cause(hypothesis: Hypothesis, thresholds: Thresholds) -> list[Cau
         return [_small(hypothesis, kind, without, _instead(hypothesis, kind, thresholds), thresholds)]
     likely = alone[best].log_evidence + np.log(thresholds.alternative)
     close = [k for k in kinds if k != best and alone[k].log_evidence > likely]
-    names = [hypothesis.problem.backgrounds[k].effect for k in close]
+    names = [hypothesis.problem.workmanship[k].effect for k in close]
     others = {*names, *_instead(hypothesis, best, thresholds)}
     return [_small(alone[best], best, without, tuple(sorted(others)), thresholds)]
 
 
 def _instead(hypothesis: Hypothesis, kind: int, thresholds: Thresholds) -> tuple[str, ...]:
-    """Return the effects that explain as well what usual errors do, most of it by themselves."""
-    usual = [background.effect for background in hypothesis.problem.backgrounds]
-    bare, own = hypothesis.with_levels_of(()), hypothesis.background_part(kind)
+    """Return the effects that explain as well what workmanship does, most of it by themselves."""
+    workmanship = [kind.effect for kind in hypothesis.problem.workmanship]
+    bare, own = hypothesis.with_levels_of(()), hypothesis.workmanship_part(kind)
     likely = hypothesis.log_evidence + np.log(thresholds.alternative)
     found = []
-    for effect, (worth, item) in bare.best_forms(hypothesis.rivals - {*usual}).items():
+    for effect, (worth, item) in bare.best_forms(hypothesis.rivals - {*workmanship}).items():
         if worth.evidence > 0.0:
             other = bare.with_item(item, worth.scale)
             index = len(other.items) - 1
@@ -294,8 +295,8 @@ def _small(
     hypothesis: Hypothesis, kind: int, without: float, alternatives: tuple[str, ...], thresholds: Thresholds
 ) -> Cause:
     evidence = hypothesis.log_evidence - without
-    part = hypothesis.background_part(kind)
+    part = hypothesis.workmanship_part(kind)
     size = float(np.sqrt(part @ part / max(len(part), 1)))
     chance = float(expit(evidence - np.log(len(hypothesis.problem.known)))) / (1 + len(alternatives))
-    effect = hypothesis.problem.backgrounds[kind].effect
-    return Cause(effect, "background", (), alternatives, chance, evidence, size)
+    effect = hypothesis.problem.workmanship[kind].effect
+    return Cause(effect, WORKMANSHIP_FORM, (), alternatives, chance, evidence, size)

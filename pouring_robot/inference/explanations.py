@@ -14,6 +14,9 @@ from pouring_robot.inference.evidence import BoolArray, Gram, Places, shaping_un
 from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.mechanism.arrays import FloatArray
 
+WORKMANSHIP_FORM = "background"
+"""What an effect's form is called in files where it is workmanship."""
+
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
@@ -24,8 +27,8 @@ class Explanation:
         form: which form; together with the effect it names the explanation.
         columns: shape (m, k): whitened signature of each parameter times the parameter's usual size.
         main: shape (k,): parameters that make the effect; the others only shape it and do not stand alone.
-        cause: whether it may be named. What is no cause is there to be fitted and to explain, such as small errors that
-            another effect brings to light.
+        cause: whether it may be named. What is no cause is there to be fitted and to explain, such as
+            workmanship that the load brings to light.
         largest: how many times their usual size the parameters can be.
     """
 
@@ -43,8 +46,8 @@ class Explanation:
 
 
 @dataclass(frozen=True, eq=False)
-class Background:
-    """Small errors that are usually there: fitted beside every explanation, never named while others explain.
+class Workmanship:
+    """Small errors of one kind that every machine has: fitted beside all explanations, not named while others explain.
 
     Attributes:
         effect: id of the effect that the same errors are called when they are all there is.
@@ -62,13 +65,13 @@ class Problem:
     Attributes:
         residual: shape (m,): measured minus predicted over the noise.
         nuisance: what free unknowns explain.
-        backgrounds: usual small errors.
+        workmanship: its kinds.
         explanations: forms of effects.
     """
 
     residual: FloatArray
     nuisance: Nuisance
-    backgrounds: tuple[Background, ...]
+    workmanship: tuple[Workmanship, ...]
     explanations: tuple[Explanation, ...]
 
     @classmethod
@@ -76,7 +79,7 @@ class Problem:
         cls,
         residual: FloatArray,
         free: FloatArray,
-        backgrounds: Iterable[Background],
+        workmanship: Iterable[Workmanship],
         explanations: Iterable[Explanation],
     ) -> Problem:
         """Return the problem beside free unknowns, which are always fitted and never named.
@@ -84,13 +87,13 @@ class Problem:
         Args:
             residual: shape (m,).
             free: columns of the free unknowns, shape (m, f).
-            backgrounds: usual small errors.
+            workmanship: its kinds.
             explanations: forms of effects. Taken one by one: their columns are most of what a diagnosis holds.
         """
         nuisance = Nuisance.of(free)
-        usual = tuple(replace(b, columns=nuisance.cleared(b.columns)) for b in backgrounds)
+        cleared = tuple(replace(b, columns=nuisance.cleared(b.columns)) for b in workmanship)
         found = tuple(replace(e, columns=nuisance.cleared(e.columns)) for e in explanations)
-        return cls(nuisance.cleared(residual), nuisance, usual, found)
+        return cls(nuisance.cleared(residual), nuisance, cleared, found)
 
     @functools.cached_property
     def known(self) -> frozenset[str]:
@@ -106,20 +109,20 @@ class Problem:
     @functools.cached_property
     def gram(self) -> Gram:
         """Inner products of all columns and the residual."""
-        usual, found = [b.columns for b in self.backgrounds], [e.columns for e in self.explanations]
-        return Gram.of([*usual, *found], self.residual)
+        workmanship, found = [b.columns for b in self.workmanship], [e.columns for e in self.explanations]
+        return Gram.of([*workmanship, *found], self.residual)
 
     @functools.cached_property
     def _places(self) -> tuple[tuple[Places, ...], dict[tuple[str, str], Places]]:
-        widths = [b.columns.shape[1] for b in self.backgrounds] + [e.columns.shape[1] for e in self.explanations]
+        widths = [b.columns.shape[1] for b in self.workmanship] + [e.columns.shape[1] for e in self.explanations]
         ends = np.cumsum([0, *widths])
         found = [np.arange(first, last, dtype=np.intp) for first, last in itertools.pairwise(ends.tolist())]
-        usual = len(self.backgrounds)
+        first = len(self.workmanship)
         keys = (item.key for item in self.explanations)
-        return tuple(found[:usual]), dict(zip(keys, found[usual:], strict=True))
+        return tuple(found[:first]), dict(zip(keys, found[first:], strict=True))
 
-    def background_places(self, index: int) -> Places:
-        """Return which of :attr:`columns` are those of a background."""
+    def workmanship_places(self, index: int) -> Places:
+        """Return which of :attr:`columns` are those of a kind of workmanship."""
         return self._places[0][index]
 
     def places(self, item: Explanation) -> Places:
@@ -142,9 +145,9 @@ class Problem:
 
     def of(self, kept: BoolArray) -> Problem:
         """Return the problem of some equations alone, by a mask (m,)."""
-        usual = [replace(b, columns=b.columns[kept]) for b in self.backgrounds]
+        workmanship = [replace(b, columns=b.columns[kept]) for b in self.workmanship]
         found = [replace(e, columns=e.columns[kept]) for e in self.explanations]
-        return Problem.build(self.residual[kept], self.nuisance.axes[kept], usual, found)
+        return Problem.build(self.residual[kept], self.nuisance.axes[kept], workmanship, found)
 
     def and_also(self, items: Sequence[Explanation]) -> Problem:
         """Return the problem with more explanations."""

@@ -1,4 +1,4 @@
-"""A hypothesis: which explanations are at work, at which scales, beside how much of the usual small errors."""
+"""A hypothesis: which explanations are at work, at which scales, beside how much workmanship."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from pouring_robot.inference.explanations import Explanation, Problem
 from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.mechanism.arrays import FloatArray
 
-BACKGROUND_LEVELS = (0.0, *(2.0**-k for k in range(9, 2, -1)))
-"""How large usual errors may be, over those of a part that nobody has measured: none, or from a 512th to an eighth.
+WORKMANSHIP_LEVELS = (0.0, *(2.0**-k for k in range(9, 2, -1)))
+"""How large workmanship may be, over the errors of a part that nobody has measured: none, or a 512th to an eighth.
 
 Of parts of 0.3 to 1 m, ISO 286 grades IT3 to IT11, ground to coarsely milled, are tolerances of 8 to 560 um, some four
 standard deviations wide. Larger ones are an effect."""
@@ -40,13 +40,13 @@ _RANK = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """Explanations with their scales, and a level of every background.
+    """Explanations with their scales, and a level of every kind of workmanship.
 
     Attributes:
         problem: what is to be explained.
         items: the explanations, in the order they were added.
         scales: one an item.
-        levels: index into :data:`BACKGROUND_LEVELS` for each background.
+        levels: index into :data:`WORKMANSHIP_LEVELS` for each kind of workmanship.
         barred: forms that are not to be added.
     """
 
@@ -58,8 +58,8 @@ class Hypothesis:
 
     @classmethod
     def nothing(cls, problem: Problem) -> Hypothesis:
-        """Return the hypothesis that the model lacks nothing but, perhaps, the usual errors."""
-        return cls(problem, (), (), (0,) * len(problem.backgrounds)).settled()
+        """Return the hypothesis that the model lacks nothing but, perhaps, workmanship."""
+        return cls(problem, (), (), (0,) * len(problem.workmanship)).settled()
 
     @property
     def keys(self) -> frozenset[tuple[str, str]]:
@@ -86,13 +86,13 @@ class Hypothesis:
         """Return which items are forms of an effect."""
         return tuple(k for k, item in enumerate(self.items) if item.effect == effect)
 
-    def usual(self) -> list[tuple[Places, FloatArray]]:
-        """Return places and weights of the usual errors."""
+    def workmanship(self) -> list[tuple[Places, FloatArray]]:
+        """Return places and weights of workmanship."""
         found = []
         for k, level in enumerate(self.levels):
-            places = self.problem.background_places(k)
+            places = self.problem.workmanship_places(k)
             if level:
-                found.append((places, np.full(len(places), BACKGROUND_LEVELS[level])))
+                found.append((places, np.full(len(places), WORKMANSHIP_LEVELS[level])))
         return found
 
     def _group(self, index: int) -> tuple[Places, FloatArray]:
@@ -101,8 +101,8 @@ class Hypothesis:
 
     @functools.cached_property
     def _groups(self) -> list[tuple[Places, FloatArray]]:
-        """Places and weights of everything fitted: backgrounds, then items."""
-        return [*self.usual(), *(self._group(k) for k in range(len(self.items)))]
+        """Places and weights of everything fitted: workmanship, then items."""
+        return [*self.workmanship(), *(self._group(k) for k in range(len(self.items)))]
 
     def weights(self) -> list[FloatArray]:
         """Return the standard deviations of the coefficients of everything fitted, over the usual ones, by group."""
@@ -114,8 +114,8 @@ class Hypothesis:
 
     def unscaled(self) -> list[FloatArray]:
         """Return the columns of everything fitted, by group."""
-        usual = [b.columns for b, level in zip(self.problem.backgrounds, self.levels, strict=True) if level]
-        return [*usual, *(item.columns for item in self.items)]
+        workmanship = [b.columns for b, level in zip(self.problem.workmanship, self.levels, strict=True) if level]
+        return [*workmanship, *(item.columns for item in self.items)]
 
     @property
     def columns(self) -> FloatArray:
@@ -133,11 +133,11 @@ class Hypothesis:
         return Beside.groups(self.problem.gram, self._groups)
 
     def _gram(self) -> tuple[Gram, tuple[int, ...]]:
-        """Return all inner products beside the usual errors and the widest item, and which items are left."""
+        """Return all inner products beside workmanship and the widest item, and which items are left."""
         wide = [k for k, item in enumerate(self.items) if item.columns.shape[1] > _WIDE][:1]
         key = self.levels, tuple((self.items[k].key, self.scales[k]) for k in wide)
         if key not in self.problem.worked_out:
-            groups, gram = [*self.usual(), *(self._group(k) for k in wide)], self.problem.gram
+            groups, gram = [*self.workmanship(), *(self._group(k) for k in wide)], self.problem.gram
             self.problem.worked_out[key] = Beside.groups(gram, groups).gram if groups else gram
         found: Gram = self.problem.worked_out[key]
         return found, tuple(k for k in range(len(self.items)) if k not in wide)
@@ -258,24 +258,24 @@ class Hypothesis:
         return replace(self, items=items, scales=scales)._with_settled_scales()
 
     def with_levels_of(self, kinds: Collection[int]) -> Hypothesis:
-        """Return the hypothesis with no backgrounds but some at their most probable level, all else unchanged."""
+        """Return the hypothesis with no workmanship but some kinds at their most probable level, all else unchanged."""
         best = replace(self, levels=(0,) * len(self.levels))
         for kind in kinds:
             choices = [
                 replace(best, levels=(*best.levels[:kind], level, *best.levels[kind + 1 :]))
-                for level in range(len(BACKGROUND_LEVELS))
+                for level in range(len(WORKMANSHIP_LEVELS))
             ]
             best = max(choices, key=lambda h: h.log_evidence)
         return best
 
     def settled(self) -> Hypothesis:
-        """Return the same explanations at their most probable scales and background levels, found one by one."""
+        """Return the same explanations at their most probable scales and levels of workmanship, found one by one."""
         current = self._with_settled_scales()
         best = current._with_settled_levels()
         return best if best.levels == current.levels else best._with_settled_scales()
 
     def _with_settled_levels(self) -> Hypothesis:
-        """Move background levels step by step, scales held, as long as that helps."""
+        """Move levels of workmanship step by step, scales held, as long as that helps."""
         best, improved = self, True
         while improved:
             improved = False
@@ -317,8 +317,8 @@ class Hypothesis:
         """Return what an item adds to the prediction, free unknowns taken out, whitened, shape (m,)."""
         return self._parts[len(self._parts) - len(self.items) + index]
 
-    def background_part(self, index: int) -> FloatArray:
-        """Return what a background adds to the prediction, free unknowns taken out, whitened, shape (m,)."""
+    def workmanship_part(self, index: int) -> FloatArray:
+        """Return what a kind of workmanship adds to the prediction, free unknowns taken out, whitened, shape (m,)."""
         if not self.levels[index]:
             return np.zeros(len(self.problem.residual))
         return self._parts[sum(level > 0 for level in self.levels[:index])]
@@ -368,5 +368,5 @@ def _neighbours(levels: tuple[int, ...]) -> list[tuple[int, ...]]:
     alike = [level * np.ones(len(levels), dtype=int) for level in (0, _USUAL_LEVEL)]
     moves = np.unique(np.vstack([np.ones((1, len(levels)), dtype=int), np.eye(len(levels), dtype=int)]), axis=0)
     found = [*alike, *(np.array(levels) + sign * move for move in moves for sign in (-1, 1))]
-    last = len(BACKGROUND_LEVELS) - 1
+    last = len(WORKMANSHIP_LEVELS) - 1
     return [tuple(new.tolist()) for new in found if new.min() >= 0 and new.max() <= last and np.ptp(new) <= 1]

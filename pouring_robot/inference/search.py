@@ -51,7 +51,7 @@ _WORTH_TRYING = 0.6
 """Share of the best first sight that another branch must promise."""
 _MOST_REFUSED = 8
 _BEYOND_DOUBT = 200.0
-"""Log evidence beyond which no background takes the place of an item, in nats."""
+"""Log evidence beyond which no workmanship takes the place of an item, in nats."""
 
 
 def search(problem: Problem, options: SearchOptions = DEFAULT_SEARCH, start: Hypothesis | None = None) -> Hypothesis:
@@ -106,7 +106,7 @@ def credible(hypothesis: Hypothesis, index: int, options: SearchOptions = DEFAUL
 def _forward(current: Hypothesis, options: SearchOptions) -> Iterator[Hypothesis]:
     """Yield the hypotheses of one more effect that look best at first sight.
 
-    What usual errors took up may be an effect's: it is looked at beside them, and with none of them.
+    What workmanship took up may be an effect's: it is looked at beside it, and with none of it.
     """
     bases = [current, *([current.with_levels_of(())] if any(current.levels) else [])]
     for base in bases:
@@ -137,7 +137,7 @@ def reconsidered(hypothesis: Hypothesis, options: SearchOptions) -> Hypothesis:
 def _exchanged(hypothesis: Hypothesis, index: int, options: SearchOptions) -> Hypothesis | None:
     """Return the hypothesis with another explanation in the place of one, if there is a better one.
 
-    Scales and backgrounds settle anew: what looks worse at first may turn out better, so the best few are tried.
+    Scales and workmanship settle anew: what looks worse at first may turn out better, so the best few are tried.
     """
     rest, key = hypothesis.without((index,)), hypothesis.items[index].key
     own = rest.candidate_bayes_factor(hypothesis.items[index])

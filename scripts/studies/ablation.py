@@ -69,7 +69,7 @@ CHOICES: dict[str, Callable[[], None]] = {
     ),
     "workmanship as a variance component": _no_workmanship,
     "coarse workmanship is workmanship": lambda: _put(
-        hypotheses, "BACKGROUND_LEVELS", tuple(level for level in hypotheses.BACKGROUND_LEVELS if level < 1 / 20)
+        hypotheses, "WORKMANSHIP_LEVELS", tuple(level for level in hypotheses.WORKMANSHIP_LEVELS if level < 1 / 20)
     ),
     "what corrects another's form is no cause": lambda: _put(decision, "_above", lambda causes, *_: list(causes)),
     "bent effects are refused": lambda: _put(search, "credible", lambda *_: True),

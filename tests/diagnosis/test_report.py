@@ -109,7 +109,7 @@ def test_evidence_ends_where_the_hypothesis_is(hot):
     ((name, gained),) = evidence_steps(hypothesis)
     assert "leg_thermal_expansion" in name
     without = hypothesis.without_items((0,)).log_evidence
-    # Levels of usual errors settle anew, step by step: they may end a step apart, which changes little.
+    # Levels of workmanship settle anew, step by step: they may end a step apart, which changes little.
     assert gained >= hypothesis.log_evidence - without - 3.0
 
 

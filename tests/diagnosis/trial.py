@@ -14,8 +14,8 @@ from typing import Any
 
 from pouring_robot.campaign.data import Campaign as MeasuredCampaign
 from pouring_robot.diagnosis.diagnose import Diagnosis, DiagnosisOptions, diagnose
-from pouring_robot.diagnosis.problem import BACKGROUND
 from pouring_robot.exceptions import PouringRobotError
+from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from tests.rig import Campaign, write_case
 
 STRONG = 3.0
@@ -118,7 +118,7 @@ class Trial:
 
     def stands(self, said: Said) -> bool:
         """Whether a named effect is at work; small errors of all joints are where the machine has them."""
-        usual = self.workmanship and said.form == BACKGROUND
+        usual = self.workmanship and said.form == WORKMANSHIP_FORM
         return usual or said.effect in {*self.hidden, *self.accept}
 
     @property

@@ -32,8 +32,8 @@ def planted(rng, items, sizes, noise=1.0):
     return total
 
 
-def problem(residual, items, backgrounds=(), free=None):
-    return Problem.build(residual, np.zeros((len(residual), 0)) if free is None else free, backgrounds, items)
+def problem(residual, items, workmanship=(), free=None):
+    return Problem.build(residual, np.zeros((len(residual), 0)) if free is None else free, workmanship, items)
 
 
 def log_density(residual, *groups):

@@ -6,16 +6,16 @@ from scipy.stats import binom
 
 from pouring_robot.inference.chance import by_chance
 from pouring_robot.inference.evidence import bayes_factor, evidences
-from pouring_robot.inference.explanations import Background
-from pouring_robot.inference.hypotheses import BACKGROUND_LEVELS, Hypothesis
+from pouring_robot.inference.explanations import Workmanship
+from pouring_robot.inference.hypotheses import WORKMANSHIP_LEVELS, Hypothesis
 from pouring_robot.inference.search import SearchOptions
 from tests.inference.problems import ROWS, explanation, library, problem
 
 
 @pytest.fixture
 def null(rng):
-    """Return a null with usual errors at work, beside a free constant."""
-    usual = Background("usual", 40.0 * rng.normal(size=(ROWS, 3)))
+    """Return a null with workmanship at work, beside a free constant."""
+    usual = Workmanship("usual", 40.0 * rng.normal(size=(ROWS, 3)))
     built = problem(rng.normal(size=ROWS), library(rng, count=4), [usual], np.ones((ROWS, 1)))
     return Hypothesis(built, (), (), (3,))
 
@@ -33,7 +33,7 @@ def test_the_rate_is_that_of_residuals_drawn_from_the_null(null, rng):
     """Dense covariance, one search of the best cause a residual: the share beyond must be the rate, within chance."""
     rate, draws = 0.1, 400
     threshold = by_chance(null, rate, 4000).evidence
-    background = BACKGROUND_LEVELS[3] * null.problem.backgrounds[0].columns
+    background = WORKMANSHIP_LEVELS[3] * null.problem.workmanship[0].columns
     inverse = np.linalg.inv(np.eye(ROWS) + background @ background.T)
     beyond = 0
     for _ in range(draws):

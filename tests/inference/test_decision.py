@@ -20,14 +20,14 @@ from pouring_robot.inference.decision import (
     _cause,
     _instead,
     _rivals,
-    background_cause,
     judge,
     without_minor,
+    workmanship_cause,
 )
 from pouring_robot.inference.discrepancy import Challenge, Structure
 from pouring_robot.inference.evidence import LOG_SCALES, Scale
-from pouring_robot.inference.explanations import Background, Explanation
-from pouring_robot.inference.hypotheses import BACKGROUND_LEVELS, Hypothesis
+from pouring_robot.inference.explanations import Explanation, Workmanship
+from pouring_robot.inference.hypotheses import WORKMANSHIP_LEVELS, Hypothesis
 from pouring_robot.inference.processes import Process
 from tests.inference.problems import ROWS, explanation, log_density, problem
 
@@ -70,10 +70,10 @@ def amplitude_worth(evidence):
     return brentq(lambda a: worth(a) - evidence, 0.0, 1000.0, xtol=1e-12)
 
 
-def fitted(amplitudes, items, count=1, backgrounds=()):
+def fitted(amplitudes, items, count=1, workmanship=()):
     """Return the settled hypothesis of the first explanations of a problem."""
-    built = problem(residual(amplitudes), items, backgrounds)
-    start = Hypothesis(built, built.explanations[:count], (Scale(1.0),) * count, (0,) * len(backgrounds))
+    built = problem(residual(amplitudes), items, workmanship)
+    start = Hypothesis(built, built.explanations[:count], (Scale(1.0),) * count, (0,) * len(workmanship))
     return start.settled()
 
 
@@ -403,46 +403,46 @@ def test_small_errors_brought_to_light_are_no_cause():
 
 BLOCK = range(10, 18)
 OTHER = range(30, 38)
-TYPICAL = BACKGROUND_LEVELS.index(1 / 64)
+TYPICAL = WORKMANSHIP_LEVELS.index(1 / 64)
 
 
 def usual(effect, columns):
-    """Return usual errors whose columns have unit coefficients at the typical level, a 64th."""
-    return Background(effect, 64.0 * columns)
+    """Return workmanship whose columns have unit coefficients at the typical level, a 64th."""
+    return Workmanship(effect, 64.0 * columns)
 
 
-def told(values, backgrounds, levels):
-    """Return the log density beside usual errors; a level's prior is normal about the typical one, in steps of two."""
-    groups = [BACKGROUND_LEVELS[n] * b.columns for n, b in zip(levels, backgrounds, strict=True) if n]
+def told(values, workmanship, levels):
+    """Return the log density beside workmanship; a level's prior is normal about the typical one, in steps of two."""
+    groups = [WORKMANSHIP_LEVELS[n] * b.columns for n, b in zip(levels, workmanship, strict=True) if n]
     prior = sum(norm.logpdf(n, TYPICAL, 1.0) - norm.logpdf(TYPICAL, TYPICAL, 1.0) for n in levels if n)
     return log_density(values, *groups) + prior / len(levels)
 
 
-def best_told(values, backgrounds, kind):
+def best_told(values, workmanship, kind):
     """Return that with one kind alone at its best level."""
-    zero = [0] * len(backgrounds)
-    choices = [[*zero[:kind], n, *zero[kind + 1 :]] for n in range(len(BACKGROUND_LEVELS))]
-    return max(told(values, backgrounds, levels) for levels in choices)
+    zero = [0] * len(workmanship)
+    choices = [[*zero[:kind], n, *zero[kind + 1 :]] for n in range(len(WORKMANSHIP_LEVELS))]
+    return max(told(values, workmanship, levels) for levels in choices)
 
 
 def spread(size, block=BLOCK):
     return dict.fromkeys(block, size)
 
 
-def at_levels(amplitudes, backgrounds, levels, items=()):
-    return Hypothesis(problem(residual(amplitudes), items, backgrounds), (), (), levels)
+def at_levels(amplitudes, workmanship, levels, items=()):
+    return Hypothesis(problem(residual(amplitudes), items, workmanship), (), (), levels)
 
 
 def test_small_errors_that_the_data_ask_for_are_a_cause():
-    backgrounds = (usual("small", axis(*BLOCK)),)
+    workmanship = (usual("small", axis(*BLOCK)),)
     known = [explanation("small", axis(40, 41)), explanation("b", axis(42)), explanation("c", axis(43))]
-    hypothesis = at_levels(spread(1.5), backgrounds, (TYPICAL,), known)
+    hypothesis = at_levels(spread(1.5), workmanship, (TYPICAL,), known)
     values = residual(spread(1.5))
-    best = max(range(len(BACKGROUND_LEVELS)), key=lambda n: told(values, backgrounds, (n,)))
+    best = max(range(len(WORKMANSHIP_LEVELS)), key=lambda n: told(values, workmanship, (n,)))
     assert best == TYPICAL
-    evidence = told(values, backgrounds, (TYPICAL,)) - told(values, backgrounds, (0,))
+    evidence = told(values, workmanship, (TYPICAL,)) - told(values, workmanship, (0,))
     for factor, silent in EITHER_SIDE:
-        found = background_cause(hypothesis, Thresholds(false_names=factor * np.exp(-evidence)))
+        found = workmanship_cause(hypothesis, Thresholds(false_names=factor * np.exp(-evidence)))
         assert (found == []) == silent
     assert [(c.effect, c.form, c.indices, c.alternatives) for c in found] == [("small", "background", (), ())]
     assert found[0].evidence == pytest.approx(evidence)
@@ -451,44 +451,44 @@ def test_small_errors_that_the_data_ask_for_are_a_cause():
 
 
 def test_no_small_errors_are_no_cause():
-    backgrounds = (usual("small", axis(*BLOCK)),)
-    assert background_cause(at_levels(spread(3.0), backgrounds, (0,)), Thresholds(false_names=1.0)) == []
-    assert background_cause(at_levels({}, (), ()), Thresholds()) == []
+    workmanship = (usual("small", axis(*BLOCK)),)
+    assert workmanship_cause(at_levels(spread(3.0), workmanship, (0,)), Thresholds(false_names=1.0)) == []
+    assert workmanship_cause(at_levels({}, (), ()), Thresholds()) == []
 
 
 def test_of_two_kinds_the_evidence_asked_for_is_twice():
-    backgrounds = (usual("one", axis(*BLOCK)), usual("other", axis(*OTHER)))
+    workmanship = (usual("one", axis(*BLOCK)), usual("other", axis(*OTHER)))
     amplitudes = spread(2.2) | spread(2.2, OTHER)
-    hypothesis = at_levels(amplitudes, backgrounds, (4, 4), [explanation("one", axis(40))])
+    hypothesis = at_levels(amplitudes, workmanship, (4, 4), [explanation("one", axis(40))])
     values = residual(amplitudes)
-    evidence = told(values, backgrounds, (4, 4)) - told(values, backgrounds, (0, 0))
+    evidence = told(values, workmanship, (4, 4)) - told(values, workmanship, (0, 0))
     for factor, silent in EITHER_SIDE:
-        found = background_cause(hypothesis, Thresholds(false_names=factor * 2.0 * np.exp(-evidence)))
+        found = workmanship_cause(hypothesis, Thresholds(false_names=factor * 2.0 * np.exp(-evidence)))
         assert (found == []) == silent
 
 
 def test_where_it_takes_two_kinds_the_one_missed_most_is_named():
-    backgrounds = (usual("one", axis(*BLOCK)), usual("other", axis(*OTHER)))
+    workmanship = (usual("one", axis(*BLOCK)), usual("other", axis(*OTHER)))
     amplitudes = spread(2.9) | spread(3.1, OTHER)
-    hypothesis = at_levels(amplitudes, backgrounds, (5, 5), [explanation("one", axis(40))])
-    found = background_cause(hypothesis, Thresholds())
+    hypothesis = at_levels(amplitudes, workmanship, (5, 5), [explanation("one", axis(40))])
+    found = workmanship_cause(hypothesis, Thresholds())
     values = residual(amplitudes)
     assert [(c.effect, c.alternatives) for c in found] == [("other", ())]
-    assert found[0].evidence == pytest.approx(told(values, backgrounds, (5, 5)) - told(values, backgrounds, (0, 0)))
+    assert found[0].evidence == pytest.approx(told(values, workmanship, (5, 5)) - told(values, workmanship, (0, 0)))
     assert found[0].size == pytest.approx(0.8 * 3.1 * np.sqrt(8 / ROWS))
 
 
 def test_one_kind_is_enough_if_it_is_missed_for_less_than_is_asked_for():
-    backgrounds = (usual("one", axis(*BLOCK)), usual("other", axis(*OTHER)))
+    workmanship = (usual("one", axis(*BLOCK)), usual("other", axis(*OTHER)))
     amplitudes = spread(2.8) | spread(2.0, OTHER)
-    hypothesis = at_levels(amplitudes, backgrounds, (5, 4), [explanation("one", axis(40))])
+    hypothesis = at_levels(amplitudes, workmanship, (5, 4), [explanation("one", axis(40))])
     values = residual(amplitudes)
-    alone = best_told(values, backgrounds, 0)
-    lacking, none = told(values, backgrounds, (5, 4)) - alone, told(values, backgrounds, (0, 0))
+    alone = best_told(values, workmanship, 0)
+    lacking, none = told(values, workmanship, (5, 4)) - alone, told(values, workmanship, (0, 0))
     assert lacking > 1.0
     for factor, enough in EITHER_SIDE:
         limits = Thresholds(false_names=factor * 2.0 * np.exp(-lacking))
-        found = background_cause(hypothesis, limits)
+        found = workmanship_cause(hypothesis, limits)
         assert [c.effect for c in found] == ["one"]
         expected = alone if enough else alone + lacking
         assert found[0].evidence == pytest.approx(expected - none)
@@ -501,13 +501,13 @@ def overlapping():
 
 
 def test_kinds_that_explain_as_well_are_alternatives():
-    backgrounds, amplitudes = overlapping(), spread(2.4)
-    hypothesis = at_levels(amplitudes, backgrounds, (4, 4, 1), [explanation("one", axis(40))])
+    workmanship, amplitudes = overlapping(), spread(2.4)
+    hypothesis = at_levels(amplitudes, workmanship, (4, 4, 1), [explanation("one", axis(40))])
     values = residual(amplitudes)
-    ratio = np.exp(best_told(values, backgrounds, 1) - best_told(values, backgrounds, 0))
+    ratio = np.exp(best_told(values, workmanship, 1) - best_told(values, workmanship, 0))
     assert 0.05 < ratio < 1.0
     for factor, likely in EITHER_SIDE:
-        found = background_cause(hypothesis, Thresholds(alternative=factor * ratio))
+        found = workmanship_cause(hypothesis, Thresholds(alternative=factor * ratio))
         assert [(c.effect, c.alternatives) for c in found] == [("one", ("other",) if likely else ())]
         assert found[0].probability == pytest.approx(0.5 if likely else 1.0, abs=0.01)
 
@@ -515,7 +515,7 @@ def test_kinds_that_explain_as_well_are_alternatives():
 def test_chances_of_kinds_that_are_the_same_are_equal():
     same = [usual(name, axis(*BLOCK)) for name in ("one", "two", "three")]
     hypothesis = at_levels(spread(3.0), same, (3, 3, 3), [explanation("one", axis(40))])
-    found = background_cause(hypothesis, Thresholds())
+    found = workmanship_cause(hypothesis, Thresholds())
     assert {found[0].effect, *found[0].alternatives} == {"one", "two", "three"}
     assert found[0].probability == pytest.approx(1.0 / 3.0, abs=1e-3)
 
@@ -526,14 +526,14 @@ def averaged(values, columns):
 
 
 def test_an_effect_that_explains_as_well_as_small_errors_is_an_alternative():
-    backgrounds = (usual("small", axis(*BLOCK)),)
+    workmanship = (usual("small", axis(*BLOCK)),)
     items = [explanation("small", axis(*BLOCK)), explanation("twin", axis(*BLOCK)), explanation("far", axis(40))]
-    hypothesis, values = at_levels(spread(2.4), backgrounds, (4,), items), residual(spread(2.4))
-    ratio = np.exp(averaged(values, axis(*BLOCK)) - told(values, backgrounds, (4,)))
+    hypothesis, values = at_levels(spread(2.4), workmanship, (4,), items), residual(spread(2.4))
+    ratio = np.exp(averaged(values, axis(*BLOCK)) - told(values, workmanship, (4,)))
     for factor, likely in EITHER_SIDE:
         limits = Thresholds(alternative=factor * ratio)
         assert _instead(hypothesis, 0, limits) == (("twin",) if likely else ())
-        found = background_cause(hypothesis, limits)
+        found = workmanship_cause(hypothesis, limits)
         assert [(c.effect, c.alternatives) for c in found] == [("small", ("twin",) if likely else ())]
     assert judge(hypothesis, Left()).verdict == "group"
 
@@ -557,22 +557,22 @@ def test_an_alternative_to_small_errors_is_worth_something(evidence, found):
 
 
 def test_small_errors_are_named_where_they_may_be():
-    backgrounds = (usual("small", axis(*BLOCK)),)
+    workmanship = (usual("small", axis(*BLOCK)),)
     values = residual(spread(3.0))
     known = explanation("small", axis(40))
-    named = judge(Hypothesis.nothing(problem(values, [known], backgrounds)), Left())
+    named = judge(Hypothesis.nothing(problem(values, [known], workmanship)), Left())
     assert (named.verdict, effects(named), named.reasons) == ("named", ("small",), ())
     assert named.beaten == {}
-    barred = judge(Hypothesis.nothing(problem(values, [replace(known, effect="b")], backgrounds)), Left())
+    barred = judge(Hypothesis.nothing(problem(values, [replace(known, effect="b")], workmanship)), Left())
     assert (barred.verdict, barred.causes) == ("unknown", ())
-    assert barred.reasons == ("small errors like small are there, which may not be named",)
+    assert barred.reasons == ("workmanship like small is there, which may not be named",)
 
 
 def test_small_errors_are_not_named_beside_a_cause_or_a_reason():
-    backgrounds = (usual("small", axis(*BLOCK)),)
+    workmanship = (usual("small", axis(*BLOCK)),)
     items = [explanation("a", axis(0)), explanation("small", axis(40))]
-    beside = judge(fitted(spread(3.0) | {0: 30.0}, items, 1, backgrounds), Left())
+    beside = judge(fitted(spread(3.0) | {0: 30.0}, items, 1, workmanship), Left())
     assert (beside.verdict, effects(beside)) == ("named", ("a",))
     left = Left([structure(50.0, 1.0)])
-    unknown = judge(Hypothesis.nothing(problem(residual(spread(3.0)), items, backgrounds)), left)
+    unknown = judge(Hypothesis.nothing(problem(residual(spread(3.0)), items, workmanship)), left)
     assert (unknown.verdict, unknown.causes, len(unknown.reasons)) == ("unknown", (), 1)

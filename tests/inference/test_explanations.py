@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.inference.evidence import Scale
-from pouring_robot.inference.explanations import Background, Problem
+from pouring_robot.inference.explanations import Problem, Workmanship
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.search import search
 from tests.inference.problems import ROWS, explanation, library, log_density, planted, problem
@@ -12,31 +12,31 @@ from tests.inference.problems import ROWS, explanation, library, log_density, pl
 
 @pytest.fixture
 def parts(rng):
-    """Three free unknowns, a background and eight effects; effects 1 and 2 are at work."""
+    """Three free unknowns, workmanship and eight effects; effects 1 and 2 are at work."""
     items = library(rng)
     free = rng.normal(size=(ROWS, 3)) * np.array([1e-6, 1.0, 1e6])
-    backgrounds = (Background("small", 0.3 * rng.normal(size=(ROWS, 6))),)
+    workmanship = (Workmanship("small", 0.3 * rng.normal(size=(ROWS, 6))),)
     residual = planted(rng, [items[2], items[4]], [3.0, 2.0]) + free @ np.array([4e6, 7.0, -3e-6])
-    return residual, free, backgrounds, items
+    return residual, free, workmanship, items
 
 
 def test_free_unknowns_are_taken_out_of_everything(parts):
-    residual, free, backgrounds, items = parts
-    built = Problem.build(residual, free, backgrounds, items)
+    residual, free, workmanship, items = parts
+    built = Problem.build(residual, free, workmanship, items)
     assert built.nuisance.axes.shape == (ROWS, 3)
     np.testing.assert_allclose(built.nuisance.axes.T @ built.nuisance.axes, np.eye(3), atol=1e-13)
     unit = free / np.linalg.norm(free, axis=0)
-    for values in (built.residual, *(b.columns for b in built.backgrounds), *(e.columns for e in built.explanations)):
+    for values in (built.residual, *(b.columns for b in built.workmanship), *(e.columns for e in built.explanations)):
         np.testing.assert_allclose(unit.T @ values, 0.0, atol=1e-12)
     left = residual - unit @ np.linalg.lstsq(unit, residual, rcond=None)[0]
     np.testing.assert_allclose(built.residual, left, atol=1e-9)
 
 
 def test_what_free_unknowns_do_cannot_be_seen(parts, rng):
-    residual, free, backgrounds, items = parts
-    built = Problem.build(residual, free, backgrounds, items)
+    residual, free, workmanship, items = parts
+    built = Problem.build(residual, free, workmanship, items)
     moved = Problem.build(
-        residual + free @ (rng.normal(size=3) / np.linalg.norm(free, axis=0)), free, backgrounds, items
+        residual + free @ (rng.normal(size=3) / np.linalg.norm(free, axis=0)), free, workmanship, items
     )
     np.testing.assert_allclose(moved.residual, built.residual, atol=1e-9)
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.special import logsumexp
 
 from pouring_robot.inference.evidence import LOG_SCALES, Scale
-from pouring_robot.inference.explanations import Background, Explanation
-from pouring_robot.inference.hypotheses import BACKGROUND_LEVELS, Hypothesis
+from pouring_robot.inference.explanations import Explanation, Workmanship
+from pouring_robot.inference.hypotheses import WORKMANSHIP_LEVELS, Hypothesis
 from tests.inference.problems import explanation, library, log_density, planted, problem
 
 TWO_PI = np.log(2.0 * np.pi)
@@ -16,10 +16,10 @@ TWO_PI = np.log(2.0 * np.pi)
 
 @pytest.fixture
 def small(rng):
-    """Two items and a background at fixed scales on twelve rows."""
+    """Two items and workmanship at fixed scales on twelve rows."""
     items = [explanation("a", rng.normal(size=(12, 2))), explanation("b", rng.normal(size=(12, 1)))]
-    backgrounds = (Background("small", 16.0 * rng.normal(size=(12, 3))),)
-    built = problem(2.0 * rng.normal(size=12), items, backgrounds)
+    workmanship = (Workmanship("small", 16.0 * rng.normal(size=(12, 3))),)
+    built = problem(2.0 * rng.normal(size=12), items, workmanship)
     return Hypothesis(built, built.explanations, (Scale(1.5), Scale(0.7)), (5,))
 
 
@@ -77,12 +77,12 @@ def test_parts_are_the_conditional_mean(small):
         own = small.scales[index].main ** 2 * item.columns @ item.columns.T
         np.testing.assert_allclose(small.part(index), own @ pull, atol=1e-12)
         assert small.size(index) == pytest.approx(((own @ pull) ** 2).sum())
-    usual = BACKGROUND_LEVELS[5] * small.problem.backgrounds[0].columns
-    np.testing.assert_allclose(small.background_part(0), usual @ usual.T @ pull, atol=1e-12)
+    usual = WORKMANSHIP_LEVELS[5] * small.problem.workmanship[0].columns
+    np.testing.assert_allclose(small.workmanship_part(0), usual @ usual.T @ pull, atol=1e-12)
 
 
 def test_parts_and_what_is_left_make_the_residual(small):
-    total = small.part(0) + small.part(1) + small.background_part(0)
+    total = small.part(0) + small.part(1) + small.workmanship_part(0)
     np.testing.assert_allclose(
         small.problem.residual - total, np.linalg.solve(covariance(small), small.problem.residual), atol=1e-12
     )
@@ -92,7 +92,7 @@ def test_coefficients_make_the_parts(small):
     mean, spread = small.coefficients()
     groups = small.groups()
     assert [g.shape[1] for g in groups] == [3, 2, 1]
-    np.testing.assert_allclose(groups[0] @ mean[:3], small.background_part(0), atol=1e-12)
+    np.testing.assert_allclose(groups[0] @ mean[:3], small.workmanship_part(0), atol=1e-12)
     np.testing.assert_allclose(groups[1] @ mean[3:5], small.part(0), atol=1e-12)
     np.testing.assert_allclose(groups[2] @ mean[5:], small.part(1), atol=1e-12)
     columns = np.hstack(groups)
@@ -128,13 +128,13 @@ def test_main_share_tells_an_effect_from_its_shape(rng):
 def test_settling_finds_the_best_scales_and_levels(rng):
     """No neighbour of a settled hypothesis is more probable at the scales it has."""
     items = library(rng)[:4:2]
-    backgrounds = (Background("small", 64.0 * rng.normal(size=(60, 8))),)
-    residual = planted(rng, items, [2.0, 3.0]) + backgrounds[0].columns @ rng.normal(size=8) / 64.0
-    settled = Hypothesis(problem(residual, items, backgrounds), tuple(items), (Scale(1.0), Scale(1.0)), (0,)).settled()
+    workmanship = (Workmanship("small", 64.0 * rng.normal(size=(60, 8))),)
+    residual = planted(rng, items, [2.0, 3.0]) + workmanship[0].columns @ rng.normal(size=8) / 64.0
+    settled = Hypothesis(problem(residual, items, workmanship), tuple(items), (Scale(1.0), Scale(1.0)), (0,)).settled()
 
     def density(scales, level):
         groups = [s * item.columns for s, item in zip(scales, items, strict=True)]
-        return log_density(residual, BACKGROUND_LEVELS[level] * backgrounds[0].columns, *groups)
+        return log_density(residual, WORKMANSHIP_LEVELS[level] * workmanship[0].columns, *groups)
 
     here = density([scale.main for scale in settled.scales], settled.levels[0])
     step = np.exp(LOG_SCALES[1] - LOG_SCALES[0])
@@ -142,19 +142,19 @@ def test_settling_finds_the_best_scales_and_levels(rng):
         scales = [scale.main for scale in settled.scales]
         scales[index] *= factor
         assert density(scales, settled.levels[0]) <= here + 1e-9
-    for level in {max(settled.levels[0] - 1, 0), min(settled.levels[0] + 1, len(BACKGROUND_LEVELS) - 1)}:
+    for level in {max(settled.levels[0] - 1, 0), min(settled.levels[0] + 1, len(WORKMANSHIP_LEVELS) - 1)}:
         assert density([scale.main for scale in settled.scales], level) <= here + 1e-9
 
 
-def test_usual_errors_are_seen_only_where_there_are_any(rng):
-    backgrounds = (
-        Background("there", 64.0 * rng.normal(size=(60, 8))),
-        Background("not there", 64.0 * rng.normal(size=(60, 8))),
+def test_workmanship_is_seen_only_where_there_is_any(rng):
+    workmanship = (
+        Workmanship("there", 64.0 * rng.normal(size=(60, 8))),
+        Workmanship("not there", 64.0 * rng.normal(size=(60, 8))),
     )
-    residual = rng.normal(size=60) + backgrounds[0].columns @ rng.normal(size=8) / 64.0
-    found = Hypothesis.nothing(problem(residual, [], backgrounds))
-    assert BACKGROUND_LEVELS[found.levels[0]] >= 1.0 / 128.0
-    assert BACKGROUND_LEVELS[found.levels[1]] <= 1.0 / 64.0
+    residual = rng.normal(size=60) + workmanship[0].columns @ rng.normal(size=8) / 64.0
+    found = Hypothesis.nothing(problem(residual, [], workmanship))
+    assert WORKMANSHIP_LEVELS[found.levels[0]] >= 1.0 / 128.0
+    assert WORKMANSHIP_LEVELS[found.levels[1]] <= 1.0 / 64.0
     assert found.items == ()
     assert not any(item.cause for item in found.items)
 
@@ -184,17 +184,17 @@ def test_what_items_are_worth_together(rng):
     assert both.without_items((0, 1)).keys == frozenset()
 
 
-def test_only_some_usual_errors(rng):
-    backgrounds = (
-        Background("there", 64.0 * rng.normal(size=(60, 8))),
-        Background("there too", 64.0 * rng.normal(size=(60, 8))),
+def test_only_some_kinds_of_workmanship(rng):
+    workmanship = (
+        Workmanship("there", 64.0 * rng.normal(size=(60, 8))),
+        Workmanship("there too", 64.0 * rng.normal(size=(60, 8))),
     )
-    residual = rng.normal(size=60) + sum(b.columns @ rng.normal(size=8) for b in backgrounds) / 64.0
-    settled = Hypothesis.nothing(problem(residual, [], backgrounds))
+    residual = rng.normal(size=60) + sum(b.columns @ rng.normal(size=8) for b in workmanship) / 64.0
+    settled = Hypothesis.nothing(problem(residual, [], workmanship))
     assert min(settled.levels) > 0
     alone = settled.with_levels_of((1,))
     assert alone.levels[0] == 0
-    densities = [log_density(residual, level * backgrounds[1].columns) for level in BACKGROUND_LEVELS]
+    densities = [log_density(residual, level * workmanship[1].columns) for level in WORKMANSHIP_LEVELS]
     assert alone.levels[1] == int(np.argmax(densities))
 
 

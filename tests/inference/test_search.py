@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pouring_robot.inference.evidence import Scale
-from pouring_robot.inference.explanations import Background, Explanation
+from pouring_robot.inference.explanations import Explanation, Workmanship
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.search import SearchOptions, backward, reconsidered, search
 from tests.inference.problems import ROWS, explanation, library, planted, problem
@@ -67,9 +67,9 @@ def test_the_first_choice_is_reconsidered():
     assert right >= 19
 
 
-def test_usual_errors_are_not_named(rng):
+def test_workmanship_is_not_named(rng):
     items = library(rng)
-    usual = Background("small", 40.0 * rng.normal(size=(ROWS, 12)))
+    usual = Workmanship("small", 40.0 * rng.normal(size=(ROWS, 12)))
     found = search(problem(rng.normal(size=ROWS) + usual.columns @ rng.normal(size=12) / 40.0, items, (usual,)))
     assert found.items == ()
     assert found.levels[0] > 0

@@ -5,7 +5,7 @@ import pytest
 
 from pouring_robot.inference import hypotheses
 from pouring_robot.inference.evidence import Scale
-from pouring_robot.inference.explanations import Background, Explanation, Problem
+from pouring_robot.inference.explanations import Explanation, Problem, Workmanship
 from pouring_robot.inference.hypotheses import Hypothesis
 
 WIDE, ROWS = 40, 130
@@ -20,7 +20,7 @@ def problem():
     def item(name, columns):
         return Explanation(name, "form", columns, np.ones(columns.shape[1], dtype=bool))
 
-    background = Background("small", 0.1 * rng.normal(size=(ROWS, 5)))
+    background = Workmanship("small", 0.1 * rng.normal(size=(ROWS, 5)))
     items = (item("wide", wide), item("narrow", narrow), item("other", other))
     return Problem.build(residual, rng.normal(size=(ROWS, 6)), (background,), items)
 

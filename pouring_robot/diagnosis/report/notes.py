@@ -10,7 +10,7 @@ from pouring_robot.checks.flags import FlagCode
 from pouring_robot.checks.noise import LEAST_FACTOR
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.estimation.instruments import KINDS
-from pouring_robot.inference.hypotheses import BACKGROUND_LEVELS
+from pouring_robot.inference.hypotheses import WORKMANSHIP_LEVELS
 from pouring_robot.mechanism.arrays import FloatArray
 
 _FEW_ROWS = 30
@@ -62,13 +62,13 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
 
 
 def _workmanship_lines(diagnosis: Conclusions) -> list[str]:
-    """Return how large the usual small errors are that were found beside the causes."""
+    """Return how large the workmanship is that was found beside the causes."""
     named, sizes = {found.cause.effect for found in diagnosis.effects}, dict[str, float]()
-    levels = zip(diagnosis.diagnoser.library.backgrounds.items(), diagnosis.hypothesis.levels, strict=True)
+    levels = zip(diagnosis.diagnoser.library.workmanship.items(), diagnosis.hypothesis.levels, strict=True)
     for (effect, form), level in levels:
         if level and effect not in named:
             for p in form.parameters:
-                sizes[p.unit] = max(sizes.get(p.unit, 0.0), BACKGROUND_LEVELS[level] * p.prior_std)
+                sizes[p.unit] = max(sizes.get(p.unit, 0.0), WORKMANSHIP_LEVELS[level] * p.prior_std)
     if not (sizes and diagnosis.firm):
         return []
     said = " and ".join(f"{size:.2g} {unit}" for unit, size in sizes.items())

@@ -217,7 +217,7 @@ def _evidence(diagnosis: Conclusions) -> str:
     for k, value in enumerate(values):
         axes.annotate(f" {value:.0f}", (max(value, 0.0), k), va="center", fontsize=8)
     axes.margins(x=0.1)
-    axes.set_xlabel("log evidence over usual small errors alone [nats]", fontsize=8)
+    axes.set_xlabel("log evidence over workmanship alone [nats]", fontsize=8)
     for k, cause in enumerate(causes):
         _rival_panel(figure.add_subplot(grid[1 + k // 2, k % 2]), hypothesis, cause)
     return svg_of(figure)

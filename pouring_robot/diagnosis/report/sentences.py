@@ -18,6 +18,7 @@ from pouring_robot.diagnosis.suggest.suggest import SuggestedMeasurement
 from pouring_robot.effects.facts import facts_of, sources
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.estimation.instruments import component_name
+from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.causes import Thermometers
 
@@ -138,7 +139,7 @@ def effect_lines(diagnosis: Conclusions, effect: NamedEffect, *, short: bool = T
     )
     shown = order[:_SHOWN_PARAMETERS]
     more = len(every) - len(shown)
-    form = "" if cause.form in ("background", "all") else f"form '{plain(cause.form)}': "
+    form = "" if cause.form in (WORKMANSHIP_FORM, "all") else f"form '{plain(cause.form)}': "
     lines.append(
         f"{form}{', '.join(parameter_text(*item) for item in shown)} (95 %)"
         + (f"; {more} more {'in the report' if short else 'below'}" if more else "")

@@ -62,7 +62,7 @@ def _covariance(diagnosis: Findings, effect: NamedEffect, parameters: list[Effec
     hypothesis = diagnosis.hypothesis
     weights = hypothesis.weights()
     places = list(pairwise(accumulate((len(own) for own in weights), initial=0)))
-    first = len(weights) - len(hypothesis.items)  # backgrounds stand before items
+    first = len(weights) - len(hypothesis.items)  # workmanship stands before items
     own = np.concatenate([np.arange(*places[first + k]) for k in effect.cause.indices])
     units = np.concatenate(weights)[own] * np.array([p.prior_std for p in parameters])
     covariance = hypothesis.coefficients()[1]

@@ -21,13 +21,13 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import PER_SESSION
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.diagnosis.findings import Findings
-from pouring_robot.diagnosis.problem import Library, known_effects, usual_errors
+from pouring_robot.diagnosis.problem import Library, known_effects, workmanship_of
 from pouring_robot.diagnosis.processes import processes_of
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.estimation.frames.sessions import largest_session
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.inference.explanations import Background, Explanation, Problem
+from pouring_robot.inference.explanations import Explanation, Problem, Workmanship
 from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.inference.processes import Part, columns_of
 from pouring_robot.io.temperatures import REFERENCE_DEGC
@@ -205,7 +205,7 @@ def _warm(kind: Thermometers, seen: FloatArray | None, cold: float, hot: NDArray
     return np.asarray(np.where(hot, np.round(highest), cold))
 
 
-Item = TypeVar("Item", Explanation, Background)
+Item = TypeVar("Item", Explanation, Workmanship)
 
 
 class Prospect:
@@ -236,9 +236,9 @@ class Prospect:
         self._nuisance = Nuisance.of(self._linear.free)
         self._new_columns: dict[str | tuple[str, str], FloatArray] = {}
         given = diagnosis.hypothesis.problem
-        usual = self._with_new_rows(usual_errors(rows, self._linear, library), given, given.backgrounds)
+        workmanship = self._with_new_rows(workmanship_of(rows, self._linear, library), given, given.workmanship)
         found = self._with_new_rows(known_effects(rows, self._linear, library), given, given.explanations)
-        self.problem = Problem(given.residual, given.nuisance, tuple(usual), tuple(found))
+        self.problem = Problem(given.residual, given.nuisance, tuple(workmanship), tuple(found))
         self._described: dict[str, tuple[Part, ...]] = {}
         self.frames = _FRAME * self._linear.frame_columns[self._new]
 
@@ -266,8 +266,8 @@ class Prospect:
         columns = self.problem.nuisance.cleared(columns_of(self._described[name])[self._old])
         return Explanation(name, _PROCESS, columns, np.ones(columns.shape[1], dtype=bool), cause=False)
 
-    def new_columns(self, item: Explanation | Background) -> FloatArray:
-        """Return the columns of an explanation or a background in the new rows."""
+    def new_columns(self, item: Explanation | Workmanship) -> FloatArray:
+        """Return the columns of an explanation or of workmanship in the new rows."""
         if isinstance(item, Explanation) and item.form == _PROCESS:
             return columns_of(self._described[item.effect])[self._new]
         return self._new_columns[_key(item)]
@@ -280,8 +280,8 @@ def _alike(one: FloatArray, other: FloatArray) -> bool:
     return bool((np.abs(one - other).max(axis=0) <= _ROUND_OFF * np.abs(one).max(axis=0)).all())
 
 
-def _key(item: Explanation | Background) -> str | tuple[str, str]:
-    return item.effect if isinstance(item, Background) else item.key
+def _key(item: Explanation | Workmanship) -> str | tuple[str, str]:
+    return item.effect if isinstance(item, Workmanship) else item.key
 
 
 def _together(campaign: Campaign, possible: Candidates, diagnosis: Findings) -> Campaign:

@@ -79,7 +79,7 @@ def _less(hypothesis: Hypothesis, cause: Cause) -> Hypothesis:
     rest = hypothesis.without(hypothesis.of_effect(cause.effect))
     if cause.indices:
         return rest
-    pairs = zip(rest.levels, rest.problem.backgrounds, strict=True)
+    pairs = zip(rest.levels, rest.problem.workmanship, strict=True)
     return replace(rest, levels=tuple(0 if b.effect == cause.effect else level for level, b in pairs))
 
 
@@ -125,11 +125,11 @@ def _hidden(best: Hypothesis, prospect: Prospect) -> list[Contender]:
 
 def scaled_columns(hypothesis: Hypothesis, prospect: Prospect) -> FloatArray:
     """Return the columns of the new rows that go with :meth:`Hypothesis.groups`, (n * components, q)."""
-    usual = [
+    workmanship = [
         prospect.new_columns(b)
-        for level, b in zip(hypothesis.levels, prospect.problem.backgrounds, strict=True)
+        for level, b in zip(hypothesis.levels, prospect.problem.workmanship, strict=True)
         if level
     ]
-    columns = [*usual, *(prospect.new_columns(item) for item in hypothesis.items)]
+    columns = [*workmanship, *(prospect.new_columns(item) for item in hypothesis.items)]
     scaled = [own * weights for own, weights in zip(columns, hypothesis.weights(), strict=True)]
     return np.hstack([np.zeros((len(prospect.frames), 0)), *scaled])

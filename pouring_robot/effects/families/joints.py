@@ -72,7 +72,7 @@ class Centres(Family):
         super().__init__(id_, story)
         self.driven_by = driven_by
 
-    def background(self, conditions: Conditions) -> Parameters:
+    def workmanship(self, conditions: Conditions) -> Parameters:
         """All places."""
         one = np.ones(len(conditions))
         return together(place_parameters(conditions.causes.placements, one))
@@ -106,7 +106,7 @@ class Tilts(Family):
         super().__init__(id_, story)
         self.driven_by, self.joints = driven_by, forms
 
-    def background(self, conditions: Conditions) -> Parameters:
+    def workmanship(self, conditions: Conditions) -> Parameters:
         """All axes, and twists."""
         one, placements = np.ones(len(conditions)), conditions.causes.placements
         return together(axis_parameters(placements, one)) + _twists(placements, one)
@@ -119,7 +119,7 @@ class Tilts(Family):
             name: tuple(p for joint in joints for p in by_joint[joint]) or twists
             for name, joints in self.joints.items()
         }
-        return (Form("all", self.background(conditions)), *(Form(name, found) for name, found in some.items()))
+        return (Form("all", self.workmanship(conditions)), *(Form(name, found) for name, found in some.items()))
 
 
 def _twists(placements: Placements, one: FloatArray) -> Parameters:
@@ -146,7 +146,7 @@ class Placement(Family):
         super().__init__(id_, story)
         self.loosened_by_load = loosened_by_load
 
-    def background(self, conditions: Conditions) -> Parameters:
+    def workmanship(self, conditions: Conditions) -> Parameters:
         """All places and axes."""
         one, placements = np.ones(len(conditions)), conditions.causes.placements
         places = place_parameters(placements, one)
