@@ -20,7 +20,6 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult
 from pouring_robot.mechanism.jacobians import AxisWeakness, DriveJacobians, axis_weakness, drive_jacobians
-from pouring_robot.mechanism.parameters import LocalParameter
 from pouring_robot.robot.description.urdf import read_text
 from pouring_robot.robot.location import LadleLocation, Location, located
 from pouring_robot.robot.model import RobotModel
@@ -200,32 +199,6 @@ class PouringRobot(Robot):
         turn = max(layout.tilt_lower_rad - pose.tilt_rad, pose.tilt_rad - layout.tilt_upper_rad, 0.0)
         # A box limit typed in mm or degrees must not count as outside by round-off.
         return np.where(shift < 1e-9, 0.0, shift), turn if turn > 1e-9 else 0.0
-
-    def transfer(
-        self,
-        pose: PlatformPose,
-        parameters: str | Sequence[str | LocalParameter] = "geometry",
-        frame: str | None = None,
-    ) -> xr.DataArray:
-        """Return G of the robot as built at a commanded pose: how each local parameter moves a frame.
-
-        Args:
-            pose: the commanded pose.
-            parameters: sets, groups, names or patterns of :attr:`parameters`, or local parameters themselves.
-            frame: the observed frame (default: the pouring lip).
-
-        Returns:
-            Dimensions ``component`` (displacement x, y, z, rotation vector rx, ry, rz, in the fixed platform's axes)
-            and ``parameter``; the coordinates ``unit`` and ``per`` give the units of a number: ``unit`` per ``per``.
-
-        Raises:
-            BadInputError: no parameter has a name.
-            UnknownFrameError: there is no such frame.
-            NoSolutionError: as :meth:`locate`, or the drives do not determine the platform here.
-        """
-        if not isinstance(pose, PlatformPose):
-            raise BadInputError("transfer takes one PlatformPose; for drive values take transfer_at")
-        return self._transfer(self.actual_of(pose), parameters, frame)
 
     def drive_jacobians(self, location: LadleLocation) -> DriveJacobians:
         """Return the Jacobians of the actual robot at a location."""

@@ -2,7 +2,7 @@
 
     robot = Robot.load("delta/robot.yaml")
     robot.locate_drives([[0.1, 0.1, 0.2]])      # where it should be and where it is
-    robot.transfer_at([0.1, 0.1, 0.2])          # G: how each local parameter moves it
+    robot.transfer([0.1, 0.1, 0.2])             # G: how each local parameter moves it
 
 :class:`~pouring_robot.robot.pouring_robot.PouringRobot` adds what only the pouring robot has: poses as commands.
 """
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from pouring_robot.robot.description.command import CommandAxis
     from pouring_robot.robot.parameters import ParameterCatalogue
 
-Command = PlatformPose | Target | FloatArray
+Command = PlatformPose | Target | FloatArray | Sequence[float]
 """What a robot may be asked for: a target of its end body, drive values, or a pose of the pouring robot's platform."""
 _MOST_TRIES = 12
 
@@ -193,7 +193,7 @@ class Robot:
 
         loads = self.actual_solver.energy.loads
         if loads.gravity or loads.drive_stiffness:
-            raise BadInputError("under loads a robot is closed command by command: use transfer_at or location_at")
+            raise BadInputError("under loads a robot is closed command by command: use transfer or location_at")
         return engine_for(self.actual_solver.mechanism, options=self.actual_solver.options)
 
     @property
@@ -401,16 +401,16 @@ class Robot:
         joints = [data.oMi[mechanism.joint_id(name)].translation for name in mechanism.loops.drives]
         return float(np.linalg.norm(np.array(joints) - end, axis=1).mean())
 
-    def transfer_at(
+    def transfer(
         self,
-        drives: Sequence[float] | FloatArray,
+        command: Command,
         parameters: str | Sequence[str | LocalParameter] = "geometry",
         frame: str | None = None,
     ) -> xr.DataArray:
         """Return G of the robot as built at one command: how each local parameter moves a frame.
 
         Args:
-            drives: the command, (drives,), in m and rad.
+            command: drive values, (drives,), in m and rad, a target, or a pose of the pouring robot's platform.
             parameters: sets, groups, names or patterns of :attr:`parameters`, or local parameters themselves.
             frame: the observed frame (default: the one whose error counts).
 
@@ -419,15 +419,11 @@ class Robot:
             ``parameter``; the coordinates ``unit`` and ``per`` give the units of a number: ``unit`` per ``per``.
 
         Raises:
-            BadInputError: no parameter has a name, or the number of drives is wrong.
+            BadInputError: no parameter has a name, or it is no command of this robot.
             UnknownFrameError: there is no such frame.
-            NoSolutionError: no pose has these drive values, or they do not determine the frame.
+            NoSolutionError: no pose answers the command, or the drives do not determine the frame there.
         """
-        return self._transfer(self.location_at(drives).actual, parameters, frame)
-
-    def _transfer(
-        self, closed: ClosureResult, parameters: str | Sequence[str | LocalParameter], frame: str | None
-    ) -> xr.DataArray:
+        closed = self.actual_of(command)
         named = (parameters,) if isinstance(parameters, str) else parameters
         chosen: dict[str, LocalParameter] = {}
         for item in named:

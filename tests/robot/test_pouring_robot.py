@@ -185,7 +185,7 @@ def test_what_a_loaded_robot_leaves_out_of_its_model_is_said():
 def test_poses_of_another_kind_are_refused_in_one_line(drawing):
     with pytest.raises(BadInputError, match="from_se3"):
         drawing.locate(pin.SE3.Identity())
-    with pytest.raises(BadInputError, match="one PlatformPose"):
+    with pytest.raises(BadInputError, match="one finite value for each drive"):
         drawing.transfer(np.zeros((2, 4)))
     with pytest.raises(BadInputError, match="RobotModel or the path of its file, not a int"):
         load_robot(3)

@@ -6,6 +6,8 @@ import pytest
 
 from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
+from pouring_robot.robot.pouring.poses import PlatformPose
+from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from tests.support import ROOT, relative_error
@@ -53,7 +55,7 @@ def test_transfer_is_the_derivative_of_the_closed_robot(crooked):
     drives, frame = commands(crooked, 1, seed=2)[0], crooked.model.loops().working_frame
     base = crooked.model.loops().base_frame
     here = crooked.location_at(drives).actual.pose(base, frame)
-    found = crooked.transfer_at(drives, "drives")
+    found = crooked.transfer(drives, "drives")
     step = 1e-5
     for k in range(len(drives)):
         moved = step * np.eye(len(drives))[k]
@@ -62,6 +64,17 @@ def test_transfer_is_the_derivative_of_the_closed_robot(crooked):
         turn = pin.log3(plus.rotation @ minus.rotation.T) / (2 * step)
         assert relative_error(found.values[:, k], np.concatenate([shift, turn])) < 1e-6
     assert np.isfinite(here.homogeneous).all()
+
+
+def test_transfer_takes_what_the_robot_is_sent_by():
+    """A target of the delta and a pose of the pouring robot, as the drives that they mean."""
+    delta, pouring = Robot.load(ROBOTS / "delta" / "robot.yaml"), PouringRobot()
+    for robot, command in (
+        (delta, delta.pose_command(np.array([0.05, 0.02, -0.6]), None)),
+        (pouring, PlatformPose.from_mm_deg(-100, 20, -600, 17)),
+    ):
+        at_drives = robot.transfer(robot.drives_of(command), "drives")
+        np.testing.assert_allclose(robot.transfer(command, "drives"), at_drives, rtol=0, atol=1e-9)
 
 
 def test_commands_that_no_pose_has_say_so():

@@ -67,7 +67,7 @@ def test_another_robot(name):
     robot = Robot(model)
     drives, _ = model.definition.workspace(robot.drawing, 50)
     parameter = found.parameters[7]
-    G = robot.transfer_at(drives[3], [parameter.name], found.frame).to_numpy()[:, 0]
+    G = robot.transfer(drives[3], [parameter.name], found.frame).to_numpy()[:, 0]
     size = 2e-4 if parameter.unit == "m" else 4e-3
     np.testing.assert_allclose(found.samples[0].translation_m[7, 3], G[:3] * size, atol=1e-12)
     assert len(found.samples) == (1 if name == "arm" else 2)

@@ -100,7 +100,7 @@ def test_drives_of_another_robot(tmp_path, capsys):
     robot = Robot(RobotModel.for_robot(ROOT / "examples" / "robots" / "delta" / "robot.yaml"))
     drives, _ = robot.model.definition.workspace(robot.drawing, 24)
     elbow = [p.name for p in robot.parameters.placements if p.name.startswith("arm1_elbow1.t")]
-    moved = np.array([robot.transfer_at(d, elbow, "platform").to_numpy()[:3].sum(axis=1) for d in drives])
+    moved = np.array([robot.transfer(d, elbow, "platform").to_numpy()[:3].sum(axis=1) for d in drives])
     errors = 1e-3 * HEAT[:, None, None] * moved + 1e-7 * np.sin(4.0 * HEAT)[:, None, None] * moved[::-1]
     head = [f"P{k}_{axis}_mm" for k in range(len(drives)) for axis in "xyz"]
     rows = np.column_stack([T - 273.15, 1e3 * errors.reshape(len(T), -1)])
