@@ -110,7 +110,11 @@ def drive_jacobians(solver: ClosureSolver, result: ClosureResult) -> DriveJacobi
 
 
 def dexterity(
-    jacobians: DriveJacobians, prismatic: tuple[bool, ...], length_m: float, rows: Sequence[int] = range(6)
+    jacobians: DriveJacobians,
+    prismatic: tuple[bool, ...],
+    length_m: float,
+    rows: Sequence[int] = range(6),
+    redundant: int = 0,
 ) -> Dexterity:
     """Return condition and distance to singularity of what the drives command.
 
@@ -120,11 +124,13 @@ def dexterity(
         length_m: characteristic length that turns angles into lengths, for instance the mean distance of the
             moving U-joint centres from the platform's origin.
         rows: of the end body's twist that count; by default all six.
+        redundant: by how many the drives outnumber the freedoms: in so many directions they strain the parts and move
+            nothing, which is no singularity.
     """
     scales = np.where(np.array(rows) < 3, 1.0, length_m)
     task = jacobians.platform[list(rows)] * scales[:, None]
     task[:, [not is_length for is_length in prismatic]] /= length_m
-    factors = np.linalg.svd(task, compute_uv=False)
+    factors = np.linalg.svd(task, compute_uv=False)[: len(prismatic) - redundant]
     smallest, largest = float(factors[-1]), float(factors[0])
     if smallest <= 1.0 / largest:
         return Dexterity(largest / smallest if smallest else np.inf, "serial", smallest, length_m)

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError, UnreachableTargetError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
+from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
 from pouring_robot.mechanism.jacobians import AxisWeakness, Dexterity, dexterity, drive_jacobians
 from pouring_robot.mechanism.parameters import LocalParameter
@@ -384,7 +385,8 @@ class Robot:
         mechanism = self.actual_solver.mechanism
         prismatic = tuple(mechanism.unit_of(name) == "m" for name in mechanism.loops.drives)
         jacobians = drive_jacobians(self.actual_solver, location.actual)
-        return dexterity(jacobians, prismatic, self._length_m(location), self._task_rows)
+        redundant = redundant_drives(mechanism)
+        return dexterity(jacobians, prismatic, self._length_m(location), self._task_rows, redundant)
 
     _task_rows: Sequence[int] = range(6)
 

@@ -12,6 +12,7 @@ from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.robot_file import RobotFile
+from pouring_robot.robot.robot import Robot
 
 MACHINE = Path(__file__).parents[2] / "examples/machines/hangprinter/robot.yaml"
 ANCHORS = np.array([[0.0, -1.5939, -0.1], [1.5521, 0.8961, -0.1], [-1.3677, 0.7897, -0.1], [0.0, 0.0, 2.355]])
@@ -76,6 +77,18 @@ def test_turning_a_line_about_its_anchor_changes_nothing(closed):
     engine, _, found = closed
     turns = [p for p in engine.parameters if p.joint in JOINTS and p.unit == "rad"]
     assert np.abs(engine.transfer(found, turns).disagreement).max() < 1e-12
+
+
+def test_the_condition_is_that_of_the_directions_of_the_lines():
+    """Lengths follow places by the unit vectors along the lines; places follow lengths by their least squares."""
+    robot = Robot.load(MACHINE)
+    place = np.array([0.2, -0.1, 0.4])
+    lines = place - ANCHORS
+    lengths = np.linalg.norm(lines, axis=1)
+    found = robot.dexterity(robot.location_at(lengths))
+    sizes = np.linalg.svd(lines / lengths[:, None], compute_uv=False)
+    assert found.condition == pytest.approx(sizes[0] / sizes[-1], rel=1e-5)
+    assert found.distance > 0.5
 
 
 def test_a_robot_without_redundant_drives_has_none_and_may_not_say_so(robot):
