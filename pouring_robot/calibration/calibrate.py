@@ -153,7 +153,7 @@ def calibrate(
     if noise.from_residuals:
         progress("estimating the noise from residuals", 0, 0)
         train, seen = rows[parts.train], measured[parts.train]
-        prior = prior_std(rows.model.parameters, tolerances, framed=measured.framed, sessions=rows.model.sessions)
+        prior = prior_std(rows.model, tolerances, framed=measured.framed)
         noise = fit_with_noise(train, seen, first_frames(train, seen), prior, noise, options.fit)[1]
         measured = measured.with_noise(noise)
     selection = Selection(candidates, ())
@@ -165,7 +165,7 @@ def calibrate(
         """Fit groups to the training rows; return all rows as they model them, the fit, and all differences to it."""
         chosen = rows.with_model(everything.with_parameters(all_parameters(groups)))
         train, seen = chosen[parts.train], measured[parts.train]
-        prior = prior_std(chosen.model.parameters, tolerances, framed=measured.framed, sessions=chosen.model.sessions)
+        prior = prior_std(chosen.model, tolerances, framed=measured.framed)
         fit = identify(train, seen, first_frames(train, seen), prior, replace(options.fit, curvature=curvature))
         return chosen, fit, full.residual(chosen.predict(fit.unknowns))
 

@@ -87,7 +87,7 @@ class _CrossValidation:
     def __call__(self, groups: Sequence[ParameterGroup]) -> FloatArray:
         """Return the mean squared whitened residual of each judged row, by kind, shape (rows, kinds)."""
         model = self.rows.model.with_parameters(all_parameters(groups))
-        prior = prior_std(model.parameters, self.tolerances, framed=self.measured.framed, sessions=model.sessions)
+        prior = prior_std(model, self.tolerances, framed=self.measured.framed)
         scores = np.full((len(self.rows), len(KINDS)), np.nan)
         for frames, (train, validation) in zip(self._frames, self._folds, strict=True):
             start = Unknowns.zero(frames.frames, prior.size - FRAMES)

@@ -21,6 +21,7 @@ from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.report.result import Result
+from pouring_robot.robot.inverse import limited
 from pouring_robot.robot.location import OUT_OF_REACH, as_poses
 from pouring_robot.robot.pouring.names import DRIVE_COLUMNS
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
 
 NOT_FOUND = "not found"
 _MOST_STEPS = 12
-# A Newton step is no longer than this, in m and rad.
-_LONGEST = np.array([0.1, 0.1, 0.1, 0.3])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -159,8 +158,7 @@ class PathSearch:
             if not going.any():
                 break
             best = np.minimum(best, np.where(np.isfinite(size), size, np.inf))
-            step = self._step(closed, left)
-            step /= np.maximum(1.0, np.abs(step / _LONGEST).max(axis=1, keepdims=True))
+            step = limited(self._step(closed, left), self.kinematics.mechanism)
             drives = np.where(going[:, None], drives - step, drives)
             closed = self.warm.close(drives, closed.as_start())
             left = self._left(closed)

@@ -21,6 +21,7 @@ from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.mechanism.transfer import closed_chain_transfer
+from pouring_robot.robot.inverse import limited
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.thermal.expansion.heated_robot import Close, HeatedRobot
 from pouring_robot.thermal.expansion.warm_robot import WarmRobot
@@ -59,7 +60,6 @@ class _Search:
             SingularPoseError: the drives do not command the four freedoms here.
             ClosureError: the loops do not close on the way.
         """
-        longest = np.array([0.1 if warm.actual_solver.mechanism.unit_of(name) == "m" else 0.3 for name in self.drives])
         start, best = self.start, np.inf
         first: ClosureResult | None = None
         for _ in range(_MOST_STEPS):
@@ -71,8 +71,7 @@ class _Search:
             if size < TOLERANCE or (size < 100.0 * TOLERANCE and size > 0.5 * best):
                 return first, result
             best = min(best, size)
-            step = -_solved(_drives_to_freedoms(warm, result, self.frame), left)
-            step /= max(1.0, float((np.abs(step) / longest).max()))
+            step = limited(-_solved(_drives_to_freedoms(warm, result, self.frame), left), result.mechanism)
             # The actual drive is the commanded one, grown with its leg: its derivative is 1 + strain, taken as 1.
             self.drives = {name: value + float(d) for (name, value), d in zip(self.drives.items(), step, strict=True)}
             start = result.configuration

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pouring_robot.mechanism.parameters import GeometricParameter
+from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.parameters import ParameterCatalogue, all_parameters
 from pouring_robot.robot.tolerances import Tolerances
 
@@ -87,8 +88,8 @@ def planned_parameters(
     return (*local, *shown)
 
 
-def expected_size(parameter: PlannedParameter, tolerances: Tolerances) -> float:
+def expected_size(parameter: PlannedParameter, robot: RobotDefinition, tolerances: Tolerances) -> float:
     """Return how large a parameter may be, in its own unit: its tolerance; of a condition's, an order of size."""
     if parameter.kind == "local":
-        return float(tolerances.std([parameter.local])[0])
+        return float(tolerances.std([parameter.local], robot)[0])
     return _CONDITIONS[parameter.kind][parameter.local.unit][1]

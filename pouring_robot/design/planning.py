@@ -169,19 +169,19 @@ class Planner:
     def _prior(self, parameters: Sequence[PlannedParameter]) -> FloatArray:
         """Return one over the prior standard deviation in shown units, shape (f + P,); 0 where nothing is known."""
         weights = np.zeros(self.nuisance + len(parameters))
-        priors = self.request.priors
+        priors, robot = self.request.priors, self.robot.model.definition
         for k, parameter in enumerate(parameters, start=self.nuisance):
             if priors is not None and parameter.kind == "local":
-                weights[k] = 1.0 / (expected_size(parameter, priors) * parameter.shown_factor)
+                weights[k] = 1.0 / (expected_size(parameter, robot, priors) * parameter.shown_factor)
         return weights
 
     def _kept(self, asked: Sequence[PlannedParameter], rows: FloatArray) -> list[int]:
         """Return which parameters to plan for; refuse what may not be left out."""
         flat = rows.reshape(-1, rows.shape[-1])
         if self.request.reduced and self.request.priors is None:
-            sizes = np.array(
-                [expected_size(p, Tolerances.of(self.robot.model.definition)) * p.shown_factor for p in asked]
-            )
+            robot = self.robot.model.definition
+            tolerances = Tolerances.of(robot)
+            sizes = np.array([expected_size(p, robot, tolerances) * p.shown_factor for p in asked])
             # All candidates count as one plan of the wanted size.
             share = math.sqrt(self.request.poses / len(self.poses) / rows.shape[1] / rows.shape[2])
             return telling(flat * share, self.nuisance, sizes)

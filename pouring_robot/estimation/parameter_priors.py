@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from pouring_robot.estimation.frames.outer import FRAMES
-from pouring_robot.estimation.frames.sessions import SessionParameter
+from pouring_robot.estimation.measurement import MeasurementModel
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.parameters import GeometricParameter
 from pouring_robot.robot.tolerances import Tolerances
 
 FRAME_STD = 0.1
@@ -20,20 +17,13 @@ leaves open, so that it only picks one answer where several are the same (see th
 _HELD = 1e-9  # m and rad: of frames that nobody measured from
 
 
-def prior_std(
-    parameters: Sequence[GeometricParameter],
-    tolerances: Tolerances,
-    *,
-    framed: bool = True,
-    sessions: Sequence[SessionParameter] = (),
-) -> FloatArray:
+def prior_std(model: MeasurementModel, tolerances: Tolerances, *, framed: bool = True) -> FloatArray:
     """Return the standard deviations of all unknowns, frames first, shape (12 + P,), in m and rad.
 
     Args:
-        parameters: of the robot.
-        tolerances: of its parts.
+        model: whose unknowns they are; those of sessions with frames of their own stand last.
+        tolerances: of the robot's parts.
         framed: whether anything was measured from outside; if not, the frames are held.
-        sessions: unknowns of sessions with frames of their own, which stand last.
     """
-    frames, others = np.full(FRAMES, FRAME_STD if framed else _HELD), np.full(len(sessions), FRAME_STD)
-    return np.concatenate([frames, tolerances.std(parameters), others])
+    frames, others = np.full(FRAMES, FRAME_STD if framed else _HELD), np.full(len(model.sessions), FRAME_STD)
+    return np.concatenate([frames, tolerances.std(model.parameters, model.model.definition), others])

@@ -71,7 +71,7 @@ class Cause:
         effect: its id.
         form: in which form it fits best.
         indices: of its items in the hypothesis, several where it takes more than one form; none for workmanship
-            that are all there is.
+            that is all there is.
         alternatives: effects that these data cannot tell apart from it.
         probability: that it is at work rather than an alternative or chance.
         evidence: log evidence of the hypothesis with it against the best one without it, in nats.

@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
 from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.transfer import closed_chain_transfer
@@ -21,7 +22,7 @@ REACHED = 1e-9
 """A target is met when place and attitude are this near, in m and rad."""
 _SETTLED, _MOST_STEPS = 1e-11, 60
 _SINGULAR = 1e-7  # of the drawing, whose directions are commanded or exactly not
-_LONGEST_M, _LONGEST_RAD = 0.1, 0.3
+_LONGEST = {"m": 0.1, "rad": 0.3}
 
 Close = Callable[[FloatArray, FloatArray], ClosureResult]
 """Closes a robot for commanded drives (drives,), in m and rad, from a configuration (nq,)."""
@@ -91,7 +92,6 @@ def bring(
     """
     mechanism, base = solver.mechanism, solver.mechanism.loops.base_frame
     parameters = drive_parameters(mechanism)
-    longest = np.array([_LONGEST_M if parameter.unit == "m" else _LONGEST_RAD for parameter in parameters])
     frame = target.frame or str(mechanism.loops.end_frame)
     before = np.inf
     for _ in range(_MOST_STEPS):
@@ -104,9 +104,15 @@ def bring(
         if settled := size < _SETTLED or (size < 100.0 * _SETTLED and size > 0.5 * before):
             break
         before = size
-        drives = drives + step / max(1.0, float((np.abs(step) / longest).max()))
+        drives = drives + limited(step, mechanism)
         start = result.configuration
     return Reached(drives, result, left, found, settled)
+
+
+def limited(step: FloatArray, mechanism: ClosedChainMechanism) -> FloatArray:
+    """Return Newton steps of a mechanism's drives, (..., drives), none of them longer than 0.1 m and 0.3 rad."""
+    longest = [_LONGEST[mechanism.unit_of(name)] for name in mechanism.loops.drives]
+    return np.asarray(step / np.maximum(1.0, np.abs(step / longest).max(axis=-1, keepdims=True)))
 
 
 def _step(

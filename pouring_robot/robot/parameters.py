@@ -18,7 +18,6 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.parameters import GeometricParameter, drive_parameters, placement_parameters
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.dh.parameters import DHParameter
-from pouring_robot.robot.tolerances import Kind, kind_of
 
 
 @dataclass(frozen=True)
@@ -43,11 +42,6 @@ class Parameter:
     def unit(self) -> str:
         """``m`` or ``rad``."""
         return self.local.unit
-
-    @property
-    def kind(self) -> Kind:
-        """Which tolerance it has."""
-        return kind_of(self.local)
 
     @property
     def hidden_by(self) -> str:

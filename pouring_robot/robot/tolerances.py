@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -17,7 +17,6 @@ from pouring_robot.mechanism.parameters import DriveParameter, GeometricParamete
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.urdf import description_folder
-from pouring_robot.robot.pouring.names import INNER_JOINTS
 
 Kind = Literal["leg_drive_offset", "tilt_drive_offset", "joint_centre", "joint_axis", "inner_offset"]
 
@@ -102,18 +101,24 @@ class Tolerances(StrictModel):
         """
         return cls.load(robot.tolerances_file)
 
-    def std(self, parameters: Sequence[GeometricParameter]) -> FloatArray:
-        """Return the standard deviations of parameters, shape (P,), in m and rad."""
-        return np.array([getattr(self.kinds, kind_of(p)).to_si() for p in parameters], dtype=float)
+    def std(self, parameters: Sequence[GeometricParameter], robot: RobotDefinition) -> FloatArray:
+        """Return the standard deviations of parameters of a robot, shape (P,), in m and rad."""
+        kinds = (kind_of(parameter, robot.inner_joints) for parameter in parameters)
+        return np.array([getattr(self.kinds, kind).to_si() for kind in kinds], dtype=float)
 
 
-def kind_of(parameter: GeometricParameter) -> Kind:
-    """Return what kind of error a parameter is. A DH error is of the kind of the placement it displaces."""
+def kind_of(parameter: GeometricParameter, inner_joints: Collection[str]) -> Kind:
+    """Return what kind of error a parameter is. A DH error is of the kind of the placement it displaces.
+
+    Args:
+        parameter: of a robot.
+        inner_joints: its joints whose distances are machined in one part.
+    """
     if isinstance(parameter, DriveParameter):
         return "leg_drive_offset" if parameter.unit == "m" else "tilt_drive_offset"
     if parameter.unit == "rad":
         return "joint_axis"
-    return "inner_offset" if parameter.joint in INNER_JOINTS else "joint_centre"
+    return "inner_offset" if parameter.joint in inner_joints else "joint_centre"
 
 
 def _read(path: Path) -> Tolerances:

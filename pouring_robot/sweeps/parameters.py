@@ -19,7 +19,7 @@ from pouring_robot.mechanism.parameters import DriveParameter
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.dh.chain import SITES, SYMBOLS, TRANSFORMS
 from pouring_robot.robot.parameters import Parameter, ParameterCatalogue
-from pouring_robot.robot.tolerances import Tolerances
+from pouring_robot.robot.tolerances import Tolerances, kind_of
 from pouring_robot.sweeps.config import ErrorEntry, SweepConfig
 
 
@@ -49,7 +49,7 @@ def completed(config: SweepConfig, catalogue: ParameterCatalogue, robot: RobotDe
         tolerances = Tolerances.load(config.beside(config.tolerances)) if config.tolerances else Tolerances.of(robot)
         kinds: dict[str, list[Parameter]] = {}
         for p in catalogue.match("geometry"):
-            kinds.setdefault(p.kind, []).append(p)
+            kinds.setdefault(kind_of(p.local, robot.inner_joints), []).append(p)
         said["errors"] = tuple(
             ErrorEntry(
                 parameters=tuple(p.name for p in found),

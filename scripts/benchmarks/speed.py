@@ -288,10 +288,10 @@ def calibrations(setting: Setting, wanted: str, parameters: int, poses: int) -> 
     groups = drawing.parameters.groups((wanted,))
     model = MeasurementModel(RobotModel(), all_parameters(groups)[:parameters])
     study = StudyOptions(rows=poses)
-    prior = prior_std(model.parameters, tolerances)
+    prior, sizes = prior_std(model, tolerances), tolerances.std(model.parameters, model.model.definition)
 
     def fit(seed: int, watch: Stopwatch | None) -> Fit:
-        truth = np.random.default_rng([seed, 3]).normal(size=parameters) * tolerances.std(model.parameters)
+        truth = np.random.default_rng([seed, 3]).normal(size=parameters) * sizes
         campaign = virtual_campaign(drawing, model, truth, study, seed)
         noise = NoiseLevel.stated(study.sigma_position_m, study.sigma_rotation_rad)
         measured = MeasuredPoses.from_campaign(campaign, noise)

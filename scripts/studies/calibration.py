@@ -195,7 +195,7 @@ def _run(
 ) -> _Run:
     seed = options.seed * 1_000_003 + run
     random = np.random.default_rng([seed, 3])
-    truth = random.normal(size=len(model.parameters)) * tolerances.std(model.parameters)
+    truth = random.normal(size=len(model.parameters)) * tolerances.std(model.parameters, model.model.definition)
     campaign = virtual_campaign(drawing, model, truth, options, seed)
     parts = split(campaign, np.zeros(0, dtype=np.intp), "region")
     noise = NoiseLevel.stated(options.sigma_position_m, options.sigma_rotation_rad)
@@ -204,7 +204,7 @@ def _run(
     train, seen = rows[parts.train], measured[parts.train]
     clock = time.perf_counter()
     start = first_frames(train, seen)
-    fit = identify(train, seen, start, prior_std(model.parameters, tolerances), FitOptions(curvature=True))
+    fit = identify(train, seen, start, prior_std(model, tolerances), FitOptions(curvature=True))
     seconds = time.perf_counter() - clock
     wrong = fit.unknowns.values[FRAMES:] - truth
     shares = _shares(

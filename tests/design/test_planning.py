@@ -336,7 +336,7 @@ def test_priors_determine_everything_and_are_never_worse_than_themselves(robot):
     request = PlanRequest(poses=6, parameters=("geometry",), priors=tolerances, candidates=200, starts=1)
     plan = Planner(robot, request).plan()
     assert not plan.left_out
-    prior = tolerances.std([p.local for p in plan.parameters])
+    prior = tolerances.std([p.local for p in plan.parameters], robot.model.definition)
     assert np.all(plan.quality.parameter_std <= prior * (1.0 + 1e-9))
     assert np.any(plan.quality.parameter_std < 0.5 * prior)
 

@@ -35,7 +35,7 @@ class Virtual:
 
     def __init__(self, drawing, model, count, seed=0, scale=1.0, sigma=SIGMA):
         random = np.random.default_rng(seed)
-        self.model, self.prior = model, prior_std(model.parameters, Tolerances.load())
+        self.model, self.prior = model, prior_std(model, Tolerances.load())
         self.truth = random.normal(size=len(model.parameters)) * self.prior[FRAMES:] * scale
         self.rows = model.at(random_plan(drawing, count, seed + 1).drives)
         zero = Unknowns.zero(TRUE_FRAMES, len(self.truth))

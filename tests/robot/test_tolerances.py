@@ -6,19 +6,30 @@ import pytest
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.parameter_priors import FRAME_STD, prior_std
 from pouring_robot.exceptions import DescriptionError
+from pouring_robot.mechanism.parameters import placement_parameters
+from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.tolerances import Tolerances, kind_of
 from tests.estimation.virtual import model_of
+from tests.support import ROOT
 
 
 def test_priors_are_in_metres_and_radians(drawing):
     tolerances, model = Tolerances.load(), model_of(drawing, "all")
-    prior = prior_std(model.parameters, tolerances)
+    prior = prior_std(model, tolerances)
     np.testing.assert_array_equal(prior[:FRAMES], FRAME_STD)
     by_name = dict(zip(model.names, prior, strict=True))
     assert by_name["leg1_s1.tx"] == pytest.approx(1e-3 * tolerances.kinds.joint_centre.std)
     assert by_name["leg2_s4.rx"] == pytest.approx(1e-3 * tolerances.kinds.joint_axis.std)
-    kinds = {kind_of(p) for p in model.parameters}
+    kinds = {kind_of(p, model.model.definition.inner_joints) for p in model.parameters}
     assert kinds == {"leg_drive_offset", "tilt_drive_offset", "joint_centre", "joint_axis", "inner_offset"}
+
+
+def test_joints_are_inner_ones_where_the_robot_says_so():
+    """Four of the hexapod's legs have joints that are called as inner joints of the pouring robot."""
+    robot = RobotDefinition.load(ROOT / "examples" / "robots" / "hexapod" / "robot.yaml")
+    tolerances = Tolerances.load()
+    std = tolerances.std([p for p in placement_parameters(["leg1_s2", "leg5_s2"]) if p.unit == "m"], robot)
+    np.testing.assert_array_equal(std, 6 * [tolerances.kinds.joint_centre.to_si()])
 
 
 def test_a_file_of_ones_own(tmp_path):

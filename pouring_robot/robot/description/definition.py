@@ -350,6 +350,11 @@ class RobotDefinition:
         return {name: tuple(group for group in groups if group in known) for name, groups in _SETS.items()}
 
     @property
+    def inner_joints(self) -> frozenset[str]:
+        """Joints whose distances from the one before are machined in one part; they have a tolerance of their own."""
+        return frozenset()
+
+    @property
     def tolerances_file(self) -> Path | None:
         """The robot's own tolerances; None: the shipped ones."""
         return None if self.file.tolerances is None else self.path.parent / self.file.tolerances

@@ -23,7 +23,7 @@ from pouring_robot.robot.pouring.causes import CAUSES
 from pouring_robot.robot.pouring.description import render_urdf
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.layout import load_layout
-from pouring_robot.robot.pouring.names import DRIVE_SYMBOLS, DRIVE_WORDS, GROUPS, LEGS, SETS
+from pouring_robot.robot.pouring.names import DRIVE_SYMBOLS, DRIVE_WORDS, GROUPS, INNER_JOINTS, LEGS, SETS
 
 if TYPE_CHECKING:
     from pouring_robot.batch import BatchStart
@@ -88,6 +88,11 @@ class PouringDefinition(RobotDefinition):
     def parameter_sets(self) -> ParameterSets:
         """Named sets of groups."""
         return SETS
+
+    @property
+    def inner_joints(self) -> frozenset[str]:
+        """Those inside the legs and their U joints."""
+        return INNER_JOINTS
 
     @property
     def thermometers(self) -> tuple[str, ...]:
