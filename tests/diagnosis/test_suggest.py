@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from pouring_robot.campaign.data import Campaign
+from pouring_robot.campaign.plan import read_plan
 from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.diagnosis.problem import Library
+from pouring_robot.diagnosis.report.sentences import measurement_text
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.state import Diagnoser
-from pouring_robot.diagnosis.suggest.candidates import Prospect, candidates
-from pouring_robot.diagnosis.suggest.suggest import RANDOM_SETS, suggest_measurements
+from pouring_robot.diagnosis.suggest.candidates import EndPose, Prospect, candidates
+from pouring_robot.diagnosis.suggest.suggest import RANDOM_SETS, SuggestedMeasurement, Suggestion, suggest_measurements
 from pouring_robot.diagnosis.suggest.words import separating_words, untestable_words
 from pouring_robot.effects.registry import chosen_effects
 from pouring_robot.inference.discrimination import Prediction, choose, divergence, expected, total
@@ -19,9 +21,12 @@ from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
+from pouring_robot.robot.robot import Robot
 from tests.diagnosis.remeasured import Machine
 from tests.rig import make_campaign, write_case
+from tests.support import ROOT
 
+DELTA = ROOT / "examples" / "robots" / "delta" / "robot.yaml"
 TRAPS = {
     "one_side": ("drive_backlash", "both sides"),
     "constant_temperature": ("leg_thermal_expansion", "two temperatures of the legs"),
@@ -33,6 +38,18 @@ TRAPS = {
 def prediction(random, size, spread=1.0):
     columns = random.normal(size=(size, 4)) * spread
     return Prediction(random.normal(size=size), columns @ columns.T + np.eye(size))
+
+
+def test_a_robot_that_is_commanded_by_drives_is_told_drives(tmp_path):
+    """In words and in a plan that can be run: a place alone does not say how an arm is to stand."""
+    robot = Robot.load(DELTA)
+    drives = np.array([0.3, -0.2, 0.1])
+    pose = robot.location_at(drives).nominal.pose_base_to_end
+    place, names = EndPose(pose.translation, pose.rotation), ("drive_backlash", "drive_scale")
+    one = SuggestedMeasurement(robot.model.definition, place, drives, {"approach_q1": 1.0}, 2.0, 1, names, 3.0)
+    (tmp_path / "next.csv").write_text(Suggestion((one,), (), 3.0).plan_text(), encoding="utf-8")
+    np.testing.assert_allclose(read_plan(tmp_path / "next.csv", robot).drives, [drives], rtol=0, atol=1e-8)
+    assert measurement_text(one).startswith("q1 17.19°, q2 -11.46°, q3 5.73°, at x ")
 
 
 def test_worth_between_two_means_is_half_the_squared_distance():

@@ -284,13 +284,14 @@ def tells_most(diagnosis: Conclusions) -> list[SuggestedMeasurement]:
 
 
 def measurement_text(measurement: SuggestedMeasurement) -> str:
-    """Return a suggested measurement in words."""
+    """Return a suggested measurement in words: what to command, where that is, and the conditions."""
     given, robot = measurement.conditions, measurement.robot
     place = measurement.pose.to_mm_deg()
     approaches = [name for name in approach_names(robot) if name in given]
     x, y, z = (place.pop(f"{axis}_mm") for axis in "xyz")
     turn = ", ".join(f"{name.removesuffix('_deg')} {value:.0f}°" for name, value in place.items())
-    said = [f"x {x:.0f}, y {y:.0f}, z {z:.0f} mm, {turn}"]
+    at = f"x {x:.0f}, y {y:.0f}, z {z:.0f} mm"
+    said = [f"{_drive_text(measurement)}, at {at}" if measurement.in_drives else f"{at}, {turn}"]
     said += [f"approached {''.join('+' if given[name] > 0 else '-' for name in approaches)}"] if approaches else []
     kinds = [kind for kind in causes_of(robot).thermometers if kind.hot_rise_k]
     warm = [(f"{name}_degC", f"{word.removesuffix(' temperature')} at") for k in kinds for name, word in _first(k)]
@@ -305,6 +306,19 @@ def measurement_text(measurement: SuggestedMeasurement) -> str:
         if name in given
     ]
     return ", ".join(said)
+
+
+def _drive_text(measurement: SuggestedMeasurement) -> str:
+    """Return the commanded drives by the names of their columns, in mm and degrees."""
+    commands = (
+        drive.commanded(value) for drive, value in zip(measurement.robot.drives, measurement.drives, strict=True)
+    )
+    return ", ".join(
+        f"{drive.column} {command / MM:.1f} mm"
+        if drive.command == "length"
+        else f"{drive.column} {math.degrees(command):.2f}°"
+        for drive, command in zip(measurement.robot.drives, commands, strict=True)
+    )
 
 
 def _first(kind: Thermometers) -> list[tuple[str, str]]:

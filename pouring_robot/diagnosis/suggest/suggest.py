@@ -66,11 +66,15 @@ class SuggestedMeasurement:
             "why": f"tells {self.separates[0]} from {self.separates[1]}",
         }
 
+    @property
+    def in_drives(self) -> bool:
+        """Whether the robot is commanded by its drives, not by poses."""
+        return {column.name for column in self.robot.command_columns} == {drive.column for drive in self.robot.drives}
+
     def plan_row(self, number: int) -> dict[str, Any]:
         """Return it as a row of a plan: what to command, and the conditions."""
-        posed = {column.name for column in self.robot.command_columns} - {d.column for d in self.robot.drives}
-        command = {name: float(f"{value:.6g}") for name, value in self.pose.to_mm_deg().items()}
-        command = command if posed else self._commanded()
+        pose = {name: float(f"{value:.6g}") for name, value in self.pose.to_mm_deg().items()}
+        command = self._commanded() if self.in_drives else pose
         return {"sample": f"next_{number}", "session": "next", **command, **self.conditions}
 
     def _commanded(self) -> dict[str, float]:
