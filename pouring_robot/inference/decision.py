@@ -20,17 +20,18 @@ Verdict = Literal["no_gap", "named", "group", "unknown"]
 
 @dataclass(frozen=True)
 class Thresholds:
-    """When something counts.
+    """When something counts. What each limit is worth: docs/blind_trials.md, "What each choice is worth".
 
     Attributes:
-        false_names: rate of false answers that is accepted. What is one of n things that were tried must be worth n
-            over this rate (see :class:`~.search.SearchOptions`): structure in what is left, a process against a
-            cause, workmanship where nothing else is found.
+        false_names: rate of false answers that is accepted; docs/inference.md, "One number decides", derives from it.
+            What is one of n things that were tried must be worth n over this rate (see
+            :class:`~.search.SearchOptions`): structure in what is left, a process against a cause, workmanship where
+            nothing else is found.
         structure_size: its least size, in noise standard deviations.
         structure_share: its least share of the largest named effect: below, it is that effect's form that is not quite
             the library's.
         alternative: least probability of an alternative.
-        minor_share: an effect smaller than this share of the largest one, and
+        minor_share: an effect smaller than this share of the largest one (docs/inference.md, "What is no cause"), and
         minor_evidence: worth less than this, in nats, corrects the other's form rather than being a cause of its own.
     """
 

@@ -28,8 +28,8 @@ WORKMANSHIP_LEVELS = (0.0, *(2.0**-k for k in range(9, 2, -1)))
 """How large workmanship may be, over the errors of a part that nobody has measured: none, or a 512th to an eighth.
 
 Of parts of 0.3 to 1 m, ISO 286 grades IT3 to IT11, ground to coarsely milled, are tolerances of 8 to 560 um, some four
-standard deviations wide. Larger ones are an effect."""
-_USUAL_LEVEL, _LEVEL_SPREAD = 4, 1.0
+standard deviations wide. Larger ones are an effect (docs/inference.md, "Workmanship is a variance component")."""
+_LIKELY_LEVEL, _LEVEL_SPREAD = 4, 1.0
 """The likely one, a 64th (IT7), and its standard deviation in steps of two: nineteen of twenty machines lie between IT4
 and IT9, the grades of fits. None that shows is as likely as the likely one."""
 _SWEEPS = 3
@@ -157,7 +157,7 @@ class Hypothesis:
     @property
     def _log_likelihood(self) -> float:
         if "likelihood" not in self._known:
-            steps = [(level - _USUAL_LEVEL) / _LEVEL_SPREAD for level in self.levels if level]
+            steps = [(level - _LIKELY_LEVEL) / _LEVEL_SPREAD for level in self.levels if level]
             prior = -0.5 * float(np.square(steps).sum()) / max(len(self.levels), 1)
             self._known["likelihood"] = self.everything.log_likelihood + prior
         found: float = self._known["likelihood"]
@@ -365,7 +365,7 @@ def _neighbours(levels: tuple[int, ...]) -> list[tuple[int, ...]]:
     """
     if not levels:
         return []
-    alike = [level * np.ones(len(levels), dtype=int) for level in (0, _USUAL_LEVEL)]
+    alike = [level * np.ones(len(levels), dtype=int) for level in (0, _LIKELY_LEVEL)]
     moves = np.unique(np.vstack([np.ones((1, len(levels)), dtype=int), np.eye(len(levels), dtype=int)]), axis=0)
     found = [*alike, *(np.array(levels) + sign * move for move in moves for sign in (-1, 1))]
     last = len(WORKMANSHIP_LEVELS) - 1

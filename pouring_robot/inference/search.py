@@ -18,11 +18,13 @@ class SearchOptions:
     Attributes:
         false_names: rate of false names that is accepted where nothing is missing. What is not at work is seen with a
             Bayes factor of K at most once in K times (Kerridge, Annals of Mathematical Statistics 34, 1963); with the
-            forms of an effect sharing its probability, one over this rate is what an effect must be worth.
+            forms of an effect sharing its probability, one over this rate is what an effect must be worth
+            (docs/inference.md, "One number decides").
         by_chance: what it must be worth at least because so many effects are tried, in nats (:mod:`~.chance`).
         most_effects: how many may be found.
         branches: how many effects are tried in full at every step.
-        least_main_share: share of an effect's part that its main parameters must be able to make.
+        least_main_share: share of an effect's part that its main parameters must be able to make; for this and
+            ``most_cancelled`` see docs/inference.md, "What is no cause".
         most_shape: how many times larger than its largest main parameter one that only shapes an effect may be, each in
             its usual size.
         most_cancelled: how many times larger than the whole gap an effect's part may be (root mean squares): what is

@@ -1,4 +1,8 @@
-"""What all families share: an effect that is made for parts of one robot, and parameters that move its drives."""
+"""What all families share: an effect that is made for parts of one robot, and parameters that move its drives.
+
+Usual sizes are orders of size: evidence is averaged from a hundredth to ten times of them, and what only shapes an
+effect from 0.03 to all of its part (docs/inference.md, "Two scales an effect").
+"""
 
 from __future__ import annotations
 
