@@ -32,8 +32,8 @@ def hot(hot, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def page(hot):
-    return html_report(hot)
+def page(hot, drawn):
+    return html_report(hot, drawn)
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +64,7 @@ def test_the_page_is_whole_and_needs_no_other_file(hot, page):
 
 
 def test_the_page_of_a_refused_model_shows_no_after(refused):
-    page = html_report(refused)
+    page = html_report(refused, plots(refused))
     assert "The model is not amended" in page
     assert "<td>after</td>" not in page
     assert described(refused).effects == []

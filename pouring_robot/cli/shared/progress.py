@@ -32,8 +32,11 @@ def time_left(done: float, total: float | None, elapsed_s: float, since_s: float
 
 
 @contextmanager
-def stage_bars() -> Iterator[Progress]:
+def stage_bars(*, ticking: bool = True) -> Iterator[Progress]:
     """Show a bar a stage with the time gone and left, and take them away at the end.
+
+    Args:
+        ticking: whether the time goes on between steps, by a thread of its own.
 
     Yields:
         A function that is told the name of a stage, the number of its steps done and their number in all, 0 if nobody
@@ -61,7 +64,7 @@ def stage_bars() -> Iterator[Progress]:
         Left(),
     )
     hidden = is_quiet() or not errors.is_terminal
-    with progress.Progress(*columns, console=errors, transient=True, disable=hidden) as bars:
+    with progress.Progress(*columns, console=errors, transient=True, disable=hidden, auto_refresh=ticking) as bars:
         tasks: dict[str, progress.TaskID] = {}
 
         def show(stage: str, done: int, total: int) -> None:
@@ -71,5 +74,7 @@ def stage_bars() -> Iterator[Progress]:
                     bars.update(known.id, visible=known.finished)
                 tasks[stage] = bars.add_task(stage[:_WIDEST], total=total or None, stepped=time.monotonic())
             bars.update(tasks[stage], completed=done, total=total or None, stepped=time.monotonic(), visible=True)
+            if not ticking:
+                bars.refresh()
 
         yield show

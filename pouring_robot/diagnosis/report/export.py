@@ -13,14 +13,13 @@ from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.parameters import NamedEffect
 from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.diagnosis.report.page import html_report
-from pouring_robot.diagnosis.report.scene import ladle_scene
 from pouring_robot.diagnosis.report.sentences import absent_sources, gap_sentence, headline, next_lines
 from pouring_robot.exceptions import DescriptionError, OutputError
+from pouring_robot.io.beside import beside
 from pouring_robot.io.files import check_folder, write_together
 from pouring_robot.mechanism.poses import MM, pose_figures
 from pouring_robot.robot.metrics import without_nan
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.viewer.page import page as html_of
 
 METRICS, MODEL, REPORT, LADLES, NEXT = "diagnosis.json", "model.yaml", "report.html", "ladles.html", "next.csv"
 
@@ -43,26 +42,43 @@ def write_diagnosis(diagnosis: Conclusions, folder: Path | str) -> list[Path]:
     """
     folder = check_folder(folder)
     files: dict[Path, bytes | str] = {}
-    try:
-        scene = ladle_scene(diagnosis)
-        if scene is not None:
-            files[folder / LADLES] = html_of(scene)
-    except DescriptionError as error:
-        raise OutputError(folder, error.problem) from error
-    files[folder / MODEL] = described(diagnosis).file_text(folder)
+    with beside(lambda: _drawn(diagnosis, folder)) as drawn:
+        files[folder / MODEL] = described(diagnosis).file_text(folder)
+        metrics = diagnosis_metrics(diagnosis, str(folder / MODEL))
+        ladles, pictures = drawn()
+    if ladles:
+        files[folder / LADLES] = ladles
     if diagnosis.suggestion.measurements:
         files[folder / NEXT] = diagnosis.suggestion.plan_text()
-    beside = {
+    with_it = {
         LADLES: "the ladles in 3-D",
         MODEL: "the amended model",
         NEXT: "measurements to make",
         METRICS: "all figures",
     }
-    links = {words: name for name, words in beside.items() if folder / name in files or name == METRICS}
-    files[folder / REPORT] = html_report(diagnosis, links)
-    metrics = diagnosis_metrics(diagnosis, str(folder / MODEL))
+    links = {words: name for name, words in with_it.items() if folder / name in files or name == METRICS}
+    files[folder / REPORT] = html_report(diagnosis, pictures, links)
     files[folder / METRICS] = json.dumps(metrics, indent=1, allow_nan=False) + "\n"
     return write_together(files)
+
+
+def _drawn(diagnosis: Conclusions, folder: Path) -> tuple[str, list[tuple[str, str]]]:
+    """Return the page of the ladles, "" where there is none, and the report's pictures.
+
+    Raises:
+        OutputError: a visual of the robot cannot be drawn.
+    """
+    # What draws takes half a second to load: the process that goes on meanwhile does not need it.
+    from pouring_robot.diagnosis.report.plots import plots
+    from pouring_robot.diagnosis.report.scene import ladle_scene
+    from pouring_robot.viewer.page import page
+
+    try:
+        scene = ladle_scene(diagnosis)
+        ladles = page(scene) if scene is not None else ""
+    except DescriptionError as error:
+        raise OutputError(folder, error.problem) from error
+    return ladles, plots(diagnosis)
 
 
 def described(diagnosis: Conclusions) -> RobotModel:

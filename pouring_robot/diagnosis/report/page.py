@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.parameters import NamedEffect
-from pouring_robot.diagnosis.report.plots import plots
 from pouring_robot.diagnosis.report.sentences import (
     gap_sentence,
     gap_table,
@@ -29,9 +28,17 @@ _PARAMETER_HEAD = ("parameter", "value", "± 95 %", "unit", "")
 _MOST_OPEN = 14
 
 
-def html_report(diagnosis: Conclusions, links: Mapping[str, str] | None = None) -> str:
-    """Return the report as one page without any outside file; ``links``: files beside it by what they are."""
-    first, *others = [Plot(title, svg) for title, svg in plots(diagnosis)]
+def html_report(
+    diagnosis: Conclusions, pictures: Iterable[tuple[str, str]], links: Mapping[str, str] | None = None
+) -> str:
+    """Return the report as one page without any outside file.
+
+    Args:
+        diagnosis: what was found.
+        pictures: of it, as :func:`~.plots.plots` draws them.
+        links: files beside it by what they are.
+    """
+    first, *others = [Plot(title, svg) for title, svg in pictures]
     blocks: list[Block] = [
         Paragraph(headline(diagnosis), "headline"),
         Paragraph(gap_sentence(diagnosis), "lead"),

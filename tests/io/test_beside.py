@@ -1,0 +1,98 @@
+"""Work beside this process: its result, its errors, and no copy that outlives the process it is of."""
+
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="copies are made on Linux only")
+
+START = """
+    import os, sys, threading, time
+    from pouring_robot.exceptions import OutputError
+    from pouring_robot.io.beside import beside
+"""
+
+
+def run(code):
+    whole = textwrap.dedent(START) + textwrap.dedent(code)
+    return subprocess.run([sys.executable, "-c", whole], capture_output=True, text=True, timeout=60, check=False)
+
+
+def test_a_copy_works_while_this_process_goes_on():
+    done = run(
+        """
+        with beside(lambda: (os.getpid(), "x" * 10**6)) as found:
+            pid, text = found()
+        print(pid != os.getpid(), len(text))
+        """
+    )
+    assert done.stdout == "True 1000000\n", done.stderr
+
+
+def test_beside_another_thread_the_work_is_done_here():
+    done = run(
+        """
+        stop = threading.Event()
+        threading.Thread(target=stop.wait).start()
+        with beside(os.getpid) as found:
+            print(found() == os.getpid())
+        stop.set()
+        """
+    )
+    assert done.stdout == "True\n", done.stderr
+
+
+def test_an_error_comes_out_as_it_was_with_where_it_was_raised():
+    done = run(
+        """
+        def draw():
+            raise OutputError("folder/file", "full")
+
+        try:
+            with beside(draw) as found:
+                found()
+        except OutputError as error:
+            print(error, error.problem, "in draw" in error.__notes__[0])
+        """
+    )
+    assert done.stdout == "cannot write folder/file: full full True\n", done.stderr
+
+
+def test_a_copy_that_ends_without_an_answer_is_told_of():
+    done = run(
+        """
+        with beside(lambda: os._exit(3)) as found:
+            found()
+        """
+    )
+    assert "ChildProcessError: what was done beside this process ended without a result" in done.stderr
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL, signal.SIGINT])
+def test_a_copy_ends_with_its_process(how):
+    code = """
+        with beside(lambda: print(os.getpid(), flush=True) or time.sleep(60)) as found:
+            found()
+    """
+    whole = textwrap.dedent(START) + textwrap.dedent(code)
+    with subprocess.Popen([sys.executable, "-c", whole], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+        copy = int(process.stdout.readline())
+        process.send_signal(how)
+        process.wait(timeout=20)
+    until = time.monotonic() + 20.0
+    while alive(copy) and time.monotonic() < until:
+        time.sleep(0.02)
+    assert not alive(copy)
+
+
+def alive(pid):
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"  # dead, and not yet asked for by whoever inherited it
