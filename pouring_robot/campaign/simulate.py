@@ -201,7 +201,7 @@ def _lose(measured: dict[str, FloatArray], share: float, random: np.random.Gener
 def _campaign(
     robot: Robot, plan: PosePlan, options: MeasurementOptions, path: Path, measured: dict[str, FloatArray]
 ) -> Campaign:
-    ((what, name),) = robot.name.items()
+    ((what, name),) = robot.model.named.items()
     metadata = CampaignMetadata(
         robot=robot.model.definition.name,
         description=f"virtual measurement of {what} {name}, {len(plan)} poses, seed {options.seed}",

@@ -26,7 +26,7 @@ def robot_figures(robot: Robot) -> dict[str, Any]:
     location = robot.location_in_the_middle()
     workspace = {"workspace": _workspace(robot.layout)} if isinstance(robot, PouringRobot) else {}
     return {
-        **robot.name,
+        **robot.model.named,
         "mechanism": loops.mechanism,
         "bodies": int(model.nbodies) - 1,
         "mass_kg": float(sum(inertia.mass for inertia in list(model.inertias)[1:])),

@@ -116,11 +116,7 @@ class Robot:
     def __repr__(self) -> str:
         """Return name and number of errors."""
         errors = len(self.model.joint_placements) + len(self.model.drive_offsets)
-        return f"<{type(self).__name__}: {self._called}, {errors} displaced joints and drives>"
-
-    @property
-    def _called(self) -> str:
-        return self.model.definition.name
+        return f"<{type(self).__name__}: {' '.join(*self.model.named.items())}, {errors} displaced joints and drives>"
 
     @functools.cached_property
     def parameters(self) -> ParameterCatalogue:
@@ -196,11 +192,6 @@ class Robot:
         if loads.gravity or loads.drive_stiffness:
             raise BadInputError("under loads a robot is closed command by command: use transfer or location_at")
         return engine_for(self.actual_solver.mechanism, options=self.actual_solver.options)
-
-    @property
-    def name(self) -> dict[str, str]:
-        """Which robot it is, for figures."""
-        return self.model.named
 
     @property
     def accuracy_m(self) -> float | None:

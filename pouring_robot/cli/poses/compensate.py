@@ -114,7 +114,7 @@ def _ladle(
     written = [write_whole(out, commands_csv(found))] if out else []
     if as_json:
         rows = [one.figures() | {"heat": warm.heat_figures(heated, one.state)} for one in found]
-        options.print_figures({**robot.name, "poses": rows}, written)
+        options.print_figures({**robot.model.named, "poses": rows}, written)
         return
     console = options.console()
     for k, sentence in enumerate(compensation_lines(found, closed=law is None)):
@@ -170,7 +170,7 @@ def _in_bulk(
         written.append(write_whole(out, table.to_csv(index=False)))
     if as_json:
         rows = table.astype(object).where(table.notna(), None).to_dict(orient="records")
-        options.print_figures({**robot.name, "headline": headline, "rows": rows}, written)
+        options.print_figures({**robot.model.named, "headline": headline, "rows": rows}, written)
         return
     console = options.console()
     console.print(headline, style="bold", markup=False)
@@ -203,7 +203,7 @@ def _tool(
     found = _each(robot, wanted, under, bring, poses)
     written = [write_whole(out, drives_csv(found))] if out else []
     if as_json:
-        options.print_figures({**robot.name, "poses": [one.figures() for one in found]}, written)
+        options.print_figures({**robot.model.named, "poses": [one.figures() for one in found]}, written)
         return
     console = options.console()
     rows = [[f"{value:.4f}" for value in one.row().values()] for one in found]

@@ -70,7 +70,7 @@ def path(
     rows = [_row(location) for location in locations]
     written = _write(out, rows) + drawing.write(locations, present.model, warm=heated is not None)
     if as_json:
-        options.print_figures({**present.name, "poses": figures, "notes": notes}, written)
+        options.print_figures({**present.model.named, "poses": figures, "notes": notes}, written)
         return
     if found[0].heated and found[0].state:
         notes.append(f"{warm.heat_line(found[0].heated, found[0].state)} (first pose)")
@@ -119,7 +119,7 @@ def _at_once(
     written = _write(out, rows)
     written += write_joint_rows(JointRow.of_many(robot.engine().structure, closed, robot.model), joints)
     if as_json:
-        options.print_figures({**robot.name, "frame": str(lip.frame.values), "poses": rows}, written)
+        options.print_figures({**robot.model.named, "frame": str(lip.frame.values), "poses": rows}, written)
         return
     _print(robot, rows, [], written, in_file=out is not None)
 
@@ -183,7 +183,7 @@ def _print(robot: Robot, rows: list[Row], notes: list[str], written: list[Path],
         ]
         cells = [[cell(name, row[name]) if name in row else "" for name in names] for row in rows]
         tip = robot.model.loops().working_frame
-        beside = "" if robot.name.get("layout") else ", beside where it should be"
+        beside = "" if robot.model.named.get("layout") else ", beside where it should be"
         console.print(f"error of {tip}{beside}: mm, mrad", style="italic", markup=False)
         console.print(few_rows(short, cells, "--out FILE.csv writes all"), markup=False, soft_wrap=True)
     options.print_notes(console, notes)

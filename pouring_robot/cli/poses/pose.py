@@ -38,7 +38,7 @@ def pose(
     written = drawing.write([location], present.model, warm=heated is not None)
     if as_json:
         figures = location_figures(location, dexterity, weakness)
-        figures |= {**found.name, "notes": notes, "written": [str(path) for path in written]}
+        figures |= {**found.model.named, "notes": notes, "written": [str(path) for path in written]}
         options.print_json(figures | warmth.figures() | warm.sum_figures(law, present, command, location))
         return
     console = options.console()
