@@ -33,7 +33,6 @@ from pouring_robot.estimation.parameter_priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.exceptions import NoSolutionError, PouringRobotError
 from pouring_robot.io.files import check_writable, write_whole
-from pouring_robot.mechanism import jacobians
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.energy import ClosureEnergy
 from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
@@ -272,7 +271,7 @@ def drive_jacobians(setting: Setting) -> Measurement:
     locations = [robot.locate(pose) for pose in setting.poses[:QUICK_POSES]]
     watch = Stopwatch(robot.actual_solver, locations[0].actual.configuration)
     for location in locations:
-        watch.time(functools.partial(jacobians.drive_jacobians, robot.actual_solver, location.actual))
+        watch.time(functools.partial(robot.drive_jacobians, location))
     return watch.measurement()
 
 
