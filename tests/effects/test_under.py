@@ -262,7 +262,7 @@ def test_compensation_closes_the_error_by_another_way_of_closing(bench, rng):
     end = bench.campaign.robot.loops.end_frame
     expected = np.array([robot.locate(pose).difference(end).distance_m for robot, pose in located])
     np.testing.assert_allclose(before, expected, atol=1e-9)
-    assert before.min() > 10.0 * SIGMA_M
+    assert np.median(before) > 10.0 * SIGMA_M  # there was something to close
 
 
 def test_compensation_of_any_robot(tmp_path):

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.polynomial.legendre import legvander
 
-from pouring_robot.effects.base import EffectParameter, Form
+from pouring_robot.effects.base import Form
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.families.base import Drives, Family, of_drive
 from pouring_robot.mechanism.arrays import FloatArray
@@ -16,6 +16,10 @@ from pouring_robot.robot.description.definition import Drive
 
 _SHOWN_ORDERS = 3
 _WAVES = (("sine", np.sin), ("cosine", np.cos))
+
+_PRESSED = "pressed_from_"
+_PRESSING = tuple(float(f"{10.0 ** (k / 40.0):.3g}") for k in range(-20, 21))
+"""Forces that press a nut against friction, over the usual one: a third to three, by R40 of the preferred numbers."""
 
 
 class Zero(Family):
@@ -229,7 +233,6 @@ class LostMotion(Family):
 
     needs, shaped_by = ("approach",), ("weight_n",)
     _LOADED, _LATER, _WORN = 0.3, 0.1, 0.1
-    _ORDERS = 6
 
     def __init__(self, id_: str, story: str, drives: Drives, middle_m: float = 0.0, half_stroke_m: float = 1.0) -> None:
         """Keep the stroke."""
@@ -239,7 +242,7 @@ class LostMotion(Family):
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Symmetrical, or on one side only; load may take up part of it, wear may make more of it along the stroke.
 
-        Free play itself lies on the flank that the force presses it to, where the force is large enough (``any_load``).
+        Free play itself lies on the flank that the force presses it to, where friction does not hold it (``pressed``).
         """
         places = conditions.places(self.drives)
         side = np.asarray(conditions.approach)[:, places]
@@ -268,22 +271,31 @@ class LostMotion(Family):
                 ]
             found.append(Form(name, tuple(parameters)))
         if conditions.drive_force is not None and conditions.mean_force.size:
-            found.append(Form("any_load", self._under_any_load(conditions, side)))
+            found += [self._pressed(conditions, share) for share in _PRESSING]
         return tuple(found)
 
-    def _under_any_load(self, conditions: Conditions, side: FloatArray) -> tuple[EffectParameter, ...]:
-        """Return free play that load, too, presses to one side: on either side of approach any course of the force.
+    def form(self, name: str, conditions: Conditions) -> Form:
+        """As of every effect; a force to be pressed from may be any, whatever was searched."""
+        share = re.fullmatch(_PRESSED + r"(\d*\.?\d+)", name)
+        if share and conditions.drive_force is not None and conditions.mean_force.size:
+            return self._pressed(conditions, float(share[1]))
+        return super().form(name, conditions)
 
-        A series of Legendre polynomials of the force over itself and its mean, which is between -1 and 1 for any force.
+    def _pressed(self, conditions: Conditions, share: float) -> Form:
+        """Return free play on the flank that the force chooses where it is beyond a share of the usual one.
+
+        Below, the nut lies where friction drags it.
         """
-        places = conditions.places(self.drives)
-        force = np.asarray(conditions.drive_force)[:, places]
-        courses = legvander(force / np.maximum(np.abs(force) + conditions.mean_force[places], 1e-9), self._ORDERS)
-        play = [of_drive(d, "play", 1.0, side[:, k]) for k, d in enumerate(self.drives)]
-        shaping = [
-            of_drive(d, f"{name}_{order}", 1.0, sides[:, k] * courses[:, k, order], main=False)
-            for order in range(1, self._ORDERS + 1)
-            for name, sides in (("play_by_load", side), ("pressed_by_load", np.ones_like(side)))
-            for k, d in enumerate(self.drives)
-        ]
-        return (*play, *shaping)
+        force = self._relative_force(conditions)
+        dragged = np.asarray(conditions.approach)[:, conditions.places(self.drives)]
+        flank = np.where(np.abs(force) > share, -np.sign(force), dragged)
+        play = tuple(of_drive(d, "play", 1.0, flank[:, k]) for k, d in enumerate(self.drives))
+        return Form(f"{_PRESSED}{share:g}", play)
+
+    def _relative_force(self, conditions: Conditions) -> FloatArray:
+        """Return force over what drives of its unit carry on average, (n, drives): alike nuts have like friction."""
+        places, units = conditions.places(self.drives), np.array([drive.unit for drive in self.drives])
+        own = conditions.mean_force[places]
+        usual = np.array([own[units == unit].mean() for unit in units])
+        force: FloatArray = np.asarray(conditions.drive_force)[:, places]
+        return force / np.maximum(usual, 1e-9)
