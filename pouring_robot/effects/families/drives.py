@@ -297,5 +297,4 @@ class LostMotion(Family):
         places, units = conditions.places(self.drives), np.array([drive.unit for drive in self.drives])
         own = conditions.mean_force[places]
         usual = np.array([own[units == unit].mean() for unit in units])
-        force: FloatArray = np.asarray(conditions.drive_force)[:, places]
-        return force / np.maximum(usual, 1e-9)
+        return np.asarray(np.asarray(conditions.drive_force)[:, places] / np.maximum(usual, 1e-9))
