@@ -22,14 +22,14 @@ from pouring_robot.diagnosis.problem import Library
 from pouring_robot.diagnosis.processes import processes_of
 from pouring_robot.diagnosis.report.export import write_diagnosis
 from pouring_robot.diagnosis.report.sentences import headline
-from pouring_robot.diagnosis.rows import CampaignRows
+from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.diagnosis.state import Diagnoser, LinearState
 from pouring_robot.diagnosis.where.residuals import FreeResiduals
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.registry import chosen_effects
 from pouring_robot.estimation.instruments import are
 from pouring_robot.estimation.map_fit import seen_from_one_place
-from pouring_robot.estimation.noise import noise_beforehand
+from pouring_robot.estimation.noise import largest_noise, noise_beforehand
 from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.splits import HoldOut, Split, split
 from pouring_robot.exceptions import BadInputError, CalibrationError, CampaignError
@@ -40,8 +40,10 @@ from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.inference.search import SearchOptions
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
+from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.result import Result
 from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.tolerances import Tolerances
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -238,13 +240,15 @@ class _Work:
         # Where the noise is not stated, scatter from row to row is noise.
         rows, known = diagnoser.rows, not found.noise.from_residuals
         axes = after.frames.T_tracker_base.rotation
+        before = diagnoser.at_rest()
+        misfit = _misfit(found.noise, rows, before.linear)
         judgement = judge(
             hypothesis,
             Discrepancy(hypothesis, processes_of(rows, after.linear, axes, chance=known)),
             Thresholds(self.options.false_names),
             noise_known=known,
+            unexplained=misfit,
         )
-        before = diagnoser.at_rest()
         if not judgement.causes:  # nothing is named, so nothing is added: the model stays as it was given
             after = before
         in_turn = None
@@ -280,6 +284,7 @@ class _Work:
             free_residuals=_free_residuals(before, rows, found.noise),
             hypothesis=hypothesis,
             judgement=judgement,
+            misfit=misfit,
             effects=named_effects(hypothesis, judgement, self.effects, diagnoser.parameters_of(hypothesis)),
             untestable={e.id: e.missing(given) for e in self.effects.values() if e.missing(given)},
             train=gaps[0],
@@ -303,6 +308,22 @@ def _free_residuals(before: LinearState, rows: CampaignRows, noise: NoiseLevel) 
         noise_known=not noise.from_residuals,
         noise_freedoms=noise.freedoms,
     )
+
+
+def _misfit(noise: NoiseLevel, rows: CampaignRows, linear: LinearRows) -> str:
+    """Return what of a noise that comes from what is left over is too large for one, in words; "" where nothing is."""
+    robot, parameters, frames = rows.model.definition, rows.measurement.parameters, Nuisance.of(linear.free)
+    sizes = zip(parameters, Tolerances.of(robot).std(parameters, robot), strict=True)
+    tolerated = (frames.cleared(size * rows.channel(one.name, linear)) for one, size in sizes)
+    limits = largest_noise(noise, linear.component, tolerated) if noise.from_residuals else {}
+    words = [
+        f"{noise.of(kind) / si:.3g} {unit} RMS a {'coordinate' if kind == 'position' else kind}, where all errors "
+        f"within the tolerances make {limit / si:.3g} {unit}"
+        for kind, limit in limits.items()
+        for unit, si in [("mrad", MRAD) if kind == "rotation" else ("mm", MM)]
+        if noise.of(kind) > limit
+    ]
+    return f"what is left over is too large for noise: {'; '.join(words)}" if words else ""
 
 
 def _held_out(campaign: Campaign, kind: HoldOut) -> tuple[Split | None, list[str]]:

@@ -42,6 +42,7 @@ class Findings:
         free_residuals: of the given model, only its frames fitted, of all inliers.
         hypothesis: what explains best.
         judgement: what may be said of it.
+        misfit: what of the noise is too large for one, in words; "" where nothing is.
         effects: the named effects with their parameters.
         untestable: effects that the campaign cannot test, with the conditions it lacks.
         train: gap of the fitted rows.
@@ -66,6 +67,7 @@ class Findings:
     free_residuals: FreeResiduals
     hypothesis: Hypothesis
     judgement: Judgement
+    misfit: str
     effects: tuple[NamedEffect, ...]
     untestable: dict[str, tuple[str, ...]]
     train: Gap

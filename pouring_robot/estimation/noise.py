@@ -6,6 +6,7 @@ Where it is neither, a fit says what it leaves over: ``estimation.solver.fit_wit
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -14,9 +15,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.estimation.instruments import KINDS
+from pouring_robot.estimation.instruments import KINDS, Kind, are
 from pouring_robot.estimation.noise_level import FIRST_GUESS_M, FIRST_GUESS_RAD, NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses
+from pouring_robot.mechanism.arrays import FloatArray
 
 _FEWEST_FREEDOMS = 12
 _SAME_DRIVE = 1e-6  # m or rad: the last digit of a campaign file
@@ -90,3 +92,24 @@ def noise_beforehand(campaign: Campaign, rows: NDArray[np.intp]) -> NoiseLevel:
     seen_kinds = {instrument.kind for instrument in measured.instruments if instrument.known.any()}
     sources |= {f"{kind}_source": "none" for kind in KINDS if kind not in seen_kinds}
     return replace(first, **sizes, **sources)
+
+
+def largest_noise(
+    noise: NoiseLevel, components: NDArray[np.intp], tolerated: Iterable[FloatArray]
+) -> dict[Kind, float]:
+    """Return how large what is left over may be at most to pass for noise, in m or rad, of each kind it stands for.
+
+    It is what all errors within the robot's tolerances make together, root mean square. A device that scatters by more
+    shows none of them, so nobody measures the robot with it: what is left is then a misfit that nothing explains. Less
+    may still be a poor device.
+
+    Args:
+        noise: by which the columns are divided.
+        components: what each of m equations is of, (m,).
+        tolerated: a column (m,) for each error: what one standard deviation of it changes beyond what frames absorb.
+    """
+    variance = np.zeros(len(components))
+    for column in tolerated:
+        variance += column**2
+    seen = {kind: are(kind, components) for kind in noise.open_kinds}
+    return {kind: noise.of(kind) * float(np.sqrt(variance[own].mean())) for kind, own in seen.items() if own.any()}

@@ -144,6 +144,7 @@ def judge(
     thresholds: Thresholds = DEFAULT_THRESHOLDS,
     *,
     noise_known: bool = True,
+    unexplained: str = "",
 ) -> Judgement:
     """Return what may be said of a hypothesis, of the whole problem.
 
@@ -152,6 +153,7 @@ def judge(
         discrepancy: what processes find beside it.
         thresholds: when something counts.
         noise_known: whether the noise is that of the device, and not what is left over itself.
+        unexplained: why something is unknown whatever is found here; "" if nothing is.
     """
     left = discrepancy.structures()
     effects = [e for e in hypothesis.effects if any(hypothesis.items[k].cause for k in hypothesis.of_effect(e))]
@@ -163,7 +165,7 @@ def judge(
     minor = tuple(cause.effect for cause in named if cause not in causes)
     challenges = tuple(discrepancy.challenge(cause.indices) for cause in causes)
     found = Judgement("unknown", tuple(causes), tuple(left), challenges, (), len(discrepancy), thresholds, minor)
-    reasons = _reasons(hypothesis, found)
+    reasons = ([unexplained] if unexplained else []) + _reasons(hypothesis, found)
     if not causes and not reasons:
         small = workmanship_cause(hypothesis, thresholds)
         causes = [cause for cause in small if cause.effect in hypothesis.problem.known]

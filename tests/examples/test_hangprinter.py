@@ -1,8 +1,10 @@
 """The Hangprinter: no tracker, only lines that must agree. One command names anchors and build-up, and no stretch."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import pouring_robot
@@ -16,12 +18,27 @@ def found():
 
 
 def test_anchors_and_build_up_are_named_and_stretch_is_not(found):
-    assert found.verdict == "named"
+    assert (found.verdict, found.misfit) == ("named", "")
     assert [effect.cause.effect for effect in found.effects] == ["joint_placement", "drive_scale"]
     values = {name: p.value for effect in found.effects for name, p in found.parameters_of(effect)}
     # A line that lies in layers: each turn pays out less the more is out already.
     assert all(values[f"line_{line}_progression"] < 0.0 for line in "abcd")
     assert found.spare["drive_compliance"] < 0.0
+
+
+def test_a_misfit_that_is_too_large_for_noise_is_no_calm(tmp_path):
+    """Motor angles that belong to other rows each: nothing explains what is left, and no noise is stated."""
+    table = pd.read_csv(MACHINE / "samples.csv")
+    for k, line in enumerate("abcd"):
+        table[f"line_{line}_deg"] = np.random.default_rng(k).permutation(table[f"line_{line}_deg"])
+    table.to_csv(tmp_path / "samples.csv", index=False)
+    shutil.copy(MACHINE / "samples.yaml", tmp_path)
+    model = pouring_robot.RobotModel(robot=str(MACHINE / "robot.yaml"))
+    found = pouring_robot.diagnose(tmp_path / "samples.csv", model)
+    assert found.noise.closure_m > 0.2
+    assert found.verdict == "unknown"
+    assert found.headline.startswith("UNKNOWN: what is left over is too large for noise: ")
+    assert "RMS a closure, where all errors within the tolerances make " in found.misfit
 
 
 def test_held_out_lines_agree(found):

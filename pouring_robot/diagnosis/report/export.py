@@ -134,6 +134,7 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
         "model": model_file,
         "amended": not diagnosis.refused,
         "reasons": list(judgement.reasons),
+        "misfit": diagnosis.misfit,
         "remainder": [item.as_json() for item in diagnosis.discrepancies],
         "challenges": [
             {"effect": cause.effect, "description": found.process, "margin_nats": found.margin}

@@ -49,6 +49,8 @@ def headline(diagnosis: Conclusions) -> str:
         # While something is unknown, what was found beside it may make up for it; no probability is worth saying.
         named = " and ".join(effect.cause.effect for effect in diagnosis.firm)
         besides = f" Found beside it, perhaps only in its place: {named}." if named else ""
+        if diagnosis.misfit:
+            return f"UNKNOWN: {diagnosis.misfit}.{besides}"
         moved = diagnosis.rows.conditions.causes.words.moved
         return f"UNKNOWN: something moves the {moved} that no effect of the library explains.{besides}"
     names = _names(diagnosis.firm)
@@ -191,6 +193,8 @@ def left_lines(diagnosis: Conclusions) -> list[str]:
             "are the nearest known effects but not it" if len(effects) > 1 else "is the nearest known effect but not it"
         )
         lines.append(f"{', '.join(effects)} {are}: '{better}' describes the data better")
+    if diagnosis.misfit:
+        lines.insert(0, diagnosis.misfit)
     return lines or list(diagnosis.judgement.reasons)
 
 
@@ -238,7 +242,9 @@ def untestable_lines(diagnosis: Conclusions) -> list[str]:
 def next_lines(diagnosis: Conclusions) -> list[str]:
     """Return what to measure or do next."""
     verdict, lines = diagnosis.verdict, []
-    if verdict == "unknown":
+    if diagnosis.misfit:
+        lines.append("check order, units and signs of the drives' columns, and that the robot file is this robot's")
+    elif verdict == "unknown":
         if diagnosis.untestable:
             lines.append(f"first what could not be tested, and may be it: {', '.join(diagnosis.untestable)}")
         by = [x.structure.process.by for x in diagnosis.discrepancies if x.structure.process.by != CHANCE]
