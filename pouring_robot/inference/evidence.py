@@ -168,7 +168,8 @@ class Beside:
     @functools.cached_property
     def gram(self) -> Gram:
         """All inner products."""
-        columns, projected = self.of(np.arange(len(self._gram.projected), dtype=np.intp))
+        seen = self._solved(self._weights[:, None] * self._gram.columns[self.places])
+        columns, projected = self._gram.columns - seen.T @ seen, self._gram.projected - seen.T @ self._pulled
         return Gram(columns, projected, self.squared, self.log_determinant)
 
     def coefficients(self) -> tuple[FloatArray, FloatArray]:

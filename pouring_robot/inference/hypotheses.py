@@ -132,21 +132,26 @@ class Hypothesis:
         """What is to be seen beside everything fitted."""
         return Beside.groups(self.problem.gram, self._groups)
 
-    def _gram(self) -> tuple[Gram, tuple[int, ...]]:
-        """Return all inner products beside workmanship and the widest item, and which items are left."""
-        wide = [k for k, item in enumerate(self.items) if item.columns.shape[1] > _WIDE][:1]
-        key = self.levels, tuple((self.items[k].key, self.scales[k]) for k in wide)
-        if key not in self.problem.worked_out:
-            groups, gram = [*self.workmanship(), *(self._group(k) for k in wide)], self.problem.gram
-            self.problem.worked_out[key] = Beside.groups(gram, groups).gram if groups else gram
-        found: Gram = self.problem.worked_out[key]
-        return found, tuple(k for k in range(len(self.items)) if k not in wide)
+    @property
+    def _gram(self) -> Gram:
+        """All inner products beside workmanship."""
+        known = self.problem.worked_out
+        if self.levels not in known:
+            known[self.levels] = Beside.groups(self.problem.gram, self.workmanship()).gram
+        found: Gram = known[self.levels]
+        return found
 
     @functools.cached_property
     def _beside(self) -> Beside:
         """The same as :attr:`everything`, from what other hypotheses have in common with this one."""
-        gram, narrow = self._gram()
-        return Beside.groups(gram, [self._group(k) for k in narrow])
+        items = range(len(self.items))
+        wide = [k for k in items if self.items[k].columns.shape[1] > _WIDE][:1]
+        if not wide:
+            return Beside.groups(self._gram, [self._group(k) for k in items])
+        key, known = (self.levels, self.items[wide[0]].key, self.scales[wide[0]]), self.problem.worked_out
+        if key not in known:
+            known[key] = Beside.groups(self._gram, [self._group(wide[0])]).gram
+        return Beside.groups(known[key], [self._group(k) for k in items if k not in wide])
 
     @functools.cached_property
     def log_evidence(self) -> float:
@@ -159,7 +164,8 @@ class Hypothesis:
         if "likelihood" not in self._known:
             steps = [(level - _LIKELY_LEVEL) / _LEVEL_SPREAD for level in self.levels if level]
             prior = -0.5 * float(np.square(steps).sum()) / max(len(self.levels), 1)
-            self._known["likelihood"] = self.everything.log_likelihood + prior
+            every = Beside.groups(self._gram, [self._group(k) for k in range(len(self.items))])
+            self._known["likelihood"] = every.log_likelihood + prior
         found: float = self._known["likelihood"]
         return found
 
