@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+import pinocchio as pin
+
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.jacobians import AxisWeakness, Dexterity
@@ -36,11 +39,19 @@ def difference_figures(difference: PoseDifference) -> Figures:
     }
 
 
+def rotation_deg(pose: pin.SE3) -> list[float]:
+    """Return the attitude of a pose as a rotation vector, in degrees."""
+    vector: list[float] = np.degrees(pin.log3(pose.rotation)).tolist()
+    return vector
+
+
 def _frame_figures(location: Location, frame: str) -> Figures:
     nominal, actual = location.poses(frame)
     return {
         "nominal_mm": (nominal.translation / MM).tolist(),
+        "nominal_rotation_deg": rotation_deg(nominal),
         "actual_mm": (actual.translation / MM).tolist(),
+        "actual_rotation_deg": rotation_deg(actual),
         "error": difference_figures(location.difference(frame)),
     }
 

@@ -129,6 +129,33 @@ def test_rows_of_drives_are_located_in_their_units(run, tmp_path):
     assert first["frames"]["flange"]["error"]["distance_mm"] == 0.0
 
 
+def test_a_pose_says_the_attitude_as_it_is_typed(run):
+    """An arm that is sent to a place and an attitude stands so, in the table and in JSON."""
+    at = (
+        "pose",
+        "--robot",
+        ROBOTS / "arm" / "robot.yaml",
+        "--at-mm",
+        "500",
+        "100",
+        "700",
+        "--rotation-deg",
+        "0",
+        "120",
+        "0",
+    )
+    code, out, _ = run(*at)
+    assert code == 0
+    assert "mm, deg; errors: mm, mrad" in out
+    assert next(line for line in out.splitlines() if " nominal " in line).split()[2:] == [
+        *("500.000", "100.000", "700.000"),
+        *("0.000", "120.000", "0.000"),
+    ]
+    frame = json.loads(run(*at, "--json")[1])["frames"]["flange"]
+    assert frame["nominal_rotation_deg"] == pytest.approx([0.0, 120.0, 0.0], abs=1e-6)
+    assert frame["actual_rotation_deg"] == pytest.approx([0.0, 120.0, 0.0], abs=1e-6)
+
+
 def test_of_a_drive_with_a_gear_the_column_holds_the_motor(run, tmp_path, urdf):
     robot = tmp_path / "robot.yaml"
     robot.write_text(FILE.replace("arm.urdf", urdf.name), encoding="utf-8")

@@ -17,7 +17,7 @@ from pouring_robot.mechanism.jacobians import AxisWeakness, Dexterity
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.export.joints import JointRow, joints_text
 from pouring_robot.robot.location import LadleLocation, Location, drive_words
-from pouring_robot.robot.metrics import decimals
+from pouring_robot.robot.metrics import decimals, rotation_deg
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import Robot
 
@@ -27,18 +27,21 @@ def _cells(values: Iterable[float], digits: int = 3, *, sign: bool = False) -> l
 
 
 def location_table(location: Location) -> Table:
-    """Return nominal and actual pose of the end body and its tools, such as the ladle and its lip."""
+    """Return nominal and actual pose of the end body and its tools, such as the ladle and its lip.
+
+    Attitudes are rotation vectors, of poses in degrees as they are typed, of errors in mrad.
+    """
     rows: list[list[str]] = []
     for frame in location.loops.reported_frames:
         nominal, actual = location.poses(frame)
         translation, rotation = location.difference(frame).to_mm_mrad()
         rows += [
-            [frame, "nominal", *_cells(nominal.translation / MM)],
-            ["", "actual", *_cells(actual.translation / MM)],
+            [frame, "nominal", *_cells(nominal.translation / MM), *_cells(rotation_deg(nominal))],
+            ["", "actual", *_cells(actual.translation / MM), *_cells(rotation_deg(actual))],
             ["", "error", *_cells(translation, sign=True), *_cells(rotation, sign=True)],
         ]
     head = ("frame", "", "x", "y", "z", "rx", "ry", "rz")
-    table = plain_table(head, rows, (0, 1), title=f"{_seen_from(location)}: mm, mrad")
+    table = plain_table(head, rows, (0, 1), title=f"{_seen_from(location)}: mm, deg; errors: mm, mrad")
     for row in table.rows[2::3]:
         row.style = "bold"
     return table
