@@ -3,8 +3,6 @@
 The names that ``__init__.pyi`` lists are the library; each is imported when it is first asked for.
 """
 
-from __future__ import annotations
-
 import lazy_loader
 
 __version__ = "0.1.0"

@@ -3,8 +3,6 @@
 ``CompiledEngine(mechanism)`` takes arrays and gives arrays; compiled kernels do the work, on all cores.
 """
 
-from __future__ import annotations
-
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

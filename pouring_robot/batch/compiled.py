@@ -5,8 +5,6 @@ arm's closure is its forward kinematics. A sample that has no answer says so by 
 left out in silence.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor

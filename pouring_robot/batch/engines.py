@@ -1,7 +1,5 @@
 """Which engine a mechanism gets."""
 
-from __future__ import annotations
-
 from pouring_robot.batch.compiled import CompiledEngine
 from pouring_robot.batch.general import GeneralEngine
 from pouring_robot.batch.interface import Engine

@@ -3,8 +3,6 @@
 It gives what the one-at-a-time solver and G give, and is as fast as they are.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Sequence
 

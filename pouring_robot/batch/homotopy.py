@@ -1,7 +1,5 @@
 """Starts for a mechanism whose inverse kinematics nobody knows: from a closed home, in steps."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What every batch engine offers, whatever the robot's topology: type against this."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Protocol
 

@@ -5,8 +5,6 @@ can be copied well there and lead astray elsewhere; the held-out block is where 
 or no to what was chosen without it, so there is nothing to overfit; the robot then stays as it was.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The calibrated robot as a model file: what was found, on top of what the model already had."""
 
-from __future__ import annotations
-
 import pinocchio as pin
 
 from pouring_robot.estimation.measurement import MeasurementModel

@@ -1,7 +1,5 @@
 """What a calibration leaves behind: model file, URDF, figures and report, all of them or none."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a calibration found: the data that lines, figures, plots and report are made of."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

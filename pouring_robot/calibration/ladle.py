@@ -1,7 +1,5 @@
 """How well the calibrated model knows the ladle: prediction intervals over the workspace and at measured poses."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What moved: single parameters, and the combinations of them that a campaign determines."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pictures of a calibration: residuals before and after, what moved, correlation, how well the ladle is known."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pouring_robot.calibration.findings import CalibrationFindings

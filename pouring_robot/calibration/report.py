@@ -1,7 +1,5 @@
 """The exit report: what a shop-floor engineer reads, as text and as one self-contained HTML page."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping

@@ -1,7 +1,5 @@
 """Which groups of parameters to keep: those that help rows the fit has not seen, and no others."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """A calibration in figures, ready for JSON; units are in the names."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import os

@@ -3,8 +3,6 @@
 Reading and writing the two files of a campaign, plans of poses, and measuring a virtual robot.
 """
 
-from __future__ import annotations
-
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses

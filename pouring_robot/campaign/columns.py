@@ -4,8 +4,6 @@ Which drives, travels and thermometers there are says the robot. Inside, values 
 temperatures in °C, as the names of the fields say.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 import numpy as np

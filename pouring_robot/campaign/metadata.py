@@ -1,7 +1,5 @@
 """``campaign.yaml``: what holds for a whole campaign. The file in its own units, and the same in SI units."""
 
-from __future__ import annotations
-
 import io
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Pose plans: what to command, under which conditions; from a CSV file or at random."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path

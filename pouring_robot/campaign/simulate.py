@@ -1,7 +1,5 @@
 """Virtual measurement: the campaign that a robot as built would give, with noise, outliers, frames and lost cells."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The files of a campaign: its table as CSV or Parquet, and the YAML beside it."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """All checks of a campaign before any fit."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from pouring_robot.batch import engine_for

@@ -1,7 +1,5 @@
 """Checks that need no robot: repeated rows, stuck and jumping columns, approach, time, noise, number of rows."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 

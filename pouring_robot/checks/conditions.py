@@ -5,8 +5,6 @@ hall is hotter than :data:`HOTTEST_HALL_DEGC`, cold parts have the hall's temper
 thousandth of the robot's mass, a static pose takes :data:`LEAST_PAUSE_S`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is wrong with a campaign's data: typed findings with rows, columns, figures and a remedy."""
 
-from __future__ import annotations
-
 import enum
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field

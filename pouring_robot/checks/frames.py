@@ -5,8 +5,6 @@ more than errors of a robot can, each usual mistake is undone in turn; the one t
 a fifth or less is named, and undone for the checks that follow.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 from collections.abc import Callable, Iterable, Sequence

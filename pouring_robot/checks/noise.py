@@ -9,8 +9,6 @@ base and drives with every condition and side of approach, 1 mm and 1 mrad each 
 noise; f and t are found by maximum likelihood, and f = 1 is judged by the likelihood ratio.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

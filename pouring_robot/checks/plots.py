@@ -1,7 +1,5 @@
 """The picture of a campaign: where its poses lie in the workspace, and how far they are from the nominal robot."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Whether sessions measured from places of their own, though the campaign says that they did not."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

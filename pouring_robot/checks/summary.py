@@ -1,7 +1,5 @@
 """A campaign in figures: what is in it, over which ranges, and what the checks found."""
 
-from __future__ import annotations
-
 from collections import Counter
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The command line: one file a subcommand; ``app`` puts them together and turns errors into one line."""
 
-from __future__ import annotations
-
 import io
 import os
 import sys

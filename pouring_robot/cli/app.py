@@ -4,8 +4,6 @@ Exit codes: 0 done, 2 bad input, 3 no solution, 70 a fault of the program, 130 s
 error; a traceback never reaches a user.
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 import platform

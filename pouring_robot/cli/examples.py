@@ -1,7 +1,5 @@
 """``pouring-robot examples``: the examples that come with the package, where one can work with them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """``pouring-robot export``: the robot as built for other programs, closed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Literal
 

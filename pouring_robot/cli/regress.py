@@ -1,7 +1,5 @@
 """``pouring-robot regress``: the paper's joint regression on a table of thermal errors, judged on sets left out."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Literal
 

@@ -1,7 +1,5 @@
 """``pouring-robot robot``: first files for robots of one's own."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``pouring-robot sensitivity``: what each geometric error does alone, and which axes to control."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """What to command so that the actual ladle, with errors and heat, comes to the wanted pose."""
 
-from __future__ import annotations
-
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -7,8 +7,6 @@ roll about x and yaw about z, follow from the errors and cannot be commanded. Th
 to the lip.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

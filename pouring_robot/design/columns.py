@@ -1,7 +1,5 @@
 """From poses and conditions to whitened rows: how a measurement there shows every unknown, by G of the closed chain."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

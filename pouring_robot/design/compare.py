@@ -1,7 +1,5 @@
 """How much a plan is worth: the same number of poses drawn at random, for the same parameters and noise."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -14,8 +14,6 @@ Numbers stay sound because everything happens in a basis in which the mean infor
 matrix: determinants only change by a constant, whatever the units and however hard parameters are to tell apart.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

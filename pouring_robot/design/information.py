@@ -21,8 +21,6 @@ O5    :math:`1 / \sum_k 1/\sigma_k`                Sun and Hollerbach 2008
 Only O1 does not depend on the units of the parameters; the others mean columns per unit of comparable size.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.linalg
 

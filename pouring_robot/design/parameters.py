@@ -10,8 +10,6 @@ Beside the local parameters there are simple columns for what depends on how a p
 - ``expansion.<drive>`` (1/K): a driven leg is longer by this times its length times its warmth above the reference.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Literal

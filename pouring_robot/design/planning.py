@@ -11,8 +11,6 @@ given model; effects of the conditions are the simple columns of
 :mod:`~pouring_robot.design.parameters`.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The plot of a plan: where its poses lie in the workspace, and how well the ladle will be known there."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What is asked of a plan."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Rank-m updates of the information of a plan, for all candidates at once: the arithmetic under the exchange."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pouring_robot.mechanism.arrays import FloatArray

@@ -5,8 +5,6 @@
 knows no robot, is in :mod:`pouring_robot.inference`; causes are in :mod:`pouring_robot.effects`.
 """
 
-from __future__ import annotations
-
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -4,8 +4,6 @@ What stands still, such as a displaced joint, becomes part of the robot's placem
 command sees it. What depends on conditions stays in the effect stack with its parameters, to be put in row by row.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What follows from the findings: where the gap is, what is left, the amended model, the next measurements."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property
 

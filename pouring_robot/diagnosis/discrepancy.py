@@ -1,7 +1,5 @@
 """The discrepancy that is left: what it depends on, how large it is, a step and when. Descriptions, not causes."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """What the search found in a campaign: data, states, judgement. What follows from it: :mod:`~.conclusions`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

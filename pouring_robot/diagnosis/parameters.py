@@ -1,7 +1,5 @@
 """Parameters of the named effects: values, standard deviations, and what becomes of them in a model file."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Mapping, Sequence

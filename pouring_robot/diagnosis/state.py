@@ -1,7 +1,5 @@
 """The state of a diagnosis: which changes are put into the robot, found by linearising again until nothing moves."""
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass, replace
 

@@ -17,8 +17,6 @@ changes put in. What is not linear (a time constant, a power) tells *forms* of t
 See :mod:`pouring_robot.effects.registry` for how a package offers its effects.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass

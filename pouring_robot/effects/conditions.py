@@ -3,8 +3,6 @@
 Forces follow from virtual work: a drive that yields by dq under the weight W at height h carries -W ∂h/∂q.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Conditions that hold everything an effect may need: to list what the library offers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is known of each condition: what to record for it, what to draw over it, how to make it tell effects apart."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """What the drawing says of the rows of a campaign: poses, how drives move them, what weight puts on drives."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

@@ -6,8 +6,6 @@ A package offers effects in its ``pyproject.toml``; the name does not matter, th
     screw_wear = "my_package.effects:ScrewWear"
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from importlib.metadata import entry_points
 from typing import Any

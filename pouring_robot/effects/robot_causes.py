@@ -1,7 +1,5 @@
 """Causes of a robot that declares none: every family over its groups of drives, joints, links and thermometers."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterator, Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The effects that a model file has: what they change, row by row, under given conditions."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple

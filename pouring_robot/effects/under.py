@@ -8,8 +8,6 @@ transfer, compensate, draw) it can do under conditions. A base that moves takes 
 robot is then seen from where its base stood by the drawing, or in the mean of the campaign where only frames tell.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

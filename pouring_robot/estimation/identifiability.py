@@ -8,8 +8,6 @@ is said by the observability indices O1 to O5 of Hollerbach & Wampler (*The cali
 kinematic calibration methods*, IJRR 15, 1996) and Sun & Hollerbach (ICRA 2008).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal

@@ -11,8 +11,6 @@ scipy.optimize.least_squares needs 7 to 17 evaluations of 57 parameters from 40 
 where this needs 4 to 9 (25 and second derivatives in the worst), and its losses judge coordinates, not rows.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

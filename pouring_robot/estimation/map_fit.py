@@ -10,8 +10,6 @@ quadratic up to the bound that 99 % of sound blocks keep, widened while the medi
 :mod:`pouring_robot.estimation.levenberg_marquardt`.
 """
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass, replace
 

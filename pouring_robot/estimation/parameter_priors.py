@@ -1,7 +1,5 @@
 """What is known of the unknowns before measuring: the tolerances of the parts, and hardly anything of the frames."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pouring_robot.estimation.frames.outer import FRAMES

@@ -1,7 +1,5 @@
 """The robust loss: one slip spoils all three coordinates of a row, so they are judged together."""
 
-from __future__ import annotations
-
 import functools
 from typing import Literal
 

@@ -5,8 +5,6 @@ coordinates there are agree on average; for distances, to all sides of the devic
 data leave open stay near their start.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Whole blocks held out: one for the test, looked at once at the end; the others validate each other in turn."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

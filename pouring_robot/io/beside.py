@@ -4,8 +4,6 @@ Where copying is not safe, because other threads are at work here or the platfor
 process, when its result is asked for.
 """
 
-from __future__ import annotations
-
 import contextlib
 import multiprocessing
 import os

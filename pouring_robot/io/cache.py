@@ -4,8 +4,6 @@ The folder may be missing, full, read-only or shared by processes that run at on
 nobody ever reads half of one. It may be deleted at any time.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import os

@@ -1,7 +1,5 @@
 """Ctrl-C is heard wherever it comes, whatever a library makes of it."""
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import os

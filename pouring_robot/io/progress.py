@@ -1,7 +1,5 @@
 """How a long computation says where it is."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 Progress = Callable[[str, int, int], None]

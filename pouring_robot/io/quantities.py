@@ -1,7 +1,5 @@
 """Quantities with units: a unit rides on a column's heading (``q1_mm``, ``leg1_K``), any unit of the right kind."""
 
-from __future__ import annotations
-
 import difflib
 import math
 from collections.abc import Sequence

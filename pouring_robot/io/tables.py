@@ -1,7 +1,5 @@
 """Tables that users write, CSV, Parquet or Excel, read so that every fault names file, line and column."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

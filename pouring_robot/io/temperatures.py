@@ -1,7 +1,5 @@
 """Temperatures: °C at the user's edge, K inside; the one temperature of the drawing, and what is no temperature."""
 
-from __future__ import annotations
-
 import math
 
 from pouring_robot.exceptions import TemperatureError

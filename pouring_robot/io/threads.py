@@ -5,8 +5,6 @@ far longer than they work: a calibration of a second takes four on two busy core
 What is worth sharing is shared by samples (:mod:`pouring_robot.batch`) or by processes.
 """
 
-from __future__ import annotations
-
 import os
 import threading
 from collections.abc import Iterator

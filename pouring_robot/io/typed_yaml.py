@@ -4,8 +4,6 @@ Every YAML file of the package (loops, layouts, models, sweeps, campaigns) is re
 and :func:`validate`, so that a misspelt key is reported in the same words everywhere.
 """
 
-from __future__ import annotations
-
 import difflib
 import functools
 from collections.abc import Sequence

@@ -4,8 +4,6 @@ Energy of the loops, weight, closure, Jacobians, local parameters, and the error
 them to the end frame. One pose at a time; :mod:`pouring_robot.batch` does the same over arrays.
 """
 
-from __future__ import annotations
-
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

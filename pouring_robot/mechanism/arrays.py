@@ -1,7 +1,5 @@
 """Arrays that are handed out and must not change under their reader's hands, even choices of many rows, their RMS."""
 
-from __future__ import annotations
-
 from typing import Any, TypeVar
 
 import numpy as np

@@ -4,8 +4,6 @@ They are the columns of the error-transfer matrix that belong to the drives, so 
 loops close.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal

@@ -1,7 +1,5 @@
 """Joints that are not what the URDF says: released, fixed, universal, spherical, or tied to another by ``mimic``."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ A local parameter is a number that changes the mechanism at one place. Every eff
 the error-transfer matrix (:mod:`pouring_robot.mechanism.transfer`) carries them all to the ladle in the same way.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal

@@ -1,7 +1,5 @@
 """Pinocchio's model of a URDF, what its parser says of one that it does not take, and joints displaced in the model."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import os

@@ -1,7 +1,5 @@
 """How joints stand within their limits."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal

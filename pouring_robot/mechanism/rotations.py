@@ -5,8 +5,6 @@ With exp(w) the rotation of a rotation vector w (Rodrigues), the right Jacobian 
 Lie Groups* 2, §10.6.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

@@ -1,7 +1,5 @@
 """What all Matplotlib plots have in common: colours, an empty figure, a quiet panel, and the PNG."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import io

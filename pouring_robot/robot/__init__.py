@@ -4,8 +4,6 @@
 :mod:`pouring_robot.robot.pouring`.
 """
 
-from __future__ import annotations
-
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

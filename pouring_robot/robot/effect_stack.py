@@ -1,7 +1,5 @@
 """The effect stack of a model file: effects found by diagnosis, with their parameters and standard deviations."""
 
-from __future__ import annotations
-
 import pydantic
 
 from pouring_robot.io.typed_yaml import StrictModel

@@ -4,8 +4,6 @@ Newton on the exact Jacobian of the closed mechanism, G by its drives. A robot o
 place as far as it can, and turns with what is left: a delta only places, an arm does both.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

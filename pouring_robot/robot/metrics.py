@@ -1,7 +1,5 @@
 """Ladle locations as plain figures in mm, mrad and degrees: what the command line prints and writes as JSON."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -6,8 +6,6 @@ an error of the DH table (``alpha_e1_56``). Calibration, planning, sweeps and di
     [p.name for p in robot.parameters.match("centres")]        # a set, a group, a name or a shell pattern
 """
 
-from __future__ import annotations
-
 import fnmatch
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Commands from a table, whose column names carry the units: poses, or drive values of any robot."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

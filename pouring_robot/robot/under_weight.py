@@ -1,7 +1,5 @@
 """The robot as built under its weight: legs, joints and tilt drive yield as their parts do."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

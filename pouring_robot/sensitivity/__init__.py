@@ -4,8 +4,6 @@ What the paper's section 4 does for one layout, by the transfer matrix G at any 
 ``sensitivity("examples/robots/delta/robot.yaml")`` or ``pouring-robot sensitivity``.
 """
 
-from __future__ import annotations
-
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

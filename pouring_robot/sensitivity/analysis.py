@@ -5,8 +5,6 @@ held the end. A robot without loops has one and the same. First order is compare
 errors at some of the poses, and the largest difference reported.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

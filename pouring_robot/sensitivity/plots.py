@@ -1,7 +1,5 @@
 """How single errors spread over the poses: box plots and distributions."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

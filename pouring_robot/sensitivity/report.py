@@ -1,7 +1,5 @@
 """What a sensitivity study writes: CSV, JSON, pictures and a page; and its tables."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

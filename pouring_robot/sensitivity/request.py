@@ -1,7 +1,5 @@
 """What a sensitivity study is asked for."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from pouring_robot.exceptions import BadInputError

@@ -5,8 +5,6 @@ was found: ``.headline``, ``.ranking``, ``.to_dataset().displacement``, ``.save(
 examples/sweep.yaml. ``SweepPlan.load("sweep.yaml")`` checks everything and computes nothing.
 """
 
-from __future__ import annotations
-
 from pouring_robot.sweeps.analysis.allocation import allocate, group_covariances
 from pouring_robot.sweeps.analysis.report import SweepReport, report
 from pouring_robot.sweeps.analysis.tolerances import AllocatedTolerances, RankedParameter, allocate_tolerances, rank

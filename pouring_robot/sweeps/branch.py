@@ -1,7 +1,5 @@
 """One chain alone, its joints held: the platform pose that the paper's Section 4 studies, for arrays of errors."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pouring_robot.batch import StarStructure

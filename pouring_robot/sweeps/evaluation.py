@@ -1,7 +1,5 @@
 """Where the platform of many robots stands at many poses: every robot at every pose, with a status each."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

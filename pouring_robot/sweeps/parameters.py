@@ -4,8 +4,6 @@ All of them act on top of the robot as it is: DH errors first, exactly as
 :meth:`~pouring_robot.robot.dh.table.DHTable.placement_errors` has them, then placement errors.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """What a sweep commands: a grid, draws, or a list, all within the robot's reach."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pouring_robot.batch import BatchCommand

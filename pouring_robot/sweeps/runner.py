@@ -1,7 +1,5 @@
 """Runs a sweep: here, on local processes, or on a Dask cluster; always the same chunks, the same numbers."""
 
-from __future__ import annotations
-
 import concurrent.futures
 import contextlib
 import itertools

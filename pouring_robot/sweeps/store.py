@@ -17,8 +17,6 @@ A chunk's status is written last, each file in one step (Zarr writes beside the 
 done when its status can be read and holds no 255. Whatever else of it was written is written again.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import fcntl

@@ -1,7 +1,5 @@
 """The bench of the pouring robot: its melt warms it."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Temperatures and what they move in tables and lines, for the terminal and for a page."""
 
-from __future__ import annotations
-
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.page import Block, Paragraph, Plot, Table, html_page
 from pouring_robot.report.plots import svg_of

@@ -1,7 +1,5 @@
 """Pictures of temperatures and deformation."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

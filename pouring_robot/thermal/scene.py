@@ -1,7 +1,5 @@
 """The robot in colours: how far each of its parts moves (the paper's Fig. 8), or how warm it is over a shift."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -9,8 +9,6 @@
 A scene has one or more steps: a page plays them, a picture shows one.
 """
 
-from __future__ import annotations
-
 from pouring_robot.viewer.live import LiveView, serve
 from pouring_robot.viewer.page import write_html
 from pouring_robot.viewer.picture import draw, write_png

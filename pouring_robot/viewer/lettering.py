@@ -1,7 +1,5 @@
 """Words on a picture: title, legend, table, scale, and a label at the tip of each arrow."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Numbers go as single precision in base64: good to a tenth of a micrometre on a r
 of the whole robot take about a megabyte. What stands still throughout takes one entry.
 """
 
-from __future__ import annotations
-
 import base64
 import dataclasses
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """A scene as one HTML page that needs no network, no server and no file beside it."""
 
-from __future__ import annotations
-
 import json
 from importlib.metadata import distribution
 from pathlib import Path

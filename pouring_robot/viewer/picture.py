@@ -1,7 +1,5 @@
 """A scene as a picture file, made on any machine: no screen, no graphics card, no system library."""
 
-from __future__ import annotations
-
 import io
 import os
 from concurrent.futures import ThreadPoolExecutor

@@ -4,8 +4,6 @@ Everything is given as it is. How many times differences are enlarged is one num
 reader change it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

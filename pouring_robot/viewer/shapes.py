@@ -1,7 +1,5 @@
 """Triangles of a robot's visual geometry, whatever the URDF made them of."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache

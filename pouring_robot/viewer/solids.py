@@ -1,7 +1,5 @@
 """One step of a scene as a flat list of coloured solids in the world: what a picture draws, and a camera looks at."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

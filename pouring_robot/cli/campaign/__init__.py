@@ -1,7 +1,5 @@
 """``pouring-robot campaign``: choose what to measure, check what was measured, measure a virtual robot."""
 
-from __future__ import annotations
-
 from pouring_robot.cli.campaign.check import check
 from pouring_robot.cli.campaign.plan import plan
 from pouring_robot.cli.campaign.simulate import simulate

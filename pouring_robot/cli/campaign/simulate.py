@@ -1,7 +1,5 @@
 """``pouring-robot campaign simulate``: measure a virtual robot."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Annotated, Any

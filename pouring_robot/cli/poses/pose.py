@@ -1,7 +1,5 @@
 """``pouring-robot pose``: where a robot is for one command."""
 
-from __future__ import annotations
-
 from pouring_robot.cli.shared import bundles, options
 
 

@@ -1,7 +1,5 @@
 """What is said of a ladle's location on the terminal, and what is drawn of it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path

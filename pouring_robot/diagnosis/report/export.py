@@ -1,7 +1,5 @@
 """What a diagnosis leaves behind: metrics, amended model, report and ladles, all of them or none."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What limits the answer of a diagnosis, in sentences."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The report of a diagnosis as one self-contained HTML page."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 from pouring_robot.diagnosis.conclusions import Conclusions

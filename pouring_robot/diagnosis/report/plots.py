@@ -1,7 +1,5 @@
 """Pictures of a diagnosis: the gap, residuals over conditions, what each effect does, the evidence, what is left."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """A diagnosis in sentences that a shop floor understands."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 

@@ -1,7 +1,5 @@
 """The shape of an effect as the campaign shows it, beside the textbook's: what it moves most, over what drives it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
 

@@ -5,8 +5,6 @@ temperatures stand still; load, travels and sides of approach change from pose t
 may have been set up anew, so that the new rows have frames of their own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar

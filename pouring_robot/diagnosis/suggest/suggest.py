@@ -1,7 +1,5 @@
 """What to measure next: poses and conditions that best tell apart the explanations a diagnosis leaves."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """In words: which measurement tells two effects apart, and what to record so that an effect can be tested at all."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from pouring_robot.effects.base import Effect

@@ -1,7 +1,5 @@
 """What the disagreement depends on: the processes whose sum explains it, each in a sentence with its error."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """One thing said of the disagreement, as a record, a sentence and an entry of ``diagnosis.json``."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from pouring_robot.mechanism.poses import MM, MRAD

@@ -1,7 +1,5 @@
 """How much model and measurement disagree: against the noise, by component, and against repeats of a command."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pouring_robot.diagnosis.processes import shown

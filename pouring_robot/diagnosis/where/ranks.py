@@ -1,7 +1,5 @@
 """Statistics of ranks, which no scale can upset. Here, because scipy.stats takes longer to import than to say it."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import ndtr
 

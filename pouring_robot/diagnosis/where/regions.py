@@ -1,7 +1,5 @@
 """In which part of the workspace the disagreement is largest: ranks of the rows' misfit, which no scale can upset."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -8,8 +8,6 @@ Everything that is called significant has passed Holm's correction over all test
 for as much, at the level given: with noise alone nothing is found with that probability. Sizes are in the base's axes.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Large errors that grow in steps: of several assembly modes the one that grows out of the drawing's is found."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Generic, TypeVar, overload
 

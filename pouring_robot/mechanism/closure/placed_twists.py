@@ -1,7 +1,5 @@
 """Where placement parameters act at one configuration, as twists in the world."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

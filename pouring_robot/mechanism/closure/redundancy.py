@@ -14,8 +14,6 @@ What loops leave open that no drive moves (axes that are not parallel) strains t
 is not in z.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -6,8 +6,6 @@ changes it by :math:`-m\, g \cdot (\omega_u \times v_d(c))` for every body beyon
 that comes first on the path and d the other.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

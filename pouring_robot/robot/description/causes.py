@@ -4,8 +4,6 @@ A robot may declare this; :mod:`pouring_robot.effects` makes its effects of it, 
 declares nothing a library over its groups is built there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

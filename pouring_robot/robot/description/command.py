@@ -1,7 +1,5 @@
 """What a robot is commanded by, number by number: drive values, or what its controller makes them of."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

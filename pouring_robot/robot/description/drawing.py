@@ -1,7 +1,5 @@
 """The robot of the drawing as the controller believes it: closed poses for drive values."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Mapping
 from typing import Protocol

@@ -1,7 +1,5 @@
 """A first robot file for somebody's URDF: what can be read from it, and comments on what to fill in."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import os

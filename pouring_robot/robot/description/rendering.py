@@ -1,7 +1,5 @@
 """Running xacro in this process, and finding the file at fault when it fails."""
 
-from __future__ import annotations
-
 import html
 import os
 import re

@@ -7,8 +7,6 @@ down, and from those that the environment variable :data:`FOLDERS_VARIABLE` name
 limited.
 """
 
-from __future__ import annotations
-
 import ast
 import contextlib
 import os

@@ -4,8 +4,6 @@ A URDF is a plain string here. :func:`perturb_urdf` moves single joints in it, w
 enters a mechanism, and :func:`write_urdf` puts it into a folder with its meshes, so that any other program can load it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

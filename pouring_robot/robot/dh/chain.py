@@ -21,8 +21,6 @@ chain passes it from the foot to the platform, against the direction in which th
 Matrices are homogeneous, shape (..., 4, 4), in m; twists are ordered (linear, angular), as in Pinocchio.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -14,8 +14,6 @@ text says of chain 1: seven errors that reach 1 mm, X as main direction of α_12
 rule for both halves α_56 and θ_4 err by +1.3175 and −1.3175 mm, as the paper has it, with ours both by −1.3175.
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 

@@ -14,8 +14,6 @@ not of its first-order approximation. The closing gaps vanish quadratically, the
 smaller the errors (10 steps at 5 mm and 5 mrad).
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

@@ -1,7 +1,5 @@
 """The parameters of the DH table one by one: names, units, what they are on the machine, which drop out."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Literal

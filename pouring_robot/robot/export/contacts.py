@@ -1,7 +1,5 @@
 """Pairs of bodies that touch because they are joined, or because they are drawn into each other: SRDF says so."""
 
-from __future__ import annotations
-
 import pinocchio as pin
 from lxml import etree
 

@@ -1,7 +1,5 @@
 """The folder that holds an exported robot: description, meshes in every format, joint values, closed."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The robot as files for other programs, as ``robot_descriptions`` gives them: a URDF and its package."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 

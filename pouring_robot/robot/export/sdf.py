@@ -3,8 +3,6 @@
 SDF has no joint values: the zero of every joint is the pose that the file shows.
 """
 
-from __future__ import annotations
-
 from pathlib import PurePosixPath
 from typing import Any, Literal
 

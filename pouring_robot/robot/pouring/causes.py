@@ -1,7 +1,5 @@
 """Causes of the pouring robot: its fourteen effects over its parts, its thermometers, its words."""
 
-from __future__ import annotations
-
 from pouring_robot.robot.description.causes import (
     AMBIENT,
     AxisTilt,

@@ -1,7 +1,5 @@
 """The pouring robot's description: xacro and dimensions file in, URDF out, without ROS."""
 
-from __future__ import annotations
-
 import functools
 import importlib.metadata
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Whether the ladle's mesh is of the size that the dimensions file says: the figures need no mesh, the picture does."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pouring_robot.mechanism.arrays import FloatArray

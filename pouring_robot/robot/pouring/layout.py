@@ -5,8 +5,6 @@ file before xacro sees it (a misspelt key, a negative size, a NaN is refused wit
 it reads the few things a URDF cannot hold: the workspace, the ladle's payload, the required accuracy.
 """
 
-from __future__ import annotations
-
 import math
 import reprlib
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Every entry is ``{value, unit, source, note}``. Unknown keys, wrong units, sizes
 numbers that are not finite are refused. The properties ``metres`` and ``radians`` give SI values.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Generic, Literal, TypeVar
 

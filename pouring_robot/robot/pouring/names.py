@@ -1,7 +1,5 @@
 """Names of the pouring robot's parts and of groups of its errors, as URDF, files and the command line have them."""
 
-from __future__ import annotations
-
 CHAINS = (1, 2, 3, 4)
 LEGS = tuple(f"leg{i}" for i in CHAINS)
 CHAIN_JOINTS = tuple(tuple(f"{leg}_s{k}" for k in range(1, 6)) for leg in LEGS)

@@ -4,8 +4,6 @@ Every entry is ``{value, unit, source, note}`` as in the dimensions file. Values
 temperatures (°C at the user's edge, K inside).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Literal
 

@@ -1,7 +1,5 @@
 """What the sliders of a live page move: pose or drives, and every geometric error by name."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence

@@ -4,8 +4,6 @@ Errors of a millimetre are invisible on a robot of metres, so every part of the 
 displacement from the same part of the nominal one enlarged, shift and rotation each times a factor.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence

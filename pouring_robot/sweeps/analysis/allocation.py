@@ -17,8 +17,6 @@ geometric program in log u. k is the two-sided normal quantile of the wanted sha
 alike until the share of the robots whose *distance* (three coordinates, not one) is within R is met at the worst pose.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The error-transfer matrix G at the poses of a sweep."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pouring_robot.batch import BatchCommand, CompiledEngine, engine_for

@@ -1,7 +1,5 @@
 """What a sweep found, in lines and tables for terminal and page, and the page itself."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page

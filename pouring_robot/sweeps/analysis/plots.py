@@ -1,7 +1,5 @@
 """Plots of a sweep: what matters most, how far the tool is off, and where in the workspace."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

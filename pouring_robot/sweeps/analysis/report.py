@@ -1,7 +1,5 @@
 """The files beside the store: ``summary.json``, ``ranking.csv``, ``sweep.png`` and ``report.html``."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """From the numbers of a sweep to tolerances: which ones matter, and the loosest that keep the requirement."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """The robot as built with its parts grown by heat: nominal robot, geometric errors and growth in one closure."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver

@@ -7,8 +7,6 @@ to the surroundings by convection and re-radiation.
 """
 
 # ruff: noqa: N802 - units keep their capitals: K, W, degC
-from __future__ import annotations
-
 from collections import OrderedDict
 
 import numpy as np

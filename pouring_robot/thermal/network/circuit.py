@@ -10,8 +10,6 @@ Without it radiation leaves a node towards melt and surroundings, and the nonlin
 """
 
 # ruff: noqa: N802, N815 - units keep their capitals: K, W, degC
-from __future__ import annotations
-
 import functools
 import itertools
 from collections.abc import Iterable

@@ -1,8 +1,6 @@
 """Temperatures of the whole robot at one pose: what the network found, by part."""
 
 # ruff: noqa: N802, N815 - units keep their capitals: K, W, degC
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

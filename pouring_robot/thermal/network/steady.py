@@ -6,8 +6,6 @@ that is the start (convergence: Ortega and Rheinboldt, monotone Newton theorem).
 above the solution, so that temperatures of a pose nearby are a start too, and a better one.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.sparse.linalg
 

@@ -6,8 +6,6 @@ the slope of a temperature changes; between these points everything is smooth.
 """
 
 # ruff: noqa: N815 - units keep their capitals: K, W, degC
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -9,8 +9,6 @@ carriages, rails and posts are far away and stay cold. A shield under the truss 
 """
 
 # ruff: noqa: N815 - units keep their capitals: K, W, degC
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

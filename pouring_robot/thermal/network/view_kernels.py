@@ -6,8 +6,6 @@ both are exact. Across the chords it is Gauss's rule for a half circle (Chebyshe
 continuously with the element, and what they cover does too.
 """
 
-from __future__ import annotations
-
 import math
 
 from pouring_robot.batch.kernels.algebra import cross, dot

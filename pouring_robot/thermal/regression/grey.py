@@ -11,8 +11,6 @@ is spread from 0 to 1 (``"range"``), so that neither the unit nor the temperatur
 the degree; a set that falls with temperature is turned over first, since only the likeness of trends is asked for.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

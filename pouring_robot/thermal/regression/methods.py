@@ -4,8 +4,6 @@ Each comes out as an :class:`ErrorLine`, so that all are judged, written to a fi
 that were left out of everything, one at a time, clustering included (:func:`left_out`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

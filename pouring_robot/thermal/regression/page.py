@@ -1,7 +1,5 @@
 """A regression in headings, tables and lines, for the terminal and for a page."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
