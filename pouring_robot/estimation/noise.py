@@ -1,10 +1,8 @@
 """The noise of a campaign: as stated, or from repeats of a pose.
 
-Where it is neither, a fit says what it leaves over: ``estimation.solver.fit_with_noise`` when a robot is calibrated,
+Where it is neither, a fit says what it leaves over: ``estimation.map_fit.fit_with_noise`` when a robot is calibrated,
 ``diagnosis.diagnose`` after each search.
 """
-
-from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
