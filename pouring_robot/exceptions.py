@@ -59,7 +59,6 @@ class DescriptionError(BadInputError):
     """
 
     def __init__(self, path: Path | str, problem: str) -> None:
-        """Name the file and the problem."""
         self.path = Path(path)
         self.problem = " ".join(problem.split())
         super().__init__(f"{path}: {self.problem}")
@@ -69,7 +68,6 @@ class UnknownLayoutError(BadInputError):
     """A layout was asked for that the dimensions file does not hold."""
 
     def __init__(self, name: str, known: Sequence[str], path: Path | str) -> None:
-        """Name the layout, the known ones and the file."""
         self.name, self.known, self.path = name, tuple(known), Path(path)
         super().__init__(f"unknown layout '{name}' in {self.path.name}; known: {', '.join(known)}")
 
@@ -92,7 +90,6 @@ class OutputError(BadInputError):
     """
 
     def __init__(self, path: Path | str, problem: str) -> None:
-        """Name the file and the problem."""
         self.path = Path(path)
         self.problem = " ".join(problem.split())
         super().__init__(f"cannot write {path}: {self.problem}")
@@ -128,7 +125,6 @@ class ClosureError(NoSolutionError):
         worst_loop: str | None,
         status: str,
     ) -> None:
-        """Keep the figures and say them in mm and mrad."""
         self.iterations, self.gap_m, self.gap_rad, self.worst_loop = iterations, gap_m, gap_rad, worst_loop
         self.status = status
         if worst_loop is None:
@@ -153,7 +149,6 @@ class UnreachablePoseError(NoSolutionError):
     """
 
     def __init__(self, joint: str, value: float, lower: float, upper: float, unit: str) -> None:
-        """Keep the figures and say by how much the limit is passed."""
         self.joint, self.value, self.lower, self.upper, self.unit = joint, value, lower, upper, unit
         factor, shown = (1e3, "mm") if unit == "m" else (math.degrees(1.0), "deg")
         excess = lower - value if value < lower else value - upper
@@ -172,7 +167,6 @@ class UnreachableTargetError(NoSolutionError):
     """
 
     def __init__(self, left: NDArray[np.float64]) -> None:
-        """Keep the figures and say how near the robot comes."""
         self.left = left
         away, turned = (1e3 * math.sqrt(float(part @ part)) for part in (left[:3], left[3:]))
         super().__init__(
@@ -190,7 +184,6 @@ class PathPoseError(NoSolutionError):
     """
 
     def __init__(self, path: Path | str, line: int, reason: NoSolutionError) -> None:
-        """Say where the pose stands."""
         self.path, self.line, self.reason = Path(path), line, reason
         super().__init__(f"{path}: line {line}: {reason}")
 
@@ -203,7 +196,6 @@ class SingularPoseError(NoSolutionError):
     """
 
     def __init__(self, ratio: float) -> None:
-        """Keep the eigenvalue ratio."""
         self.ratio = ratio
         super().__init__(
             f"the mechanism is singular here: with its drives held the platform can still move "
@@ -228,7 +220,6 @@ class TableError(BadInputError):
     _shown_column = "column {}"
 
     def __init__(self, path: Path | str, problem: str, row: int | None = None, column: str | None = None) -> None:
-        """Name the file, the place in it and the problem."""
         self.path, self.problem, self.row, self.column = Path(path), " ".join(problem.split()), row, column
         places = [f"line {row}"] if row is not None else []
         if column is not None:
@@ -245,7 +236,6 @@ class UnsupportedMechanismError(BadInputError):
     """
 
     def __init__(self, problem: str) -> None:
-        """Name the problem and the way out."""
         self.problem = problem
         super().__init__(
             f"this engine takes serial chains that end on one common body, but {problem}; "
@@ -263,7 +253,6 @@ class BatchClosureError(NoSolutionError):
     """
 
     def __init__(self, counts: dict[str, int], samples: int, first: int) -> None:
-        """Keep the figures."""
         self.counts, self.samples, self.first = dict(counts), samples, first
         failed = ", ".join(f"{count} {name}" for name, count in counts.items())
         super().__init__(
@@ -285,7 +274,6 @@ class SweepStoreError(BadInputError):
     """
 
     def __init__(self, path: Path | str, problem: str) -> None:
-        """Name the place and the problem."""
         self.path, self.problem = Path(path), " ".join(problem.split())
         super().__init__(f"{path}: {self.problem}")
 
@@ -313,7 +301,6 @@ class FrameFitError(BadInputError):
     """
 
     def __init__(self, rows: int, needed: int) -> None:
-        """Keep the figures."""
         self.rows, self.needed = rows, needed
         super().__init__(
             f"the frames of tracker and target need at least {needed} rows with reachable drives and a complete "
@@ -330,7 +317,6 @@ class DataError(NoSolutionError):
     """
 
     def __init__(self, problem: str, mend: str) -> None:
-        """Keep both."""
         self.problem, self.mend = " ".join(problem.split()), " ".join(mend.split())
         super().__init__(f"{self.problem}; {self.mend}")
 
@@ -352,7 +338,6 @@ class MissingConditionsError(BadInputError):
     """
 
     def __init__(self, effect: str, headings: Sequence[str]) -> None:
-        """Keep them."""
         self.effect, self.headings = effect, tuple(headings)
         super().__init__(
             f"the model's effect '{effect}' needs {', '.join(headings)}: give it as a column of that name beside the "
@@ -373,7 +358,6 @@ class TemperatureError(BadInputError):
     """
 
     def __init__(self, what: str, value_degC: float) -> None:
-        """Keep the figure."""
         self.what, self.value_degC = what, value_degC
         super().__init__(
             f"{what}: {value_degC:g} degC is no temperature (absolute zero is -273.15 degC); check value and unit"
@@ -389,7 +373,6 @@ class HistoryError(BadInputError):
     """
 
     def __init__(self, problem: str, row: int | None = None) -> None:
-        """Name the entry and the problem."""
         self.problem, self.row = problem, row
         super().__init__(f"history{'' if row is None else f', entry {row}'}: {problem}")
 
@@ -402,7 +385,6 @@ class ThermalSolutionError(NoSolutionError):
     """
 
     def __init__(self, problem: str) -> None:
-        """Keep the reason."""
         self.problem = problem
         super().__init__(f"no temperatures found: {problem}; check the thermal properties")
 
@@ -416,7 +398,6 @@ class CompensationError(NoSolutionError):
     """
 
     def __init__(self, wanted: str, left_m: float, left_rad: float) -> None:
-        """Keep the figures."""
         self.wanted, self.left_m, self.left_rad = wanted, left_m, left_rad
         super().__init__(
             f"no drive values found for {wanted}: Newton's last step leaves {left_m * 1e3:.3g} mm and "

@@ -46,7 +46,6 @@ class GeneralStructure:
     """
 
     def __init__(self, mechanism: ClosedChainMechanism) -> None:
-        """Find the joints whose placement matters."""
         if mechanism.loops.end_frame is None:
             raise BadInputError("the loops file names no end_frame; name the frame whose pose is wanted")
         self.mechanism = mechanism
@@ -91,7 +90,6 @@ class GeneralEngine:
     """
 
     def __init__(self, mechanism: ClosedChainMechanism, options: ClosureOptions = DEFAULT_OPTIONS) -> None:
-        """Find the sites."""
         self.structure = GeneralStructure(mechanism)
         self.options = options
 

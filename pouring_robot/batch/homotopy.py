@@ -61,7 +61,6 @@ class HomotopyStarts:
     """
 
     def __init__(self, engine: Engine, home: Mapping[str, float], steps: int = 8, last: Engine | None = None) -> None:
-        """Close the home."""
         if steps < 1:
             raise BadInputError(f"the number of steps must be positive, not {steps}")
         self.engine, self.steps, self._last = engine, steps, last or engine

@@ -36,7 +36,6 @@ class BatchStart:
     joints: FloatArray
 
     def __post_init__(self) -> None:
-        """Make the arrays what the kernels take."""
         for name in ("position", "rotation", "joints"):
             object.__setattr__(self, name, fixed(getattr(self, name)))
         count = len(self.position)
@@ -48,7 +47,6 @@ class BatchStart:
             )
 
     def __len__(self) -> int:
-        """Return the number of samples."""
         return len(self.position)
 
     def check(self, joints: tuple[int, ...]) -> None:
@@ -85,7 +83,6 @@ class BatchCommand:
     start: BatchStart
 
     def __len__(self) -> int:
-        """Return the number of samples."""
         return len(self.poses)
 
     def __getitem__(self, samples: IntArray | slice) -> BatchCommand:
@@ -222,7 +219,6 @@ class BatchClosure:
         return self
 
     def __len__(self) -> int:
-        """Return the number of samples."""
         return len(self.position)
 
     @property
@@ -278,7 +274,6 @@ class BatchTransfer:
     disagreement: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        """Lock the arrays."""
         lock_fields(self, "matrix", "status")
 
 

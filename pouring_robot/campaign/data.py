@@ -218,7 +218,6 @@ class Campaign(Result):
         return f"{len(self)} {self.seen} in {sessions} session{'s' if sessions > 1 else ''}, {self.path.name}"
 
     def __len__(self) -> int:
-        """Return the number of rows."""
         return int(self.lines.size)
 
     @property

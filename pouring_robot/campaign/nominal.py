@@ -25,7 +25,6 @@ class PoseStack:
     rotation: FloatArray
 
     def __len__(self) -> int:
-        """Return the number of poses."""
         return int(self.position_m.shape[0])
 
     def __getitem__(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> PoseStack:

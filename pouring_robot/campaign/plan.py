@@ -41,7 +41,6 @@ class PosePlan:
     conditions: dict[str, FloatArray] = field(default_factory=dict)
 
     def __len__(self) -> int:
-        """Return the number of poses."""
         return len(self.poses)
 
     @property

@@ -55,7 +55,6 @@ class MeasurementOptions:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse figures that mean nothing."""
         for name, value, most in (
             ("noise of a position", self.sigma_position_m, 1.0),
             ("noise of a rotation", self.sigma_rotation_rad or 0.0, 1.0),

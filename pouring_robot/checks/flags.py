@@ -164,7 +164,6 @@ class DataFlag:
     metrics: dict[str, float] = field(default_factory=dict)
 
     def __str__(self) -> str:
-        """Return the finding on one line."""
         return f"{self.severity}: {self.message}; {self.remedy}"
 
     def to_json(self, campaign: Campaign) -> dict[str, Any]:

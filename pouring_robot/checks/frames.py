@@ -63,7 +63,6 @@ class FrameChecks:
     """
 
     def __init__(self, campaign: Campaign, drawing: Drawing) -> None:
-        """Start from the data as they are."""
         self.campaign, self.drawing = campaign, drawing
         self.flags: list[DataFlag] = []
         self.fit: FrameFit | None = None

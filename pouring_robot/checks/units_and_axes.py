@@ -58,7 +58,6 @@ class Comparison:
     inverted: bool = False
 
     def __getitem__(self, rows: Rows) -> Comparison:
-        """Return some of the rows."""
         vectors = None if self.rotation_vector_rad is None else self.rotation_vector_rad[rows]
         return Comparison(self.drives[rows], self.poses[rows], self.position_m[rows], vectors, self.inverted)
 

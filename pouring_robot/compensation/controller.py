@@ -66,7 +66,6 @@ class Controller(Result):
     checked: int
 
     def __post_init__(self) -> None:
-        """Lock the arrays."""
         lock_fields(self, "lower", "upper", "coefficients", "fixed_centres_m", "moving_centres_m", "drive_error")
 
     @property

@@ -59,7 +59,6 @@ class CompensatedPath(Result):
     status: NDArray[np.str_]
 
     def __post_init__(self) -> None:
-        """Lock the arrays."""
         lock_fields(self, "wanted", "drives", "before_m", "left", "roll_yaw_rad", "strain")
 
     @property
@@ -129,7 +128,6 @@ class PathSearch:
     """
 
     def __init__(self, heated: HeatedRobot, wanted: FloatArray, frame: str | None, strain: FloatArray) -> None:
-        """Prepare the engine."""
         self.warm = WarmPath(heated, wanted, strain)
         self.kinematics, actual = heated.robot.kinematics, heated.robot.actual_solver.mechanism
         self.wanted, self.start = wanted, self.warm.command.start

@@ -92,7 +92,6 @@ class Planner:
     """
 
     def __init__(self, robot: Robot, request: PlanRequest | None = None) -> None:
-        """Choose the parameters and see how every candidate shows them."""
         self.robot, self.request = robot, request or PlanRequest()
         self._refuse_overload()
         asked = self._asked()

@@ -52,7 +52,6 @@ class PlanRequest:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse what means nothing, one line each."""
         if self.criterion not in CRITERIA:
             raise BadInputError(f"unknown criterion '{self.criterion}'; known: {', '.join(CRITERIA)}")
         for name, count, least, most in (

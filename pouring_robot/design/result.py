@@ -39,7 +39,6 @@ class UndeterminedError(BadInputError):
     """
 
     def __init__(self, what: str, found: BaseParameters, frames: Collection[str]) -> None:
-        """Name the combinations and what to leave out."""
         self.groups, self.unseen = found.groups, found.unseen
         self.too_many = tuple(name for name in found.names if name not in found.base and name not in frames)
         parts = []

@@ -18,7 +18,6 @@ class InformationFactor:
     """
 
     def __init__(self, rows: FloatArray, information: FloatArray) -> None:
-        """Work out C and all blocks."""
         self._rows = rows
         self._across = np.ascontiguousarray(rows.transpose(2, 1, 0))  # (p, m, N)
         self.restart(information)

@@ -170,7 +170,6 @@ class CampaignRows:
     """
 
     def __init__(self, campaign: Campaign, model: RobotModel, noise: NoiseLevel) -> None:
-        """Predict the rows and fit the frames."""
         self.campaign, self.model, self.noise = campaign, model, noise
         self.measurement = MeasurementModel(model, local_parameters(model))
         self._places = {name: k for k, name in enumerate(self.measurement.names)}
@@ -196,7 +195,6 @@ class CampaignRows:
         self._given, self.untold = self._by_stack(model)
 
     def __len__(self) -> int:
-        """Return the number of rows."""
         return len(self.campaign)
 
     def _by_the_drawing(self) -> NominalRows:

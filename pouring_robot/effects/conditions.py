@@ -106,7 +106,6 @@ class Conditions:
     assumed: tuple[str, ...] = ()
 
     def __len__(self) -> int:
-        """Return the number of rows."""
         return len(self.drives)
 
     @property

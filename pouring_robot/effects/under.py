@@ -114,7 +114,6 @@ class RobotUnderConditions:
     """
 
     def __init__(self, robot: Robot, given: Given) -> None:
-        """Keep them."""
         self.robot, self.definition = robot, robot.model.definition
         self.given, self.notes = understood(self.definition, given), tuple[str, ...]()
         lost = [entry.effect for entry in robot.model.effects if not entry.placed and not entry.learned]

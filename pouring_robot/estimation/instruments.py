@@ -62,7 +62,6 @@ class Instrument(ABC):
     sigma: float
 
     def __post_init__(self) -> None:
-        """Refuse noise that cannot be divided by."""
         if not (np.isfinite(self.sigma) and self.sigma > 0.0):
             raise BadInputError(f"the noise of a {self.kind} must be a positive number, not {self.sigma}")
 

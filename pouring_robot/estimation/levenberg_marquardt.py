@@ -67,7 +67,6 @@ class Search:
     def __init__(
         self, rows: ModelledRows, measured: MeasuredPoses, start: Unknowns, prior_std: FloatArray, loss: Loss
     ) -> None:
-        """Predict all rows at the start."""
         self.rows, self.measured, self.prior_std, self.loss = rows, measured, prior_std, loss
         self.evaluations = 0
         prediction = self._predict(start)

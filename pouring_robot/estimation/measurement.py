@@ -144,7 +144,6 @@ class MeasurementModel:
         threads: int | None = None,
         sessions: Sequence[SessionParameter] = (),
     ) -> None:
-        """Build the batch engine of the present robot and the map from parameters to placement errors."""
         self.model, self.sessions = model, tuple(sessions)
         # A step that a search only tries may bend the robot far; there no mode needs to be followed.
         self.engine = engine_for(model.mechanism(), threads, replace(DEFAULT_OPTIONS, most_steps=1))
@@ -288,7 +287,6 @@ class ModelledRows:
     session: NDArray[np.intp]
 
     def __len__(self) -> int:
-        """Return the number of rows."""
         return len(self.drives)
 
     def __getitem__(self, rows: NDArray[np.intp] | BoolArray) -> ModelledRows:

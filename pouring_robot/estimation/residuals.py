@@ -39,7 +39,6 @@ class MeasuredPoses(PoseStack):
     others: tuple[Instrument, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse noise that cannot be divided by, and shapes that do not fit."""
         n = len(self.position_m)
         if self.position_m.shape != (n, 3) or self.rotation.shape != (n, 3, 3):
             raise BadInputError(

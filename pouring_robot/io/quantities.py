@@ -91,7 +91,6 @@ class QuantityTable:
     labels: dict[str, tuple[str, ...]] = field(repr=False)
 
     def __len__(self) -> int:
-        """Return the number of rows."""
         return len(self.table)
 
     def fault(self, problem: str, row: int, name: str | None = None) -> TableError:

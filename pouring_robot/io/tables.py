@@ -39,7 +39,6 @@ class Table:
     cells: Callable[[int], Sequence[Any]] = field(repr=False)
 
     def __len__(self) -> int:
-        """Return the number of rows."""
         return int(self.lines.size)
 
     def fault(self, problem: str, row: int, heading: str | None = None) -> TableError:

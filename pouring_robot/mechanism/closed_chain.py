@@ -80,7 +80,6 @@ class ClosedChainMechanism:
         displacements: Mapping[str, pin.SE3] = MappingProxyType({}),
         built_in: Mapping[str, pin.SE3] = MappingProxyType({}),
     ) -> None:
-        """Build the Pinocchio model once and resolve every name to an index."""
         self._urdf, self._loops, self._source = urdf, loops, Path(source)
         self._workspace = threading.local()
         self._model, self._displacements, self._built_in = self._build(), dict(displacements), dict(built_in)

@@ -33,7 +33,6 @@ class DriveJacobians:
     closure_margin: float
 
     def __post_init__(self) -> None:
-        """Lock the arrays."""
         lock_fields(self, "platform", "joints")
 
 

@@ -28,7 +28,6 @@ class PoseDifference:
     rotation_rad: FloatArray
 
     def __post_init__(self) -> None:
-        """Lock the arrays."""
         lock_fields(self, "translation_m", "rotation_rad")
 
     @classmethod

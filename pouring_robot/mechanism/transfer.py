@@ -66,7 +66,6 @@ class TransferMatrix(Result):
     joints: FloatArray
 
     def __post_init__(self) -> None:
-        """Lock the arrays."""
         lock_fields(self, "matrix", "joints")
 
     @property

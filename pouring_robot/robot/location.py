@@ -120,7 +120,6 @@ class LadleLocation(Location):
     outside_workspace_rad: float
 
     def __post_init__(self) -> None:
-        """Lock the array."""
         lock_fields(self, "outside_workspace_m")
 
     @property

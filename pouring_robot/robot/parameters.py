@@ -73,7 +73,6 @@ class ParameterCatalogue:
     """
 
     def __init__(self, definition: RobotDefinition, nominal: ClosedChainMechanism | None = None) -> None:
-        """List every parameter by name."""
         nominal = nominal or definition.mechanism()
         self._sets, self._groups = definition.parameter_sets, definition.parameter_groups
         self.drives = drive_parameters(nominal)

@@ -53,7 +53,6 @@ class PouringRobot(Robot):
         loads: Loads = NO_LOADS,
         options: ClosureOptions = DEFAULT_OPTIONS,
     ) -> None:
-        """Build both mechanisms."""
         super().__init__(model, loads, options)
         if not isinstance(self.drawing, FourUPUKinematics):
             raise BadInputError(f"the model is one of {self.model.definition.name}: load it with Robot.load")

@@ -74,7 +74,6 @@ class Robot:
         loads: Loads = NO_LOADS,
         options: ClosureOptions = DEFAULT_OPTIONS,
     ) -> None:
-        """Build both mechanisms."""
         self.model = model or RobotModel()
         self.model.check_errors()
         self._drive_offsets = self.model.drive_offset_values()

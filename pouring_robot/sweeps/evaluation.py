@@ -44,7 +44,6 @@ class OpenBranch:
     """
 
     def __init__(self, mechanism: ClosedChainMechanism) -> None:
-        """Read the chains."""
         self._structure = StarStructure.from_mechanism(mechanism)
         names = self._structure.joint_names
         self._drives = [

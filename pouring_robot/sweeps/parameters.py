@@ -91,7 +91,6 @@ class ErrorMap:
     """
 
     def __init__(self, catalogue: ParameterCatalogue, parameters: Sequence[Parameter]) -> None:
-        """Sort the columns by what they do."""
         self.joints = catalogue.joints
         self._chains = catalogue.table.chains if catalogue.table else {}
         drives = [drive.joint for drive in catalogue.drives]

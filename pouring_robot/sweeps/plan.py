@@ -83,7 +83,6 @@ class SweepPlan:
     """
 
     def __init__(self, config: SweepConfig) -> None:
-        """Resolve every name; nothing is computed yet."""
         self.threads: int | None = None
         self.model = _model(config)
         definition, nominal = self.model.definition, self.model.nominal_mechanism()

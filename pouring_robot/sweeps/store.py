@@ -58,7 +58,6 @@ class SweepStore:
     """
 
     def __init__(self, folder: Path | str, plan: SweepPlan, *, resume: bool = False) -> None:
-        """Open the store, or make it."""
         self.folder, self.plan = Path(folder), plan
         self.path = self.folder / STORE
         self._made: list[Path] = []

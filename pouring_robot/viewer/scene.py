@@ -60,7 +60,6 @@ class SceneRobot:
     choice: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be drawn."""
         _check_name(self.name)
         least = max((item.parentJoint for item in self.visual.geometryObjects), default=0) + 1
         for field in ("bodies", "reference"):
@@ -100,7 +99,6 @@ class SceneArrows:
     shown_with: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be drawn."""
         _check_name(self.name)
         for field in ("starts_m", "vectors_m"):
             points = getattr(self, field)
@@ -170,7 +168,6 @@ class Camera:
     vertical_view_deg: float = 30.0
 
     def __post_init__(self) -> None:
-        """Refuse a camera that looks nowhere."""
         for field in ("eye_m", "target_m"):
             object.__setattr__(self, field, _point(getattr(self, field), f"camera: {field}"))
         sideways = np.linalg.norm((self.target_m - self.eye_m)[:2])

@@ -97,7 +97,6 @@ class Candidates:
     conditions: dict[str, FloatArray]
 
     def __len__(self) -> int:
-        """Return the number of candidates."""
         return len(self.poses)
 
 

@@ -57,7 +57,6 @@ class Loads:
     drive_stiffness: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
-        """Refuse what has no physical meaning."""
         if self.payload_kg and not self.gravity:
             raise BadInputError(f"a payload of {self.payload_kg} kg weighs nothing without gravity; switch gravity on")
         if not all(np.isfinite(self.payload_centre_m)):
@@ -177,7 +176,6 @@ class ClosureEnergy:
     """
 
     def __init__(self, mechanism: ClosedChainMechanism, loads: Loads = NO_LOADS) -> None:
-        """Make Pinocchio's constraint models and workspace."""
         self.mechanism, self.loads = mechanism, loads
         self.model = self._loaded_model()
         self.data = self.model.createData()

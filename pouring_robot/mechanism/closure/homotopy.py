@@ -41,7 +41,6 @@ class Shares(Generic[Made]):
     def __init__(
         self, mechanism: ClosedChainMechanism, make: Callable[[ClosedChainMechanism], Made], kept: int
     ) -> None:
-        """Make nothing yet."""
         self._mechanism, self._make, self._kept, self._made = mechanism, make, kept, dict[float, Made]()
 
     def __getitem__(self, share: float) -> Made:

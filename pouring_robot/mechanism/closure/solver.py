@@ -234,7 +234,6 @@ class ClosureSolver:
         loads: Loads = NO_LOADS,
         options: ClosureOptions = DEFAULT_OPTIONS,
     ) -> None:
-        """Keep the energy of the mechanism at hand."""
         self.mechanism, self.options = mechanism, options
         self.energy = ClosureEnergy(mechanism, loads)
         self._smaller = Shares(mechanism, functools.partial(ClosureEnergy, loads=loads), options.most_steps)

@@ -35,7 +35,6 @@ class Weight:
     """
 
     def __init__(self, energy: ClosureEnergy, configuration: FloatArray) -> None:
-        """Place every body in the world."""
         self._energy, self._mechanism = energy, energy.mechanism
         self._model = energy.model
         self._data = self._model.createData()

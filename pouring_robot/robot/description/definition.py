@@ -110,7 +110,6 @@ class RobotDefinition:
     """
 
     def __init__(self, file: RobotFile, path: Path) -> None:
-        """Resolve what the file names."""
         self.file, self.path = file, path
         loops = self._loops()
         # What URDF can say goes into the URDF, so that its joints can be displaced and exported like others.

@@ -38,7 +38,6 @@ class NotUPUError(BadInputError):
     """
 
     def __init__(self, chain: str, problem: str) -> None:
-        """Name the chain and the difference."""
         self.chain, self.problem = chain, problem
         super().__init__(
             f"'{chain}' is no UPU chain: {problem}; build the DH table on the nominal 4-UPU robot and give "

@@ -41,7 +41,6 @@ class DHTable:
     """
 
     def __init__(self, chains: Sequence[DHChain], drives: Collection[str]) -> None:
-        """Name every number of every chain."""
         self._chains = {chain.number: chain for chain in chains}
         self._parameters = {p.name: p for chain in chains for p in chain_parameters(chain, drives)}
         self._sites = {joint: (chain, k) for chain in chains for k, joint in enumerate(chain.joints)}

@@ -46,7 +46,6 @@ class PouringDefinition(RobotDefinition):
     """
 
     def __init__(self, layout: str = "paper", layouts_file: Path | None = None) -> None:
-        """Read the shipped robot file."""
         self.layout, self.layouts_file = layout, layouts_file
         super().__init__(*_shipped())
         names = zip(self.drives, DRIVE_SYMBOLS, DRIVE_WORDS, strict=True)

@@ -66,7 +66,6 @@ class FourUPUKinematics:
     """
 
     def __init__(self, nominal: ClosedChainMechanism) -> None:
-        """Read the U-joint centres off the mechanism."""
         self.mechanism = nominal
         closed_at_zero = nominal.neutral_configuration()
         fixed, moving = self._centres(closed_at_zero)

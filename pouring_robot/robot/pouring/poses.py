@@ -28,7 +28,6 @@ class PlatformPose:
     tilt_rad: float
 
     def __post_init__(self) -> None:
-        """Refuse NaN and infinity where they enter."""
         if len(self.position_m) != 3:
             raise BadInputError(f"a position has three coordinates, not {len(self.position_m)}")
         for name, value in zip(("x", "y", "z", "tilt"), (*self.position_m, self.tilt_rad), strict=True):

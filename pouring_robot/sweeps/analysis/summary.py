@@ -23,7 +23,6 @@ class Distances:
     """Counts distances in narrow bins, for quantiles of more numbers than fit into memory."""
 
     def __init__(self) -> None:
-        """Start with none."""
         count = int(np.ceil(np.log(_LARGEST_M / _SMALLEST_M) / np.log1p(_BIN)))
         self.edges_m = _SMALLEST_M * (1.0 + _BIN) ** np.arange(count + 1)
         self.counts = np.zeros(count + 2, dtype=np.int64)
@@ -64,7 +63,6 @@ class Moments:
     within: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
-        """Start with none."""
         self.count, self.largest_m, self.sum_m, self.largest_rad, self.within = np.zeros((5, self.rows))
         self.squares_m2 = np.zeros((self.rows, 3))
 

@@ -76,7 +76,6 @@ class WarmPath:
     """
 
     def __init__(self, heated: HeatedRobot, poses: FloatArray, strain: FloatArray) -> None:
-        """Prepare the engine, and the drives of the drawing."""
         robot = heated.robot
         self.strain, self.engine = strain, robot.engine()
         self.errors = self._displaced(heated) if strain.any() else None

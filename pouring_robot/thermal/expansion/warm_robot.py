@@ -31,7 +31,6 @@ class WarmRobot(PouringRobot):
         pose: PlatformPose,
         passive_lengths_m: Mapping[str, float] | None = None,
     ) -> None:
-        """Take over the nominal side and build the warm mechanism."""
         # Not super().__init__: model, nominal solver and kinematics are the given robot's, and building takes time.
         self.__dict__.update(vars(robot))
         self.expansion, self.pose = expansion, pose

@@ -63,7 +63,6 @@ class ThermalNetwork:
         elements_per_bar: int | None = None,
         radiation: bool = True,
     ) -> None:
-        """Cut the bodies and work out all that no pose changes."""
         if elements_per_leg < 4 or (elements_per_bar is not None and elements_per_bar < 1):
             raise BadInputError(
                 f"a leg needs at least 4 elements and a bar 1, not {elements_per_leg} and {elements_per_bar}"

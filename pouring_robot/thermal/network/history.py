@@ -44,7 +44,6 @@ class HeatHistory:
     ambient_degC: FloatArray
 
     def __post_init__(self) -> None:
-        """Check order, lengths and temperatures."""
         times = np.array(self.times_s, dtype=float)
         if times.ndim != 1 or times.size < 2:
             raise HistoryError("give at least two entries, its start and its end")
@@ -107,7 +106,6 @@ class PoseSchedule:
     entries: tuple[tuple[float, Placed], ...]
 
     def __post_init__(self) -> None:
-        """Check the order."""
         if not self.entries:
             raise HistoryError("the schedule holds no pose")
         _check_order(np.array([time for time, _ in self.entries], dtype=float))

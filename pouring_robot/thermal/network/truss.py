@@ -58,7 +58,6 @@ class TrussNetwork:
     """
 
     def __init__(self, robot: ThermalNetwork) -> None:
-        """Cut the bars."""
         self._robot = robot
         layout = robot.robot.dimensions
         self._girders = _girder_cells(layout)
