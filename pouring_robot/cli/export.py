@@ -33,6 +33,7 @@ def export(
     from pouring_robot.mechanism.poses import MM, MRAD
     from pouring_robot.robot.export.closed import ClosedRobot
     from pouring_robot.robot.export.folder import exported_files
+    from pouring_robot.robot.export.sdf import mimic_notes
     from pouring_robot.robot.pouring.ladle_mesh import stale_mesh_note
     from pouring_robot.robot.pouring.layout import load_layout
     from pouring_robot.robot.pouring_robot import robot_of
@@ -57,4 +58,5 @@ def export(
             markup=False,
         )
     note = None if built.robot else stale_mesh_note(load_layout(built.layout, built.layouts_path))
-    options.print_notes(console, [note] if note else [])
+    followers = {(m.joint, m.leader): m.ratio for m in closed.mechanism.mimics} if form in ("sdf", "drake") else {}
+    options.print_notes(console, [*([note] if note else []), *mimic_notes(followers)])

@@ -10,6 +10,7 @@ import pytest
 import trimesh
 from lxml import etree
 
+from pouring_robot.cli.app import main
 from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.io.files import write_together
 from pouring_robot.mechanism.closure.energy import Loads
@@ -20,6 +21,7 @@ from pouring_robot.robot.export.contacts import joined_or_touching
 from pouring_robot.robot.export.folder import FORMATS, exported_files
 from pouring_robot.robot.export.joints import JointRow, joints_text
 from pouring_robot.robot.export.mjcf import mjcf
+from pouring_robot.robot.export.sdf import mimic_notes
 from pouring_robot.robot.model import DriveOffset, RobotModel
 from pouring_robot.robot.pouring_robot import robot_of
 from tests.support import ROOT, crooked_model, pose_gap, random_poses
@@ -140,6 +142,15 @@ def test_joints_that_mimic_a_drive_follow_its_offset_in_every_format(tied, comma
         link = etree.parse(written(closed, tmp_path / form, form)).find("model/link[@name='tip_mount_link']/pose")
         found = pin.XYZQUATToSE3(np.array([float(v) for v in link.text.split()]))
         assert pose_gap(found, expected) == same
+
+
+@pytest.mark.parametrize("form", ["sdf", "drake"])
+def test_sdf_says_what_it_cannot_of_joints_that_follow(tied, tmp_path, capsys, form):
+    assert main(["export", "--robot", str(tied.definition.path), "--out", str(tmp_path / "out"), "--format", form]) == 0
+    said = "SDF 1.9 knows no mimic, so these joints move freely until the simulator couples them: belt = -0.5 turn, "
+    assert said in " ".join(capsys.readouterr().out.split())
+    assert said in (tmp_path / "out" / "tied.sdf").read_text()
+    assert mimic_notes({}) == []
 
 
 def test_tables_of_joints_are_of_the_tree_whose_joints_hold_offsets(tied):

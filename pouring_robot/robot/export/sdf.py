@@ -3,6 +3,7 @@
 SDF has no joint values: the zero of every joint is the pose that the file shows.
 """
 
+from collections.abc import Mapping
 from pathlib import PurePosixPath
 from typing import Any, Literal
 
@@ -40,6 +41,8 @@ def sdf(assembly: Assembly, loops: Literal["joints", "bushings"] = "joints") -> 
             _link(model, body, assembly)
     fixed = _joint(model, "fixed_to_world", "fixed", "world", _called(assembly.base, assembly))
     fixed.addprevious(etree.Comment(f" zero is where {_commands(assembly)} "))
+    for note in mimic_notes(assembly.mimics):
+        fixed.addprevious(etree.Comment(f" {note.replace('--', '- -')} "))
     for joint in assembly.joints.values():
         if joint.child not in frames:
             _moving(model, joint, assembly)
@@ -51,6 +54,14 @@ def sdf(assembly: Assembly, loops: Literal["joints", "bushings"] = "joints") -> 
             _joint(model, f"{loop.name}_loop", kind, _called(loop.frame_a, assembly), _carrier(loop.frame_b, assembly))
     etree.indent(root)
     return str(etree.tostring(root, encoding="unicode")) + "\n"
+
+
+def mimic_notes(mimics: Mapping[tuple[str, str], float]) -> list[str]:
+    """Return what SDF 1.9 cannot say of joints that follow others, by follower and leader: none where there is none."""
+    if not mimics:
+        return []
+    said = ", ".join(f"{follower} = {ratio:g} {leader}" for (follower, leader), ratio in mimics.items())
+    return [f"SDF 1.9 knows no mimic, so these joints move freely until the simulator couples them: {said}"]
 
 
 def _is_frame(body: Body, assembly: Assembly) -> bool:
