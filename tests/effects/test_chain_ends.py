@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.effects.conditions import set_apart
-from pouring_robot.effects.families.heat import chain_ends
+from pouring_robot.effects.families.heat import chain_ends, grown_places
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureSolver
@@ -13,6 +13,16 @@ from pouring_robot.robot.description.urdf import perturb_urdf
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import Robot
 from tests.support import ROOT
+
+BRACKETED = """<robot name="bracketed">
+  <link name="base"/><link name="upright"/><link name="bracket"/><link name="arm"/><link name="tip"/>
+  <joint name="pan" type="continuous"><parent link="base"/><child link="upright"/><axis xyz="0 0 1"/></joint>
+  <joint name="bolts" type="fixed"><parent link="upright"/><child link="bracket"/>
+    <origin xyz="0.1 0 0.6" rpy="0.3 -0.2 0.5"/></joint>
+  <joint name="lift" type="continuous"><parent link="bracket"/><child link="arm"/><axis xyz="0 1 0"/>
+    <origin xyz="0.05 0 0.02" rpy="0 0.4 0"/></joint>
+  <joint name="mount" type="fixed"><parent link="arm"/><child link="tip"/><origin xyz="0.5 0 0"/></joint>
+</robot>"""
 
 
 def test_the_last_link_of_a_five_bar_grows():
@@ -28,6 +38,30 @@ def test_the_last_link_of_a_five_bar_grows():
         poses.append(solver.solve(location.drives, location.nominal.configuration).pose("base", "pen").translation)
     np.testing.assert_allclose(poses[0], poses[1], rtol=0, atol=1e-9)
     assert np.linalg.norm(poses[0] - location.poses("pen")[0].translation) > 1e-4
+
+
+def test_a_link_grows_through_the_fixed_joints_that_carry_on(tmp_path):
+    """An upright with a bracket bolted on askew, on which the next joint stands: against the URDF with it grown."""
+    (tmp_path / "arm.urdf").write_text(BRACKETED, encoding="utf-8")
+    (tmp_path / "robot.yaml").write_text(
+        "format: pouring_robot/robot/1\nname: bracketed\nurdf: arm.urdf\nbase_frame: base\nend_frame: tip\n"
+        "drives: [{joint: pan}, {joint: lift}]\n",
+        encoding="utf-8",
+    )
+    robot, strain = Robot.load(tmp_path / "robot.yaml"), 1e-3
+    grown = grown_places(robot.model.definition, ("pan", "lift"))
+    assert [(joint, link) for joint, link, _ in grown] == [("pan", "base"), ("lift", "bracket"), ("lift", "upright")]
+    location = robot.location_at([0.4, -0.3])
+    poses = []
+    for moved in ({"lift": strain * grown[2][2]}, {"bolts": strain * np.array([0.1, 0.0, 0.6])}):
+        errors = {joint: PlacementError(translation_m=tuple(shift.tolist())) for joint, shift in moved.items()}
+        if "bolts" in errors:  # a placement error counts in the joint's own axes
+            turned = pin.rpy.rpyToMatrix(0.3, -0.2, 0.5).T @ moved["bolts"]
+            errors = {"bolts": PlacementError(translation_m=tuple(turned.tolist()))}
+        solver = ClosureSolver(ClosedChainMechanism(perturb_urdf(BRACKETED, errors), robot.model.definition.loops))
+        poses.append(solver.solve(location.drives, location.nominal.configuration).pose("base", "tip").translation)
+    np.testing.assert_allclose(poses[0], poses[1], rtol=0, atol=1e-12)
+    assert np.linalg.norm(poses[0] - location.poses("tip")[0].translation) > 5e-4
 
 
 def test_a_slide_spans_the_joints_at_its_ends():

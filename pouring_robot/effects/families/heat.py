@@ -100,6 +100,31 @@ def levers(robot: RobotDefinition) -> Mapping[str, tuple[str, FloatArray]]:
     return {joint: (link, np.asarray(at.rotation.T @ at.translation)) for joint, (link, at) in placed}
 
 
+def grown_places(robot: RobotDefinition, places: Collection[str]) -> list[tuple[str, str, FloatArray]]:
+    """Return what links do to the joints on them, also through fixed joints, which nothing displaces by themselves.
+
+    Args:
+        robot: the robot.
+        places: joints that may be displaced.
+
+    Returns:
+        The joint, a link that carries it up to the next joint that may be displaced or moves, and the place on that
+        link of what it carries there, (3,), in the joint's own axes, in m.
+    """
+    model, known, found = robot.mechanism().shared_model, standing(robot), []
+    for joint in places:
+        (link, placed), turned = known[joint], known[joint][1].rotation
+        while True:
+            found.append((joint, link, np.asarray(turned.T @ placed.translation)))
+            carrier = model.frames[model.frames[model.getFrameId(link, pin.FrameType.BODY)].parentFrame]
+            fixed = carrier.type == pin.FrameType.FIXED_JOINT and carrier.name not in ("universe", *places)
+            if not fixed or link == robot.loops.base_frame:
+                break
+            link, placed = known[carrier.name]
+            turned = placed.rotation @ turned
+    return found
+
+
 def chain_ends(robot: RobotDefinition, places: Collection[str]) -> list[tuple[str, str, FloatArray]]:
     """Return what the last link of a chain does that ends in a fixed joint, which nothing displaces.
 
@@ -210,9 +235,8 @@ class LinksGrowth(Family):
 
     def _form(self, name: str, conditions: Conditions, own: Mapping[str, str], other: str) -> Form:
         """Return the form that links follow their own thermometers, and all others another one, if it is there."""
-        known, prior_std = levers(conditions.robot), _PRIOR_STD_PPM
-        places = conditions.causes.placements.places
-        carried = [(joint, *known[joint]) for joint in places] + chain_ends(conditions.robot, places)
+        prior_std, places = _PRIOR_STD_PPM, conditions.causes.placements.places
+        carried = grown_places(conditions.robot, places) + chain_ends(conditions.robot, places)
         carried = [(joint, own.get(link, other), place) for joint, link, place in carried if place.any()]
         carried = [(joint, by, place) for joint, by, place in carried if by in conditions.rises]
         followed = dict.fromkeys(by for _, by, _ in carried)
