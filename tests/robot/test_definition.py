@@ -73,6 +73,23 @@ def gantry(tmp_path):
     return path
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("mm_per_turn: 10.0", "mm_per_turn: 10.0, zero: 50", "write 50 mm as 0.05"),
+        ("ratio: 0.5", "ratio: 0.5, zero: -90", "write -90 degrees as -1.5708"),
+        ("base_frame: base", "base_frame: arm", "base_frame 'arm' is carried by the drive 'shoulder'"),
+    ],
+)
+def test_what_no_joint_can_be_is_refused_with_the_mend(arm, old, new, says):
+    text = arm.read_text()
+    arm.write_text(text.replace(old, new))
+    with pytest.raises(DescriptionError, match=re.escape(says)):
+        RobotDefinition.load(arm)
+    arm.write_text(text.replace("ratio: 0.5", "ratio: 0.5, zero: 3.1").replace("10.0", "10.0, zero: -0.9"))
+    assert [drive.zero for drive in RobotDefinition.load(arm).drives] == [3.1, -0.9]
+
+
 @pytest.fixture
 def arm(tmp_path):
     (tmp_path / "arm.urdf").write_text(ARM, encoding="utf-8")

@@ -36,7 +36,7 @@ from pouring_robot.mechanism.loops import LoopsFile, load_loops
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.description.robot_file import DriveEntry, RobotFile
-from pouring_robot.robot.description.urdf import meshes_from, reach, read_text
+from pouring_robot.robot.description.urdf import carriers, meshes_from, reach, read_text
 
 if TYPE_CHECKING:
     from pouring_robot.batch import BatchStart
@@ -132,6 +132,12 @@ class RobotDefinition:
             near = closest(file.payload_frame, frames)
             raise DescriptionError(path, f"payload_frame '{file.payload_frame}' is no link of the robot{near}")
         self._check_home(root)
+        self._check_zeros(root)
+        idle = {*carriers(root, self.loops.base_frame)}.intersection(carriers(root, self.loops.end_frame or ""))
+        for drive in self.drives:
+            if drive.joint in idle:
+                problem = f"base_frame '{self.loops.base_frame}' is carried by the drive '{drive.joint}'"
+                raise DescriptionError(path, f"{problem}, which poses seen from it do not show; name a link above it")
 
     @classmethod
     def load(cls, path: Path | str) -> RobotDefinition:
@@ -189,6 +195,24 @@ class RobotDefinition:
                 if lower < upper and not lower - _LIMIT_SLACK <= value <= upper + _LIMIT_SLACK:
                     beyond = f"home: '{name}' at {value:g} is beyond its limits {lower:g} to {upper:g} (m, rad)"
                     raise DescriptionError(self.path, beyond)
+
+    def _check_zeros(self, root: etree._Element) -> None:
+        """Refuse zeros at which no joint stands, which mostly are mm or degrees.
+
+        At a command of zero a drive may stand beyond its limits, at a switch, but hardly by more than they are apart; a
+        turn is known but for whole ones. A slide without limits stands within the robot's size.
+        """
+        limits = {str(joint.get("name")): joint.find("limit") for joint in root.iterfind("joint")}
+        for drive in (drive for drive in self.drives if drive.zero):
+            limit = limits[drive.joint]
+            lower, upper = (0.0 if limit is None else float(limit.get(key, "0")) for key in ("lower", "upper"))
+            whole = 2.0 * math.pi if drive.unit == "rad" else 0.0 if lower < upper else self.reach_m
+            least, most = min(2.0 * lower - upper, -whole), max(2.0 * upper - lower, whole)
+            if not least <= drive.zero <= most:
+                unit, si = ("mm", MM) if drive.unit == "m" else ("degrees", math.radians(1.0))
+                problem = f"drive '{drive.joint}': zero {drive.zero:g} {drive.unit} is nowhere near its range"
+                mend = f"zero is in m or rad: write {drive.zero:g} {unit} as {drive.zero * si:.6g}"
+                raise DescriptionError(self.path, f"{problem}; {mend}")
 
     def _drive(self, entry: DriveEntry, kinds: Mapping[str, str]) -> Drive:
         kind = kinds.get(entry.joint)

@@ -68,6 +68,18 @@ def reach(urdf: str, values: Mapping[str, float]) -> float:
     return max(map(beyond, steps), default=0.0)
 
 
+def carriers(root: etree._Element, frame: str) -> list[str]:
+    """Return the joints, moving and fixed, that carry a link of a URDF, or a joint and it itself, the nearest first."""
+    whole = (j for j in root.iterfind("joint") if j.find("parent") is not None and j.find("child") is not None)
+    joints = {j.get("name"): [j.find(end).get("link") for end in ("parent", "child")] for j in whole}
+    above = {child: (name, parent) for name, (parent, child) in joints.items()}
+    link, found = joints[frame][1] if frame in joints and frame not in above else frame, list[str]()
+    while link in above and above[link][0] not in found:
+        name, link = above[link]
+        found.append(name)
+    return found
+
+
 def perturb_urdf(urdf: str, placements: Mapping[str, PlacementError], source: Path | str = "URDF") -> str:
     """Return the URDF with single joints displaced.
 
