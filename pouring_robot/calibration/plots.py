@@ -23,10 +23,6 @@ def plots(calibration: CalibrationFindings) -> list[tuple[str, str]]:
     return drawn
 
 
-def _plain(value: float, _place: object) -> str:
-    return f"{value:g}"
-
-
 def _residuals(calibration: CalibrationFindings) -> str:
     from matplotlib.ticker import FuncFormatter, NullFormatter
 
@@ -48,7 +44,7 @@ def _residuals(calibration: CalibrationFindings) -> str:
             axes.axvspan(row - 0.5, row + 0.5, color=HELD_OUT, alpha=0.12, linewidth=0)
         axes.axhline(np.sqrt(3.0) * sigma / unit, color=GREY, linestyle="--", label="noise")
         axes.set_ylabel(label)
-        axes.yaxis.set_major_formatter(FuncFormatter(_plain))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axes.yaxis.set_minor_formatter(NullFormatter())
         axes.grid(alpha=0.25)
     axes.set_xlabel("row of the campaign")

@@ -56,12 +56,9 @@ def campaign_files(
             scaled = np.round(values * 1e3 if millimetres else values, digits) + 0.0
             heading = f"{column.name}_mm" if millimetres else column.canonical
             cells[heading] = ["" if np.isnan(value) else f"{value:.{digits}f}" for value in scaled]
-    table = _parquet(cells) if path.suffix.lower() in PARQUET_SUFFIXES else _csv(cells)
+    parquet = path.suffix.lower() in PARQUET_SUFFIXES
+    table = _parquet(cells) if parquet else csv_text(cells, zip(*cells.values(), strict=True)).encode()
     return {path: table, path.with_suffix(".yaml"): metadata_text(metadata).encode()}
-
-
-def _csv(cells: Cells) -> bytes:
-    return csv_text(cells, zip(*cells.values(), strict=True)).encode()
 
 
 def _parquet(cells: Cells) -> bytes:

@@ -13,7 +13,7 @@ from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.causes import Causes, Thermometers
-from pouring_robot.robot.description.definition import Drive, RobotDefinition
+from pouring_robot.robot.description.definition import RobotDefinition
 
 _KILO, _HOUR_S = 1e3, 3600.0
 
@@ -171,9 +171,10 @@ def of_drives(robot: RobotDefinition) -> dict[str, Facts]:
             record="the pitch of the screws (screw pitch in campaign.yaml)",
             vary="measure at several places within one turn of the screws",
         )
+        group = next((name for name, drives in robot.groups.items() if first in drives), "the drives")
         found["lengths_m"] = Facts(
             lambda c: (f"length of {first.words} [mm]", c.lengths_m[:, 0] / MM),
-            vary=f"measure with {_group_of(robot, first)} as short and as long as they can be",
+            vary=f"measure with {group} as short and as long as they can be",
             least_spread=0.1,
             by_pose=True,
         )
@@ -186,10 +187,6 @@ def of_drives(robot: RobotDefinition) -> dict[str, Facts]:
             least_spread=0.2,
         )
     return found
-
-
-def _group_of(robot: RobotDefinition, drive: Drive) -> str:
-    return next((name for name, drives in robot.groups.items() if drive in drives), "the drives")
 
 
 _OF_POSE: dict[str, Facts] = {

@@ -95,17 +95,13 @@ def _complete(store: SweepStore, workers: int, scheduler: str | None, progress: 
     progress("sweep", done, total)
     if not missing:
         return
-    results = _clustered(plan, missing, workers, scheduler) if workers or scheduler else _here(plan, missing)
+    here = ((chunk, plan.compute(chunk)) for chunk in missing)
+    results = _clustered(plan, missing, workers, scheduler) if workers or scheduler else here
     with contextlib.closing(results):
         for chunk, result in results:
             store.write(chunk, result)
             done += 1
             progress("sweep", done, total)
-
-
-def _here(plan: SweepPlan, chunks: list[Chunk]) -> _Results:
-    for chunk in chunks:
-        yield chunk, plan.compute(chunk)
 
 
 def _clustered(plan: SweepPlan, chunks: list[Chunk], workers: int, scheduler: str | None) -> _Results:
@@ -133,6 +129,10 @@ def _clustered(plan: SweepPlan, chunks: list[Chunk], workers: int, scheduler: st
             yield pending.pop(future), result
 
 
+def _compute(plan: SweepPlan, chunk: Chunk) -> ChunkResult:
+    return plan.compute(chunk)
+
+
 class _PlanTask:
     """Returns the plan it carries."""
 
@@ -142,10 +142,6 @@ class _PlanTask:
     def __call__(self) -> SweepPlan:
         self._plan.threads = 1  # a worker computes as many chunks at a time as it has threads
         return self._plan
-
-
-def _compute(plan: SweepPlan, chunk: Chunk) -> ChunkResult:
-    return plan.compute(chunk)
 
 
 def _result(future: Any) -> ChunkResult:

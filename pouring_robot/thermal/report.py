@@ -27,7 +27,7 @@ from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from pouring_robot.thermal.expansion.warm_robot import WarmRobot, drawing_of
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.field import TemperatureField
-from pouring_robot.thermal.network.history import HeatHistory, Placed, PoseSchedule
+from pouring_robot.thermal.network.history import HeatHistory, PoseSchedule
 from pouring_robot.thermal.network.transient import simulate
 
 if TYPE_CHECKING:
@@ -242,7 +242,8 @@ class ShiftHeat(Result):
             NoSolutionError: the warm drawing cannot take a pose, or no temperatures are found.
         """
         found = simulate(network, history, schedule, times_s=times_s)
-        held = [_as_pose(schedule.at(float(time))) for time in times_s]
+        places = (schedule.at(float(time)) for time in times_s)
+        held = [p if isinstance(p, PlatformPose) else PlatformPose.from_se3(p.pose_base_to_end) for p in places]
         loops = robot.nominal_solver.mechanism.loops
         frames = (loops.end_frame or "", loops.working_frame)
         moved: dict[str, list[PoseDifference]] = {frame: [] for frame in frames}
@@ -320,7 +321,3 @@ def heated_drawing(robot: PouringRobot, heat: HeatSection, *, radiation: bool = 
     """
     drawing = drawing_of(robot)
     return HeatedRobot(drawing, heat, ThermalNetwork(drawing, heat.thermal_properties(), radiation=radiation))
-
-
-def _as_pose(place: Placed) -> PlatformPose:
-    return place if isinstance(place, PlatformPose) else PlatformPose.from_se3(place.pose_base_to_end)

@@ -46,7 +46,10 @@ def page_content(scene: Scene) -> Content:
     return {
         "shapes": [_shape(shape) for shape in shapes],
         "robots": robots,
-        "cameras": {name: _camera(one) for name, one in _cameras(scene, camera).items()},
+        "cameras": {
+            name: {"eye": one.eye_m.tolist(), "target": one.target_m.tolist(), "view_deg": one.vertical_view_deg}
+            for name, one in _cameras(scene, camera).items()
+        },
         "sky": [list(SKY_TOP), list(SKY_BOTTOM)],
         "thickness": 0.005 * view_height(camera),
         "exaggeration": scene.exaggeration,
@@ -155,10 +158,6 @@ def _cameras(scene: Scene, overview: Camera) -> dict[str, Camera]:
             overview, eye_m=place + _CLOSER * (overview.eye_m - overview.target_m), target_m=place
         )
     return found
-
-
-def _camera(camera: Camera) -> Content:
-    return {"eye": camera.eye_m.tolist(), "target": camera.target_m.tolist(), "view_deg": camera.vertical_view_deg}
 
 
 def _finite(values: Vector) -> list[float | None]:

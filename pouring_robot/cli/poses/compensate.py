@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
@@ -62,7 +62,9 @@ def compensate(
     present = which.built(warm=True, under=True)
     from pouring_robot.robot.pouring_robot import PouringRobot
 
-    _check_frame(present.nominal_solver.mechanism.loops.reported_frames, frame)
+    known = present.nominal_solver.mechanism.loops.reported_frames
+    if frame is not None and frame not in known:
+        raise UnknownFrameError(frame, known)
     warmth = heat.of(present)
     if at_once or header:
         if not isinstance(present, PouringRobot):
@@ -243,11 +245,6 @@ def _each(
             found.append(at(k, robot))
             show("compensating", len(found), len(wanted))
     return found
-
-
-def _check_frame(known: Sequence[str], frame: str | None) -> None:
-    if frame is not None and frame not in known:
-        raise UnknownFrameError(frame, known)
 
 
 def _is_outside(robot: PouringRobot, pose: PlatformPose) -> bool:

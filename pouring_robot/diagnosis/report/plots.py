@@ -147,11 +147,8 @@ def residual_axes(given: Conditions, effects: Iterable[Effect]) -> list[str]:
     """Return the names of the conditions that residuals are drawn over: time, load, travels, heat and pose."""
     driving = dict.fromkeys(name for effect in effects for name in (*effect.needs, effect.driver))
     rises = [name for name in driving if name.endswith(RISE)]
-    return ["time_s", "weight_n", *(f"{name}_m" for name in given.travels), *rises, _pose_axis(given)]
-
-
-def _pose_axis(given: Conditions) -> str:
-    return "height_m" if given.tilt_rad is None else "tilt_rad"
+    pose = "height_m" if given.tilt_rad is None else "tilt_rad"
+    return ["time_s", "weight_n", *(f"{name}_m" for name in given.travels), *rises, pose]
 
 
 def _residual_table(diagnosis: Conclusions, *, of_after: bool) -> FloatArray:

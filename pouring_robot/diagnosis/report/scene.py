@@ -179,7 +179,7 @@ def _scene(against: CampaignRows, states: Sequence[SeenState], labels: dict[int,
         moved = shown.copy()
         moved[:, :3, 3] += (state.model - state.measured)[:, :3, 3]
         moved[:, :3, :3] = state.model[:, :3, :3] @ np.swapaxes(state.measured[:, :3, :3], 1, 2) @ shown[:, :3, :3]
-        said = f"{_median(sizes[state.name]):.2f} mm off, in the median"
+        said = f"{np.nanmedian(sizes[state.name]) / MM:.2f} mm off, in the median"
         robots.append(
             SceneRobot(
                 state.name, ladle, (world @ moved[rows])[:, None], measured[:, None], opacity=0.6,
@@ -243,10 +243,6 @@ def _taken_apart(
 def _spread(rows: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return all rows, or as many as a picture can bear."""
     return rows[:: -(-rows.size // _MOST_ARROWS)] if rows.size else rows
-
-
-def _median(sizes_m: FloatArray) -> float:
-    return float(np.nanmedian(sizes_m)) / MM
 
 
 def _caption(

@@ -18,7 +18,6 @@ from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.estimation.instruments import component_name
 from pouring_robot.inference.explanations import WORKMANSHIP_FORM
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.robot.description.causes import Thermometers
 
 _SHOWN_PARAMETERS, _SHOWN_SENTENCES, _SHOWN_PAIRS, _SHOWN_MEASUREMENTS = 4, 5, 2, 3
 _CLEAR = 2.0
@@ -298,7 +297,11 @@ def measurement_text(measurement: SuggestedMeasurement) -> str:
     said = [f"{_drive_text(measurement)}, at {at}" if measurement.in_drives else f"{at}, {turn}"]
     said += [f"approached {''.join('+' if given[name] > 0 else '-' for name in approaches)}"] if approaches else []
     kinds = [kind for kind in causes_of(robot).thermometers if kind.hot_rise_k]
-    warm = [(f"{name}_degC", f"{word.removesuffix(' temperature')} at") for k in kinds for name, word in _first(k)]
+    warm = [
+        (f"{name}_degC", f"{word.removesuffix(' temperature')} at")
+        for k in kinds
+        for name, word in list(k.members.items())[:1]
+    ]
     travels = [(f"{name}_m", name.split("_")[-1], 1, "m") for name in robot.travels]
     said += [
         f"{words} {given[name]:.{digits}f} {unit}"
@@ -323,10 +326,6 @@ def _drive_text(measurement: SuggestedMeasurement) -> str:
         else f"{drive.column} {math.degrees(command):.2f}°"
         for drive, command in zip(measurement.robot.drives, commands, strict=True)
     )
-
-
-def _first(kind: Thermometers) -> list[tuple[str, str]]:
-    return list(kind.members.items())[:1]
 
 
 def sections(diagnosis: Conclusions, *, short: bool = True) -> list[tuple[str, list[str]]]:

@@ -86,7 +86,7 @@ class RobotBench:
             "errors": {
                 "values": {},
                 "names": names,
-                "units": {name: _shown_unit(parameter) for name, parameter in self._parameters.items()},
+                "units": {name: "mm" if p.unit == "m" else "mrad" for name, p in self._parameters.items()},
                 "largest": _LARGEST,
             },
         }
@@ -167,10 +167,6 @@ def _set_of(parameter: Parameter) -> str:
         return "drives"
     chain = f", chain {parameter.chain}" if parameter.chain else ""
     return ("DH table" if parameter.dh else "joint placements") + chain
-
-
-def _shown_unit(parameter: Parameter) -> str:
-    return "mm" if parameter.unit == "m" else "mrad"
 
 
 def _slider(axis: CommandAxis, name: str, value: float) -> dict[str, Any]:

@@ -77,7 +77,8 @@ class ThermalNetwork:
         self.grid = LegGrid(LegSections.of(entry), elements_per_leg, max(2, round(elements_per_leg / 4)))
         bars = elements_per_bar or max(2, elements_per_leg // 5)
         boxes = link_boxes(urdf, "moving_platform")
-        self._bars_in_the_way = _shifted(merged(boxes), -self._ladle.melt_centre_m)
+        in_the_way, melt_m = merged(boxes), self._ladle.melt_centre_m
+        self._bars_in_the_way = Boxes(in_the_way.lower_m - melt_m, in_the_way.upper_m - melt_m)
         cladding = self.properties.moving_platform.cladding_thickness.metres
         self._moving = parts.MovingPlatform.of(boxes, self._bars_in_the_way, self._ladle, bars, cladding)
         self._fixed = BarCells.cut(link_boxes(urdf, "fixed_platform"), bars)
@@ -240,8 +241,3 @@ class ThermalNetwork:
         middles = (cells.centres_m - origin) @ rotation
         factors = hidden_view_factors(faces, middles, normals, self._disc, self._bars_in_the_way)
         return np.asarray(np.sum(cells.face_area_m2 * factors, axis=1))
-
-
-def _shifted(boxes: Boxes, by_m: FloatArray) -> Boxes:
-    """Return the boxes moved by a vector, shape (3,), in m."""
-    return Boxes(boxes.lower_m + by_m, boxes.upper_m + by_m)
