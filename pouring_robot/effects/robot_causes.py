@@ -13,21 +13,14 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.robot.description.causes import AMBIENT, AxisTilt, CauseEntry, Causes, Placements, Thermometers
 from pouring_robot.robot.description.definition import Drive, RobotDefinition
 
-HARMONICS = 30
-"""Orders of an error that is bound to a joint's own angle. What makes it (encoder, gear, transmission) is not asked."""
+HARMONIC_SIZES = tuple(1.0 / order for order in range(1, 31))
+"""How large each order of an error that is bound to a joint's own angle is expected over the first. What makes it
+(encoder, gear, transmission) is not asked: an error whose steps around the turn are independent of each other, as
+those of teeth, balls and graduation lines are, is a closed random walk, whose coefficients fall with the order."""
 _ALONG = 0.999
 _STROKE = {"middle_m": 0.0, "half_stroke_m": 1.0}
 _LEAD = {**_STROKE, "build_up": True}
 Groups = Mapping[str, tuple[Drive, ...]]
-
-
-def harmonic_sizes(count: int = HARMONICS) -> tuple[float, ...]:
-    """Return how large each order is expected over the first: 1/h.
-
-    An error whose steps around the turn are independent of each other, as those of teeth, balls and graduation lines
-    are, is a closed random walk, and its Fourier coefficients fall with the order.
-    """
-    return tuple(1.0 / order for order in range(1, count + 1))
 
 
 @functools.lru_cache(maxsize=16)
@@ -61,7 +54,7 @@ def _of_drives(robot: RobotDefinition) -> Iterator[CauseEntry]:
         "each joint errs by a periodic function of its own angle; encoder, gear and transmission do the same to a pose "
         "and cannot be told apart by it"
     )
-    yield from _each(turns, "joint_periodic", "periodic", story, {"sizes": harmonic_sizes(), "all_main": True})
+    yield from _each(turns, "joint_periodic", "periodic", story, {"sizes": HARMONIC_SIZES, "all_main": True})
     story = "nuts and gears have play: a drive stops short on the side it came from"
     yield from _each(groups, "drive_backlash", "lost_motion", story, _STROKE)
     story = "the drives yield to the forces that weight puts on them"
