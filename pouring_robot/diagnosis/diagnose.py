@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -268,7 +268,7 @@ class _Work:
         sigma = rows.measured.sigma
         given_rows, amended_rows = before.every_row.alone, after.every_row.alone
         gaps = [Gap.between(given_rows, amended_rows, part, sigma) for part in (fitted, ~fitted) if part.any()]
-        return Diagnosis(
+        diagnosis = Diagnosis(
             campaign=self.campaign,
             model=self.model,
             rows=rows,
@@ -293,6 +293,12 @@ class _Work:
             notes=tuple(notes),
             next_count=self.options.next_count,
         )
+        if not (diagnosis.refused and judgement.causes):
+            return diagnosis
+        # What no model can hold is no cause, however well it explains.
+        why = diagnosis.refused
+        reasons = (why, *(line for line in judgement.reasons if line != misfit))
+        return replace(diagnosis, misfit=why, judgement=replace(judgement, verdict="unknown", reasons=reasons))
 
 
 def _free_residuals(before: LinearState, rows: CampaignRows, noise: NoiseLevel) -> FreeResiduals:

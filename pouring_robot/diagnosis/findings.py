@@ -40,7 +40,8 @@ class Findings:
         free_residuals: of the given model, only its frames fitted, of all inliers.
         hypothesis: what explains best.
         judgement: what may be said of it.
-        misfit: what of the noise is too large for one, in words; "" where nothing is.
+        misfit: why the answer is unknown whatever explains best: what is left is too large for noise, or what was found
+            is no credible robot; "" where neither is.
         effects: the named effects with their parameters.
         untestable: effects that the campaign cannot test, with the conditions it lacks.
         train: gap of the fitted rows.

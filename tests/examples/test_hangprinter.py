@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 import pouring_robot
+from pouring_robot.exceptions import BadInputError
 
 MACHINE = Path(__file__).parents[2] / "examples/machines/hangprinter"
 
@@ -39,6 +40,20 @@ def test_a_misfit_that_is_too_large_for_noise_is_no_calm(tmp_path):
     assert found.verdict == "unknown"
     assert found.headline.startswith("UNKNOWN: what is left over is too large for noise: ")
     assert "RMS a closure, where all errors within the tolerances make " in found.misfit
+
+
+def test_what_is_no_credible_robot_is_no_cause(monkeypatch):
+    """Anchors metres away, which explain a motor that counts the other way; here any anchor is taken for one."""
+
+    def refuse(_):
+        raise BadInputError("anchor_b_X is displaced by 250 mm")
+
+    monkeypatch.setattr(pouring_robot.RobotModel, "check_errors", refuse)
+    model = pouring_robot.RobotModel(robot=str(MACHINE / "robot.yaml"))
+    found = pouring_robot.diagnose(MACHINE / "samples.csv", model)
+    assert (found.verdict, found.amended) == ("unknown", found.model)
+    assert found.headline.startswith("UNKNOWN: what was found is no credible robot (the fit is not credible: anchor_b_X ")
+    assert "sure" not in found.headline
 
 
 def test_held_out_lines_agree(found):
