@@ -22,7 +22,7 @@ from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.identifiability import observability
 from pouring_robot.estimation.splits import WORSE
 from pouring_robot.mechanism.poses import MM, MRAD, pose_figures
-from pouring_robot.robot.metrics import without_nan
+from pouring_robot.robot.location_figures import without_nan
 
 Figures = dict[str, Any]
 

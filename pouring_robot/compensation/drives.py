@@ -16,7 +16,7 @@ from pouring_robot.report.result import Result
 from pouring_robot.robot.description.command import CommandAxis
 from pouring_robot.robot.inverse import Target, bring
 from pouring_robot.robot.location import Location, drive_words
-from pouring_robot.robot.metrics import difference_figures, joint_figures
+from pouring_robot.robot.location_figures import difference_figures, joint_figures
 from pouring_robot.robot.robot import Robot
 
 if TYPE_CHECKING:

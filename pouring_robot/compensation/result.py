@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
 from pouring_robot.report.result import Result
-from pouring_robot.robot.metrics import difference_figures, joint_figures
+from pouring_robot.robot.location_figures import difference_figures, joint_figures
 from pouring_robot.robot.pouring.names import DRIVE_COLUMNS
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.thermal.expansion.heated_robot import WarmState

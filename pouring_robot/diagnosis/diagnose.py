@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import examine
@@ -35,6 +34,7 @@ from pouring_robot.estimation.splits import HoldOut, Split, split
 from pouring_robot.exceptions import BadInputError, CalibrationError, CampaignError
 from pouring_robot.inference.decision import DEFAULT_THRESHOLDS, Thresholds, judge, without_minor
 from pouring_robot.inference.discrepancy import Discrepancy
+from pouring_robot.inference.gross_errors import calm, gross_errors
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.nuisance import Nuisance
 from pouring_robot.inference.search import SearchOptions
@@ -49,8 +49,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FEWEST_ROWS = 8
-_WRONG_SIGMAS, _WRONG_SHARE, _FEW_WRONG = 6.5, 0.04, 2
-_CALM, _NORMAL_MEDIAN = 1.5, 0.6745
 _NOISE_ROUNDS, _NOISE_SETTLED = 5, 0.02
 _OUTLIER_ROUNDS = 3
 
@@ -147,7 +145,7 @@ def diagnose(
             break
         progress("leaving out rows that fit nothing", 0, 0)
         again = work.searched(np.union1d(found.outliers, found.inliers[more]), found.hypothesis)
-        if not again.calm:  # what is missing is missing in many rows: none is known to be wrong
+        if not calm(again.hypothesis.remainder):  # what is missing is missing in many rows: none is known to be wrong
             break
         found = again
     return work.judged(found, tuple(flags))
@@ -167,27 +165,10 @@ class _Searched:
     after: LinearState
     hypothesis: Hypothesis
 
-    @property
-    def calm(self) -> bool:
-        """Whether nearly all rows are explained, to half as much again as the noise."""
-        return float(np.sqrt(np.median(self.hypothesis.remainder**2)) / _NORMAL_MEDIAN) < _CALM
-
     def wrong_rows(self) -> NDArray[np.intp]:
-        """Return fitted rows that nothing explains while nearly all others are explained better: gross errors.
-
-        A gross error draws the answer to itself, so that the others may not be explained to their noise before it is
-        left out: rows count by what nine tenths of them stay below.
-        """
-        left, measured = self.hypothesis.remainder, self.after.fitted_rows
-        worst = np.zeros(len(self.inliers))
-        np.maximum.at(worst, measured.row, np.abs(left))
-        components = len(left) / self.fitted.sum()
-        # Of so many normal values the largest stays below this in nine rows of ten.
-        usual = float(ndtri(0.5 + 0.5 * 0.9 ** (1.0 / components)))
-        scale = max(1.0, float(np.quantile(worst[self.fitted], 0.9)) / usual)
-        wrong = np.flatnonzero(worst > _WRONG_SIGMAS * scale)
-        few = wrong.size + self.outliers.size <= max(_FEW_WRONG, int(_WRONG_SHARE * len(self.inliers)))
-        return wrong if few else np.zeros(0, dtype=np.intp)
+        """Return fitted rows that are gross errors."""
+        row = self.after.fitted_rows.row
+        return gross_errors(self.hypothesis.remainder, row, self.fitted, self.outliers.size)
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import PER_SESSION
 from pouring_robot.campaign.nominal import PoseStack
+from pouring_robot.estimation.few_positions import searched_frames
 from pouring_robot.estimation.frames.fit import fit_frames
 from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.estimation.frames.sessions import in_one_frame
@@ -30,7 +31,6 @@ from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows,
 from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations
 from pouring_robot.estimation.robust import Loss
-from pouring_robot.estimation.searched_frames import searched_frames
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.model import RobotModel

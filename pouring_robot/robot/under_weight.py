@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
-from scipy.constants import g
 
+from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.mechanism.loops import LoopStiffness, Quantity
@@ -20,7 +20,7 @@ def stiffness_at(
     """Return the stiffness of the parts at a pose of the drawing, bearings under a quarter of the ladle's weight."""
     values = robot.kinematics.joint_values(pose)
     lengths = np.array([values[f"leg{i}_s3"] for i in (1, 2, 3, 4)])
-    carried = 0.25 * g * (payload_kg + robot.layout.ladle.tare_kg)
+    carried = 0.25 * GRAVITY_M_S2 * (payload_kg + robot.layout.ladle.tare_kg)
     return PartStiffness.of(robot.dimensions, lengths, carried, properties)
 
 
@@ -67,7 +67,7 @@ def truss_sag_m(robot: PouringRobot, payload_kg: float, properties: StiffnessPro
     width, height, wall = (s.metres for s in (truss.girder_width, truss.girder_height, truss.girder_wall))
     inertia = (width * height**3 - (width - 2.0 * wall) * (height - 2.0 * wall) ** 3) / 12.0
     modulus = (properties or load_stiffness()).steel.youngs_modulus.value
-    force = g * (float(data.mass[trolley]) + payload_kg)
+    force = GRAVITY_M_S2 * (float(data.mass[trolley]) + payload_kg)
     return float(force * truss.gauge.metres**3 / (48.0 * modulus * 2.0 * inertia))
 
 

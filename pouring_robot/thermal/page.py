@@ -3,7 +3,7 @@
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.page import Block, Paragraph, Plot, Table, html_page
 from pouring_robot.report.plots import svg_of
-from pouring_robot.robot.metrics import decimals
+from pouring_robot.robot.location_figures import decimals
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.thermal.plots import pose_picture, shift_picture
 from pouring_robot.thermal.report import PoseHeat, ShiftHeat

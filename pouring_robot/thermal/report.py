@@ -17,7 +17,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference, bodies_at
 from pouring_robot.report.result import Result
 from pouring_robot.robot.heat_section import HeatSection
-from pouring_robot.robot.metrics import difference_figures
+from pouring_robot.robot.location_figures import difference_figures
 from pouring_robot.robot.pouring.names import CHAINS
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot

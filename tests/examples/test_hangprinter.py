@@ -52,7 +52,9 @@ def test_what_is_no_credible_robot_is_no_cause(monkeypatch):
     model = pouring_robot.RobotModel(robot=str(MACHINE / "robot.yaml"))
     found = pouring_robot.diagnose(MACHINE / "samples.csv", model)
     assert (found.verdict, found.amended) == ("unknown", found.model)
-    assert found.headline.startswith("UNKNOWN: what was found is no credible robot (the fit is not credible: anchor_b_X ")
+    assert found.headline.startswith(
+        "UNKNOWN: what was found is no credible robot (the fit is not credible: anchor_b_X "
+    )
     assert "sure" not in found.headline
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from pouring_robot.cli.poses.heat import unsettled_words
 from pouring_robot.cli.shared.tables import few_rows
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.robot.metrics import decimals
+from pouring_robot.robot.location_figures import decimals
 from pouring_robot.robot.pouring.names import DRIVE_JOINTS
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from pouring_robot.cli.shared.tables import plain_table
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.heat_section import HeatSection
-from pouring_robot.robot.metrics import decimals
+from pouring_robot.robot.location_figures import decimals
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 
@@ -259,7 +259,7 @@ def print_shares(console: Console, shares: dict[str, PoseShares]) -> None:
 
 def share_figures(shares: PoseShares) -> dict[str, Any]:
     """Return the three shares and what they leave, in mm and mrad, ready for JSON."""
-    from pouring_robot.robot.metrics import difference_figures
+    from pouring_robot.robot.location_figures import difference_figures
 
     return {
         "geometry": difference_figures(shares.geometry),

@@ -41,7 +41,7 @@ def path(
     from pouring_robot.cli.poses import heat as warm
     from pouring_robot.cli.shared import locations as places
     from pouring_robot.robot.location import LadleLocation
-    from pouring_robot.robot.metrics import location_figures
+    from pouring_robot.robot.location_figures import location_figures
 
     present = which.built(warm=True, under=True)
     commanded = under.read_commands(present, poses)
@@ -160,7 +160,7 @@ def _write(out: Path | None, rows: list[Row]) -> list[Path]:
 
 def _print(robot: Robot, rows: list[Row], notes: list[str], written: list[Path], *, in_file: bool) -> None:
     from pouring_robot.cli.shared.tables import few_rows
-    from pouring_robot.robot.metrics import decimals
+    from pouring_robot.robot.location_figures import decimals
 
     console, worst = options.console(), max(row.get("error_mm", 0.0) for row in rows)
     verdict, required = "", robot.accuracy_m

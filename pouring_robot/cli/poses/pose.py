@@ -19,7 +19,7 @@ def pose(
     """
     from pouring_robot.cli.poses import heat as warm
     from pouring_robot.cli.shared import locations
-    from pouring_robot.robot.metrics import location_figures
+    from pouring_robot.robot.location_figures import location_figures
 
     built = which.built(warm=True, under=True)
     command = commanded.of(built)

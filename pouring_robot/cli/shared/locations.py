@@ -15,7 +15,7 @@ from pouring_robot.mechanism.jacobians import AxisWeakness, Dexterity
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.export.joints import JointRow, joints_text
 from pouring_robot.robot.location import LadleLocation, Location, drive_words
-from pouring_robot.robot.metrics import decimals, rotation_deg
+from pouring_robot.robot.location_figures import decimals, rotation_deg
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import Robot
 

@@ -16,7 +16,7 @@ from pouring_robot.exceptions import DescriptionError, OutputError
 from pouring_robot.io.beside import beside
 from pouring_robot.io.files import check_folder, write_together
 from pouring_robot.mechanism.poses import MM, pose_figures
-from pouring_robot.robot.metrics import without_nan
+from pouring_robot.robot.location_figures import without_nan
 from pouring_robot.robot.model import RobotModel
 
 METRICS, MODEL, REPORT, LADLES, NEXT = "diagnosis.json", "model.yaml", "report.html", "ladles.html", "next.csv"

@@ -17,7 +17,7 @@ from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.poses import MM, MRAD, bodies_at
 from pouring_robot.robot.description.urdf import with_mesh_files
 from pouring_robot.robot.location import Location
-from pouring_robot.robot.metrics import decimals
+from pouring_robot.robot.location_figures import decimals
 from pouring_robot.viewer import (
     GHOST_TINT,
     Colour,

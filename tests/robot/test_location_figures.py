@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.mechanism.poses import PoseDifference
-from pouring_robot.robot.metrics import difference_figures, joint_figures, location_figures
+from pouring_robot.robot.location_figures import difference_figures, joint_figures, location_figures
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.poses import PlatformPose
 
