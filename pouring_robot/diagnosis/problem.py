@@ -90,7 +90,7 @@ def known_effects(rows: CampaignRows, linear: LinearRows, library: Library) -> I
         yield _sag(rows, linear, np.hstack([rows.columns(form, linear) for form in loose]), rows.conditions.weight_n)
     for (effect, _), form in library.forms.items():
         main = np.array([p.main for p in form.parameters])
-        yield Explanation(effect, form.name, rows.columns(form, linear), main)
+        yield Explanation(effect, form.name, rows.columns(form, linear), main, one_of=form.one_of)
 
 
 def _sag(rows: CampaignRows, linear: LinearRows, axes: FloatArray, weight_n: FloatArray) -> Explanation:

@@ -62,10 +62,13 @@ class Form:
     Attributes:
         name: unique in its effect.
         parameters: the parameters, main ones first.
+        one_of: a constant of which this form is one value: of forms that share it at most one is at work. "" for forms
+            that may be at work beside any other.
     """
 
     name: str
     parameters: tuple[EffectParameter, ...]
+    one_of: str = ""
 
 
 class Effect(ABC):

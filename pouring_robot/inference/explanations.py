@@ -30,6 +30,7 @@ class Explanation:
         cause: whether it may be named. What is no cause is there to be fitted and to explain, such as
             workmanship that the load brings to light.
         largest: how many times their usual size the parameters can be.
+        one_of: a constant of which the form is one value; "" for one that may be at work beside any of its effect.
     """
 
     effect: str
@@ -38,6 +39,7 @@ class Explanation:
     main: BoolArray
     cause: bool = True
     largest: float = np.inf
+    one_of: str = ""
 
     @functools.cached_property
     def key(self) -> tuple[str, str]:

@@ -68,9 +68,10 @@ class Hypothesis:
 
     @property
     def choices(self) -> list[Explanation]:
-        """What could be added, or take the place of an item."""
-        taken = self.keys | self.barred
-        return [item for item in self.problem.explanations if item.key not in taken]
+        """What could be added; of forms that are values of one constant only one."""
+        taken, settled = self.keys | self.barred, {(item.effect, item.one_of) for item in self.items if item.one_of}
+        free = [item for item in self.problem.explanations if item.key not in taken]
+        return [item for item in free if (item.effect, item.one_of) not in settled]
 
     @property
     def effects(self) -> tuple[str, ...]:

@@ -144,7 +144,7 @@ def _exchanged(hypothesis: Hypothesis, index: int, options: SearchOptions) -> Hy
     rest, key = hypothesis.without((index,)), hypothesis.items[index].key
     own = rest.candidate_bayes_factor(hypothesis.items[index])
     tried: set[str] = set()
-    for found, item in rest.ranked(hypothesis.choices):
+    for found, item in rest.ranked(choice for choice in rest.choices if choice.key != key):
         if found.evidence < own.evidence - _CATCHES_UP:
             break
         if item.effect in tried or (item.effect == key[0] and found.evidence < own.evidence):

@@ -456,6 +456,19 @@ def test_no_small_errors_are_no_cause():
     assert workmanship_cause(at_levels({}, (), ()), Thresholds()) == []
 
 
+def test_what_load_makes_of_workmanship_is_said_if_it_is_no_minor_part_of_it():
+    small, fit = usual("small", axis(*BLOCK)), explanation("fitted", axis(0), cause=False)
+    values = spread(6.0) | {0: SURE}
+    built = problem(residual(values), [fit, explanation("small", axis(40))], (small,))
+    found = Hypothesis(built, built.explanations[:1], (Scale(1.0),), (TYPICAL,)).settled()
+    alone = residual(spread(6.0))
+    makes = told(alone, (small,), found.levels) - told(alone, (small,), (0,))
+    part = np.sqrt(worth(SURE) / makes)
+    for factor, unknown in ((1.0 - 1e-3, True), (1.0 + 1e-3, False)):
+        judged = judge(found, Left(), Thresholds(minor_share=factor * part))
+        assert (judged.verdict == "unknown") == unknown
+
+
 def test_of_two_kinds_the_evidence_asked_for_is_twice():
     workmanship = (usual("one", axis(*BLOCK)), usual("other", axis(*OTHER)))
     amplitudes = spread(2.2) | spread(2.2, OTHER)

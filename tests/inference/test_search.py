@@ -31,6 +31,15 @@ def test_what_was_planted_is_found_and_nothing_besides(count):
     assert right >= 18
 
 
+@pytest.mark.parametrize(("constant", "count"), [("", 2), ("friction", 1)])
+def test_of_forms_that_are_values_of_one_constant_one_is_found(constant, count):
+    rng = np.random.default_rng(3)
+    items = [explanation("a", rng.normal(size=(ROWS, 1)), form, one_of=constant) for form in ("low", "high")]
+    found = search(problem(planted(rng, items, [5.0, 8.0]), items))
+    assert len(found.items) == count
+    assert found.items[0].form == "high" or count == 2
+
+
 def test_the_form_that_was_planted_is_found():
     right = 0
     for seed in range(20):

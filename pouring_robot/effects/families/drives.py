@@ -290,7 +290,7 @@ class LostMotion(Family):
         dragged = np.asarray(conditions.approach)[:, conditions.places(self.drives)]
         flank = np.where(np.abs(force) > share, -np.sign(force), dragged)
         play = tuple(of_drive(d, "play", 1.0, flank[:, k]) for k, d in enumerate(self.drives))
-        return Form(f"{_PRESSED}{share:g}", play)
+        return Form(f"{_PRESSED}{share:g}", play, one_of="friction")  # with several it would bend like a spring
 
     def _relative_force(self, conditions: Conditions) -> FloatArray:
         """Return force over what drives of its unit carry on average, (n, drives): alike nuts have like friction."""
