@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING, Any
 
 from pouring_robot.cli.shared import options
@@ -20,11 +21,16 @@ def effects(robot: options.RobotFile = None, as_json: options.AsJson = False) ->
     for item in found:
         console.print(f"{item['effect']}: {item['story']}", style="bold", markup=False)
         options.print_indented(console, f"needs: {', '.join(item['needs']) or 'nothing but drives and measured poses'}")
-        for form in item["forms"]:
+        # Values of one constant stand on one line.
+        for _, alike in itertools.groupby(item["forms"], lambda form: form["one_of"] or form["form"]):
+            form, *others = alike
             named = [f"{p['name']} [{p['unit']}]" for p in form["parameters"] if p["main"]]
             shape = sum(not p["main"] for p in form["parameters"])
             more = f", and {shape} that shape it" if shape else ""
-            options.print_indented(console, f"form {form['form']}: {_shortened(named)}{more}")
+            name = f"form {form['form']}"
+            if others:
+                name += f" to {others[-1]['form']} ({1 + len(others)} values of one {form['one_of']})"
+            options.print_indented(console, f"{name}: {_shortened(named)}{more}")
 
 
 def _library(model: RobotModel) -> list[dict[str, Any]]:
@@ -45,6 +51,7 @@ def _library(model: RobotModel) -> list[dict[str, Any]]:
             "forms": [
                 {
                     "form": form.name,
+                    "one_of": form.one_of,
                     "parameters": [{"name": p.name, "unit": p.unit, "main": p.main} for p in form.parameters],
                 }
                 for form in checked_forms(effect, conditions, channels)

@@ -182,6 +182,12 @@ def test_a_robot_of_its_own_is_exported_and_loads_again(run, tmp_path):
     assert "3 freedoms" in out
 
 
+def test_forms_that_are_values_of_one_constant_stand_on_one_line(run):
+    printed = " ".join(run("effects").out.split())
+    assert printed.count("pressed_from") == 2
+    assert "form pressed_from_0.316 to pressed_from_3.16 (41 values of one friction): l1_play [mm]" in printed
+
+
 def test_effects_are_those_of_the_robot(run):
     code, out, _ = run("effects", "--robot", ROBOTS / "arm" / "robot.yaml")
     assert code == 0
