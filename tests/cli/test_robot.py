@@ -183,7 +183,8 @@ def test_a_robot_of_its_own_is_exported_and_loads_again(run, tmp_path):
 
 
 def test_forms_that_are_values_of_one_constant_stand_on_one_line(run):
-    printed = " ".join(run("effects").out.split())
+    _, out, _ = run("effects")
+    printed = " ".join(out.split())
     assert printed.count("pressed_from") == 2
     assert "form pressed_from_0.316 to pressed_from_3.16 (41 values of one friction): l1_play [mm]" in printed
 
