@@ -19,7 +19,7 @@ def turned(residual, free):
     """Return what is found of one coordinate a row, in units of the noise, that may depend on the course."""
     rows, no = np.arange(ROWS), np.zeros(ROWS)
     jacobian = np.zeros((ROWS, 12))
-    jacobian[:, : free.shape[1]] = free
+    jacobian[:, : free.shape[1]] = free / SIGMA
     linear = LinearRows(residual, rows, 0 * rows, no + SIGMA, jacobian, no, np.zeros((ROWS, 0), dtype=bool))
     state = SimpleNamespace(every_row=linear)
     item = Explanation("slope", "line", COURSE[:, None], np.array([True]))
