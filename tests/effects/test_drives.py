@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pouring_robot.inference.search import DEFAULT_SEARCH
 from tests.effects.bench import CHANNELS, EFFECTS, PITCH_M
 from tests.rig.true_values import true_values
 from tests.support import round_off
@@ -67,6 +68,17 @@ def test_a_stroke_from_any_home_is_within_the_form(bench, home_m):
     for wanted in (1e-3 * stroke, 1e-3 * stroke**2):
         left = wanted - columns @ np.linalg.lstsq(columns, wanted, rcond=None)[0]
         assert np.abs(left).max() <= round_off(np.linalg.cond(columns), terms=columns.size) * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("home_m", np.linspace(0.35, 0.75, 9))
+def test_a_stroke_from_a_home_within_it_is_mostly_made_by_the_lead_of_some_form(bench, home_m):
+    """Or it would be refused as bent: more than what the search asks of an effect's main parameters."""
+    wanted, shares = bench.rows.conditions.lengths_m[:, 0] - home_m, []
+    for name in ("from_home", "from_retracted", "from_extended"):
+        lead = next(p for p in bench.form("drive_scale", name).parameters if p.name == "l1_scale")
+        course = lead.changes[CHANNELS[0]]
+        shares.append((course @ wanted) ** 2 / ((course @ course) * (wanted @ wanted)))
+    assert max(shares) > 1.5 * DEFAULT_SEARCH.least_main_share
 
 
 def test_one_zero_alone_is_a_part_of_all(bench):

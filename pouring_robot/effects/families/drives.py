@@ -99,9 +99,10 @@ class Scale(Family):
         return tuple(lines)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
-        """In proportion to the length, or to the stroke from wherever it was homed; the lead may change along it.
+        """In proportion to the length, or to the stroke from where it was homed; the lead may change along it.
 
-        Lengths count from where the controller's count is zero.
+        Lengths count from where the controller's count is zero. Homes are in the middle or at an end of the stroke, or
+        not far from there.
         """
         lengths = conditions.drives[:, conditions.places(self.drives)] - [drive.zero for drive in self.drives]
         size = 1.0 if self.build_up else 0.5
@@ -114,12 +115,13 @@ class Scale(Family):
             of_drive(d, "progression", size, bent[:, k], main=self.build_up, per="/m²")
             for k, d in enumerate(self.drives)
         ]
-        home = [of_drive(d, "home", self.middle_m, one, main=False) for d in self.drives] if self.middle_m else []
         found = [Form("whole_length", (*lead, *progressive))]
-        if home:
-            centred = lengths - self.middle_m
-            stroke = [of_drive(d, "scale", 1.0, centred[:, k], per="/m") for k, d in enumerate(self.drives)]
-            found.append(Form("from_home", (*stroke, *home, *progressive)))
+        if self.middle_m:
+            home = [of_drive(d, "home", self.middle_m, one, main=False) for d in self.drives]
+            for name, ends in (("from_home", 0.0), ("from_retracted", -1.0), ("from_extended", 1.0)):
+                stroke = lengths - (self.middle_m + ends * self.half_stroke_m)
+                scale = [of_drive(d, "scale", 1.0, stroke[:, k], per="/m") for k, d in enumerate(self.drives)]
+                found.append(Form(name, (*scale, *home, *progressive)))
         return tuple(found)
 
 
