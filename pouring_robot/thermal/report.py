@@ -154,7 +154,7 @@ class PoseHeat(Result):
         import pandas as pd
 
         field = self.field
-        rods = ["moving_rod"] * field.grid.moving + ["fixed_rod"] * field.grid.fixed
+        rods = ["moving_rod"] * field.bodies.grid.moving + ["fixed_rod"] * field.bodies.grid.fixed
         rows: list[tuple[str, str, float, float]] = []
         for k, i in enumerate(CHAINS):
             values = zip(rods, field.exposure.from_upper_joint_m[k] / MM, field.leg_elements_degC[k], strict=True)

@@ -120,7 +120,7 @@ def _temperatures(drawn: SceneRobot, model: pin.Model, fields: list[TemperatureF
             away = np.linalg.norm(middles[:, v] - centre, axis=1)
             for k, field in enumerate(fields):
                 fixed = "fixed_rod" in link or "upper" in link
-                rod = slice(field.grid.moving, None) if fixed else slice(0, field.grid.moving)
+                rod = slice(field.bodies.grid.moving, None) if fixed else slice(0, field.bodies.grid.moving)
                 nearest = np.abs(field.exposure.from_upper_joint_m[leg, rod] - away[k]).argmin()
                 values[k, v] = field.leg_elements_degC[leg, rod][nearest]
         elif part == "platform":

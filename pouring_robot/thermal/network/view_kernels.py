@@ -224,16 +224,9 @@ def visible_shares(
 ) -> None:
     """Write which share of its view factor each element keeps for each of its normals, (N, M).
 
-    Args:
-        points: the elements, (N, 3).
-        normals: of each, (N, M, 3).
-        radius: of the disc.
-        chords: how far from the disc's middle, half the length and the weight of each, (C, 3).
-        way: direction of the chords in x and y.
-        lower: lower corners of the boxes, (B, 3).
-        upper: their upper corners.
-        room: working arrays: (2, 5, 2), (C, B, 2), (C,), (B,), (M, 2), (2, M).
-        share: written.
+    Elements are (N, 3), their normals (N, M, 3), the chords of the disc (C, 3) and their ``way`` as
+    :class:`~pouring_robot.thermal.network.view_factors.DiscChords` has them, corners of boxes (B, 3); ``room`` for work
+    is (2, 5, 2), (C, B, 2), (C,), (B,), (M, 2), (2, M).
     """
     bounds, pieces, counts, boxes, facing, totals = room
     for n in range(len(points)):
