@@ -21,7 +21,7 @@ from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.inverse import limited
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.thermal.expansion.heated_robot import Close, HeatedRobot
+from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmState
 from pouring_robot.thermal.expansion.warm_robot import WarmRobot
 
 TOLERANCE = 1e-11
@@ -47,27 +47,23 @@ class _Search:
     drives: dict[str, float]
     steps: int = 0
 
-    def close(self, warm: WarmRobot) -> tuple[ClosureResult, ClosureResult]:
-        """Bring a warm robot to the pose, starting from the drive values found last.
-
-        Returns:
-            The closure with these drive values, and with those that bring it to the pose.
+    def close(self, warm: WarmRobot) -> list[ClosureResult]:
+        """Bring a warm robot to the pose, from the drive values found last; return the closures on the way.
 
         Raises:
             CompensationError: no drive values are found.
             SingularPoseError: the drives do not command the four freedoms here.
             ClosureError: the loops do not close on the way.
         """
-        start, best = self.start, np.inf
-        first: ClosureResult | None = None
+        start, best, way = self.start, np.inf, []
         for _ in range(_MOST_STEPS):
             result = warm.actual_solver.solve(warm.actual_drives(self.drives), start)
-            first = first or result
+            way.append(result)
             left = self.left(result)
             size = float(np.abs(left).max())
             # Round-off may end the way a little earlier; what was reached is then reported as it is.
             if size < TOLERANCE or (size < 100.0 * TOLERANCE and size > 0.5 * best):
-                return first, result
+                return way
             best = min(best, size)
             step = limited(-_solved(_drives_to_freedoms(warm, result, self.frame), left), result.mechanism)
             # The actual drive is the commanded one, grown with its leg: its derivative is 1 + strain, taken as 1.
@@ -113,12 +109,8 @@ def compensate(
     commanded = {name: values[name] for name in loops.drives}
     start = kinematics.configuration(wanted)
 
-    def held(drives: dict[str, float]) -> Close:
-        def close(warm: WarmRobot) -> tuple[ClosureResult, ClosureResult]:
-            closed = warm.actual_solver.solve(warm.actual_drives(drives), start)
-            return closed, closed
-
-        return close
+    def held(drives: dict[str, float]) -> WarmState:
+        return heated.settle(wanted, lambda warm: [warm.actual_solver.solve(warm.actual_drives(drives), start)])
 
     try:
         search = _Search(wanted, _target(heated, wanted, frame), start, frame, dict(commanded))
@@ -129,7 +121,7 @@ def compensate(
             search.target = pin.SE3(there.rotation, there.translation - heat_moves_m)
             HeatedRobot(heated.robot).settle(wanted, search.close)
             search.target = there
-            state = heated.settle(wanted, held(search.drives))
+            state = held(search.drives)
         result = state.result
         kinematics.refuse_beyond_limits(search.drives)
         kinematics.refuse_beyond_limits({name: result.joint_values[name] for name in kinematics.joint_names})
@@ -148,7 +140,7 @@ def compensate(
         frame=frame,
         drives=search.drives,
         command=kinematics.forward(search.drives, near=wanted),
-        before=difference(heated.settle(wanted, held(commanded)).result, frame),
+        before=difference(held(commanded).result, frame),
         left=difference(result, frame),
         left_at_lip=difference(result, loops.working_frame),
         left_tilt_rad=float(search.left(result)[3]),

@@ -27,10 +27,8 @@ class TrussMotion:
     """Where the truss goes. All in the fixed platform of the drawing.
 
     Attributes:
-        points_m: along the girders' axes, then at the uprights' axles and feet, shape (n, 3).
-        moved_m: shape (n, 3).
-        shift_m: of the fixed platform's origin, shape (3,).
-        turn_rad: of the fixed platform, a small rotation vector, shape (3,).
+        points_m, moved_m: along the girders' axes, then at the uprights' axles and feet, shape (n, 3) each.
+        shift_m, turn_rad: of the fixed platform's origin, and a small rotation vector, shape (3,) each.
     """
 
     points_m: FloatArray
@@ -40,9 +38,8 @@ class TrussMotion:
 
     def __add__(self, other: TrussMotion) -> TrussMotion:
         """Return both together."""
-        return TrussMotion(
-            self.points_m, self.moved_m + other.moved_m, self.shift_m + other.shift_m, self.turn_rad + other.turn_rad
-        )
+        moved = self.moved_m + other.moved_m
+        return TrussMotion(self.points_m, moved, self.shift_m + other.shift_m, self.turn_rad + other.turn_rad)
 
     def carried_m(self, points_m: FloatArray) -> FloatArray:
         """Return how points that stand in the fixed platform, shape (n, 3), go with it."""

@@ -92,10 +92,11 @@ class Circuit:
         linear-algebra library get into each other's way.
         """
         radiation = 4.0 * (self.melt_radiation + self.ambient_radiation) * temperatures_K**3
-        matrix = -(self._sparse + scipy.sparse.diags_array(self.melt_contact + self.film + radiation))
-        if self.radiating is not None:
-            matrix = matrix - self.radiating @ scipy.sparse.diags_array(4.0 * temperatures_K**3)
-        return matrix.tocsc()
+        matrix = -self._sparse
+        matrix.setdiag(matrix.diagonal() - (self.melt_contact + self.film + radiation))
+        if self.radiating is None:
+            return matrix
+        return (matrix - self.radiating @ scipy.sparse.diags_array(4.0 * temperatures_K**3)).tocsc()
 
     def balance(self, temperatures_K: FloatArray, melt_K: float, ambient_K: float) -> EnergyBalance:
         """Return the heat flows of the whole network at temperatures of its nodes, shape (n,)."""
