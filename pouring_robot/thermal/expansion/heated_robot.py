@@ -184,7 +184,8 @@ class HeatedRobot:
             state = WarmState(field, warm, result, turns, moved)
             if moved < SETTLED_M:
                 break
-            before, passive = result.pose_base_to_end.translation, passive_lengths(self.robot, result.joint_values)
+            before = np.array(result.pose_base_to_end.translation)
+            passive = passive_lengths(self.robot, result.joint_values)
         return state
 
     def locate(self, pose: PlatformPose) -> WarmState:

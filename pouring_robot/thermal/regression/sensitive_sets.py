@@ -59,13 +59,8 @@ class SensitiveSetSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]
         scaling: str = "range",
         vif_limit: float = VIF_LIMIT,
     ) -> None:
-        """Keep the settings; they are checked by fit."""
-        self.n_clusters = n_clusters
-        self.lambda_cut = lambda_cut
-        self.similarity = similarity
-        self.resolution = resolution
-        self.scaling = scaling
-        self.vif_limit = vif_limit
+        self.n_clusters, self.lambda_cut, self.similarity = n_clusters, lambda_cut, similarity
+        self.resolution, self.scaling, self.vif_limit = resolution, scaling, vif_limit
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> SensitiveSetSelector:
         """Choose among the columns of X, shape (n, k) with n ≥ 3, by temperature y, shape (n,).
