@@ -26,15 +26,13 @@ class SobolIndices:
     """Sobol indices, pooled over poses and coordinates.
 
     Attributes:
-        names: of the parameters.
-        first: first-order index, shape (parameters,); ``total`` the total index.
-        first_confidence: half width of its 95 % interval, of one output on average; ``total_confidence`` likewise.
+        first, total: first-order and total index, shape (parameters,).
+        first_confidence, total_confidence: half width of their 95 % intervals, of one output on average.
         first_by_axis: first-order index pooled over poses for x, y and z, shape (parameters, 3).
         variance_m2: total variance by coordinate, mean over the poses, shape (3,).
         dropped: base samples left out because a robot of theirs had no solution at some pose.
     """
 
-    names: tuple[str, ...]
     first: FloatArray
     total: FloatArray
     first_confidence: FloatArray
@@ -75,16 +73,8 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
     pooled = sums.sum(axis=1) / max(weights.sum(), np.finfo(float).tiny)
     by_axis = sums[0] / np.where(weights > 0.0, weights, np.inf)[:, None]
     first, total, first_confidence, total_confidence = pooled
-    return SobolIndices(
-        plan.names,
-        first,
-        total,
-        first_confidence,
-        total_confidence,
-        by_axis.T,
-        weights / max(1, poses),
-        dropped,
-    )
+    spread = first_confidence, total_confidence, by_axis.T, weights / max(1, poses)
+    return SobolIndices(first, total, *spread, dropped)
 
 
 def _analyse(names: tuple[str, ...], values: FloatArray, seed: int) -> FloatArray:

@@ -8,15 +8,10 @@ from pouring_robot.sweeps.plan import SweepPlan
 
 
 def transfer_matrices(plan: SweepPlan, poses: BatchCommand) -> FloatArray:
-    """Return G of the plan's parameters at its first frame, without the errors of the sweep.
+    """Return G of the plan's kind and parameters at its first frame, without the errors of the sweep.
 
-    Args:
-        plan: the sweep; G is of its kind.
-        poses: where the robot is sent.
-
-    Returns:
-        Shape (poses, 6, parameters): displacement of the frame's origin in m, rotation vector in rad, in the axes of
-        the fixed platform, per m or rad.
+    Shape (poses, 6, parameters): displacement of the frame's origin in m, rotation vector in rad, in the axes of the
+    fixed platform, per m or rad.
 
     Raises:
         BatchClosureError: the robot does not close at a pose.
