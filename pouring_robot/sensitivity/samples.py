@@ -39,10 +39,8 @@ class ErrorSamples(Generic[P]):
     """How each error alone moves one frame of the robot, in the axes of its base.
 
     Attributes:
-        kind: of which model.
-        parameters: the errors, P of them.
-        translation_m: shape (P, n, 3), in m.
-        rotation_rad: rotation vectors, shape (P, n, 3), in rad.
+        kind, parameters: of which model, and the errors, P of them.
+        translation_m, rotation_rad: translations and rotation vectors, shape (P, n, 3) each.
     """
 
     kind: Kind
@@ -66,9 +64,8 @@ class ErrorSamples(Generic[P]):
 
     def reaching(self, limit_m: float) -> ErrorSamples[P]:
         """Return the samples of the errors that pass a limit in one coordinate at one pose at least."""
-        return self.subset(
-            [p for p, top in zip(self.parameters, self.peak_m.max(axis=1), strict=True) if top > limit_m]
-        )
+        tops = self.peak_m.max(axis=1)
+        return self.subset([p for p, top in zip(self.parameters, tops, strict=True) if top > limit_m])
 
     def moves(self, label: str) -> FloatArray:
         """Return the translations of the one error with this :func:`short_label`, shape (n, 3), in m."""

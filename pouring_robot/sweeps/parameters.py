@@ -23,11 +23,7 @@ from pouring_robot.sweeps.config import ErrorEntry, SweepConfig
 
 @dataclass(frozen=True)
 class SweepParameter(Parameter):
-    """A parameter of a sweep; errors of one part may be correlated.
-
-    Attributes:
-        entry: which of the sweep file's ``errors`` it comes from.
-    """
+    """A parameter of a sweep, and which of the sweep file's ``errors`` it comes from."""
 
     entry: int = 0
 
@@ -83,12 +79,7 @@ def select(catalogue: ParameterCatalogue, config: SweepConfig) -> tuple[SweepPar
 
 
 class ErrorMap:
-    """Turns arrays of parameter values into placement errors and drive errors.
-
-    Args:
-        catalogue: of the robot.
-        parameters: columns of the values.
-    """
+    """Turns arrays of values of parameters, which are their columns, into placement errors and drive errors."""
 
     def __init__(self, catalogue: ParameterCatalogue, parameters: Sequence[Parameter]) -> None:
         self.joints = catalogue.joints
@@ -111,13 +102,9 @@ class ErrorMap:
         return np.asarray(values @ self._drive_columns)
 
     def placement_errors(self, values: FloatArray) -> FloatArray:
-        """Return the displacement of every joint of :attr:`joints`.
+        """Return the displacement of every joint of :attr:`joints` for values (n, parameters) in m and rad.
 
-        Args:
-            values: parameter values in m and rad, shape (n, parameters).
-
-        Returns:
-            Translation in m and rotation vector in rad in the joint's placement frame, shape (n, joints, 6).
+        Translation in m and rotation vector in rad in the joint's placement frame, shape (n, joints, 6).
         """
         errors = np.zeros((len(values), len(self.joints), 6))
         for column, site, component in self._placements:

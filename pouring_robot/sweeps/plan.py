@@ -32,13 +32,7 @@ from pouring_robot.sweeps.poses import sweep_commands
 
 @dataclass(frozen=True)
 class Chunk:
-    """A block of robots (samples) at a block of poses; the last ones are not included.
-
-    Attributes:
-        index: place in the grid of chunks, by sample and by pose.
-        samples: first and last sample.
-        poses: first and last pose.
-    """
+    """A block of robots (samples) at a block of poses, by first and last, which is not included; its place by both."""
 
     index: tuple[int, int]
     samples: tuple[int, int]
@@ -52,7 +46,7 @@ class ChunkResult:
     Attributes:
         displacement: with the errors minus without them, shape (samples, poses, frames, 3), in m.
         rotation: rotation vector of that, shape (samples, poses, 3), in rad.
-        gap_m: largest distance left open in a loop, shape (samples, poses); ``gap_rad``: largest angle.
+        gap_m, gap_rad: largest distance and angle left open in a loop, shape (samples, poses) each.
         status: shape (samples, poses).
         errors: the errors of each robot, shape (samples, parameters), in m and rad.
         version: of the package that computed it.
@@ -68,14 +62,7 @@ class ChunkResult:
 
 
 class SweepPlan:
-    """A sweep, ready to be computed.
-
-    Attributes:
-        threads: that share the work of a chunk; None for all there are.
-        accuracy_m: required accuracy in m.
-
-    Args:
-        config: the sweep file.
+    """A sweep, ready to be computed; ``threads`` share the work of a chunk, None: all there are.
 
     Raises:
         BadInputError: a name in it does not fit the robot.
@@ -95,7 +82,10 @@ class SweepPlan:
         if config.allocation:
             self.groups(config.allocation.by)
         self.tool_offsets_m = self._tool_offsets()
-        self.accuracy_m = self._accuracy()
+        accuracy_m = robot_of(self.model).accuracy_m if config.accuracy_mm is None else config.accuracy_mm * MM
+        if accuracy_m is None:
+            raise config.problem("accuracy_mm is missing: nobody says what this robot must keep")
+        self.accuracy_m: float = accuracy_m
         self.poses: BatchCommand = sweep_commands(config, definition, definition.drawing(nominal))
         self.pose_block = min(len(self.poses), config.chunk)
         self.sample_block = max(1, min(self.draws.count, config.chunk // self.pose_block))
@@ -125,15 +115,6 @@ class SweepPlan:
         """Names of the parameters, in the order of the columns."""
         return tuple(p.name for p in self.parameters)
 
-    def _accuracy(self) -> float:
-        """Return the required accuracy in m."""
-        if self.config.accuracy_mm is not None:
-            return self.config.accuracy_mm * MM
-        found = robot_of(self.model).accuracy_m
-        if found is None:
-            raise self.config.problem("accuracy_mm is missing: nobody says what this robot must keep")
-        return found
-
     @property
     def chunk_grid(self) -> tuple[int, int]:
         """Number of chunks by sample and by pose."""
@@ -146,9 +127,8 @@ class SweepPlan:
 
     def chunks(self) -> Iterator[Chunk]:
         """Yield all chunks, in order."""
-        for i in range(self.chunk_grid[0]):
-            for j in range(self.chunk_grid[1]):
-                yield self.chunk((i, j))
+        for index in np.ndindex(self.chunk_grid):
+            yield self.chunk(index)
 
     def chunk(self, index: tuple[int, int]) -> Chunk:
         """Return the chunk at a place of the grid."""
@@ -176,14 +156,9 @@ class SweepPlan:
         )
 
     def displacements(self, values: FloatArray, poses: BatchCommand) -> tuple[FloatArray, ByteArray]:
-        """Return the displacements that errors cause, by exact closures.
+        """Return the displacements that errors (robots, parameters) in m and rad cause at poses, by exact closures.
 
-        Args:
-            values: errors of each robot in m and rad, shape (robots, parameters).
-            poses: where the robots are sent.
-
-        Returns:
-            Displacements in m, shape (robots, poses, frames, 3), NaN where the status, shape (robots, poses), is not 0.
+        Displacements in m, shape (robots, poses, frames, 3), are NaN where the status, shape (robots, poses), is not 0.
         """
         actual = self.platforms(values, poses)
         return self._displacement(actual, *self._expected(poses)), actual.status
@@ -275,7 +250,6 @@ class SweepPlan:
 
 
 def _model(config: SweepConfig) -> RobotModel:
-    """Return the robot of a sweep."""
     if config.model:
         return RobotModel.load(config.beside(config.model))
     if config.robot:
