@@ -111,10 +111,7 @@ class Controller(Result):
 def make_controller(heated: HeatedRobot, frame: str | None = None, show: Progress = say_nothing) -> Controller:
     """Return polynomials for the robot as built and as warm as it is, over the workspace box.
 
-    Args:
-        heated: the robot as built and how warm it is; without loads.
-        frame: the frame whose position shall be right; by default the moving platform.
-        show: told of progress.
+    ``frame``: whose position shall be right; by default the moving platform.
 
     Raises:
         BadInputError: the robot carries loads.

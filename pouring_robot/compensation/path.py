@@ -93,12 +93,8 @@ def compensate_path(
 ) -> CompensatedPath:
     """Return drive values that bring the actual ladle to many poses.
 
-    Args:
-        heated: the robot as built and how warm it is; without loads.
-        poses: x, y, z in m and the tilt in rad, shape (n, 4), best along a path: neighbours start each other.
-        frame: the frame whose position shall be right; by default the moving platform.
-        threads: that share the temperatures.
-        show: told of progress.
+    Poses are x, y, z in m and the tilt in rad, shape (n, 4), best along a path: neighbours start each other. ``frame``:
+    whose position shall be right; by default the moving platform. ``threads`` share the temperatures.
 
     Raises:
         BadInputError: the poses have another shape, or the robot carries loads.

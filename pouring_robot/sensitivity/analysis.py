@@ -33,10 +33,7 @@ def sensitivity(
 ) -> SensitivityReport:
     """Study what each geometric error of a robot of the drawing does alone.
 
-    Args:
-        robot: a model, a model file or a robot file; by default the pouring robot.
-        request: what to study.
-        progress: told of the poses done.
+    ``robot``: a model, a model file or a robot file; by default the pouring robot.
 
     Raises:
         BadInputError: a name or a range is wrong.

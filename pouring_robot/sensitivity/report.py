@@ -190,7 +190,7 @@ class SensitivityReport(Result):
         return rows
 
     def _row(self, samples: ErrorSamples[Parameter], k: int) -> ErrorRow:
-        parameter, moved, main = self.parameters[k], samples.translation_m[k], samples.main_of(k)
+        parameter, moved, main = self.parameters[k], samples.translation_m[k], samples.main_axis(k)
         along = moved[:, AXES.find(main)] if main in AXES else np.zeros(len(moved))
         distance, angle = float(samples.distance_m[k].max()), float(samples.angle_rad[k].max())
         return ErrorRow(

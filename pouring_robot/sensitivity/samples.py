@@ -5,12 +5,14 @@ from __future__ import annotations
 import functools
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Generic, Literal, Protocol, TypeVar
+from typing import Generic, Literal, TypeVar
 
 import numpy as np
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
+from pouring_robot.robot.dh.parameters import DHParameter
+from pouring_robot.robot.parameters import Parameter
 
 AXES = "XYZ"
 Kind = Literal["open branch", "closed chain"]
@@ -20,18 +22,7 @@ _BIN_M = 0.005 * MM  # width of the bins in which the fullest is looked for; the
 _BAND = 0.02  # values within this share of the fullest bin's place count as piled up there
 
 
-class ErrorParameter(Protocol):
-    """What is asked of an error: its name, the number of its chain (0: none), ``m`` or ``rad``."""
-
-    @property
-    def name(self) -> str: ...  # noqa: D102
-    @property
-    def chain(self) -> int: ...  # noqa: D102
-    @property
-    def unit(self) -> str: ...  # noqa: D102
-
-
-P = TypeVar("P", bound=ErrorParameter)
+P = TypeVar("P", Parameter, DHParameter)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,13 +70,9 @@ class ErrorSamples(Generic[P]):
         """Return how far one error's translations scatter about their mean, root of the summed variances, in m."""
         return float(np.sqrt(self.moves(label).var(axis=0).sum()))
 
-    def main_axis(self, label: str) -> str:
-        """Return the coordinate that one error changes most on average: X, Y or Z; ``none`` if it moves nothing."""
-        return self.main_of(self.labels.index(label))
-
-    def main_of(self, place: int) -> str:
-        """Return the same of the error at a place."""
-        means = self.mean_m[place]
+    def main_axis(self, label: str | int) -> str:
+        """Return the axis that one error, by label or place, changes most on average; ``none`` if it moves nothing."""
+        means = self.mean_m[label if isinstance(label, int) else self.labels.index(label)]
         return AXES[int(means.argmax())] if means.max() > NOTHING_M else "none"
 
     @property
@@ -119,7 +106,7 @@ class ErrorSamples(Generic[P]):
         return np.asarray(np.linalg.norm(self.rotation_rad, axis=-1))
 
 
-def short_label(parameter: ErrorParameter) -> str:
+def short_label(parameter: Parameter | DHParameter) -> str:
     """Return the name of a number of the DH table without its chain (``α56``, ``a6o``, ``θ1``), others as they are."""
     symbol, _, place = parameter.name.partition(f"_e{parameter.chain}_")
     return {"alpha": "α", "theta": "θ"}.get(symbol, symbol) + place

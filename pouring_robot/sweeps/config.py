@@ -32,7 +32,6 @@ class ErrorEntry(StrictModel):
 
     Attributes:
         parameters: names or patterns such as ``alpha_e*_56``, ``leg1_s1.t?``, ``drive.*``.
-        distribution: of each error, about zero.
         half_width_mm: of the uniform distribution, for lengths; ``half_width_mrad`` for angles, here and below.
         std_mm: standard deviation of the normal distribution, before truncation.
         limit_mm: where the normal distribution is cut off on both sides.
@@ -158,7 +157,6 @@ class SweepConfig(StrictModel):
     """A sweep file; files that it names are relative to its folder.
 
     Attributes:
-        format: kind and version of the file.
         description: a line for people.
         layout: name of the layout in the shipped dimensions file; or
         robot: robot file of another robot; or

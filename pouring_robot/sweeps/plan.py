@@ -95,9 +95,7 @@ class SweepPlan:
         """Read a sweep file and make it ready.
 
         Raises:
-            SweepFileError: the file is wrong.
-            BadInputError: a file it names is wrong.
-            UnreachablePoseError: a pose is out of reach.
+            SweepFileError: the file is wrong; or as the constructor.
         """
         return cls(SweepConfig.load(path))
 

@@ -74,9 +74,14 @@ class SweepStore:
             with writing(self.folder):
                 self._made = self._make()
             self._group = open_group(self.path)
-        self._arrays = {}
+        self._arrays: dict[str, Any] = {}
         for name, expected in (_written(plan) | _known(plan)).items():
-            self._arrays[name] = array = _array(self.path, self._group, name)
+            try:
+                self._arrays[name] = array = self._group[name]
+            except Exception as problem:
+                raise _damaged(self.path, f"array '{name}': {problem or 'missing'}") from problem
+            if not isinstance(array, zarr.Array):
+                raise _damaged(self.path, f"'{name}' is no array")
             if (array.shape, array.chunks) != (expected.shape, expected.chunks):
                 raise _damaged(self.path, f"array '{name}' has shape {array.shape}, not {expected.shape}")
 
@@ -263,16 +268,6 @@ def writing(folder: Path, advice: str = "choose a place you may write to") -> It
 def _damaged(path: Path, reason: str) -> SweepStoreError:
     short = " ".join(reason.split())[:200]
     return SweepStoreError(path, f"is damaged ({short}); nothing was changed: restore it, or take another folder")
-
-
-def _array(path: Path, group: zarr.Group, name: str) -> Any:
-    try:
-        array = group[name]
-    except Exception as problem:
-        raise _damaged(path, f"array '{name}': {problem or 'missing'}") from problem
-    if not isinstance(array, zarr.Array):
-        raise _damaged(path, f"'{name}' is no array")
-    return array
 
 
 def _difference(other: Any, own: dict[str, Any]) -> str:

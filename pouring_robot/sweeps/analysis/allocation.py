@@ -90,13 +90,8 @@ def allocate(
 ) -> AllocatedFactors:
     """Return the loosest factors.
 
-    Args:
-        covariances: of each group alone, shape (poses, groups, 3, 3), in m².
-        weights: number of parameters of each group, shape (groups,).
-        requirement_m: largest distance allowed.
-        share: of the robots that must keep it at every pose, 0 to 1.
-        cap: largest factor.
-        progress: told of every round; the number of rounds is not known before.
+    Covariances are of each group alone, shape (poses, groups, 3, 3), in m², weights the number of parameters of each
+    group; a share of the robots must keep the requirement at every pose; the cap is the largest factor.
 
     Raises:
         NoSolutionError: the cutting planes do not settle.

@@ -49,8 +49,13 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
         SweepStoreError: a chunk is damaged.
         NoSolutionError: no base sample has a solution, or none moves the ladle.
     """
+    from SALib.analyze import sobol
+
     plan = store.plan
     count, dropped, poses = len(plan.names), 0, 0
+    problem = {"num_vars": count, "names": list(plan.names), "bounds": [[0.0, 1.0]] * count}
+    settings = {"calc_second_order": False, "num_resamples": _RESAMPLES}
+    settings["seed"] = plan.config.seed + 1  # SALib takes 0 for no seed
     weights = np.zeros(3)
     sums = np.zeros((4, 3, count))  # S1, ST and their confidence by axis, weighted with the variance
     for outputs in _outputs(store):
@@ -62,7 +67,8 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
             values = blocks[sound, :, axis].ravel()
             variance = float(values.var()) if values.size else 0.0
             if variance > 0.0:
-                sums[:, axis] += variance * _analyse(plan.names, values, plan.config.seed)
+                found = sobol.analyze(problem, values, **settings)
+                sums[:, axis] += variance * np.array([found[key] for key in ("S1", "ST", "S1_conf", "ST_conf")])
                 weights[axis] += variance
         progress("Sobol indices", poses, len(plan.poses))
     if not weights.any():
@@ -75,20 +81,6 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
     first, total, first_confidence, total_confidence = pooled
     spread = first_confidence, total_confidence, by_axis.T, weights / max(1, poses)
     return SobolIndices(first, total, *spread, dropped)
-
-
-def _analyse(names: tuple[str, ...], values: FloatArray, seed: int) -> FloatArray:
-    from SALib.analyze import sobol
-
-    problem = {"num_vars": len(names), "names": list(names), "bounds": [[0.0, 1.0]] * len(names)}
-    found = sobol.analyze(
-        problem,
-        values,
-        calc_second_order=False,
-        num_resamples=_RESAMPLES,
-        seed=seed + 1,  # SALib takes 0 for no seed
-    )
-    return np.stack([np.asarray(found[key], dtype=float) for key in ("S1", "ST", "S1_conf", "ST_conf")])
 
 
 def _outputs(store: SweepStore) -> Iterator[FloatArray]:

@@ -157,10 +157,8 @@ def allocate_tolerances(
 ) -> AllocatedTolerances:
     """Find the loosest tolerances that keep the required accuracy, and verify them by exact closures.
 
-    Args:
-        plan: a closed-chain sweep; its distributions keep their shape, its tolerances are scaled.
-        wanted: what to keep; by default what the sweep file says.
-        progress: told of every step.
+    Distributions of the closed-chain sweep keep their shape, its tolerances are scaled. ``wanted``: by default what the
+    sweep file says.
 
     Raises:
         BadInputError: correlated errors would get factors of their own.

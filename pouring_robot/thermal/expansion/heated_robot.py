@@ -28,7 +28,7 @@ from pouring_robot.thermal.expansion.warm_robot import WarmRobot, drawing_of, pa
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.network.history import HeatHistory, Placed
-from pouring_robot.thermal.network.transient import simulate
+from pouring_robot.thermal.network.transient import DEFAULT_OPTIONS, TransientOptions, simulate
 from pouring_robot.thermal.network.truss import TrussNetwork, TrussTemperatures
 
 SETTLED_M = 1e-10
@@ -132,7 +132,14 @@ class HeatedRobot:
         melt, ambient = self.network.temperatures_K(heat.melt_degC, heat.ambient_degC)
         return melt - ZERO_CELSIUS_K, ambient - ZERO_CELSIUS_K
 
-    def field(self, pose: Placed, near: TemperatureField | None = None) -> TemperatureField | None:
+    @property
+    def after_s(self) -> float | None:
+        """How long the melt has been there; None: until nothing changes any more."""
+        return 60.0 * self.heat.after_min if self.heat and self.heat.after_min else None
+
+    def field(
+        self, pose: Placed, near: TemperatureField | None = None, options: TransientOptions = DEFAULT_OPTIONS
+    ) -> TemperatureField | None:
         """Return the temperatures at a pose that is held, or None for a cold robot; ``near`` as the network's.
 
         Raises:
@@ -140,12 +147,10 @@ class HeatedRobot:
         """
         if self.heat is None:
             return None
-        melt, ambient = self.temperatures_degC
-        if self.heat.after_min is None:
-            return self.network.steady(pose, melt, ambient, near)
-        duration = 60.0 * self.heat.after_min
-        history = HeatHistory.constant(melt, ambient, duration)
-        return simulate(self.network, history, pose, times_s=np.array([duration]))[-1]
+        if self.after_s is None:
+            return self.network.steady(pose, *self.temperatures_degC, near)
+        history = HeatHistory.constant(*self.temperatures_degC, self.after_s)
+        return simulate(self.network, history, pose, options=options)[-1]
 
     def truss(self, state: WarmState) -> TrussTemperatures | None:
         """Return how warm the truss is over the robot in a state; None for a cold robot.
@@ -153,11 +158,10 @@ class HeatedRobot:
         Raises:
             ThermalSolutionError: no temperatures are found.
         """
-        if self.heat is None or state.field is None:
+        if state.field is None:
             return None
-        after_s = None if self.heat.after_min is None else 60.0 * self.heat.after_min
         network = TrussNetwork(self.network)
-        return network.temperatures(state.result, state.field.melt_K, state.field.ambient_K, after_s)
+        return network.temperatures(state.result, state.field.melt_K, state.field.ambient_K, self.after_s)
 
     def expansion(self, field: TemperatureField | None) -> ThermalExpansion:
         """Return how much the parts have grown; measured temperatures take the place of computed ones."""

@@ -106,16 +106,10 @@ class WarmPath:
 def locate_path(
     heated: HeatedRobot, poses: ArrayLike, threads: int = 2, show: Progress = say_nothing
 ) -> tuple[xr.Dataset, BatchClosure]:
-    """Return where the ladle should be and where it is, warm, for many commanded poses, and the closures.
+    """Return where the ladle should be and where it is, warm, for many commanded poses, and the closures as built.
 
-    Args:
-        heated: the robot as built and how warm it is; without loads.
-        poses: x, y, z in m and the tilt in rad, shape (n, 4), best along a path.
-        threads: that share the temperatures.
-        show: told of progress.
-
-    Returns:
-        A dataset as :meth:`PouringRobot.locate` gives for many poses; the closures of the robot as built.
+    Poses are x, y, z in m and the tilt in rad, shape (n, 4), best along a path; the dataset is as
+    :meth:`PouringRobot.locate` gives for many. ``threads`` share the temperatures.
 
     Raises:
         BadInputError: the poses have another shape, or the robot carries loads.

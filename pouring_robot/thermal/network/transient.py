@@ -49,18 +49,10 @@ def simulate(
     times_s: FloatArray | None = None,
     options: TransientOptions = DEFAULT_OPTIONS,
 ) -> tuple[TemperatureField, ...]:
-    """Follow the temperatures through a history.
+    """Follow the temperatures of a robot's network through a history; return them at times, each at the pose then held.
 
-    Args:
-        network: of the robot.
-        history: of melt and surroundings.
-        poses: one pose held throughout, or entries of time and pose.
-        start: temperatures at the start of the history; by default all is as warm as the surroundings.
-        times_s: when to report, increasing, within the history; by default at its entries.
-        options: tolerances.
-
-    Returns:
-        The temperatures at these times, each at the pose then held.
+    ``poses``: one pose held throughout, or entries of time and pose; ``start``: temperatures at the start, by default
+    all is as warm as the surroundings; ``times_s``: increasing, within the history, by default its entries.
 
     Raises:
         HistoryError: a time to report lies outside the history or out of order, or a pose comes after its end.

@@ -36,16 +36,6 @@ def _arc_integrals(radius: float, offset: float, height: float, start: float, en
 
 
 @compiled
-def _chord_angle(
-    radius: float, offset: float, height: float, normal: tuple[float, float, float], start: float, end: float
-) -> float:
-    """Return the signed angle, in rad, under which the element sees the chord from the arc's end to its start."""
-    far = (radius * math.cos(end) - offset, radius * math.sin(end), -height)
-    near = (radius * math.cos(start) - offset, radius * math.sin(start), -height)
-    return math.atan2(dot(cross(far, near), normal), dot(far, near))
-
-
-@compiled
 def _unhidden(point: FloatArray, normal: FloatArray, radius: float) -> float:
     """Return the view factor from a plane element to the disc."""
     x, y, height = point[0], point[1], point[2]
@@ -67,8 +57,10 @@ def _unhidden(point: FloatArray, normal: FloatArray, radius: float) -> float:
     flat, sines, cosines = _arc_integrals(radius, offset, height, start, end)
     seen = height * radius * (radial * cosines + tangential * sines)
     seen += vertical * radius * (radius * flat - offset * cosines)
-    if not whole:
-        seen += _chord_angle(radius, offset, height, (radial, tangential, vertical), start, end)
+    if not whole:  # the signed angle under which the element sees the chord from the arc's end to its start
+        far = (radius * math.cos(end) - offset, radius * math.sin(end), -height)
+        near = (radius * math.cos(start) - offset, radius * math.sin(start), -height)
+        seen += math.atan2(dot(cross(far, near), (radial, tangential, vertical)), dot(far, near))
     factor: float = min(max(-seen / (2.0 * math.pi), 0.0), 1.0)
     return factor
 

@@ -14,10 +14,9 @@ and P_g the sensitive set of group g, principal-component regression gives equat
 
 .. math:: w_g = \frac{|c_g|}{\sum_h |c_h|}, \qquad P_{end}(T) = \sum_g w_g P_g^{PCR}(T)
 
-Two things can be seen before any trial. For two sets and one component c_g ∝ 1/s_g, so the flatter set weighs more;
-and where r_g is a set's correlation with T, its slope becomes (1/β − r_h) s_g/s_T with β = (r_1 + r_2)/(2 + 2r), not
-r_g s_g/s_T: equation 21 is a regression of temperature, and read backwards it is steeper than the data by its
-unexplained share.
+For two sets and one component c_g ∝ 1/s_g, so the flatter set weighs more; and where r_g is a set's correlation with
+T, its slope becomes (1/β − r_h) s_g/s_T with β = (r_1 + r_2)/(2 + 2r), not r_g s_g/s_T: equation 21 is a regression of
+temperature, and read backwards it is steeper than the data by its unexplained share.
 
 The conclusion (7) weighs "by principal component contribution" instead (``"components"``), read as the share of the
 kept components' variance that a set carries, with λ_j the eigenvalues and u_j the eigenvectors:
@@ -40,10 +39,9 @@ the group it stands for, and weighs as much as that group has sets in the table:
    P_{end}(T) = \sum_g \frac{n_g}{n} \left[ \bar x_g + \ell_g \left( P_g^{PCR}(T) - P_g^{PCR}(\bar T) \right) \right],
    \qquad \ell_g = \frac{\text{slope of the group's mean set}}{\text{slope of } P_g^{PCR}}
 
-with both slopes taken against temperature, an instrument that is free of the sets' noise. P_g^PCR is a line itself, so
-its slope cancels and what is left is the mean line of all sets in the table, the groups being its terms. That is no
-accident but the answer: for a pose drawn like those of the table, the mean line has the least expected spread among
-all weighted means of the sets' lines. The sensitive sets remain what a reader inspects; they add no accuracy to it.
+with both slopes taken against temperature. P_g^PCR is a line itself, so its slope cancels and what is left is the mean
+line of all sets in the table. That is the answer: for a pose drawn like those of the table, the mean line has the least
+expected spread among all weighted means of the sets' lines. The sensitive sets add no accuracy to it.
 """
 
 from __future__ import annotations
