@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure
-from pouring_robot.compensation.pose import TOLERANCE
+from pouring_robot.compensation.pose import TOLERANCE, tilt_rates
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.poses import MM, MRAD
@@ -169,14 +169,10 @@ class PathSearch:
         return np.column_stack([place - self.target, tilt - self.wanted[:, 3]])
 
     def _step(self, closed: BatchClosure, left: FloatArray) -> FloatArray:
-        """Return what to take from the drives, (n, 4); the tilt is atan2(c_x, c_z) of the platform's third axis c."""
-        moved = self.warm.drives_to_end(closed)
-        arm, axis = closed.rotation @ self.on_end, closed.rotation[:, :, 2]
+        """Return what to take from the drives, (n, 4)."""
+        moved, arm = self.warm.drives_to_end(closed), closed.rotation @ self.on_end
         place = moved[:, :3] + np.cross(moved[:, 3:], arm[:, :, None], axis=1)
-        turned = np.cross(moved[:, 3:], axis[:, :, None], axis=1)
-        tilt = axis[:, 2, None] * turned[:, 0] - axis[:, 0, None] * turned[:, 2]
-        tilt /= (axis[:, 0] ** 2 + axis[:, 2] ** 2)[:, None]
-        matrix = np.concatenate([place, tilt[:, None]], axis=1)
+        matrix = np.concatenate([place, tilt_rates(moved[:, 3:], closed.rotation[:, :, 2])[:, None]], axis=1)
         good = np.isfinite(matrix).all(axis=(1, 2))
         step = np.full(left.shape, np.nan)
         step[good] = np.linalg.solve(matrix[good], left[good][:, :, None])[:, :, 0]

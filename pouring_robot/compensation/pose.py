@@ -74,21 +74,26 @@ class _Search:
     def _step(self, warm: WarmRobot, result: ClosureResult, left: FloatArray) -> FloatArray:
         """Return the step of the drives that cancels what is left, (4,).
 
-        The tilt is atan2(c_x, c_z) of the platform's third axis c, which turns as ω × c.
-
         Raises:
             SingularPoseError: x, y, z of the frame and the tilt do not determine the drives.
         """
         drives = drive_parameters(result.mechanism)
         twists = closed_chain_transfer(warm.actual_solver, result, drives, self.frame).matrix
-        axis = result.pose_base_to_end.rotation[:, 2]
-        moved = np.cross(twists[3:].T, axis)
-        tilt = (axis[2] * moved[:, 0] - axis[0] * moved[:, 2]) / (axis[0] ** 2 + axis[2] ** 2)
-        matrix = np.vstack([twists[:3], tilt])
+        matrix = np.vstack([twists[:3], tilt_rates(twists[3:], result.pose_base_to_end.rotation[:, 2])])
         factors = np.linalg.svd(matrix, compute_uv=False)
         if not np.isfinite(factors).all() or factors[-1] < 1e-9 * factors[0]:
             raise SingularPoseError(float(factors[-1] / factors[0]))
         return np.asarray(-np.linalg.solve(matrix, left))
+
+
+def tilt_rates(turns: FloatArray, axis: FloatArray) -> FloatArray:
+    """Return how the tilt follows the drives, (..., drives), by turns (..., 3, drives) about the base's axes.
+
+    It is atan2(c_x, c_z) of the platform's third axis c, (..., 3), which turns as ω × c.
+    """
+    x, z = axis[..., 0, None], axis[..., 2, None]
+    moved = np.cross(turns, axis[..., None], axis=-2)
+    return np.asarray((z * moved[..., 0, :] - x * moved[..., 2, :]) / (x**2 + z**2))
 
 
 def compensate(

@@ -109,7 +109,6 @@ class ErrorMap:
         errors = np.zeros((len(values), len(self.joints), 6))
         for column, site, component in self._placements:
             errors[:, site, component] = values[:, column]
-        displaced_too = {site for _, site, _ in self._placements}
         for number, columns in self._dh.items():
             chain = self._chains[number]
             numbers = np.zeros((len(values), len(TRANSFORMS), len(SYMBOLS)))
@@ -120,9 +119,7 @@ class ErrorMap:
                 site = self.joints.index(chain.joints[own])
                 transforms = [k for k, k_site in enumerate(SITES) if k_site == own]
                 rows = numbers[:, transforms].any(axis=(1, 2))  # without errors the joint stays exactly where it is
-                moved = displacements[rows, own]
-                if site in displaced_too:
-                    moved = moved @ homogeneous(errors[rows, site])
+                moved = displacements[rows, own] @ homogeneous(errors[rows, site])
                 errors[rows, site, :3] = moved[:, :3, 3]
                 errors[rows, site, 3:] = Rotation.from_matrix(moved[:, :3, :3]).as_rotvec()
         return errors

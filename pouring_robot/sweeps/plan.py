@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 import pouring_robot
 from pouring_robot.batch import BatchCommand
@@ -20,6 +19,7 @@ from pouring_robot.exceptions import UnknownFrameError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM
+from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterCatalogue
 from pouring_robot.robot.pouring_robot import robot_of
@@ -46,8 +46,7 @@ class ChunkResult:
     Attributes:
         displacement: with the errors minus without them, shape (samples, poses, frames, 3), in m.
         rotation: rotation vector of that, shape (samples, poses, 3), in rad.
-        gap_m, gap_rad: largest distance and angle left open in a loop, shape (samples, poses) each.
-        status: shape (samples, poses).
+        gap_m, gap_rad, status: as :class:`Platforms` has them, shape (samples, poses) each.
         errors: the errors of each robot, shape (samples, parameters), in m and rad.
         version: of the package that computed it.
     """
@@ -131,26 +130,17 @@ class SweepPlan:
     def chunk(self, index: tuple[int, int]) -> Chunk:
         """Return the chunk at a place of the grid."""
         (i, j), rows, columns = index, self.sample_block, self.pose_block
-        return Chunk(
-            index,
-            (i * rows, min((i + 1) * rows, self.draws.count)),
-            (j * columns, min((j + 1) * columns, len(self.poses))),
-        )
+        samples = i * rows, min((i + 1) * rows, self.draws.count)
+        return Chunk(index, samples, (j * columns, min((j + 1) * columns, len(self.poses))))
 
     def compute(self, chunk: Chunk) -> ChunkResult:
         """Compute one chunk; the numbers depend on the plan and the chunk alone."""
-        values = self.draws.values(*chunk.samples)
-        poses = self.poses[slice(*chunk.poses)]
-        actual = self.platforms(values, poses)
-        position, rotation = self._expected(poses)
+        values, poses = self.draws.values(*chunk.samples), self.poses[slice(*chunk.poses)]
+        actual, (position, axes) = self.platforms(values, poses), self._expected(poses)
+        moved = self._displacement(actual, position, axes)
+        turned = rotation_vectors(actual.rotation @ np.swapaxes(axes, 1, 2))
         return ChunkResult(
-            self._displacement(actual, position, rotation),
-            _rotation_vectors(actual.rotation, rotation),
-            actual.gap_m,
-            actual.gap_rad,
-            actual.status,
-            values,
-            pouring_robot.__version__,
+            moved, turned, actual.gap_m, actual.gap_rad, actual.status, values, pouring_robot.__version__
         )
 
     def displacements(self, values: FloatArray, poses: BatchCommand) -> tuple[FloatArray, ByteArray]:
@@ -257,12 +247,3 @@ def _model(config: SweepConfig) -> RobotModel:
 
 def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
-
-
-def _rotation_vectors(actual: FloatArray, expected: FloatArray) -> FloatArray:
-    """Return the vectors that turn the expected axes (poses, 3, 3) into the actual ones (samples, poses, 3, 3)."""
-    relative = np.einsum("spij,pkj->spik", actual, expected).reshape(-1, 3, 3)
-    found = np.full((len(relative), 3), np.nan)
-    sound = np.isfinite(relative).all(axis=(1, 2))
-    found[sound] = Rotation.from_matrix(relative[sound]).as_rotvec()
-    return found.reshape((*actual.shape[:2], 3))

@@ -12,10 +12,10 @@ import pytest
 from pouring_robot.cli.app import main
 from pouring_robot.report.plots import svg_of
 from pouring_robot.sweeps import ErrorEntry, SweepConfig, SweepPlan, open_results, run_sweep, sweep
-from pouring_robot.sweeps.analysis.linear import transfer_matrices
 from pouring_robot.sweeps.analysis.plots import map_of
 from pouring_robot.sweeps.analysis.report import html_report, report
 from pouring_robot.sweeps.analysis.summary import Distances
+from pouring_robot.sweeps.analysis.tolerances import transfer_matrices
 from tests.support import ROOT
 from tests.sweeps.sweep_files import write
 

@@ -7,7 +7,6 @@ to the surroundings by convection and re-radiation.
 """
 
 # ruff: noqa: N802 - units keep their capitals: K, W, degC
-import functools
 
 import numpy as np
 
@@ -72,7 +71,7 @@ class ThermalNetwork:
         self.bodies = Bodies.of(urdf, entry, self.properties, grid, per_bar, self._bars_in_the_way)
         self._laplacian, self._melt_contact = constant_laplacian(self.bodies)
         self._capacity = capacities(self.bodies)
-        self._kept = functools.lru_cache(_KEPT_POSES)(self._build)
+        self._kept: dict[tuple[float, ...], tuple[Circuit, LegExposure, FloatArray]] = {}
 
     def steady(
         self,
@@ -123,7 +122,11 @@ class ThermalNetwork:
         return TemperatureField(temperatures_K, melt_K, ambient_K, self.bodies, *self._at(pose))
 
     def _at(self, pose: Placed) -> tuple[Circuit, LegExposure, FloatArray]:
-        return self._kept(tuple(np.concatenate([part.ravel() for part in self._placements(pose)]).tolist()))
+        key = tuple(np.concatenate([part.ravel() for part in self._placements(pose)]).tolist())
+        self._kept[key] = found = self._kept.pop(key, None) or self._build(key)  # the last used stands last
+        if len(self._kept) > _KEPT_POSES:
+            del self._kept[next(iter(self._kept))]
+        return found
 
     def _placements(self, pose: Placed) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return U-joint centres above and below, (4, 3) each, and the moving platform, all in the fixed platform."""
