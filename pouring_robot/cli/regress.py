@@ -45,7 +45,7 @@ def regress(
     the pose. The file is for --thermal-model of pose and compensate.
     """
     from pouring_robot.io.files import write_whole
-    from pouring_robot.thermal.regression import page
+    from pouring_robot.thermal.regression import report as pages
     from pouring_robot.thermal.regression.report import by_axis, read_positions
     from pouring_robot.thermal.regression.report import regress as regressed
     from pouring_robot.thermal.regression.table import ErrorTable
@@ -57,11 +57,11 @@ def regress(
     found = regressed(errors, positions, axis=axis or "", method=method, **selector)
     written = [found.model().save(out)] if out is not None else []
     if report is not None:
-        written.append(write_whole(report, page.html_report(found)))
+        written.append(write_whole(report, pages.html_report(found)))
     if as_json:
         options.print_figures(found.figures(), written)
         return
     console = options.console()
     console.print(found.headline, style="bold", markup=False)
-    print_blocks(console, page.blocks(found))
+    print_blocks(console, pages.blocks(found))
     options.print_written(console, written)

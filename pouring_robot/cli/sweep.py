@@ -35,7 +35,7 @@ def sweep(
     # xarray, Zarr and SciPy take a second to import; only this command pays for it.
     from pouring_robot.sweeps import SweepConfig, SweepPlan
     from pouring_robot.sweeps import sweep as run
-    from pouring_robot.sweeps.analysis import page
+    from pouring_robot.sweeps.analysis import report
 
     if workers and scheduler:
         raise BadInputError("give --workers or --scheduler, not both: the cluster has workers of its own")
@@ -64,13 +64,13 @@ def sweep(
         options.print_figures(outcome.figures(), written)
         return
     console = options.console()
-    for k, line in enumerate(page.summary_lines(outcome)):
+    for k, line in enumerate(report.summary_lines(outcome)):
         console.print(line, style="" if k else "bold", soft_wrap=True)
     title = f"the tolerances that matter most ({outcome.summary.frame})"
-    _print_first(console, page.ranking_table(outcome), title)
+    _print_first(console, report.ranking_table(outcome), title)
     if outcome.allocation:
-        console.print(page.allocation_line(outcome), soft_wrap=True)
-        _print_first(console, page.allocation_table(outcome), "tightest first")
+        console.print(report.allocation_line(outcome.allocation), soft_wrap=True)
+        _print_first(console, report.allocation_table(outcome.allocation), "tightest first")
     options.print_written(console, written)
 
 

@@ -49,8 +49,7 @@ class Controller(Result):
         coefficients: of Chebyshev polynomials over the box, for what is added to each drive, shape (4, *POINTS).
         fixed_centres_m, moving_centres_m: of the drawing's inverse kinematics, shape (4, 3) each.
         drive_error: largest difference to the drives that the package finds, in m and rad, shape (4,).
-        place_error_m: largest distance of the frame from where it is wanted.
-        tilt_error_rad: largest difference of the tilt.
+        place_error_m, tilt_error_rad: largest distance of the frame from where it is wanted, and of the tilt.
         checked: at how many poses, where they are largest, the errors were measured; they are rounded up to two digits.
     """
 
@@ -112,19 +111,20 @@ class Controller(Result):
 def make_controller(heated: HeatedRobot, frame: str | None = None, show: Progress = say_nothing) -> Controller:
     """Return polynomials for the robot as built and as warm as it is, over the workspace box.
 
-    Args:
-        heated: the robot as built and how warm it is; without loads.
-        frame: the frame whose position shall be right; by default the moving platform.
-        show: told of progress.
+    ``frame``: whose position shall be right; by default the moving platform.
 
     Raises:
         BadInputError: the robot carries loads.
         NoSolutionError: somewhere in the box there are no drive values.
     """
     kinematics, (lower, upper) = heated.robot.kinematics, heated.robot.layout.box
+
+    def searched(scaled: FloatArray) -> tuple[FloatArray, PathSearch]:
+        poses = np.asarray(lower + (upper - lower) * (scaled + 1.0) / 2.0)
+        return poses, PathSearch(heated, poses, frame, strains_along(heated, poses, show=show))
+
     nodes = [chebyshev.chebpts1(count) for count in POINTS]
-    poses = _in_box(_grid(nodes), lower, upper)
-    search = PathSearch(heated, poses, frame, strains_along(heated, poses, show=show))
+    poses, search = searched(_grid(nodes))
     added = (_found(search) - kinematics.commands(poses).drives).reshape(*POINTS, 4)
     for axis, points in enumerate(nodes):
         inverse = np.linalg.inv(chebyshev.chebvander(points, len(points) - 1))
@@ -134,8 +134,7 @@ def make_controller(heated: HeatedRobot, frame: str | None = None, show: Progres
 
     def errors(scaled: FloatArray) -> FloatArray:
         """Return errors of drives, place and tilt, (n, 6), at places in the box from -1 to 1, (n, 4)."""
-        poses = _in_box(scaled, lower, upper)
-        search = PathSearch(heated, poses, frame, strains_along(heated, poses, show=show))
+        poses, search = searched(scaled)
         drives = made.drives(kinematics, poses)
         off, left = drives - _found(search), search.left_with(drives)
         return np.asarray(np.abs(np.column_stack([off, np.linalg.norm(left[:, :3], axis=1), left[:, 3]])))
@@ -147,10 +146,6 @@ def make_controller(heated: HeatedRobot, frame: str | None = None, show: Progres
 
 def _grid(axes: Sequence[FloatArray]) -> FloatArray:
     return np.asarray(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 4))
-
-
-def _in_box(scaled: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-    return np.asarray(lower + (upper - lower) * (scaled + 1.0) / 2.0)
 
 
 def _found(search: PathSearch) -> FloatArray:

@@ -29,11 +29,9 @@ class DriveCompensation(Result):
 
     Attributes:
         wanted: where the robot should be, and where it is without compensation.
-        frame: the frame that is brought there.
-        drives: drive values to command instead, in m and rad.
+        frame, drives: that is brought there, and the drive values to command instead, in m and rad.
         columns: of a table of commands by drive, each with what it needs for the joint's value.
-        before: of the frame without compensation.
-        left: of the frame with it: what the drives cannot cancel.
+        before, left: of the frame without compensation, and with it: what the drives cannot cancel.
     """
 
     wanted: Location
@@ -80,10 +78,7 @@ class DriveCompensation(Result):
 def compensate_drives(robot: Robot, wanted: Location, frame: str | None = None) -> DriveCompensation:
     """Return the drive values that bring the actual robot to a location of the drawing.
 
-    Args:
-        robot: as built.
-        wanted: where it should be.
-        frame: the frame that shall be there; by default the one whose error counts.
+    ``frame``: that shall be there; by default the one whose error counts.
 
     Raises:
         UnknownFrameError: there is no such frame.

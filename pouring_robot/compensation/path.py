@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure
-from pouring_robot.compensation.pose import TOLERANCE
+from pouring_robot.compensation.pose import TOLERANCE, tilt_rates
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.poses import MM, MRAD
@@ -89,20 +89,12 @@ class CompensatedPath(Result):
 
 
 def compensate_path(
-    heated: HeatedRobot,
-    poses: ArrayLike,
-    frame: str | None = None,
-    threads: int = 2,
-    show: Progress = say_nothing,
+    heated: HeatedRobot, poses: ArrayLike, frame: str | None = None, threads: int = 2, show: Progress = say_nothing
 ) -> CompensatedPath:
     """Return drive values that bring the actual ladle to many poses.
 
-    Args:
-        heated: the robot as built and how warm it is; without loads.
-        poses: x, y, z in m and the tilt in rad, shape (n, 4), best along a path: neighbours start each other.
-        frame: the frame whose position shall be right; by default the moving platform.
-        threads: that share the temperatures.
-        show: told of progress.
+    Poses are x, y, z in m and the tilt in rad, shape (n, 4), best along a path: neighbours start each other. ``frame``:
+    whose position shall be right; by default the moving platform. ``threads`` share the temperatures.
 
     Raises:
         BadInputError: the poses have another shape, or the robot carries loads.
@@ -116,15 +108,7 @@ def compensate_path(
 class PathSearch:
     """Newton over all poses at once, on the robot as built with its parts grown.
 
-    Args:
-        heated: the robot as built.
-        wanted: x, y, z in m and the tilt in rad, shape (n, 4).
-        frame: that is brought there; by default the moving platform.
-        strain: growth of the parts, shape (n, 6), as :func:`strains_along` gives it.
-
-    Raises:
-        BadInputError: the robot carries loads.
-        UnknownFrameError: there is no such frame.
+    Arguments and errors as :func:`compensate_path`; ``strain`` as :func:`strains_along` gives it.
     """
 
     def __init__(self, heated: HeatedRobot, wanted: FloatArray, frame: str | None, strain: FloatArray) -> None:
@@ -143,13 +127,12 @@ class PathSearch:
     def run(self, *, limits: bool = True) -> CompensatedPath:
         """Step until every pose is met or no longer gets nearer.
 
-        Args:
-            limits: whether poses in which a joint is beyond its limits have no answer.
+        ``limits``: whether poses in which a joint is beyond its limits have no answer.
         """
         drives, start = self.warm.command.drives.copy(), self.start
         best = np.full(len(drives), np.inf)
-        first = closed = self.warm.close(drives, start)
-        left = before = self._left(first)
+        closed = self.warm.close(drives, start)
+        left = before = self._left(closed)
         for _ in range(_MOST_STEPS):
             size = np.abs(left).max(axis=1)
             going = closed.closed & (size > TOLERANCE) & ~((size < 100.0 * TOLERANCE) & (size > 0.5 * best))
@@ -160,30 +143,6 @@ class PathSearch:
             drives = np.where(going[:, None], drives - step, drives)
             closed = self.warm.close(drives, closed.as_start())
             left = self._left(closed)
-        return self._result(drives, closed, before, left, limits=limits)
-
-    def _left(self, closed: BatchClosure) -> FloatArray:
-        place = closed.position + closed.rotation @ self.on_end
-        tilt = np.arctan2(closed.rotation[:, 0, 2], closed.rotation[:, 2, 2])
-        return np.column_stack([place - self.target, tilt - self.wanted[:, 3]])
-
-    def _step(self, closed: BatchClosure, left: FloatArray) -> FloatArray:
-        """Return what to take from the drives, (n, 4); the tilt is atan2(c_x, c_z) of the platform's third axis c."""
-        moved = self.warm.drives_to_end(closed)
-        arm, axis = closed.rotation @ self.on_end, closed.rotation[:, :, 2]
-        place = moved[:, :3] + np.cross(moved[:, 3:], arm[:, :, None], axis=1)
-        turned = np.cross(moved[:, 3:], axis[:, :, None], axis=1)
-        tilt = axis[:, 2, None] * turned[:, 0] - axis[:, 0, None] * turned[:, 2]
-        tilt /= (axis[:, 0] ** 2 + axis[:, 2] ** 2)[:, None]
-        matrix = np.concatenate([place, tilt[:, None]], axis=1)
-        good = np.isfinite(matrix).all(axis=(1, 2))
-        step = np.full(left.shape, np.nan)
-        step[good] = np.linalg.solve(matrix[good], left[good][:, :, None])[:, :, 0]
-        return step
-
-    def _result(
-        self, drives: FloatArray, closed: BatchClosure, before: FloatArray, left: FloatArray, *, limits: bool
-    ) -> CompensatedPath:
         with np.errstate(invalid="ignore"):
             met = np.abs(left).max(axis=1) < 100.0 * TOLERANCE
             reached = self.kinematics.within_limits(closed.joints) | (not limits)
@@ -203,3 +162,18 @@ class PathSearch:
             self.warm.strain,
             status.astype(str),
         )
+
+    def _left(self, closed: BatchClosure) -> FloatArray:
+        place = closed.position + closed.rotation @ self.on_end
+        tilt = np.arctan2(closed.rotation[:, 0, 2], closed.rotation[:, 2, 2])
+        return np.column_stack([place - self.target, tilt - self.wanted[:, 3]])
+
+    def _step(self, closed: BatchClosure, left: FloatArray) -> FloatArray:
+        """Return what to take from the drives, (n, 4)."""
+        moved, arm = self.warm.drives_to_end(closed), closed.rotation @ self.on_end
+        place = moved[:, :3] + np.cross(moved[:, 3:], arm[:, :, None], axis=1)
+        matrix = np.concatenate([place, tilt_rates(moved[:, 3:], closed.rotation[:, :, 2])[:, None]], axis=1)
+        good = np.isfinite(matrix).all(axis=(1, 2))
+        step = np.full(left.shape, np.nan)
+        step[good] = np.linalg.solve(matrix[good], left[good][:, :, None])[:, :, 0]
+        return step

@@ -21,7 +21,7 @@ from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.inverse import limited
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.thermal.expansion.heated_robot import Close, HeatedRobot
+from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmState
 from pouring_robot.thermal.expansion.warm_robot import WarmRobot
 
 TOLERANCE = 1e-11
@@ -33,11 +33,8 @@ _MOST_STEPS = 25
 class _Search:
     """Newton's way to one pose; counts its steps over all turns of temperature.
 
-    Attributes:
-        wanted: the pose wanted; ``target`` that of the frame in the drawing then, in the fixed platform.
-        start: configuration near which to begin.
-        frame: the frame that is brought there.
-        drives: drive values found last, in m and rad.
+    ``target``: where the drawing has the frame, in the fixed platform; ``start``: configuration near which to begin;
+    ``drives``: values found last, in m and rad.
     """
 
     wanted: PlatformPose
@@ -47,42 +44,56 @@ class _Search:
     drives: dict[str, float]
     steps: int = 0
 
-    def close(self, warm: WarmRobot) -> tuple[ClosureResult, ClosureResult]:
-        """Bring a warm robot to the pose, starting from the drive values found last.
-
-        Returns:
-            The closure with these drive values, and with those that bring it to the pose.
-
-        Raises:
-            CompensationError: no drive values are found.
-            SingularPoseError: the drives do not command the four freedoms here.
-            ClosureError: the loops do not close on the way.
-        """
-        start, best = self.start, np.inf
-        first: ClosureResult | None = None
+    def close(self, warm: WarmRobot) -> list[ClosureResult]:
+        """Bring a warm robot to the pose, from the drive values found last; return the closures on the way."""
+        start, best, way = self.start, np.inf, []
         for _ in range(_MOST_STEPS):
             result = warm.actual_solver.solve(warm.actual_drives(self.drives), start)
-            first = first or result
+            way.append(result)
             left = self.left(result)
             size = float(np.abs(left).max())
             # Round-off may end the way a little earlier; what was reached is then reported as it is.
             if size < TOLERANCE or (size < 100.0 * TOLERANCE and size > 0.5 * best):
-                return first, result
+                return way
             best = min(best, size)
-            step = limited(-_solved(_drives_to_freedoms(warm, result, self.frame), left), result.mechanism)
+            step = limited(self._step(warm, result, left), result.mechanism)
             # The actual drive is the commanded one, grown with its leg: its derivative is 1 + strain, taken as 1.
             self.drives = {name: value + float(d) for (name, value), d in zip(self.drives.items(), step, strict=True)}
             start = result.configuration
             self.steps += 1
-        miss_m, miss_rad = float(np.linalg.norm(left[:3])), abs(float(left[3]))
         x, y, z, tilt = self.wanted.to_mm_deg()
-        raise CompensationError(f"x {x:g}, y {y:g}, z {z:g} mm, tilt {tilt:g} deg", miss_m, miss_rad)
+        command = f"x {x:g}, y {y:g}, z {z:g} mm, tilt {tilt:g} deg"
+        raise CompensationError(command, float(np.linalg.norm(left[:3])), abs(float(left[3])))
 
     def left(self, result: ClosureResult) -> FloatArray:
         """Return what is missing: x, y, z of the frame in m and the platform's tilt in rad, actual minus wanted."""
         place = result.pose(result.mechanism.loops.base_frame, self.frame).translation
         tilt = PlatformPose.from_se3(result.pose_base_to_end).tilt_rad - self.wanted.tilt_rad
         return np.array([*(place - self.target.translation), tilt])
+
+    def _step(self, warm: WarmRobot, result: ClosureResult, left: FloatArray) -> FloatArray:
+        """Return the step of the drives that cancels what is left, (4,).
+
+        Raises:
+            SingularPoseError: x, y, z of the frame and the tilt do not determine the drives.
+        """
+        drives = drive_parameters(result.mechanism)
+        twists = closed_chain_transfer(warm.actual_solver, result, drives, self.frame).matrix
+        matrix = np.vstack([twists[:3], tilt_rates(twists[3:], result.pose_base_to_end.rotation[:, 2])])
+        factors = np.linalg.svd(matrix, compute_uv=False)
+        if not np.isfinite(factors).all() or factors[-1] < 1e-9 * factors[0]:
+            raise SingularPoseError(float(factors[-1] / factors[0]))
+        return np.asarray(-np.linalg.solve(matrix, left))
+
+
+def tilt_rates(turns: FloatArray, axis: FloatArray) -> FloatArray:
+    """Return how the tilt follows the drives, (..., drives), by turns (..., 3, drives) about the base's axes.
+
+    It is atan2(c_x, c_z) of the platform's third axis c, (..., 3), which turns as ω × c.
+    """
+    x, z = axis[..., 0, None], axis[..., 2, None]
+    moved = np.cross(turns, axis[..., None], axis=-2)
+    return np.asarray((z * moved[..., 0, :] - x * moved[..., 2, :]) / (x**2 + z**2))
 
 
 def compensate(
@@ -113,12 +124,8 @@ def compensate(
     commanded = {name: values[name] for name in loops.drives}
     start = kinematics.configuration(wanted)
 
-    def held(drives: dict[str, float]) -> Close:
-        def close(warm: WarmRobot) -> tuple[ClosureResult, ClosureResult]:
-            closed = warm.actual_solver.solve(warm.actual_drives(drives), start)
-            return closed, closed
-
-        return close
+    def held(drives: dict[str, float]) -> WarmState:
+        return heated.settle(wanted, lambda warm: [warm.actual_solver.solve(warm.actual_drives(drives), start)])
 
     try:
         search = _Search(wanted, _target(heated, wanted, frame), start, frame, dict(commanded))
@@ -129,7 +136,7 @@ def compensate(
             search.target = pin.SE3(there.rotation, there.translation - heat_moves_m)
             HeatedRobot(heated.robot).settle(wanted, search.close)
             search.target = there
-            state = heated.settle(wanted, held(search.drives))
+            state = held(search.drives)
         result = state.result
         kinematics.refuse_beyond_limits(search.drives)
         kinematics.refuse_beyond_limits({name: result.joint_values[name] for name in kinematics.joint_names})
@@ -148,7 +155,7 @@ def compensate(
         frame=frame,
         drives=search.drives,
         command=kinematics.forward(search.drives, near=wanted),
-        before=difference(heated.settle(wanted, held(commanded)).result, frame),
+        before=difference(held(commanded).result, frame),
         left=difference(result, frame),
         left_at_lip=difference(result, loops.working_frame),
         left_tilt_rad=float(search.left(result)[3]),
@@ -164,28 +171,3 @@ def _target(heated: HeatedRobot, wanted: PlatformPose, frame: str) -> pin.SE3:
     pin.framesForwardKinematics(mechanism.shared_model, data, mechanism.neutral_configuration())
     end, tip = (data.oMf[mechanism.frame_id(name)] for name in (mechanism.loops.end_frame or "", frame))
     return wanted.to_se3() * end.actInv(tip)
-
-
-def _drives_to_freedoms(warm: WarmRobot, result: ClosureResult, frame: str) -> FloatArray:
-    """Return how x, y, z of a frame and the platform's tilt follow the drives, shape (4, 4).
-
-    The tilt is atan2(c_x, c_z) of the platform's third axis c, which turns as ω × c.
-    """
-    drives = drive_parameters(result.mechanism)
-    twists = closed_chain_transfer(warm.actual_solver, result, drives, frame).matrix
-    axis = result.pose_base_to_end.rotation[:, 2]
-    moved = np.cross(twists[3:].T, axis)
-    tilt = (axis[2] * moved[:, 0] - axis[0] * moved[:, 2]) / (axis[0] ** 2 + axis[2] ** 2)
-    return np.vstack([twists[:3], tilt])
-
-
-def _solved(matrix: FloatArray, right_side: FloatArray) -> FloatArray:
-    """Solve four equations.
-
-    Raises:
-        SingularPoseError: they do not determine the drives.
-    """
-    factors = np.linalg.svd(matrix, compute_uv=False)
-    if not np.isfinite(factors).all() or factors[-1] < 1e-9 * factors[0]:
-        raise SingularPoseError(float(factors[-1] / factors[0]))
-    return np.asarray(np.linalg.solve(matrix, right_side))

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from pouring_robot.io.tables import csv_text
 from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
 from pouring_robot.report.result import Result
 from pouring_robot.robot.location_figures import difference_figures, joint_figures
@@ -26,12 +27,10 @@ class Compensation(Result):
     """What to command, and what it leads to. Differences are actual minus wanted, in the fixed platform.
 
     Attributes:
-        wanted: the pose wanted.
-        frame: the frame whose position is brought there.
+        wanted, frame: the pose wanted, and the frame whose position is brought there.
         drives: drive values to command, in m and rad.
         command: the pose of the drawing with these drive values: what to ask a controller for that knows the drawing.
-        before: of the frame, if the wanted pose itself were commanded.
-        left: of the frame, with ``drives``.
+        before, left: of the frame, if the wanted pose itself were commanded, and with ``drives``.
         left_at_lip: of the lip, with ``drives``: what the two rotations do there.
         left_tilt_rad: what is left of the tilt.
         steps: Newton steps taken in all.
@@ -109,8 +108,5 @@ class Compensation(Result):
 def commands_csv(found: Iterable[Compensation]) -> str:
     """Return one row a pose as CSV."""
     rows = [one.row() for one in found]
-    lines = [",".join(rows[0])]
-    for row in rows:
-        cells = (_FORMATS.get(name.split("_")[0], "{:.6g}").format(value) for name, value in row.items())
-        lines.append(",".join(cells))
-    return "\n".join(lines) + "\n"
+    formats = [_FORMATS.get(name.split("_")[0], "{:.6g}") for name in rows[0]]
+    return csv_text(rows[0], ([f.format(v) for f, v in zip(formats, row.values(), strict=True)] for row in rows))

@@ -33,10 +33,7 @@ def sensitivity(
 ) -> SensitivityReport:
     """Study what each geometric error of a robot of the drawing does alone.
 
-    Args:
-        robot: a model, a model file or a robot file; by default the pouring robot.
-        request: what to study.
-        progress: told of the poses done.
+    ``robot``: a model, a model file or a robot file; by default the pouring robot.
 
     Raises:
         BadInputError: a name or a range is wrong.
@@ -100,24 +97,21 @@ def _transfers(
 ) -> list[tuple[Kind, FloatArray, FloatArray]]:
     """Return G (n, 6, P) of the closed chain and, where there are chains, of open branches; with the end's axes."""
     branches = isinstance(engine, CompiledEngine) and not engine.structure.is_serial
-    closed: list[tuple[BatchTransfer, FloatArray]] = []
-    opened: list[tuple[BatchTransfer, FloatArray]] = []
+    kinds: tuple[Kind, ...] = ("closed chain", "open branch") if branches else ("closed chain",)
+    parts: dict[Kind, list[BatchTransfer]] = {kind: [] for kind in kinds}
+    rotations = []
     for first in range(0, len(start), _AT_ONCE):
         part = slice(first, first + _AT_ONCE)
         found = engine.close(drives[part], start[part]).require_all()
-        closed.append((engine.transfer(found, wanted), found.rotation))
+        rotations.append(found.rotation)
+        parts["closed chain"].append(engine.transfer(found, wanted))
         if branches and isinstance(engine, CompiledEngine):
-            opened.append((engine.transfer_open_branch(found.joints, wanted), found.rotation))
+            parts["open branch"].append(engine.transfer_open_branch(found.joints, wanted))
         progress("transfer matrices", min(first + _AT_ONCE, len(start)), len(start))
-    kinds: dict[Kind, list[tuple[BatchTransfer, FloatArray]]] = {"closed chain": closed, "open branch": opened}
-    return [(kind, *_joined(parts)) for kind, parts in kinds.items() if parts]
-
-
-def _joined(parts: Sequence[tuple[BatchTransfer, FloatArray]]) -> tuple[FloatArray, FloatArray]:
-    for transfer, _ in parts:
-        if transfer.status.any():
-            raise NoSolutionError("the drives do not determine the robot at a pose of the workspace; narrow the range")
-    return np.concatenate([t.matrix for t, _ in parts]), np.concatenate([r for _, r in parts])
+    if any(transfer.status.any() for found in parts.values() for transfer in found):
+        raise NoSolutionError("the drives do not determine the robot at a pose of the workspace; narrow the range")
+    rotation = np.concatenate(rotations)
+    return [(kind, np.concatenate([t.matrix for t in found]), rotation) for kind, found in parts.items()]
 
 
 def _moved(matrix: FloatArray, lever: FloatArray, sizes: FloatArray) -> tuple[FloatArray, FloatArray]:

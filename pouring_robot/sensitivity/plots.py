@@ -12,13 +12,7 @@ from pouring_robot.sensitivity.samples import AXES, NOTHING_M, ErrorSamples, P
 
 
 def box_plots(large: ErrorSamples[P], title: str, limit_m: float = MM) -> Any:
-    """Draw absolute coordinates of errors over the poses, as the paper's Fig. 4 does.
-
-    Args:
-        large: the errors, such as those that pass a limit.
-        title: of the picture.
-        limit_m: that limit, drawn as a line.
-    """
+    """Draw absolute coordinates of errors, such as those that pass a limit, over the poses, as the paper's Fig. 4."""
     figure = new_figure(10.0, 3.9)
     panels = figure.subplots(1, 3, sharey=True)
     values = np.abs(large.translation_m) / MM
@@ -45,13 +39,9 @@ def box_plots(large: ErrorSamples[P], title: str, limit_m: float = MM) -> Any:
 
 
 def distributions(errors: ErrorSamples[P], labels: Sequence[str], title: str, mark_m: float | None = None) -> Any:
-    """Draw how errors spread over the poses, axis by axis, as the paper's Fig. 5 does.
+    """Draw how errors of some labels, from top to bottom, spread over the poses, axis by axis, as the paper's Fig. 5.
 
-    Args:
-        errors: that hold those of the labels.
-        labels: which, from top to bottom.
-        title: of the picture.
-        mark_m: a place that is marked in X, both signs.
+    ``mark_m``: a place that is marked in X, both signs.
     """
     figure = new_figure(10.0, 5.2)
     panels = figure.subplots(1, 3, sharey=True)

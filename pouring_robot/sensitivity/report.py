@@ -1,21 +1,213 @@
-"""What a sensitivity study writes: CSV, JSON, pictures and a page; and its tables."""
+"""What a sensitivity study found: a row an error, and the axes to control; its tables, pictures and page."""
 
+from __future__ import annotations
+
+import functools
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from pouring_robot.io.files import write_together
 from pouring_robot.io.tables import csv_text
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
-from pouring_robot.sensitivity.findings import ErrorRow, SensitivityFindings
+from pouring_robot.report.result import Result
+from pouring_robot.robot.dh.parameters import DHParameter
+from pouring_robot.robot.parameters import Parameter
+from pouring_robot.sensitivity.request import Request
+from pouring_robot.sensitivity.samples import AXES, ErrorSamples, median_place, peak, uniform_gap
 
-_DRAWN = 12
+if TYPE_CHECKING:
+    import pandas as pd
+
+_EVEN, _PILED, _DRAWN = 0.1, 2.0, 12
+
+
+@dataclass(frozen=True)
+class ErrorRow:
+    """One error in one model; lengths in m, angles in rad.
+
+    Attributes:
+        parameter, model, size: the error in ``closed chain`` or ``open branch``.
+        mean_m, largest_m: mean and largest absolute coordinate, x y z.
+        distance_m, angle_rad: largest displacement and turn.
+        main: coordinate with the largest mean: X, Y or Z; ``none``.
+        quantiles_m: 5, 50 and 95 % of the main coordinate.
+        one_sign: whether the main coordinate has one sign at all poses.
+        shape: ``even``, ``piled at … mm`` or ``uneven``: how the main coordinate spreads over the poses.
+        class_mm, class_rad: powers of ten of the largest displacement in mm and of the largest turn in rad; None
+            where it counts as nothing.
+    """
+
+    parameter: Parameter
+    model: str
+    size: float
+    mean_m: tuple[float, ...]
+    largest_m: tuple[float, ...]
+    distance_m: float
+    angle_rad: float
+    main: str
+    quantiles_m: tuple[float, ...]
+    one_sign: bool
+    shape: str
+    class_mm: int | None
+    class_rad: int | None
+
+    def figures(self) -> dict[str, Any]:
+        """Return it with units in the names."""
+        length = self.parameter.unit == "m"
+        row: dict[str, Any] = {
+            "parameter": self.parameter.name,
+            "part": self.parameter.part,
+            "model": self.model,
+            "error": self.size / (MM if length else MRAD),
+            "unit": "mm" if length else "mrad",
+        }
+        row |= {f"mean_{axis.lower()}_mm": value / MM for axis, value in zip(AXES, self.mean_m, strict=True)}
+        row |= {f"largest_{axis.lower()}_mm": value / MM for axis, value in zip(AXES, self.largest_m, strict=True)}
+        row |= {"largest_mm": self.distance_m / MM, "largest_mrad": self.angle_rad / MRAD, "main_direction": self.main}
+        row |= {f"main_{q}_mm": value / MM for q, value in zip(("p5", "p50", "p95"), self.quantiles_m, strict=True)}
+        row |= {"one_sign": self.one_sign, "spread": self.shape}
+        return row | {"class_mm": _power(self.class_mm), "class_rad": _power(self.class_rad)}
+
+
+def _power(exponent: int | None) -> str:
+    return "none" if exponent is None else f"1e{exponent}"
+
+
+@dataclass(frozen=True)
+class Control:
+    """Errors of one part that pass the limit in the closed robot: what to hold tightly when it is made.
+
+    Names are the strongest first; ``directions`` are the main ones, ``largest_m`` the largest coordinate reached.
+    """
+
+    part: str
+    errors: tuple[str, ...]
+    directions: str
+    largest_m: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SensitivityReport(SensitivityFindings):
-    """What each error does alone, and how that is written."""
+class SensitivityReport(Result):
+    """What each error does alone.
+
+    Attributes:
+        robot: its name.
+        frame: whose displacement counts.
+        request: what was studied.
+        parameters: the errors, P of them.
+        samples: displacements by model, the closed chain first.
+        missed_m: by how much first order misses exact closures at most, and how far the robot moves there.
+        dh: the DH table, chain by chain and transform by transform a, α, d, θ; empty for another robot.
+    """
+
+    robot: str
+    frame: str
+    request: Request
+    parameters: tuple[Parameter, ...]
+    samples: tuple[ErrorSamples[Parameter], ...]
+    missed_m: tuple[float, float]
+    dh: tuple[DHParameter, ...] = ()
+
+    @functools.cached_property
+    def rows(self) -> tuple[ErrorRow, ...]:
+        """A row an error and model, model by model."""
+        return tuple(self._row(samples, k) for samples in self.samples for k in range(len(self.parameters)))
+
+    def of_model(self, kind: str) -> tuple[ErrorRow, ...]:
+        """Return the rows of one model, the strongest error first."""
+        return tuple(sorted((r for r in self.rows if r.model == kind), key=lambda row: -row.distance_m))
+
+    @functools.cached_property
+    def controls(self) -> tuple[Control, ...]:
+        """Parts whose errors pass the limit in a coordinate of the closed robot, the strongest first."""
+        parts: dict[str, list[ErrorRow]] = {}
+        for row in self.of_model(self.samples[0].kind):
+            if max(row.largest_m) > self.request.limit_m:
+                parts.setdefault(row.parameter.part, []).append(row)
+        found = []
+        for part, rows in parts.items():
+            names, directions = tuple(row.parameter.name for row in rows), sorted({row.main for row in rows})
+            found.append(Control(part, names, "".join(directions), max(max(row.largest_m) for row in rows)))
+        return tuple(sorted(found, key=lambda control: -control.largest_m))
+
+    @property
+    def poses(self) -> int:
+        """How many poses were studied."""
+        return int(self.samples[0].translation_m.shape[1])
+
+    @property
+    def headline(self) -> str:
+        """How many errors pass the limit, and which is the strongest."""
+        first = self.of_model(self.samples[0].kind)[0]
+        over = sum(len(control.errors) for control in self.controls)
+        return (
+            f"{self.robot}, {self.poses} poses: {over} of {len(self.parameters)} errors move '{self.frame}' by more "
+            f"than {self.request.limit_m / MM:g} mm; {first.parameter.name} most, {first.distance_m / MM:.3f} mm in "
+            f"{first.main}"
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return one row an error and model."""
+        import pandas as pd
+
+        return pd.DataFrame([row.figures() for row in self.rows])
+
+    def figures(self) -> dict[str, Any]:
+        """Return everything, ready for JSON; mm and mrad."""
+        return {
+            "robot": self.robot,
+            "frame": self.frame,
+            "poses": self.poses,
+            "errors": {"length_mm": self.request.length_m / MM, "angle_mrad": self.request.angle_rad / MRAD},
+            "limit_mm": self.request.limit_m / MM,
+            "control": [
+                {"part": c.part, "errors": c.errors, "directions": c.directions, "largest_mm": c.largest_m / MM}
+                for c in self.controls
+            ],
+            "first_order_misses_mm": {"by": self.missed_m[0] / MM, "where_it_moves": self.missed_m[1] / MM},
+            "parameters": [row.figures() for row in self.rows],
+        } | ({"dh_table": self.dh_rows()} if self.dh else {})
+
+    def dh_rows(self) -> list[dict[str, Any]]:
+        """Return the nominal DH table, a row a transform: numbers, the joint whose value is added, what drops out."""
+        rows = []
+        for first in range(0, len(self.dh), 4):
+            a, alpha, d, theta = transform = self.dh[first : first + 4]
+            rows.append(
+                {"chain": a.chain, "transform": a.transform, "part": a.part}
+                | {"a_mm": a.nominal / MM, "alpha_deg": math.degrees(alpha.nominal)}
+                | {"d_mm": d.nominal / MM, "theta_deg": math.degrees(theta.nominal)}
+                | {"joint": d.moves_with or theta.moves_with or ""}
+                | {"drops_out": " ".join(one.symbol for one in transform if one.drops_out)}
+            )
+        return rows
+
+    def _row(self, samples: ErrorSamples[Parameter], k: int) -> ErrorRow:
+        parameter, moved, main = self.parameters[k], samples.translation_m[k], samples.main_axis(k)
+        along = moved[:, AXES.find(main)] if main in AXES else np.zeros(len(moved))
+        distance, angle = float(samples.distance_m[k].max()), float(samples.angle_rad[k].max())
+        return ErrorRow(
+            parameter=parameter,
+            model=samples.kind,
+            size=self.request.length_m if parameter.unit == "m" else self.request.angle_rad,
+            mean_m=tuple(samples.mean_m[k].tolist()),
+            largest_m=tuple(samples.peak_m[k].tolist()),
+            distance_m=distance,
+            angle_rad=angle,
+            main=main,
+            quantiles_m=tuple(np.quantile(along, [0.05, 0.5, 0.95]).tolist()),
+            one_sign=bool(abs(np.sign(along).sum()) == len(along)),
+            shape=_shape(along),
+            class_mm=_order(distance / MM, self.request.nothing_m / MM),
+            class_rad=_order(angle, self.request.nothing_rad),
+        )
 
     def save(self, folder: Path) -> list[Path]:
         """Write ``sensitivity.csv``, ``.json``, pictures and ``report.html`` into a folder, which is made.
@@ -60,13 +252,30 @@ class SensitivityReport(SensitivityFindings):
         return list(write_together(files))
 
 
-def missed_line(found: SensitivityFindings) -> str:
+def _order(value: float, nothing: float) -> int | None:
+    # A value on a power of ten must not fall below it by round-off.
+    return None if value < nothing else math.floor(math.log10(value) + 1e-9)
+
+
+def _shape(along: FloatArray) -> str:
+    """Say how values spread: evenly, piled up at a place, or neither."""
+    if np.ptp(along) <= 0.01 * max(float(np.abs(along).max()), 1e-12):
+        return "constant"
+    if uniform_gap(along) <= _EVEN:
+        return "even"
+    place, share, times = peak(along)
+    if times > _PILED and share > 0.5:
+        return f"piled at {place / MM:+.3f} mm"
+    return "near its upper end" if median_place(along) > 0.75 else "uneven"
+
+
+def missed_line(found: SensitivityReport) -> str:
     """Return by how much first order misses."""
     missed, moved = (value / MM for value in found.missed_m)
     return f"first order misses exact closures by {missed:.2g} mm at most, where the robot moves {moved:.3g} mm"
 
 
-def control_lines(found: SensitivityFindings) -> list[str]:
+def control_lines(found: SensitivityReport) -> list[str]:
     """Return what to hold tightly, a line a part."""
     return [
         f"control {control.part}: {' '.join(control.errors)} (main direction {control.directions}, up to "
@@ -75,7 +284,7 @@ def control_lines(found: SensitivityFindings) -> list[str]:
     ]
 
 
-def errors_table(found: SensitivityFindings) -> Table:
+def errors_table(found: SensitivityReport) -> Table:
     """Return the errors of the closed robot, the strongest first, with the open branch beside them if there is one."""
     opened = {row.parameter.name: row for row in found.of_model("open branch")}
     rows = []
@@ -86,7 +295,7 @@ def errors_table(found: SensitivityFindings) -> Table:
     return Table(head + (["open mm", "class", "mrad", "main"] if opened else []), rows)
 
 
-def dh_table(found: SensitivityFindings) -> Table:
+def dh_table(found: SensitivityReport) -> Table:
     """Return the nominal DH table, a row a transform."""
     rows = found.dh_rows()
     cells = [[f"{v:.4g}" if isinstance(v, float) else str(v) for v in row.values()] for row in rows]
@@ -94,5 +303,4 @@ def dh_table(found: SensitivityFindings) -> Table:
 
 
 def _cells(row: ErrorRow) -> list[str]:
-    order = "none" if row.class_mm is None else f"1e{row.class_mm}"
-    return [f"{row.distance_m / MM:.3f}", order, f"{row.angle_rad / MRAD:.2f}", row.main]
+    return [f"{row.distance_m / MM:.3f}", _power(row.class_mm), f"{row.angle_rad / MRAD:.2f}", row.main]

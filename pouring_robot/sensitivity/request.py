@@ -21,6 +21,9 @@ class Request:
         frame: whose displacement counts; by default the end frame.
         limit_m: errors that pass it in a coordinate are those to control.
         nothing_m, nothing_rad: below them an error counts as without influence; the defaults are the paper's.
+
+    Raises:
+        BadInputError: a number is out of its range.
     """
 
     poses: int = 10_000
@@ -35,11 +38,6 @@ class Request:
     nothing_rad: float = 1e-5
 
     def __post_init__(self) -> None:
-        """Refuse what makes no study.
-
-        Raises:
-            BadInputError: a number is out of its range.
-        """
         if self.poses < 2 or self.seed < 0:
             raise BadInputError(f"give two poses or more and a seed from 0 on, not {self.poses} and {self.seed}")
         if not (0.0 < self.length_m < 0.1 and 0.0 < self.angle_rad < 0.5 and self.limit_m > 0.0):

@@ -5,12 +5,14 @@ from __future__ import annotations
 import functools
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Generic, Literal, Protocol, TypeVar
+from typing import Generic, Literal, TypeVar
 
 import numpy as np
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
+from pouring_robot.robot.dh.parameters import DHParameter
+from pouring_robot.robot.parameters import Parameter
 
 AXES = "XYZ"
 Kind = Literal["open branch", "closed chain"]
@@ -20,18 +22,7 @@ _BIN_M = 0.005 * MM  # width of the bins in which the fullest is looked for; the
 _BAND = 0.02  # values within this share of the fullest bin's place count as piled up there
 
 
-class ErrorParameter(Protocol):
-    """What is asked of an error: its name, the number of its chain (0: none), ``m`` or ``rad``."""
-
-    @property
-    def name(self) -> str: ...  # noqa: D102
-    @property
-    def chain(self) -> int: ...  # noqa: D102
-    @property
-    def unit(self) -> str: ...  # noqa: D102
-
-
-P = TypeVar("P", bound=ErrorParameter)
+P = TypeVar("P", Parameter, DHParameter)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +30,8 @@ class ErrorSamples(Generic[P]):
     """How each error alone moves one frame of the robot, in the axes of its base.
 
     Attributes:
-        kind: of which model.
-        parameters: the errors, P of them.
-        translation_m: shape (P, n, 3), in m.
-        rotation_rad: rotation vectors, shape (P, n, 3), in rad.
+        kind, parameters: of which model, and the errors, P of them.
+        translation_m, rotation_rad: translations and rotation vectors, shape (P, n, 3) each.
     """
 
     kind: Kind
@@ -66,9 +55,8 @@ class ErrorSamples(Generic[P]):
 
     def reaching(self, limit_m: float) -> ErrorSamples[P]:
         """Return the samples of the errors that pass a limit in one coordinate at one pose at least."""
-        return self.subset(
-            [p for p, top in zip(self.parameters, self.peak_m.max(axis=1), strict=True) if top > limit_m]
-        )
+        tops = self.peak_m.max(axis=1)
+        return self.subset([p for p, top in zip(self.parameters, tops, strict=True) if top > limit_m])
 
     def moves(self, label: str) -> FloatArray:
         """Return the translations of the one error with this :func:`short_label`, shape (n, 3), in m."""
@@ -82,13 +70,9 @@ class ErrorSamples(Generic[P]):
         """Return how far one error's translations scatter about their mean, root of the summed variances, in m."""
         return float(np.sqrt(self.moves(label).var(axis=0).sum()))
 
-    def main_axis(self, label: str) -> str:
-        """Return the coordinate that one error changes most on average: X, Y or Z; ``none`` if it moves nothing."""
-        return self.main_of(self.labels.index(label))
-
-    def main_of(self, place: int) -> str:
-        """Return the same of the error at a place."""
-        means = self.mean_m[place]
+    def main_axis(self, label: str | int) -> str:
+        """Return the axis that one error, by label or place, changes most on average; ``none`` if it moves nothing."""
+        means = self.mean_m[label if isinstance(label, int) else self.labels.index(label)]
         return AXES[int(means.argmax())] if means.max() > NOTHING_M else "none"
 
     @property
@@ -122,7 +106,7 @@ class ErrorSamples(Generic[P]):
         return np.asarray(np.linalg.norm(self.rotation_rad, axis=-1))
 
 
-def short_label(parameter: ErrorParameter) -> str:
+def short_label(parameter: Parameter | DHParameter) -> str:
     """Return the name of a number of the DH table without its chain (``α56``, ``a6o``, ``θ1``), others as they are."""
     symbol, _, place = parameter.name.partition(f"_e{parameter.chain}_")
     return {"alpha": "α", "theta": "θ"}.get(symbol, symbol) + place

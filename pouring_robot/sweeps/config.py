@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import pydantic
 
@@ -22,7 +22,9 @@ _SIZES: dict[str, tuple[str, ...]] = {
     "normal": ("std",),
     "truncated_normal": ("std", "limit"),
 }
-Positive = pydantic.Field(default=None, gt=0.0)
+Positive = Annotated[float, pydantic.Field(gt=0.0)]
+Places = Annotated[int, pydantic.Field(ge=1, le=10_000)]
+Seed = Annotated[int, pydantic.Field(ge=0)]
 
 
 class ErrorEntry(StrictModel):
@@ -30,22 +32,21 @@ class ErrorEntry(StrictModel):
 
     Attributes:
         parameters: names or patterns such as ``alpha_e*_56``, ``leg1_s1.t?``, ``drive.*``.
-        distribution: of each error, about zero.
-        half_width_mm: of the uniform distribution, for lengths; ``half_width_mrad`` for angles.
-        std_mm: standard deviation of the normal distribution, before truncation; ``std_mrad`` for angles.
-        limit_mm: where the normal distribution is cut off on both sides; ``limit_mrad`` for angles.
+        half_width_mm: of the uniform distribution, for lengths; ``half_width_mrad`` for angles, here and below.
+        std_mm: standard deviation of the normal distribution, before truncation.
+        limit_mm: where the normal distribution is cut off on both sides.
         correlation: of the normal deviates behind the errors of one part, 0 to 1. Between normal errors it is the
             correlation itself, between uniform ones r it is (6/π) asin(r/2), at most 0.02 less.
     """
 
     parameters: tuple[str, ...] = pydantic.Field(min_length=1)
     distribution: Distribution = "uniform"
-    half_width_mm: float | None = Positive
-    half_width_mrad: float | None = Positive
-    std_mm: float | None = Positive
-    std_mrad: float | None = Positive
-    limit_mm: float | None = Positive
-    limit_mrad: float | None = Positive
+    half_width_mm: Positive | None = None
+    half_width_mrad: Positive | None = None
+    std_mm: Positive | None = None
+    std_mrad: Positive | None = None
+    limit_mm: Positive | None = None
+    limit_mrad: Positive | None = None
     correlation: float = pydantic.Field(default=0.0, ge=0.0, le=1.0)
 
     @pydantic.field_validator("parameters", mode="before")
@@ -77,22 +78,13 @@ class ErrorEntry(StrictModel):
         return self
 
     def size_si(self, size: str, unit: str) -> float | None:
-        """Return one size in m or rad; both file units are thousandths.
-
-        Args:
-            size: ``half_width``, ``std`` or ``limit``.
-            unit: ``m`` or ``rad``.
-        """
+        """Return ``half_width``, ``std`` or ``limit`` in its unit, m or rad; both file units are thousandths."""
         value = getattr(self, f"{size}_{'mm' if unit == 'm' else 'mrad'}")
         return None if value is None else MM * float(value)
 
 
 class Box(StrictModel):
-    """A part of the workspace; what is left out is as in the layout.
-
-    Attributes:
-        x_mm: lower and upper limit; likewise ``y_mm``, ``z_mm`` and ``tilt_deg``.
-    """
+    """A part of the workspace, by lower and upper limits; what is left out is as in the layout."""
 
     x_mm: tuple[float, float] | None = None
     y_mm: tuple[float, float] | None = None
@@ -101,8 +93,7 @@ class Box(StrictModel):
 
     @pydantic.model_validator(mode="after")
     def _ordered(self) -> Box:
-        for name in ("x_mm", "y_mm", "z_mm", "tilt_deg"):
-            limits = getattr(self, name)
+        for name, limits in self:
             if limits is not None and limits[0] > limits[1]:
                 raise ValueError(f"{name}: the lower limit {limits[0]:g} is above the upper one {limits[1]:g}")
         return self
@@ -115,42 +106,25 @@ class Box(StrictModel):
 
 
 class Grid(StrictModel):
-    """Evenly spaced poses, both ends of the box included; the middle where the number is one.
+    """So many places along each axis of a box, evenly spaced, both ends included; the middle where it is one."""
 
-    Attributes:
-        x: number of places along x; likewise ``y``, ``z`` and ``tilt``.
-        box: the part of the workspace.
-    """
-
-    x: int = pydantic.Field(default=1, ge=1, le=10_000)
-    y: int = pydantic.Field(default=1, ge=1, le=10_000)
-    z: int = pydantic.Field(default=1, ge=1, le=10_000)
-    tilt: int = pydantic.Field(default=1, ge=1, le=10_000)
+    x: Places = 1
+    y: Places = 1
+    z: Places = 1
+    tilt: Places = 1
     box: Box = Box()
 
 
 class RandomBox(StrictModel):
-    """Poses drawn evenly from a box.
-
-    Attributes:
-        count: number of poses.
-        seed: of the draw.
-        box: the part of the workspace.
-    """
+    """So many poses drawn evenly from a box."""
 
     count: int = pydantic.Field(ge=1)
-    seed: int = pydantic.Field(default=0, ge=0)
+    seed: Seed = 0
     box: Box = Box()
 
 
 class Poses(StrictModel):
-    """Where the robot is sent: one of the three.
-
-    Attributes:
-        grid: evenly spaced.
-        random: drawn from a box.
-        file: CSV with columns x, y, z, tilt, units in the names; relative to the sweep file's folder.
-    """
+    """Where the robot is sent: one of the three; a file is a CSV with columns x, y, z, tilt, units in the names."""
 
     grid: Grid | None = None
     random: RandomBox | None = None
@@ -175,27 +149,25 @@ class Allocation(StrictModel):
 
     share: float = pydantic.Field(default=0.9973, gt=0.5, lt=1.0)
     by: Grouping = "parameter"
-    loosest_factor: float = pydantic.Field(default=10.0, gt=0.0)
+    loosest_factor: Positive = 10.0
     machines: int = pydantic.Field(default=1000, ge=1)
 
 
 class SweepConfig(StrictModel):
-    """A sweep file.
+    """A sweep file; files that it names are relative to its folder.
 
     Attributes:
-        format: kind and version of the file.
         description: a line for people.
-        layout: name of the layout in the shipped dimensions file; not together with ``model``.
-        robot: robot file of another robot, relative to the sweep file's folder; likewise.
-        model: model file of a robot as built, relative to the sweep file's folder; errors come on top of its own.
+        layout: name of the layout in the shipped dimensions file; or
+        robot: robot file of another robot; or
+        model: model file of a robot as built; errors come on top of its own.
         study: ``one_at_a_time`` sets each error alone to its tolerance; ``monte_carlo`` draws robots; ``sobol`` draws
             robots by Saltelli's scheme for Sobol indices.
         kind: ``closed_chain``, or ``open_branch``: the chain of the errors alone, its joints held, as in the paper.
         frames: observed frames, rigid on the end body; by default the working frame and the end frame.
         poses: where the robots are sent. Every robot goes to every pose.
         errors: what may be wrong; by default all of the geometry, by its tolerances.
-        tolerances: a tolerances file for that, relative to the sweep file's folder (default: the robot's own, or the
-            shipped one).
+        tolerances: a tolerances file for that (default: the robot's own, or the shipped one).
         samples: number of robots (monte_carlo) or of base samples, a power of two (sobol).
         seed: of the draws.
         chunk: closures computed and written at a time; bounds the memory, changes no number.
@@ -215,9 +187,9 @@ class SweepConfig(StrictModel):
     errors: tuple[ErrorEntry, ...] = ()
     tolerances: str | None = None
     samples: int | None = pydantic.Field(default=None, ge=1)
-    seed: int = pydantic.Field(default=0, ge=0)
+    seed: Seed = 0
     chunk: int = pydantic.Field(default=20_000, ge=1, le=1_000_000)
-    accuracy_mm: float | None = pydantic.Field(default=None, gt=0.0)
+    accuracy_mm: Positive | None = None
     allocation: Allocation | None = None
 
     _folder: Path = pydantic.PrivateAttr(default_factory=Path)
@@ -233,7 +205,7 @@ class SweepConfig(StrictModel):
         if (self.study == "one_at_a_time") != (self.samples is None):
             need = "takes no samples" if self.samples is not None else "needs samples, the number of robots"
             raise ValueError(f"study '{self.study}' {need}")
-        if self.study == "sobol" and (self.samples or 0) & ((self.samples or 0) - 1):
+        if self.study == "sobol" and (self.samples or 0).bit_count() != 1:
             raise ValueError(f"study 'sobol' needs a power of two as samples, not {self.samples}")
         if self.study == "sobol" and any(entry.correlation for entry in self.errors):
             raise ValueError("Sobol indices need independent errors; leave correlation out, or take monte_carlo")

@@ -57,11 +57,6 @@ class Margin:
         )
 
 
-def margins(config: SweepConfig, parameters: Sequence[SweepParameter]) -> tuple[Margin, ...]:
-    """Return the distribution of every parameter."""
-    return tuple(_margin(config, p) for p in parameters)
-
-
 def _margin(config: SweepConfig, parameter: SweepParameter) -> Margin:
     entry = config.errors[parameter.entry]
     width, std, limit = (entry.size_si(size, parameter.unit) for size in ("half_width", "std", "limit"))
@@ -81,8 +76,7 @@ class Draws:
     """The errors of all samples, computed where they are needed.
 
     Attributes:
-        study: of the sweep file.
-        seed: of the draws.
+        study, seed: of the sweep file.
         count: number of samples in all.
         margins: distribution of every parameter.
         parts: number of the part that each parameter is measured on, shape (parameters,).
@@ -99,21 +93,12 @@ class Draws:
     @classmethod
     def of(cls, config: SweepConfig, parameters: Sequence[SweepParameter]) -> Draws:
         """Return the draws of a sweep."""
-        names = sorted({p.part for p in parameters})
-        samples = config.samples or 0
-        count = {
-            "one_at_a_time": len(parameters),
-            "monte_carlo": samples,
-            "sobol": samples * (len(parameters) + 2),
-        }[config.study]
-        return cls(
-            config.study,
-            config.seed,
-            count,
-            margins(config, parameters),
-            tuple(names.index(p.part) for p in parameters),
-            np.sqrt([config.errors[p.entry].correlation for p in parameters]),
-        )
+        names, samples = sorted({p.part for p in parameters}), config.samples or 0
+        own = {"one_at_a_time": len(parameters), "monte_carlo": samples, "sobol": samples * (len(parameters) + 2)}
+        margins = tuple(_margin(config, p) for p in parameters)
+        parts = tuple(names.index(p.part) for p in parameters)
+        shared = np.sqrt([config.errors[p.entry].correlation for p in parameters])
+        return cls(config.study, config.seed, own[config.study], margins, parts, shared)
 
     def of_robots(self, count: int) -> Draws:
         """Return as many robots at random with the same distributions, whatever the study."""
@@ -139,8 +124,8 @@ class Draws:
 
     def _saltelli(self, first: int, last: int) -> FloatArray:
         """Return rows of the matrix that SALib's sampler would build whole: A, A with one column of B each, B."""
-        base = sobol_points(len(self.margins), self.count // (len(self.margins) + 2), self.seed)
         count = len(self.margins)
+        base = sobol_points(count, self.count // (count + 2), self.seed)
         point, place = np.divmod(np.arange(first, last), count + 2)
         rows = base[point, :count].copy()
         one = (place >= 1) & (place <= count)

@@ -10,7 +10,8 @@ from pouring_robot.batch import STATUS_NAMES as BATCH_STATUS_NAMES
 from pouring_robot.batch import BatchCommand, StarStructure, engine_for
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.sweeps.branch import open_branch_poses
+from pouring_robot.robot.dh.chain import inverse
+from pouring_robot.sweeps.parameters import homogeneous
 
 ByteArray = NDArray[np.uint8]
 
@@ -25,7 +26,7 @@ class Platforms:
     Attributes:
         position_m: in the fixed platform, shape (robots, poses, 3); NaN where the status is not 0, here and below.
         rotation: shape (robots, poses, 3, 3).
-        gap_m: largest distance left open in a loop, shape (robots, poses); ``gap_rad``: largest angle.
+        gap_m, gap_rad: largest distance and angle left open in a loop, shape (robots, poses) each.
         status: shape (robots, poses), see :data:`STATUS_NAMES`.
     """
 
@@ -39,8 +40,7 @@ class Platforms:
 class OpenBranch:
     """The chain that holds a robot's errors, alone, its joints held where the nominal robot has them.
 
-    Args:
-        mechanism: the robot of the drawing.
+    The platform pose that the paper's Section 4 studies, for arrays of errors.
     """
 
     def __init__(self, mechanism: ClosedChainMechanism) -> None:
@@ -52,12 +52,9 @@ class OpenBranch:
         ]
 
     def platforms(self, commands: BatchCommand, placement_errors: FloatArray, drive_errors: FloatArray) -> Platforms:
-        """Return where the chains put the platform.
+        """Return where the chains put the platform at the commanded poses, in m and rad.
 
-        Args:
-            commands: the poses.
-            placement_errors: of the joints that the error map names, shape (robots, joints, 6), in m and rad.
-            drive_errors: shape (robots, drives), in m and rad.
+        Placement errors are of the joints that the error map names, (robots, joints, 6), drive errors (robots, drives).
         """
         chains, joints = self._structure.chain_count, self._structure.joint_count
         errors = placement_errors.reshape(len(placement_errors), chains, joints + 1, 6)
@@ -68,25 +65,58 @@ class OpenBranch:
         own = np.argmax(errors.any(axis=(2, 3)) | beside.any(axis=2), axis=1)
         matrices = np.empty((len(errors), len(commands), 4, 4))
         for chain in np.unique(own).tolist():
-            rows = own == chain
-            matrices[rows] = open_branch_poses(
-                self._structure, chain, commands.start.joints[:, chain], errors[rows, chain], beside[rows, chain]
-            )
+            rows, held = own == chain, commands.start.joints[:, chain]
+            matrices[rows] = self._poses(chain, held, errors[rows, chain], beside[rows, chain])
         none = np.zeros(matrices.shape[:2])
         return Platforms(matrices[..., :3, 3], matrices[..., :3, :3], none, none, none.astype(np.uint8))
 
+    def _poses(
+        self, chain: int, joints: FloatArray, placement_errors: FloatArray, drive_errors: FloatArray
+    ) -> FloatArray:
+        """Return the platforms of one chain, (robots, poses, 4, 4).
+
+        Joints are (poses, joints); errors of its sites, the seat last, (robots, joints + 1, 6), and what its joints
+        stand beside their values, (robots, joints).
+        """
+        star, sites = self._structure.star, self._structure.joint_count + 1
+        names = self._structure.joint_names[chain]
+
+        def displaced(site: int) -> FloatArray:
+            """Return a site's displaced placement, (robots, 4, 4); joints of the structure move along z."""
+            axes = self._structure.site_axes[chain * sites + (site if site >= 0 else sites - 1)]
+            turned = placement_errors[:, site if site >= 0 else len(names)].reshape(-1, 2, 3) @ axes
+            return np.asarray(_matrix(star.placements[chain, site]) @ homogeneous(turned.reshape(-1, 6)))
+
+        pose = np.eye(4)
+        for k in range(len(names)):
+            motion = _motion(joints[None, :, k] + drive_errors[:, None, k], revolute=bool(star.revolute[chain, k]))
+            pose = pose @ displaced(k)[:, None] @ motion
+        return np.asarray(pose @ _matrix(star.placements[chain, -2]) @ inverse(displaced(-1))[:, None])
+
+
+def _matrix(row: FloatArray) -> FloatArray:
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = row[:9].reshape(3, 3), row[9:]
+    return matrix
+
+
+def _motion(values: FloatArray, *, revolute: bool) -> FloatArray:
+    """Return the motion about or along z for joint values of any shape; adds two axes of 4."""
+    matrix = np.zeros((*values.shape, 4, 4))
+    matrix[..., range(4), range(4)] = 1.0
+    if revolute:
+        cosine, sine = np.cos(values), np.sin(values)
+        matrix[..., 0, 0], matrix[..., 1, 1] = cosine, cosine
+        matrix[..., 0, 1], matrix[..., 1, 0] = -sine, sine
+    else:
+        matrix[..., 2, 3] = values
+    return matrix
+
 
 class ClosedChains:
-    """The robot with all its chains, closed by its engine.
-
-    Args:
-        mechanism: the robot.
-        joints: names of the joints that placement errors displace, in their order.
-        threads: that share the work; None for all there are.
-    """
+    """The robot with all its chains, closed by its engine; ``joints`` are those that placement errors displace."""
 
     def __init__(self, mechanism: ClosedChainMechanism, joints: Sequence[str], threads: int | None = None) -> None:
-        """Read the mechanism; kernels are compiled at first use."""
         self.engine = engine_for(mechanism, threads)
         self._sites = [self.engine.structure.site(joint) for joint in joints]
 

@@ -23,11 +23,7 @@ from pouring_robot.sweeps.config import ErrorEntry, SweepConfig
 
 @dataclass(frozen=True)
 class SweepParameter(Parameter):
-    """A parameter of a sweep; errors of one part may be correlated.
-
-    Attributes:
-        entry: which of the sweep file's ``errors`` it comes from.
-    """
+    """A parameter of a sweep, and which of the sweep file's ``errors`` it comes from."""
 
     entry: int = 0
 
@@ -83,12 +79,7 @@ def select(catalogue: ParameterCatalogue, config: SweepConfig) -> tuple[SweepPar
 
 
 class ErrorMap:
-    """Turns arrays of parameter values into placement errors and drive errors.
-
-    Args:
-        catalogue: of the robot.
-        parameters: columns of the values.
-    """
+    """Turns arrays of values of parameters, which are their columns, into placement errors and drive errors."""
 
     def __init__(self, catalogue: ParameterCatalogue, parameters: Sequence[Parameter]) -> None:
         self.joints = catalogue.joints
@@ -111,18 +102,13 @@ class ErrorMap:
         return np.asarray(values @ self._drive_columns)
 
     def placement_errors(self, values: FloatArray) -> FloatArray:
-        """Return the displacement of every joint of :attr:`joints`.
+        """Return the displacement of every joint of :attr:`joints` for values (n, parameters) in m and rad.
 
-        Args:
-            values: parameter values in m and rad, shape (n, parameters).
-
-        Returns:
-            Translation in m and rotation vector in rad in the joint's placement frame, shape (n, joints, 6).
+        Translation in m and rotation vector in rad in the joint's placement frame, shape (n, joints, 6).
         """
         errors = np.zeros((len(values), len(self.joints), 6))
         for column, site, component in self._placements:
             errors[:, site, component] = values[:, column]
-        displaced_too = {site for _, site, _ in self._placements}
         for number, columns in self._dh.items():
             chain = self._chains[number]
             numbers = np.zeros((len(values), len(TRANSFORMS), len(SYMBOLS)))
@@ -133,9 +119,7 @@ class ErrorMap:
                 site = self.joints.index(chain.joints[own])
                 transforms = [k for k, k_site in enumerate(SITES) if k_site == own]
                 rows = numbers[:, transforms].any(axis=(1, 2))  # without errors the joint stays exactly where it is
-                moved = displacements[rows, own]
-                if site in displaced_too:
-                    moved = moved @ homogeneous(errors[rows, site])
+                moved = displacements[rows, own] @ homogeneous(errors[rows, site])
                 errors[rows, site, :3] = moved[:, :3, 3]
                 errors[rows, site, 3:] = Rotation.from_matrix(moved[:, :3, :3]).as_rotvec()
         return errors

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 import pouring_robot
 from pouring_robot.batch import BatchCommand
@@ -20,6 +19,7 @@ from pouring_robot.exceptions import UnknownFrameError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM
+from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterCatalogue
 from pouring_robot.robot.pouring_robot import robot_of
@@ -32,13 +32,7 @@ from pouring_robot.sweeps.poses import sweep_commands
 
 @dataclass(frozen=True)
 class Chunk:
-    """A block of robots (samples) at a block of poses; the last ones are not included.
-
-    Attributes:
-        index: place in the grid of chunks, by sample and by pose.
-        samples: first and last sample.
-        poses: first and last pose.
-    """
+    """A block of robots (samples) at a block of poses, by first and last, which is not included; its place by both."""
 
     index: tuple[int, int]
     samples: tuple[int, int]
@@ -52,8 +46,7 @@ class ChunkResult:
     Attributes:
         displacement: with the errors minus without them, shape (samples, poses, frames, 3), in m.
         rotation: rotation vector of that, shape (samples, poses, 3), in rad.
-        gap_m: largest distance left open in a loop, shape (samples, poses); ``gap_rad``: largest angle.
-        status: shape (samples, poses).
+        gap_m, gap_rad, status: as :class:`Platforms` has them, shape (samples, poses) each.
         errors: the errors of each robot, shape (samples, parameters), in m and rad.
         version: of the package that computed it.
     """
@@ -68,14 +61,7 @@ class ChunkResult:
 
 
 class SweepPlan:
-    """A sweep, ready to be computed.
-
-    Attributes:
-        threads: that share the work of a chunk; None for all there are.
-        accuracy_m: required accuracy in m.
-
-    Args:
-        config: the sweep file.
+    """A sweep, ready to be computed; ``threads`` share the work of a chunk, None: all there are.
 
     Raises:
         BadInputError: a name in it does not fit the robot.
@@ -95,7 +81,10 @@ class SweepPlan:
         if config.allocation:
             self.groups(config.allocation.by)
         self.tool_offsets_m = self._tool_offsets()
-        self.accuracy_m = self._accuracy()
+        accuracy_m = robot_of(self.model).accuracy_m if config.accuracy_mm is None else config.accuracy_mm * MM
+        if accuracy_m is None:
+            raise config.problem("accuracy_mm is missing: nobody says what this robot must keep")
+        self.accuracy_m: float = accuracy_m
         self.poses: BatchCommand = sweep_commands(config, definition, definition.drawing(nominal))
         self.pose_block = min(len(self.poses), config.chunk)
         self.sample_block = max(1, min(self.draws.count, config.chunk // self.pose_block))
@@ -105,9 +94,7 @@ class SweepPlan:
         """Read a sweep file and make it ready.
 
         Raises:
-            SweepFileError: the file is wrong.
-            BadInputError: a file it names is wrong.
-            UnreachablePoseError: a pose is out of reach.
+            SweepFileError: the file is wrong; or as the constructor.
         """
         return cls(SweepConfig.load(path))
 
@@ -125,15 +112,6 @@ class SweepPlan:
         """Names of the parameters, in the order of the columns."""
         return tuple(p.name for p in self.parameters)
 
-    def _accuracy(self) -> float:
-        """Return the required accuracy in m."""
-        if self.config.accuracy_mm is not None:
-            return self.config.accuracy_mm * MM
-        found = robot_of(self.model).accuracy_m
-        if found is None:
-            raise self.config.problem("accuracy_mm is missing: nobody says what this robot must keep")
-        return found
-
     @property
     def chunk_grid(self) -> tuple[int, int]:
         """Number of chunks by sample and by pose."""
@@ -146,44 +124,29 @@ class SweepPlan:
 
     def chunks(self) -> Iterator[Chunk]:
         """Yield all chunks, in order."""
-        for i in range(self.chunk_grid[0]):
-            for j in range(self.chunk_grid[1]):
-                yield self.chunk((i, j))
+        for index in np.ndindex(self.chunk_grid):
+            yield self.chunk(index)
 
     def chunk(self, index: tuple[int, int]) -> Chunk:
         """Return the chunk at a place of the grid."""
         (i, j), rows, columns = index, self.sample_block, self.pose_block
-        return Chunk(
-            index,
-            (i * rows, min((i + 1) * rows, self.draws.count)),
-            (j * columns, min((j + 1) * columns, len(self.poses))),
-        )
+        samples = i * rows, min((i + 1) * rows, self.draws.count)
+        return Chunk(index, samples, (j * columns, min((j + 1) * columns, len(self.poses))))
 
     def compute(self, chunk: Chunk) -> ChunkResult:
         """Compute one chunk; the numbers depend on the plan and the chunk alone."""
-        values = self.draws.values(*chunk.samples)
-        poses = self.poses[slice(*chunk.poses)]
-        actual = self.platforms(values, poses)
-        position, rotation = self._expected(poses)
+        values, poses = self.draws.values(*chunk.samples), self.poses[slice(*chunk.poses)]
+        actual, (position, axes) = self.platforms(values, poses), self._expected(poses)
+        moved = self._displacement(actual, position, axes)
+        turned = rotation_vectors(actual.rotation @ np.swapaxes(axes, 1, 2))
         return ChunkResult(
-            self._displacement(actual, position, rotation),
-            _rotation_vectors(actual.rotation, rotation),
-            actual.gap_m,
-            actual.gap_rad,
-            actual.status,
-            values,
-            pouring_robot.__version__,
+            moved, turned, actual.gap_m, actual.gap_rad, actual.status, values, pouring_robot.__version__
         )
 
     def displacements(self, values: FloatArray, poses: BatchCommand) -> tuple[FloatArray, ByteArray]:
-        """Return the displacements that errors cause, by exact closures.
+        """Return the displacements that errors (robots, parameters) in m and rad cause at poses, by exact closures.
 
-        Args:
-            values: errors of each robot in m and rad, shape (robots, parameters).
-            poses: where the robots are sent.
-
-        Returns:
-            Displacements in m, shape (robots, poses, frames, 3), NaN where the status, shape (robots, poses), is not 0.
+        Displacements in m, shape (robots, poses, frames, 3), are NaN where the status, shape (robots, poses), is not 0.
         """
         actual = self.platforms(values, poses)
         return self._displacement(actual, *self._expected(poses)), actual.status
@@ -275,7 +238,6 @@ class SweepPlan:
 
 
 def _model(config: SweepConfig) -> RobotModel:
-    """Return the robot of a sweep."""
     if config.model:
         return RobotModel.load(config.beside(config.model))
     if config.robot:
@@ -285,12 +247,3 @@ def _model(config: SweepConfig) -> RobotModel:
 
 def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
-
-
-def _rotation_vectors(actual: FloatArray, expected: FloatArray) -> FloatArray:
-    """Return the vectors that turn the expected axes (poses, 3, 3) into the actual ones (samples, poses, 3, 3)."""
-    relative = np.einsum("spij,pkj->spik", actual, expected).reshape(-1, 3, 3)
-    found = np.full((len(relative), 3), np.nan)
-    sound = np.isfinite(relative).all(axis=(1, 2))
-    found[sound] = Rotation.from_matrix(relative[sound]).as_rotvec()
-    return found.reshape((*actual.shape[:2], 3))

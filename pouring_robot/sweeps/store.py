@@ -26,7 +26,7 @@ import shutil
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -67,12 +67,23 @@ class SweepStore:
             self._group = open_group(self.path)
             self._refuse_other()
         else:
-            self._refuse_left_overs()
+            for left in (name for name in REPORTS if (self.folder / name).exists()):
+                raise SweepStoreError(
+                    self.folder, f"holds {left} of another sweep; take another folder or say --overwrite"
+                )
             with writing(self.folder):
                 self._made = self._make()
             self._group = open_group(self.path)
-        self._arrays = {name: _array(self.path, self._group, name) for name in (*_shapes(plan), *_static(plan))}
-        self._refuse_misshapen()
+        self._arrays: dict[str, Any] = {}
+        for name, expected in (_written(plan) | _known(plan)).items():
+            try:
+                self._arrays[name] = array = self._group[name]
+            except Exception as problem:
+                raise _damaged(self.path, f"array '{name}': {problem or 'missing'}") from problem
+            if not isinstance(array, zarr.Array):
+                raise _damaged(self.path, f"'{name}' is no array")
+            if (array.shape, array.chunks) != (expected.shape, expected.chunks):
+                raise _damaged(self.path, f"array '{name}' has shape {array.shape}, not {expected.shape}")
 
     def done(self, chunk: Chunk) -> bool:
         """Return whether a chunk is whole."""
@@ -124,7 +135,7 @@ class SweepStore:
         with _locked(self.path):
             for left in self.folder.glob(f".{STORE}.*.part"):
                 shutil.rmtree(left, ignore_errors=True)
-            for name in _shapes(self.plan):
+            for name in _written(self.plan):
                 for left in (self.path / name).rglob("*.partial"):
                     left.unlink(missing_ok=True)
             yield
@@ -157,13 +168,6 @@ class SweepStore:
             raise
         return [self.path, *made]
 
-    def _refuse_left_overs(self) -> None:
-        for name in REPORTS:
-            if (self.folder / name).exists():
-                raise SweepStoreError(
-                    self.folder, f"holds {name} of another sweep; take another folder or say --overwrite"
-                )
-
     def _refuse_other(self) -> None:
         attributes = dict(self._group.attrs)
         if attributes.get("format") != FORMAT or "content" not in attributes:
@@ -179,20 +183,9 @@ class SweepStore:
             f"holds the results of another sweep ({_difference(other, self.plan.content)}); take another folder",
         )
 
-    def _refuse_misshapen(self) -> None:
-        expected = {name: (shape, chunks) for name, (shape, chunks, _, _) in _shapes(self.plan).items()}
-        expected |= {name: (values.shape, values.shape) for name, (values, _, _) in _static(self.plan).items()}
-        for name, (shape, chunks) in expected.items():
-            array = self._arrays[name]
-            if array.shape != shape or array.chunks != chunks:
-                raise _damaged(self.path, f"array '{name}' has shape {array.shape}, not {shape}")
-
 
 def open_results(folder: Path | str) -> xr.Dataset:
-    """Open the results of a sweep, finished or not; arrays are read when they are used, chunk by chunk.
-
-    Args:
-        folder: the sweep's folder, or the store in it.
+    """Open the results in a sweep's folder, finished or not; arrays are read when they are used, chunk by chunk.
 
     Raises:
         SweepStoreError: there are no results, or they are damaged.
@@ -277,16 +270,6 @@ def _damaged(path: Path, reason: str) -> SweepStoreError:
     return SweepStoreError(path, f"is damaged ({short}); nothing was changed: restore it, or take another folder")
 
 
-def _array(path: Path, group: zarr.Group, name: str) -> Any:
-    try:
-        array = group[name]
-    except Exception as problem:
-        raise _damaged(path, f"array '{name}': {problem or 'missing'}") from problem
-    if not isinstance(array, zarr.Array):
-        raise _damaged(path, f"'{name}' is no array")
-    return array
-
-
 def _difference(other: Any, own: dict[str, Any]) -> str:
     """Say in which keys two contents differ."""
     if not isinstance(other, dict):
@@ -304,56 +287,60 @@ def _difference(other: Any, own: dict[str, Any]) -> str:
     return "it differs in " + ", ".join(named or ["unknown settings"])
 
 
-_Shape = tuple[tuple[int, ...], tuple[int, ...], tuple[str, ...], dict[str, Any]]
+class _Array(NamedTuple):
+    """One array of the store: its place in it, and its numbers where they are known from the start."""
+
+    shape: tuple[int, ...]
+    chunks: tuple[int, ...]
+    dimensions: tuple[str, ...]
+    attributes: dict[str, Any]
+    values: NDArray[Any] | None = None
 
 
-def _shapes(plan: SweepPlan) -> dict[str, _Shape]:
-    """Return shape, chunk shape, dimensions and attributes of the arrays that are written chunk by chunk."""
-    both = (plan.draws.count, len(plan.poses))
-    block = (plan.sample_block, plan.pose_block)
+_EITHER = {"units": "m or rad, see coordinate 'unit'"}
+
+
+def _written(plan: SweepPlan) -> dict[str, _Array]:
+    """Return the arrays that are written chunk by chunk."""
+    both, block = (plan.draws.count, len(plan.poses)), (plan.sample_block, plan.pose_block)
     first = "parameter" if plan.config.study == "one_at_a_time" else "sample"
     frames, columns = len(plan.config.frames), len(plan.parameters)
-    kinds = "; ".join(f"{code} {name}" for code, name in STATUS_NAMES.items())
-    shapes: dict[str, _Shape] = {
-        "displacement": ((*both, frames, 3), (*block, frames, 3), (first, "pose", "frame", "axis"), {"units": "m"}),
-        "rotation": ((*both, 3), (*block, 3), (first, "pose", "axis"), {"units": "rad"}),
-        "gap_m": (both, block, (first, "pose"), {"units": "m"}),
-        "gap_rad": (both, block, (first, "pose"), {"units": "rad"}),
-        "status": (both, block, (first, "pose"), {"codes": kinds}),
+    codes = {"codes": "; ".join(f"{code} {name}" for code, name in STATUS_NAMES.items())}
+    moved = (*both, frames, 3), (*block, frames, 3), (first, "pose", "frame", "axis")
+    arrays = {
+        "displacement": _Array(*moved, {"units": "m"}),
+        "rotation": _Array((*both, 3), (*block, 3), (first, "pose", "axis"), {"units": "rad"}),
+        "gap_m": _Array(both, block, (first, "pose"), {"units": "m"}),
+        "gap_rad": _Array(both, block, (first, "pose"), {"units": "rad"}),
+        "status": _Array(both, block, (first, "pose"), codes),
     }
     if first == "sample":
-        units = {"units": "m or rad, see coordinate 'unit'"}
-        shapes["errors"] = ((both[0], columns), (block[0], columns), ("sample", "parameter"), units)
-    return shapes
+        arrays["errors"] = _Array((both[0], columns), (block[0], columns), ("sample", "parameter"), _EITHER)
+    return arrays
 
 
-def _static(plan: SweepPlan) -> dict[str, tuple[NDArray[Any], tuple[str, ...], dict[str, Any]]]:
-    """Return the arrays that are known from the start, with dimensions and attributes."""
-    tolerances = np.array([margin.tolerance for margin in plan.draws.margins])
-    deviations = np.array([margin.std for margin in plan.draws.margins])
-    either = {"units": "m or rad, see coordinate 'unit'"}
-    end = plan.mechanism.loops.end_frame
-    return {
-        "parameter": (_texts(plan.names), ("parameter",), {}),
-        "unit": (_texts([p.unit for p in plan.parameters]), ("parameter",), {}),
-        "part": (_texts([p.part for p in plan.parameters]), ("parameter",), {}),
-        "tolerance": (tolerances, ("parameter",), either),
-        "std": (deviations, ("parameter",), either),
-        "frame": (_texts(plan.config.frames), ("frame",), {}),
-        "axis": (_texts(AXES), ("axis",), {}),
-        "position": (
-            plan.poses.start.position,
-            ("pose", "axis"),
-            {"units": "m", "of": f"{end}, commanded"},
-        ),
+def _known(plan: SweepPlan) -> dict[str, _Array]:
+    """Return the arrays that are known from the start."""
+    drives, place = [drive.joint for drive in plan.catalogue.drives], f"{plan.mechanism.loops.end_frame}, commanded"
+    found: dict[str, tuple[Sequence[Any] | NDArray[Any], tuple[str, ...], dict[str, Any]]] = {
+        "parameter": (plan.names, ("parameter",), {}),
+        "unit": ([p.unit for p in plan.parameters], ("parameter",), {}),
+        "part": ([p.part for p in plan.parameters], ("parameter",), {}),
+        "tolerance": ([margin.tolerance for margin in plan.draws.margins], ("parameter",), _EITHER),
+        "std": ([margin.std for margin in plan.draws.margins], ("parameter",), _EITHER),
+        "frame": (plan.config.frames, ("frame",), {}),
+        "axis": (AXES, ("axis",), {}),
+        "position": (plan.poses.start.position, ("pose", "axis"), {"units": "m", "of": place}),
         **({"tilt": (plan.poses.poses[:, 3], ("pose",), {"units": "rad"})} if plan.tilts else {}),
-        "drive": (_texts([drive.joint for drive in plan.catalogue.drives]), ("drive",), {}),
+        "drive": (drives, ("drive",), {}),
         "command": (plan.poses.drives, ("pose", "drive"), {"units": "m or rad, by drive"}),
     }
-
-
-def _texts(texts: Sequence[str]) -> NDArray[Any]:
-    return np.array(list(texts), dtype=object)
+    arrays = {}
+    for name, (values, dimensions, attributes) in found.items():
+        array = np.asarray(values)
+        array = array.astype(object) if array.dtype.kind == "U" else array
+        arrays[name] = _Array(array.shape, array.shape, dimensions, attributes, array)
+    return arrays
 
 
 def _write_empty(path: Path, plan: SweepPlan) -> None:
@@ -374,25 +361,16 @@ def _write_empty(path: Path, plan: SweepPlan) -> None:
             "content_hash": plan.content_hash,
         },
     )
-    for name, (values, dimensions, attributes) in _static(plan).items():
-        dtype: Any = str if values.dtype == object else values.dtype
-        array = group.create_array(
-            name,
-            shape=values.shape,
-            chunks=values.shape,
-            dtype=dtype,
-            dimension_names=dimensions,
-            attributes=attributes,
+    for name, array in (_known(plan) | _written(plan)).items():
+        if array.values is not None:
+            kind: dict[str, Any] = {"dtype": str if array.values.dtype == object else array.values.dtype}
+        elif name == "status":
+            kind = {"dtype": "uint8", "fill_value": NOT_DONE}
+        else:
+            kind = {"dtype": "float64", "fill_value": float("nan")}
+        shape, chunks, dimensions, attributes, values = array
+        made = group.create_array(
+            name, shape=shape, chunks=chunks, dimension_names=dimensions, attributes=attributes, **kind
         )
-        array[...] = values
-    for name, (shape, chunks, dimensions, attributes) in _shapes(plan).items():
-        status = name == "status"
-        group.create_array(
-            name,
-            shape=shape,
-            chunks=chunks,
-            dtype="uint8" if status else "float64",
-            fill_value=NOT_DONE if status else float("nan"),
-            dimension_names=dimensions,
-            attributes=attributes,
-        )
+        if values is not None:
+            made[...] = values

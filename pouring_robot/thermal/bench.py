@@ -2,8 +2,6 @@
 
 from typing import Any
 
-import numpy as np
-
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location import LadleLocation, Location
@@ -14,8 +12,7 @@ from pouring_robot.robot.view.bench import RobotBench, Wish
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from pouring_robot.thermal.expansion.warm_robot import WarmRobot
 from pouring_robot.thermal.network.assembly import ThermalNetwork
-from pouring_robot.thermal.network.history import HeatHistory
-from pouring_robot.thermal.network.transient import TransientOptions, simulate
+from pouring_robot.thermal.network.transient import TransientOptions
 
 _HEAT, _MELT, _AFTER = "heat", "melt_degC", "after_min"
 _ROUGHLY = TransientOptions(relative_tolerance=1e-3, absolute_tolerance_K=0.1)
@@ -43,15 +40,11 @@ class PouringBench(RobotBench):
         melt = self._heat.melt_degC or self._heat.thermal_properties().melt.temperature.value
         limits = {"lower": min(_COOLEST, melt), "upper": max(_HOTTEST, melt), "value": melt}
         time = {"lower": 0.0, "upper": _LONGEST_MIN, "value": 0.0}
-        found["groups"].append(
-            {
-                "name": _HEAT,
-                "sliders": [
-                    {"id": _MELT, "label": "melt", "unit": "°C", **limits},
-                    {"id": _AFTER, "label": "time since the melt came", "unit": "min", **time},
-                ],
-            }
-        )
+        sliders = [
+            {"id": _MELT, "label": "melt", "unit": "°C", **limits},
+            {"id": _AFTER, "label": "time since the melt came", "unit": "min", **time},
+        ]
+        found["groups"].append({"name": _HEAT, "sliders": sliders})
         return found
 
     def located(self, robot: Robot, wish: Wish) -> Location:
@@ -65,13 +58,9 @@ class PouringBench(RobotBench):
         )  # fmt: skip
         if _MELT not in wish.values:
             raise BadInputError("the page gives no temperature of the melt")
-        heated = HeatedRobot(
-            robot, self._heat.with_values(melt_degC=wish.values[_MELT], after_min=after), self._network
-        )
+        heat = self._heat.with_values(melt_degC=wish.values[_MELT], after_min=after)
+        heated = HeatedRobot(robot, heat, self._network)
         self._network = heated.network
         if wish.settled:
             return heated.locate(pose).location
-        melt, ambient = heated.temperatures_degC
-        history = HeatHistory.constant(melt, ambient, 60.0 * after)
-        field = simulate(heated.network, history, pose, times_s=np.array([history.end_s]), options=_ROUGHLY)[-1]
-        return WarmRobot(robot, heated.expansion(field), pose).locate(pose)
+        return WarmRobot(robot, heated.expansion(heated.field(pose, options=_ROUGHLY)), pose).locate(pose)

@@ -10,13 +10,7 @@ from pouring_robot.thermal.report import PoseHeat, ShiftHeat
 
 
 def html_report(found: PoseHeat | ShiftHeat, drawn: PoseHeat | ShiftHeat, title: str) -> str:
-    """Return the report as one page without any outside file.
-
-    Args:
-        found: what is told.
-        drawn: what is drawn: the same, at more times.
-        title: how it was computed.
-    """
+    """Return what is found, drawn at more times, as one page without outside files; ``title``: how it was computed."""
     figure = pose_picture(drawn, "") if isinstance(drawn, PoseHeat) else shift_picture(drawn, "")
     plot = Plot("Temperatures, and what they move", svg_of(figure))
     told = [Paragraph(found.headline, "headline"), Paragraph(title), plot, *blocks(found)]
@@ -30,10 +24,11 @@ def blocks(found: PoseHeat | ShiftHeat) -> list[Block]:
 
 def _pose(found: PoseHeat) -> list[Block]:
     rows = []
-    for row in found.parts:
-        across = "" if row.across_K is None else f"{row.across_K:.1f}"
-        growth = "" if row.growth_m is None else f"{row.growth_m / MM:.3f}"
-        rows.append((row.part.replace("_", " "), f"{row.mean_degC:.1f}", f"{row.hottest_degC:.1f}", across, growth))
+    for one in found.parts:
+        cells = (
+            decimals(v, 3 if name == "growth_mm" else 1) if v is not None else "" for name, v in one.figures().items()
+        )
+        rows.append((one.part.replace("_", " "), *cells))
     moves = []
     for frame, difference in found.moved.items():
         shift, turn = ([decimals(v, 3, sign=True) for v in part] for part in difference.to_mm_mrad())

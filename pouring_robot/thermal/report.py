@@ -18,7 +18,7 @@ from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference, bodies_at
 from pouring_robot.report.result import Result
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location_figures import difference_figures
-from pouring_robot.robot.pouring.names import CHAINS
+from pouring_robot.robot.pouring.names import CHAINS, LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.bending import LegBending
@@ -40,10 +40,10 @@ class PartTemperature:
 
     Attributes:
         part: its name.
-        mean_degC: mean: along the way from joint to joint, or by volume.
+        mean_degC: along the way from joint to joint, or by volume.
         hottest_degC: hottest element.
         across_K: largest difference from one side of a leg to the other; None for other parts.
-        growth_m: of a leg, from joint to joint; of a platform, of its greatest half-width between U-joint centres;
+        growth_mm: of a leg, from joint to joint; of a platform, of its greatest half-width between U-joint centres;
             None for parts whose growth moves nothing.
     """
 
@@ -51,39 +51,30 @@ class PartTemperature:
     mean_degC: float
     hottest_degC: float
     across_K: float | None = None
-    growth_m: float | None = None
+    growth_mm: float | None = None
 
     def figures(self) -> dict[str, float | None]:
-        """Return its figures with units in the names."""
-        growth = None if self.growth_m is None else self.growth_m / MM
-        return {
-            "mean_degC": self.mean_degC,
-            "hottest_degC": self.hottest_degC,
-            "across_K": self.across_K,
-            "growth_mm": growth,
-        }
+        """Return its figures."""
+        return {name: value for name, value in vars(self).items() if name != "part"}
 
 
 def part_temperatures(
     robot: PouringRobot, field: TemperatureField, expansion: ThermalExpansion
 ) -> list[PartTemperature]:
     """Return every part's temperatures and growth."""
-    lengths, counted, kinematics = field.exposure.lengths_m, field.between_joints > 0.0, robot.kinematics
-    parts = []
-    for k, i in enumerate(CHAINS):
-        hottest = float(field.leg_elements_degC[k][counted[k]].max())
-        across, growth = float(field.leg_difference_K[k]), float(expansion.leg_strain[k] * lengths[k])
-        parts.append(PartTemperature(f"leg{i}", float(field.leg_degC[k]), hottest, across, growth))
-    growth = expansion.platform_strain * float(np.abs(kinematics.moving_centres_m).max())
-    hottest = float(field.platform_elements_degC.max())
-    parts.append(PartTemperature("platform", field.platform_degC, hottest, None, growth))
-    growth = expansion.fixed_platform_strain * float(np.abs(kinematics.fixed_centres_m).max())
-    hottest = float(field.fixed_platform_elements_degC.max())
-    parts.append(PartTemperature("fixed_platform", field.fixed_platform_degC, hottest, None, growth))
+    hottest = np.max(field.leg_elements_degC, axis=1, where=field.between_joints > 0.0, initial=-np.inf)
+    growth = np.array(expansion.leg_strain) * field.exposure.lengths_m / MM
+    legs = zip(LEGS, *(v.tolist() for v in (field.leg_degC, hottest, field.leg_difference_K, growth)), strict=True)
+    parts, kinematics = [PartTemperature(*leg) for leg in legs], robot.kinematics
+    growth = expansion.platform_strain * np.abs(kinematics.moving_centres_m).max() / MM
+    hottest = field.platform_elements_degC.max()
+    parts.append(PartTemperature("platform", field.platform_degC, float(hottest), None, float(growth)))
+    growth = expansion.fixed_platform_strain * np.abs(kinematics.fixed_centres_m).max() / MM
+    hottest = field.fixed_platform_elements_degC.max()
+    parts.append(PartTemperature("fixed_platform", field.fixed_platform_degC, float(hottest), None, float(growth)))
     if field.cladding_degC.size:
         parts.append(PartTemperature("cladding", float(field.cladding_degC.mean()), float(field.cladding_degC.max())))
-    parts.append(PartTemperature("ladle_shell", field.shell_degC, field.shell_degC))
-    return parts
+    return [*parts, PartTemperature("ladle_shell", field.shell_degC, field.shell_degC)]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -92,8 +83,7 @@ class PoseHeat(Result):
 
     Attributes:
         pose: the commanded pose.
-        field: temperatures.
-        parts: by part, and how much each grows.
+        field, parts: temperatures, by part and how much each grows.
         moved: by how much heat alone moves each reported frame; the last is the lip.
         bending: of the legs.
         lever_m: distance of the lip from the tilt axis, by which bending's tilt error counts.
@@ -110,11 +100,7 @@ class PoseHeat(Result):
 
     @classmethod
     def of(cls, heated: HeatedRobot, pose: PlatformPose) -> PoseHeat:
-        """Find it.
-
-        Args:
-            heated: the drawing, with its heat.
-            pose: the commanded pose.
+        """Find it for the drawing, with its heat, at a commanded pose.
 
         Raises:
             NoSolutionError: the warm drawing cannot take the pose, or no temperatures are found.
@@ -147,14 +133,14 @@ class PoseHeat(Result):
         """Return one row a part."""
         import pandas as pd
 
-        return pd.DataFrame([{"part": one.part, **one.figures()} for one in self.parts])
+        return pd.DataFrame(self.parts)
 
     def elements(self) -> pd.DataFrame:
         """Return one row an element of legs and platforms: where it is (NaN in platforms) and how warm."""
         import pandas as pd
 
         field = self.field
-        rods = ["moving_rod"] * field.grid.moving + ["fixed_rod"] * field.grid.fixed
+        rods = ["moving_rod"] * field.bodies.grid.moving + ["fixed_rod"] * field.bodies.grid.fixed
         rows: list[tuple[str, str, float, float]] = []
         for k, i in enumerate(CHAINS):
             values = zip(rods, field.exposure.from_upper_joint_m[k] / MM, field.leg_elements_degC[k], strict=True)
@@ -202,10 +188,8 @@ class ShiftHeat(Result):
     """Temperatures and deformation over time; k entries, one a time.
 
     Attributes:
-        times_s: shape (k,).
-        history: melt and ambient temperature.
-        fields: temperatures.
-        poses: the pose held at each time.
+        times_s, history: when, shape (k,); melt and ambient temperature.
+        fields, poses: temperatures, and the pose held.
         moved: by how much heat alone moves end frame and lip, at the pose held, by frame.
         bodies: where the joints of the cold and of the warm drawing stand in the world, (k, 2, joints, 4, 4), in m.
     """
@@ -227,15 +211,9 @@ class ShiftHeat(Result):
         times_s: FloatArray,
         measured_degC: dict[str, float] | None = None,
     ) -> ShiftHeat:
-        """Follow a history.
+        """Follow a history of the drawing, which begins as warm as the surroundings; report at times.
 
-        Args:
-            robot: the drawing.
-            network: its thermal network.
-            history: melt and ambient temperature; the robot begins as warm as the surroundings.
-            schedule: the poses held.
-            times_s: when to report.
-            measured_degC: measured temperatures that replace computed ones, by part.
+        ``measured_degC``: measured temperatures that replace computed ones, by part.
 
         Raises:
             HistoryError: a time or a pose lies outside the history.
@@ -246,8 +224,7 @@ class ShiftHeat(Result):
         held = [p if isinstance(p, PlatformPose) else PlatformPose.from_se3(p.pose_base_to_end) for p in places]
         loops = robot.nominal_solver.mechanism.loops
         frames = (loops.end_frame or "", loops.working_frame)
-        moved: dict[str, list[PoseDifference]] = {frame: [] for frame in frames}
-        bodies = []
+        moved, bodies = {frame: list[PoseDifference]() for frame in frames}, []
         for pose, field in zip(held, found, strict=True):
             warm = WarmRobot(robot, ThermalExpansion.from_field(field, measured_degC), pose).solve()
             cold = robot.nominal_solver.solve(robot.kinematics.inverse(pose), robot.kinematics.configuration(pose))
@@ -262,8 +239,8 @@ class ShiftHeat(Result):
         kept = np.flatnonzero(np.isin(self.times_s, times_s))
         fields, poses = [self.fields[k] for k in kept], [self.poses[k] for k in kept]
         moved = {frame: [values[k] for k in kept] for frame, values in self.moved.items()}
-        bodies = self.bodies[kept]
-        return replace(self, times_s=self.times_s[kept], fields=fields, poses=poses, moved=moved, bodies=bodies)
+        times_s, bodies = self.times_s[kept], self.bodies[kept]
+        return replace(self, times_s=times_s, fields=fields, poses=poses, moved=moved, bodies=bodies)
 
     @property
     def headline(self) -> str:

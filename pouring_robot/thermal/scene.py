@@ -19,15 +19,9 @@ _LEG_INKS = ((0.0, 0.45, 0.70), (0.35, 0.70, 0.90), (0.0, 0.62, 0.45), (0.60, 0.
 
 
 def displacement_scene(robot: PouringRobot, field: DisplacementField, title: str, configuration: FloatArray) -> Scene:
-    """Return the drawing, every visual in the colour of its part's point nearest to its middle.
+    """Return the drawing at a configuration (nq,), each visual coloured as its part's point nearest to its middle.
 
     What belongs to no part of the field, such as the rails, keeps its own colour.
-
-    Args:
-        robot: the drawing.
-        field: of the pose.
-        title: of the page.
-        configuration: of the pose, shape (nq,).
     """
     mechanism = robot.nominal_solver.mechanism
     places = bodies_at(mechanism.shared_model, [configuration])
@@ -51,13 +45,7 @@ def displacement_scene(robot: PouringRobot, field: DisplacementField, title: str
 
 
 def shift_scene(robot: PouringRobot, shift: ShiftHeat, title: str) -> Scene:
-    """Return a shift as it goes: parts in the colours of their temperatures, the ladle moved by heat alone.
-
-    Args:
-        robot: the drawing.
-        shift: at the times to be shown.
-        title: of the page.
-    """
+    """Return a shift of the drawing as it goes: parts in the colours of their temperatures, the ladle moved by heat."""
     mechanism = robot.nominal_solver.mechanism
     drawn = drawn_robot(mechanism, shift.bodies[:, 1], "robot", "as warm as its colours", reference=shift.bodies[:, 0])
     values = _temperatures(drawn, mechanism.shared_model, shift.fields)
@@ -110,8 +98,12 @@ def _coloured(drawn: SceneRobot, scale: ColourScale, values: FloatArray) -> Scen
 
 def _temperatures(drawn: SceneRobot, model: pin.Model, fields: list[TemperatureField]) -> FloatArray:
     """Return the temperature of every visual's part, rods at the element nearest to its middle, (k, visuals), in °C."""
-    values = np.full((len(fields), drawn.visual.ngeoms), np.nan)
-    middles = _middles(drawn)
+    values, middles = np.full((len(fields), drawn.visual.ngeoms), np.nan), _middles(drawn)
+    of_part = {
+        "platform": [field.platform_degC for field in fields],
+        "fixed_platform": [field.fixed_platform_degC for field in fields],
+        "ladle": [field.shell_degC for field in fields],
+    }
     for v, link in enumerate(drawn.links):
         part = _part(link)
         if part in LEGS:
@@ -120,15 +112,11 @@ def _temperatures(drawn: SceneRobot, model: pin.Model, fields: list[TemperatureF
             away = np.linalg.norm(middles[:, v] - centre, axis=1)
             for k, field in enumerate(fields):
                 fixed = "fixed_rod" in link or "upper" in link
-                rod = slice(field.grid.moving, None) if fixed else slice(0, field.grid.moving)
+                rod = slice(field.bodies.grid.moving, None) if fixed else slice(0, field.bodies.grid.moving)
                 nearest = np.abs(field.exposure.from_upper_joint_m[leg, rod] - away[k]).argmin()
                 values[k, v] = field.leg_elements_degC[leg, rod][nearest]
-        elif part == "platform":
-            values[:, v] = [field.platform_degC for field in fields]
-        elif part == "fixed_platform":
-            values[:, v] = [field.fixed_platform_degC for field in fields]
-        elif part == "ladle":
-            values[:, v] = [field.shell_degC for field in fields]
+        elif part in of_part:
+            values[:, v] = of_part[part]
     return values
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.sweeps import SweepConfig, SweepPlan, sweep
-from pouring_robot.sweeps.analysis.linear import transfer_matrices
+from pouring_robot.sweeps.analysis.tolerances import transfer_matrices
 from tests.robot.test_robot import NAMES, ROBOTS
 
 STUDY = """

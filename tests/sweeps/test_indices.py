@@ -5,8 +5,8 @@ import pytest
 
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.sweeps import ErrorEntry, run_sweep
-from pouring_robot.sweeps.analysis.linear import transfer_matrices
 from pouring_robot.sweeps.analysis.report import report
+from pouring_robot.sweeps.analysis.tolerances import transfer_matrices
 
 FAILING_NOW_AND_THEN_MRAD = 150.0
 

@@ -12,11 +12,10 @@ import pytest
 from pouring_robot.cli.app import main
 from pouring_robot.report.plots import svg_of
 from pouring_robot.sweeps import ErrorEntry, SweepConfig, SweepPlan, open_results, run_sweep, sweep
-from pouring_robot.sweeps.analysis.linear import transfer_matrices
-from pouring_robot.sweeps.analysis.page import html_report
 from pouring_robot.sweeps.analysis.plots import map_of
-from pouring_robot.sweeps.analysis.report import report
+from pouring_robot.sweeps.analysis.report import html_report, report
 from pouring_robot.sweeps.analysis.summary import Distances
+from pouring_robot.sweeps.analysis.tolerances import transfer_matrices
 from tests.support import ROOT
 from tests.sweeps.sweep_files import write
 
@@ -52,7 +51,10 @@ def test_the_map_shows_every_pose_with_its_rms_over_the_robots(one_at_a_time):
     outcome, data = one_at_a_time
     moved = data.displacement.sel(frame="ladle_lip").values
     rms = 1e3 * np.sqrt((moved**2).sum(axis=-1).mean(axis=0))
-    told = re.findall(r"<title>pose (\d+): x \S+, y (\S+), z \S+ mm: ([\d.]+) mm</title>", svg_of(map_of(outcome)))
+    told = re.findall(
+        r"<title>pose (\d+): x \S+, y (\S+), z \S+ mm: ([\d.]+) mm</title>",
+        svg_of(map_of(outcome.store.plan, outcome.summary)),
+    )
     assert sorted(int(pose) for pose, *_ in told) == list(range(1, len(rms) + 1))
     assert [float(value) for _, _, value in told] == pytest.approx([rms[int(k) - 1] for k, *_ in told], abs=6e-4)
 

@@ -275,7 +275,7 @@ def test_the_melt_tilts_with_the_ladle(network, drawing):
     level = drawing.layout.ladle.melt_below_rim_m
     for pose in random_poses(4, seed=21):
         exposure, closed = network.exposure(pose), drawing.locate(pose).nominal
-        lower = exposure.centres_m[:, 2] + 2.5 * network.grid.moving_step_m * exposure.down
+        lower = exposure.centres_m[:, 2] + 2.5 * network.bodies.grid.step_m[0] * exposure.down
         expected = [
             closed.pose("ladle", f"leg{i}_moving_rod").translation + np.array([0.0, 0.0, level]) for i in (1, 2, 3, 4)
         ]
@@ -283,7 +283,7 @@ def test_the_melt_tilts_with_the_ladle(network, drawing):
 
 
 def test_heat_through_the_lining_is_that_of_a_wall(network):
-    field, ladle = network.steady(POSE), network._ladle
+    field, ladle = network.steady(POSE), network.bodies.ladle
     area = np.sqrt(ladle.inner_area_m2 * ladle.outer_area_m2)
     wall = 0.055 * area / (ladle.wall_m - 0.010) * (1700.0 - field.shell_degC)
     assert field.balance.melt_conduction_W == pytest.approx(wall, rel=1e-9)

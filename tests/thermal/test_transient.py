@@ -98,7 +98,7 @@ def test_after_a_change_of_pose_the_steel_keeps_its_heat(network):
     before, at, after, end = (field.temperatures_K for field in result)
     assert np.abs(at - before).max() < 0.01
     # Only the cladding's thin surface is quick.
-    assert np.abs(after - at)[network.nodes.legs].max() < 3.0
+    assert np.abs(after - at)[network.bodies.nodes.legs].max() < 3.0
     assert np.abs(end - network.steady(OTHER).temperatures_K).max() < 1e-3
     # The field's geometry is that of the pose held from then on.
     assert result[1].exposure.lengths_m == pytest.approx(network.exposure(OTHER).lengths_m)

@@ -44,14 +44,12 @@ class AllocatedFactors:
         capped: whether the cap holds the factor, not the requirement, shape (groups,).
         quantile_m: at every pose, the distance that the wanted share of robots keeps, shape (poses,).
         poses: indices of the poses that hold the factors, the worst first.
-        rounds: rounds of cuts.
     """
 
     factors: FloatArray
     capped: BoolArray
     quantile_m: FloatArray
     poses: tuple[int, ...]
-    rounds: int
 
 
 def group_covariances(
@@ -71,13 +69,13 @@ def group_covariances(
     """
     scaled = transfer * std
     own = scaled * np.sqrt(1.0 - shared**2)
+    part_of, group_of = np.asarray(parts), np.asarray(groups)
     result = np.zeros((len(transfer), max(groups) + 1, 3, 3))
     for g in range(result.shape[1]):
-        columns = np.flatnonzero(np.asarray(groups) == g)
+        columns = group_of == g
         result[:, g] += np.einsum("pik,pjk->pij", own[:, :, columns], own[:, :, columns])
-        for part in set(np.asarray(parts)[columns].tolist()):
-            inside = columns[np.asarray(parts)[columns] == part]
-            common = (scaled[:, :, inside] * shared[inside]).sum(axis=2)
+        for part in np.unique(part_of[columns]):
+            common = scaled[:, :, columns & (part_of == part)] @ shared[columns & (part_of == part)]
             result[:, g] += np.einsum("pi,pj->pij", common, common)
     return result
 
@@ -92,31 +90,24 @@ def allocate(
 ) -> AllocatedFactors:
     """Return the loosest factors.
 
-    Args:
-        covariances: of each group alone, shape (poses, groups, 3, 3), in m².
-        weights: number of parameters of each group, shape (groups,).
-        requirement_m: largest distance allowed.
-        share: of the robots that must keep it at every pose, 0 to 1.
-        cap: largest factor.
-        progress: told of every round; the number of rounds is not known before.
+    Covariances are of each group alone, shape (poses, groups, 3, 3), in m², weights the number of parameters of each
+    group; a share of the robots must keep the requirement at every pose; the cap is the largest factor.
 
     Raises:
         NoSolutionError: the cutting planes do not settle.
     """
     allowed = (requirement_m / scipy.special.ndtri(0.5 + 0.5 * share)) ** 2
     relative = covariances / allowed
-    squares, rounds = _cutting_planes(relative, weights, cap**2, progress)
+    squares = _cutting_planes(relative, weights, cap**2, progress)
     total = np.einsum("g,pgij->pij", squares, covariances)
     quantiles = distance_quantiles(total, share)
     scale = min(1.0, requirement_m / float(quantiles.max()))
     held = np.argsort(-quantiles, kind="stable")
     tight = [int(p) for p in held[:_CUTS_A_ROUND] if quantiles[p] > 0.99 * quantiles.max()]
-    return AllocatedFactors(scale * np.sqrt(squares), squares > 0.999 * cap**2, scale * quantiles, tuple(tight), rounds)
+    return AllocatedFactors(scale * np.sqrt(squares), squares > 0.999 * cap**2, scale * quantiles, tuple(tight))
 
 
-def _cutting_planes(
-    relative: FloatArray, weights: FloatArray, cap: float, progress: Progress
-) -> tuple[FloatArray, int]:
+def _cutting_planes(relative: FloatArray, weights: FloatArray, cap: float, progress: Progress) -> FloatArray:
     """Return squares u that maximise the weighted sum of log u with every eigenvalue of Σ u A at most one."""
     poses, groups = relative.shape[:2]
     squares = np.full(groups, cap)
@@ -128,7 +119,7 @@ def _cutting_planes(
         worst = worst[violation[worst] > _TIGHT]
         progress("allocation", rounds, rounds + int(worst.size > 0))
         if not worst.size:
-            return squares, rounds
+            return squares
         directions = vectors[worst, :, -1]
         new = np.einsum("pgij,pi,pj->pg", relative[worst], directions, directions)
         # Cuts that hold with room to spare will not bind again soon, and come back if they do.
@@ -164,14 +155,7 @@ def distance_quantiles(covariances: FloatArray, share: float) -> FloatArray:
     """Return the distance that a normal displacement keeps with a probability.
 
     The direction of the displacement's deviates is integrated over the sphere; along one direction the distance is chi
-    distributed with three degrees of freedom.
-
-    Args:
-        covariances: shape (n, 3, 3), in m².
-        share: the probability.
-
-    Returns:
-        Shape (n,), in m.
+    distributed with three degrees of freedom. Covariances are (n, 3, 3), in m², distances (n,), in m.
     """
     variances = np.maximum(np.linalg.eigvalsh(covariances), 0.0)
     cosines, weights = np.polynomial.legendre.leggauss(_DIRECTIONS)

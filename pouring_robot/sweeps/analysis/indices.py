@@ -26,15 +26,13 @@ class SobolIndices:
     """Sobol indices, pooled over poses and coordinates.
 
     Attributes:
-        names: of the parameters.
-        first: first-order index, shape (parameters,); ``total`` the total index.
-        first_confidence: half width of its 95 % interval, of one output on average; ``total_confidence`` likewise.
+        first, total: first-order and total index, shape (parameters,).
+        first_confidence, total_confidence: half width of their 95 % intervals, of one output on average.
         first_by_axis: first-order index pooled over poses for x, y and z, shape (parameters, 3).
         variance_m2: total variance by coordinate, mean over the poses, shape (3,).
         dropped: base samples left out because a robot of theirs had no solution at some pose.
     """
 
-    names: tuple[str, ...]
     first: FloatArray
     total: FloatArray
     first_confidence: FloatArray
@@ -51,8 +49,13 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
         SweepStoreError: a chunk is damaged.
         NoSolutionError: no base sample has a solution, or none moves the ladle.
     """
+    from SALib.analyze import sobol
+
     plan = store.plan
     count, dropped, poses = len(plan.names), 0, 0
+    problem = {"num_vars": count, "names": list(plan.names), "bounds": [[0.0, 1.0]] * count}
+    settings = {"calc_second_order": False, "num_resamples": _RESAMPLES}
+    settings["seed"] = plan.config.seed + 1  # SALib takes 0 for no seed
     weights = np.zeros(3)
     sums = np.zeros((4, 3, count))  # S1, ST and their confidence by axis, weighted with the variance
     for outputs in _outputs(store):
@@ -64,7 +67,8 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
             values = blocks[sound, :, axis].ravel()
             variance = float(values.var()) if values.size else 0.0
             if variance > 0.0:
-                sums[:, axis] += variance * _analyse(plan.names, values, plan.config.seed)
+                found = sobol.analyze(problem, values, **settings)
+                sums[:, axis] += variance * np.array([found[key] for key in ("S1", "ST", "S1_conf", "ST_conf")])
                 weights[axis] += variance
         progress("Sobol indices", poses, len(plan.poses))
     if not weights.any():
@@ -75,30 +79,8 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
     pooled = sums.sum(axis=1) / max(weights.sum(), np.finfo(float).tiny)
     by_axis = sums[0] / np.where(weights > 0.0, weights, np.inf)[:, None]
     first, total, first_confidence, total_confidence = pooled
-    return SobolIndices(
-        plan.names,
-        first,
-        total,
-        first_confidence,
-        total_confidence,
-        by_axis.T,
-        weights / max(1, poses),
-        dropped,
-    )
-
-
-def _analyse(names: tuple[str, ...], values: FloatArray, seed: int) -> FloatArray:
-    from SALib.analyze import sobol
-
-    problem = {"num_vars": len(names), "names": list(names), "bounds": [[0.0, 1.0]] * len(names)}
-    found = sobol.analyze(
-        problem,
-        values,
-        calc_second_order=False,
-        num_resamples=_RESAMPLES,
-        seed=seed + 1,  # SALib takes 0 for no seed
-    )
-    return np.stack([np.asarray(found[key], dtype=float) for key in ("S1", "ST", "S1_conf", "ST_conf")])
+    spread = first_confidence, total_confidence, by_axis.T, weights / max(1, poses)
+    return SobolIndices(first, total, *spread, dropped)
 
 
 def _outputs(store: SweepStore) -> Iterator[FloatArray]:

@@ -8,9 +8,9 @@ import numpy as np
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.plots import new_figure, tell, tidy
-from pouring_robot.sweeps.analysis.findings import SweepFindings
 from pouring_robot.sweeps.analysis.summary import Summary
 from pouring_robot.sweeps.analysis.tolerances import RankedParameter
+from pouring_robot.sweeps.plan import SweepPlan
 from pouring_robot.sweeps.store import SweepStore
 
 _SHOWN, _SLICES = 20, 3
@@ -39,11 +39,10 @@ def study_figure(store: SweepStore, summary: Summary, ranking: Sequence[RankedPa
     return figure
 
 
-def map_of(found: SweepFindings) -> Any:
+def map_of(plan: SweepPlan, summary: Summary) -> Any:
     """Draw how far the tool is off over x and z, in slices of y: RMS over the robots, the largest of a place."""
-    plan, moments = found.store.plan, found.summary.by_pose
     place = plan.poses.start.position / MM
-    off = np.linalg.norm(moments.rms_m, axis=1) / MM
+    off = np.linalg.norm(summary.by_pose.rms_m, axis=1) / MM
     values = np.unique(place[:, 1].round(3))
     slices = values if values.size <= _SLICES else np.quantile(place[:, 1], (np.arange(_SLICES) + 0.5) / _SLICES)
     of_slice = np.abs(place[:, 1, None] - slices).argmin(axis=1)
@@ -55,13 +54,8 @@ def map_of(found: SweepFindings) -> Any:
         x, z = place[chosen, 0], place[chosen, 2]
         drawn = panel.scatter(x, z, c=off[chosen], s=90, marker="s", vmin=0.0, vmax=np.nanmax(off, initial=1e-9))
         near = "" if values.size <= _SLICES else "near "
-        tell(
-            drawn,
-            [
-                f"pose {i + 1}: x {place[i, 0]:.0f}, y {place[i, 1]:.0f}, z {place[i, 2]:.0f} mm: {off[i]:.3f} mm"
-                for i in chosen
-            ],
-        )
+        at = (", ".join(f"{axis} {v:.0f}" for axis, v in zip("xyz", place[i], strict=True)) for i in chosen)
+        tell(drawn, [f"pose {i + 1}: {words} mm: {off[i]:.3f} mm" for i, words in zip(chosen, at, strict=True)])
         panel.set(title=f"{near}y = {slices[k]:.0f} mm", xlabel="x [mm]")
         panel.margins(0.15)
         tidy(panel)

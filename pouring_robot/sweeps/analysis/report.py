@@ -1,43 +1,106 @@
-"""The files beside the store: ``summary.json``, ``ranking.csv``, ``sweep.png`` and ``report.html``."""
+"""What a finished sweep says: its figures, lines and tables for terminal and page, and the files beside the store."""
+
+from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from pouring_robot.io.files import write_together
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.tables import csv_text
 from pouring_robot.io.threads import one_blas_thread
-from pouring_robot.report.plots import png_of
-from pouring_robot.sweeps.analysis.findings import SweepFindings
-from pouring_robot.sweeps.analysis.indices import sobol_indices
-from pouring_robot.sweeps.analysis.page import html_report
-from pouring_robot.sweeps.analysis.plots import study_figure
-from pouring_robot.sweeps.analysis.summary import summarise
-from pouring_robot.sweeps.analysis.tolerances import allocate_tolerances, rank
-from pouring_robot.sweeps.store import PAGE, PICTURE, RANKING, SUMMARY, SweepStore
+from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
+from pouring_robot.report.plots import png_of, svg_of
+from pouring_robot.report.result import Result
+from pouring_robot.sweeps.analysis.indices import SobolIndices, sobol_indices
+from pouring_robot.sweeps.analysis.plots import map_of, study_figure
+from pouring_robot.sweeps.analysis.summary import Summary, summarise
+from pouring_robot.sweeps.analysis.tolerances import AllocatedTolerances, RankedParameter, allocate_tolerances, rank
+from pouring_robot.sweeps.store import PAGE, PICTURE, RANKING, SUMMARY, SweepStore, open_results
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SweepReport(SweepFindings):
-    """What a finished sweep says, and how it is written."""
+class SweepReport(Result):
+    """What a finished sweep says.
+
+    Attributes:
+        store: where the numbers are.
+        summary: of all samples.
+        ranking: the parameters, the one that matters most first.
+        indices: Sobol indices, of a ``sobol`` study.
+        allocation: the loosest tolerances, if the sweep file asks for them.
+    """
+
+    store: SweepStore
+    summary: Summary
+    ranking: Sequence[RankedParameter]
+    indices: SobolIndices | None
+    allocation: AllocatedTolerances | None
+
+    @property
+    def headline(self) -> str:
+        """How far the ladle is off, which share is within the requirement, and the error that matters most."""
+        figures = self.summary.figures()
+        return (
+            f"{figures['frame']} is off by at most {figures['largest_mm']:.3f} mm at {figures['poses']} poses, "
+            f"{figures['share_within']:.2%} within {figures['accuracy_mm']:g} mm; {self.ranking[0].name} matters most"
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the ranking, one row a parameter; the unit of its tolerance stands in its row."""
+        import pandas as pd
+
+        return pd.DataFrame([parameter.row() for parameter in self.ranking])
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return the numbers: displacement and rotation of every robot at every pose, in m and rad, read when used.
+
+        Raises:
+            SweepStoreError: the results are damaged or gone.
+        """
+        return open_results(self.store.folder)
+
+    def figures(self) -> dict[str, Any]:
+        """Return all figures for JSON; mm and mrad."""
+        plan = self.store.plan
+        return {
+            "study": plan.config.study,
+            "kind": plan.config.kind,
+            **plan.model.named,
+            "content_hash": plan.content_hash,
+            "version": plan.content["version"],
+            "seed": plan.config.seed,
+            "summary": self.summary.figures(),
+            "sobol_base_samples_dropped": self.indices.dropped if self.indices else None,
+            "ranking": [parameter.row() for parameter in self.ranking],
+            "allocation": self.allocation.figures() if self.allocation else None,
+        }
 
     def save(self) -> tuple[Path, ...]:
-        """Write the four files into the sweep's folder and return their paths.
+        """Write summary, ranking, picture and page into the sweep's folder and return their paths.
 
         Raises:
             OutputError: the folder cannot be written to.
         """
-        folder = self.store.folder
-        text = json.dumps(self.figures(), indent=2, allow_nan=False) + "\n"
-        files: dict[Path, str | bytes] = {folder / SUMMARY: text, folder / RANKING: self._ranking_text()}
-        files[folder / PICTURE] = png_of(study_figure(self.store, self.summary, self.ranking))
-        files[folder / PAGE] = html_report(self, {"all figures": SUMMARY, "the ranking": RANKING})
-        return tuple(write_together(files))
+        rows, figure = [parameter.row() for parameter in self.ranking], self.study_figure()
+        files: dict[str, str | bytes] = {
+            SUMMARY: json.dumps(self.figures(), indent=2, allow_nan=False) + "\n",
+            RANKING: csv_text(rows[0], (row.values() for row in rows)),
+            PICTURE: png_of(figure),
+            PAGE: html_report(self, {"all figures": SUMMARY, "the ranking": RANKING}),
+        }
+        return tuple(write_together({self.store.folder / name: content for name, content in files.items()}))
 
-    def _ranking_text(self) -> str:
-        rows = [parameter.row() for parameter in self.ranking]
-        return csv_text(rows[0], (row.values() for row in rows))
+    def study_figure(self) -> Any:
+        """Draw what matters most, and how far the tool is off."""
+        return study_figure(self.store, self.summary, self.ranking)
 
 
 @one_blas_thread()
@@ -53,3 +116,77 @@ def report(store: SweepStore, progress: Progress = say_nothing) -> SweepReport:
     indices = sobol_indices(store, progress) if plan.config.study == "sobol" else None
     allocation = allocate_tolerances(plan, progress=progress) if plan.config.allocation else None
     return SweepReport(store, summary, rank(plan, summary, indices), indices, allocation)
+
+
+def summary_lines(found: SweepReport) -> list[str]:
+    """Return how far the tool is off, which share is within the requirement, and what had no solution."""
+    figures = found.summary.figures()
+    quantiles = ", ".join(
+        f"{v:.3f} mm in {100 * float(k):g} %" for k, v in figures["quantiles_mm"].items() if v is not None
+    )
+    what = "errors alone" if found.store.plan.config.study == "one_at_a_time" else "robots"
+    lines = [
+        f"{figures['robots']} {what} at {figures['poses']} poses: {figures['frame']} is off by up to "
+        f"{quantiles} of them, never by more than {figures['largest_mm']:.3f} mm "
+        f"and {figures['largest_mrad']:.3f} mrad",
+        f"within {figures['accuracy_mm']:g} mm: {figures['share_within']:.2%} of all, "
+        f"{figures['share_of_robots_within_everywhere']:.2%} of the {what} at every pose",
+    ]
+    if found.summary.failed:
+        failed = ", ".join(f"{count} {name}" for name, count in figures["status"].items() if name != "ok")
+        lines.append(f"note: without a solution, kept with their status: {failed}")
+    if found.indices and found.indices.dropped:
+        lines.append(f"note: {found.indices.dropped} base samples without a solution are left out of the indices")
+    return lines
+
+
+def ranking_table(found: SweepReport) -> Table:
+    """Return the tolerances, the one that matters most first."""
+    head = [name.replace("_", " ") for name in ("parameter", "part", "tolerance", *found.ranking[0].figures)]
+    rows = []
+    for p in found.ranking:
+        cells = (f"{v:.4g}" if isinstance(v, float) else str(v) for v in p.figures.values())
+        rows.append([p.name, p.part, f"{p.tolerance:.4g} {p.unit}", *cells])
+    return Table(head, rows)
+
+
+def allocation_line(found: AllocatedTolerances) -> str:
+    """Return what the loosest tolerances keep."""
+    figures = found.figures()
+    checked = figures["verified"]
+    return (
+        f"loosest tolerances that keep {figures['requirement_mm']:g} mm for {figures['wanted_share']:.2%} of the "
+        f"robots at every pose; {checked['robots']} of them closed exactly at the {checked['poses']} hardest poses: "
+        f"{checked['share_within']:.2%} within, {checked['share_at_worst_pose']:.2%} at the worst pose"
+    )
+
+
+def allocation_table(found: AllocatedTolerances) -> Table:
+    """Return the loosest tolerances, the tightest first; those that hardly matter stand at the cap."""
+    rows = [
+        (row["parameter"], f"{row['tolerance_mm_or_mrad']:.4g}", f"{row['factor']:.3f}", "at the cap" * row["at_cap"])
+        for row in sorted(found.figures()["tolerances"], key=lambda row: float(row["factor"]))
+    ]
+    return Table(("parameter", "tolerance mm or mrad", "times the given one", ""), rows)
+
+
+def html_report(found: SweepReport, links: Mapping[str, str]) -> str:
+    """Return the report as one page without any outside file."""
+    plan, frame = found.store.plan, found.summary.frame
+    config = plan.config
+    study = f"{config.study.replace('_', ' ')}, {config.kind.replace('_', ' ')}"
+    where = f"{frame} off by, RMS over the robots: slices of the workspace, the worst tilt there"
+    blocks: list[Block] = [
+        Paragraph(found.headline, "headline"),
+        Lines(summary_lines(found)),
+        Paragraph(f"{study}; seed {config.seed}; content of the sweep {plan.content_hash}"),
+        Plot(f"What matters, and how far {frame} is off", svg_of(found.study_figure())),
+        Heading("Where in the workspace"),
+        Plot(where, svg_of(map_of(plan, found.summary))),
+    ]
+    if found.allocation:
+        blocks += [Heading("The loosest tolerances that will do"), Paragraph(allocation_line(found.allocation))]
+        blocks.append(allocation_table(found.allocation))
+    blocks += [Heading(f"The tolerances that matter most ({frame})"), ranking_table(found)]
+    title = f"Sweep in {found.store.folder.name}"
+    return html_page(title, title, blocks, links=links, data=[config.source] if config.source else [])

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from pouring_robot.batch.structure import BoolArray
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.location_figures import without_nan
 from pouring_robot.sweeps.evaluation import NOT_DONE, STATUS_NAMES
 from pouring_robot.sweeps.plan import SweepPlan
 from pouring_robot.sweeps.store import AXES, SweepStore
@@ -41,30 +43,18 @@ class Distances:
         return 0.0 if place == 0 else float(self.edges_m[min(place, self.edges_m.size - 1)])
 
 
-@dataclass
 class Moments:
-    """Sums over the good samples of each row (a parameter, a robot or a pose).
+    """Sums over the good samples of each of n rows (a parameter, a robot or a pose).
 
     Attributes:
-        count: number of samples, shape (n,).
-        largest_m: largest distance.
-        sum_m: sum of distances.
+        count, within: number of samples, and of those within the requirement, shape (n,) each.
+        largest_m, sum_m, largest_rad: largest distance, sum of distances, largest rotation, shape (n,) each.
         squares_m2: sum of squared displacements by axis, shape (n, 3).
-        largest_rad: largest rotation.
-        within: number of samples within the requirement.
     """
 
-    rows: int
-    count: FloatArray = field(init=False)
-    largest_m: FloatArray = field(init=False)
-    sum_m: FloatArray = field(init=False)
-    squares_m2: FloatArray = field(init=False)
-    largest_rad: FloatArray = field(init=False)
-    within: FloatArray = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.count, self.largest_m, self.sum_m, self.largest_rad, self.within = np.zeros((5, self.rows))
-        self.squares_m2 = np.zeros((self.rows, 3))
+    def __init__(self, rows: int) -> None:
+        self.count, self.largest_m, self.sum_m, self.largest_rad, self.within = np.zeros((5, rows))
+        self.squares_m2 = np.zeros((rows, 3))
 
     def add(self, rows: slice, part: _Part, axis: int) -> None:
         """Add a chunk's samples; ``axis`` is the one that is summed over."""
@@ -93,8 +83,8 @@ class _Part:
     displacement_m: FloatArray
     distance_m: FloatArray
     angle_rad: FloatArray
-    good: FloatArray
-    within: FloatArray
+    good: BoolArray
+    within: BoolArray
 
 
 @dataclass(eq=False)
@@ -102,8 +92,7 @@ class Summary:
     """What a sweep found at its first frame.
 
     Attributes:
-        frame: that frame.
-        accuracy_m: required accuracy.
+        frame, accuracy_m: that frame, and the required accuracy.
         status: number of samples by status name.
         by_sample: sums over the poses for each robot (one_at_a_time: for each parameter).
         by_pose: sums over the robots for each pose.
@@ -136,7 +125,7 @@ class Summary:
         worst = int(np.argmax(self.by_pose.largest_m))
         largest = float(self.by_pose.largest_m[worst])
         poses, robots = len(self.by_pose.count), len(self.by_sample.count)
-        everywhere = float((self.by_sample.within == poses).sum()) / robots
+        quantiles = {str(share): min(self.distances.quantile(share), largest) / MM for share in SHARES}
         return {
             "frame": self.frame,
             "robots": robots,
@@ -145,12 +134,10 @@ class Summary:
             "largest_mm": largest / MM,
             "largest_mrad": float(self.by_pose.largest_rad.max()) / MRAD,
             "rms_mm": {axis: float(value) / MM for axis, value in zip(AXES, rms, strict=True)},
-            "quantiles_mm": {
-                str(share): _finite(min(self.distances.quantile(share), largest) / MM) for share in SHARES
-            },
+            "quantiles_mm": without_nan(quantiles),
             "accuracy_mm": self.accuracy_m / MM,
             "share_within": self.share_within,
-            "share_of_robots_within_everywhere": everywhere,
+            "share_of_robots_within_everywhere": float((self.by_sample.within == poses).sum()) / robots,
             "worst_pose": worst,
             "largest_gap_mm": self.largest_gap_m / MM,
             "largest_gap_mrad": self.largest_gap_rad / MRAD,
@@ -165,14 +152,8 @@ def summarise(store: SweepStore, progress: Progress = say_nothing) -> Summary:
     """
     plan = store.plan
     counts = np.zeros(NOT_DONE + 1, dtype=np.int64)
-    summary = Summary(
-        plan.config.frames[0],
-        plan.accuracy_m,
-        {},
-        Moments(plan.draws.count),
-        Moments(len(plan.poses)),
-        Distances(),
-    )
+    by_sample, by_pose = Moments(plan.draws.count), Moments(len(plan.poses))
+    summary = Summary(plan.config.frames[0], plan.accuracy_m, {}, by_sample, by_pose, Distances())
     for done, chunk in enumerate(plan.chunks(), start=1):
         status = store.read("status", chunk)
         counts += np.bincount(status.ravel(), minlength=counts.size)
@@ -194,7 +175,3 @@ def _part(plan: SweepPlan, status: Any, displacement: FloatArray, rotation: Floa
     distance = np.linalg.norm(moved, axis=-1)
     angle = np.linalg.norm(np.where(good[..., None], rotation, 0.0), axis=-1)
     return _Part(moved, distance, angle, good, good & (distance <= plan.accuracy_m))
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None

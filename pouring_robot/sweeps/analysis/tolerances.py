@@ -5,14 +5,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from pouring_robot.batch import BatchCommand, CompiledEngine, engine_for
 from pouring_robot.batch.structure import BoolArray
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.robot.location_figures import without_nan
 from pouring_robot.sweeps.analysis.allocation import AllocatedFactors, allocate, group_covariances
 from pouring_robot.sweeps.analysis.indices import SobolIndices
-from pouring_robot.sweeps.analysis.linear import transfer_matrices
 from pouring_robot.sweeps.analysis.summary import Summary
 from pouring_robot.sweeps.config import Allocation
 from pouring_robot.sweeps.plan import SweepPlan
@@ -49,72 +51,53 @@ class RankedParameter:
 def rank(plan: SweepPlan, summary: Summary, indices: SobolIndices | None = None) -> list[RankedParameter]:
     """Return the parameters of a finished sweep, the one that matters most first."""
     if plan.config.study == "one_at_a_time":
-        measured = _alone(plan, summary)
+        columns, by = _alone(plan, summary), "largest_mm"
     elif indices is not None:
-        measured = _by_indices(indices)
+        columns, by = _by_indices(indices), "total"
     else:
-        measured = _by_scatter(plan)
+        columns, by = _by_scatter(plan), "share_of_scatter"
     ranked = []
-    for p, margin, (weight, figures) in zip(plan.parameters, plan.draws.margins, measured, strict=True):
+    for k, (p, margin) in enumerate(zip(plan.parameters, plan.draws.margins, strict=True)):
         unit, factor = ("mm", MM) if p.unit == "m" else ("mrad", MRAD)
-        ranked.append(RankedParameter(p.name, unit, p.part, margin.tolerance / factor, weight, figures))
+        figures = without_nan({name: values[k].item() for name, values in columns.items()})
+        ranked.append(RankedParameter(p.name, unit, p.part, margin.tolerance / factor, figures[by], figures))
     return sorted(ranked, key=lambda r: -r.weight)
 
 
-def _alone(plan: SweepPlan, summary: Summary) -> list[tuple[float, dict[str, Any]]]:
+def _main_axis(strength: FloatArray) -> NDArray[np.str_]:
+    """Return the name of the axis along which each parameter is strongest, by strengths (parameters, 3)."""
+    return np.array([AXES[axis] for axis in np.nan_to_num(strength).argmax(axis=1)])
+
+
+def _alone(plan: SweepPlan, summary: Summary) -> dict[str, NDArray[Any]]:
     rows = summary.by_sample
-    rms, mean = rows.rms_m, rows.mean_m
-    return [
-        (
-            float(rows.largest_m[k]) / MM,
-            {
-                "largest_mm": float(rows.largest_m[k]) / MM,
-                "mean_mm": _number(mean[k] / MM),
-                "rms_mm": _number(float(np.linalg.norm(rms[k])) / MM),
-                "largest_mrad": float(rows.largest_rad[k]) / MRAD,
-                "main_axis": AXES[int(np.argmax(np.nan_to_num(rms[k])))],
-                "failed": len(plan.poses) - int(rows.count[k]),
-            },
-        )
-        for k in range(len(plan.parameters))
-    ]
+    return {
+        "largest_mm": rows.largest_m / MM,
+        "mean_mm": rows.mean_m / MM,
+        "rms_mm": np.linalg.norm(rows.rms_m, axis=1) / MM,
+        "largest_mrad": rows.largest_rad / MRAD,
+        "main_axis": _main_axis(rows.rms_m),
+        "failed": len(plan.poses) - rows.count.astype(int),
+    }
 
 
-def _by_indices(indices: SobolIndices) -> list[tuple[float, dict[str, Any]]]:
-    return [
-        (
-            float(indices.total[k]),
-            {
-                "first_order": float(indices.first[k]),
-                "first_order_ci95": float(indices.first_confidence[k]),
-                "total": float(indices.total[k]),
-                "total_ci95": float(indices.total_confidence[k]),
-                "main_axis": AXES[int(np.argmax(indices.first_by_axis[k] * indices.variance_m2))],
-            },
-        )
-        for k in range(len(indices.names))
-    ]
+def _by_indices(indices: SobolIndices) -> dict[str, NDArray[Any]]:
+    return {
+        "first_order": indices.first,
+        "first_order_ci95": indices.first_confidence,
+        "total": indices.total,
+        "total_ci95": indices.total_confidence,
+        "main_axis": _main_axis(indices.first_by_axis * indices.variance_m2),
+    }
 
 
-def _by_scatter(plan: SweepPlan) -> list[tuple[float, dict[str, Any]]]:
+def _by_scatter(plan: SweepPlan) -> dict[str, NDArray[Any]]:
     """Rank by first-order variances: mean over the poses of each error's own, correlation aside."""
     std = np.array([margin.std for margin in plan.draws.margins])
-    squares = np.zeros((3, len(std)))
-    for matrices in _matrices(plan):
-        squares += ((matrices[:, :3] * std) ** 2).sum(axis=0)
-    squares /= len(plan.poses)
-    total = max(squares.sum(), np.finfo(float).tiny)
-    return [
-        (
-            float(squares[:, k].sum() / total),
-            {
-                "share_of_scatter": float(squares[:, k].sum() / total),
-                "rms_mm": float(np.sqrt(squares[:, k].sum())) / MM,
-                "main_axis": AXES[int(np.argmax(squares[:, k]))],
-            },
-        )
-        for k in range(len(std))
-    ]
+    squares = sum(((matrices[:, :3] * std) ** 2).sum(axis=0) for matrices in _matrices(plan)) / len(plan.poses)
+    own = squares.sum(axis=0)
+    share = own / max(own.sum(), np.finfo(float).tiny)
+    return {"share_of_scatter": share, "rms_mm": np.sqrt(own) / MM, "main_axis": _main_axis(squares.T)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,17 +105,14 @@ class AllocatedTolerances:
     """The loosest tolerances, and how they did when robots were drawn with them.
 
     Attributes:
-        wanted_share: of the robots that shall meet the requirement at each pose.
-        requirement_m: largest distance allowed.
+        wanted_share, requirement_m: of the robots, at each pose, and the largest distance allowed.
         names: of the parameters.
         tolerance: largest error of each, in m or rad, shape (parameters,).
-        factor: new over given tolerance, shape (parameters,).
-        capped: whether the cap holds it, shape (parameters,).
+        factor: new over given tolerance; capped: whether the cap holds it, shape (parameters,) each.
         worst_poses: indices of the poses that hold the tolerances.
         predicted_m: at the worst pose, the distance that the wanted share keeps, to first order.
-        machines: robots drawn; ``poses`` the number of poses, the hardest ones, each of them went to.
-        share_within: of the robots at those poses, in all.
-        share_at_worst_pose: at the pose where fewest were within.
+        machines, poses: robots drawn, and number of poses, the hardest ones, that each of them went to.
+        share_within: of the robots at those poses; ``share_at_worst_pose`` where fewest were within.
         failed: robots at poses without a solution; they do not count as within.
     """
 
@@ -177,27 +157,46 @@ def allocate_tolerances(
 ) -> AllocatedTolerances:
     """Find the loosest tolerances that keep the required accuracy, and verify them by exact closures.
 
-    Args:
-        plan: a closed-chain sweep; its distributions keep their shape, its tolerances are scaled.
-        wanted: what to keep; by default what the sweep file says.
-        progress: told of every step.
+    Distributions of the closed-chain sweep keep their shape, its tolerances are scaled. ``wanted``: by default what the
+    sweep file says.
 
     Raises:
         BadInputError: correlated errors would get factors of their own.
         NoSolutionError: the search does not settle.
     """
-    wanted = wanted or plan.config.allocation or Allocation()
+    wanted, draws = wanted or plan.config.allocation or Allocation(), plan.draws
     groups = plan.groups(wanted.by)
-    std = np.array([margin.std for margin in plan.draws.margins])
-    covariances = np.concatenate(
-        [
-            group_covariances(matrices[:, :3], std, plan.draws.shared, plan.draws.parts, groups)
-            for matrices in _matrices(plan)
-        ]
-    )
+    std = np.array([margin.std for margin in draws.margins])
+    parts = (group_covariances(g[:, :3], std, draws.shared, draws.parts, groups) for g in _matrices(plan))
     weights = np.bincount(groups).astype(float)
+    covariances = np.concatenate(list(parts))
     found = allocate(covariances, weights, plan.accuracy_m, wanted.share, wanted.loosest_factor, progress)
     return _verified(plan, wanted, found, groups, progress)
+
+
+def transfer_matrices(plan: SweepPlan, poses: BatchCommand) -> FloatArray:
+    """Return G of the plan's kind and parameters at its first frame, without the errors of the sweep.
+
+    Shape (poses, 6, parameters): displacement of the frame's origin in m, rotation vector in rad, in the axes of the
+    fixed platform, per m or rad.
+
+    Raises:
+        BatchClosureError: the robot does not close at a pose.
+    """
+    engine = engine_for(plan.mechanism)
+    wanted = [parameter.local for parameter in plan.parameters]
+    rotation = poses.start.rotation
+    if plan.config.kind == "open_branch":
+        assert isinstance(engine, CompiledEngine)  # only a star has a DH table of its chains
+        found = engine.transfer_open_branch(poses.start.joints, wanted)
+    else:
+        closed = engine.close(poses.drives, poses.start).require_all()
+        found, rotation = engine.transfer(closed, wanted), closed.rotation
+    # The engine observes the end frame; the frame's origin is carried round with it.
+    lever = rotation @ plan.tool_offsets_m[0]
+    matrix = found.matrix.copy()
+    matrix[:, :3] += np.cross(found.matrix[:, 3:], lever[:, :, None], axis=1)
+    return matrix
 
 
 def _matrices(plan: SweepPlan) -> Iterator[FloatArray]:
@@ -212,34 +211,28 @@ def _verified(
     """Draw robots with the new tolerances and close them at the hardest poses."""
     factor = found.factors[list(groups)]
     hardest = np.sort(np.argsort(-found.quantile_m, kind="stable")[:VERIFIED_POSES])
-    poses = plan.poses[hardest]
     robots = plan.draws.of_robots(wanted.machines)
     step = max(1, _CLOSURES_AT_ONCE // len(hardest))
     within, failed = np.zeros(len(hardest)), 0
     for first in range(0, wanted.machines, step):
         values = robots.values(first, min(first + step, wanted.machines)) * factor
-        displacement, status = plan.displacements(values, poses)
+        displacement, status = plan.displacements(values, plan.poses[hardest])
         distance = np.linalg.norm(displacement[:, :, 0], axis=-1)
         within += ((status == 0) & (distance <= plan.accuracy_m)).sum(axis=0)
         failed += int((status != 0).sum())
         progress("verification", first + len(values), wanted.machines)
-    given = np.array([margin.tolerance for margin in plan.draws.margins])
     return AllocatedTolerances(
-        wanted.share,
-        plan.accuracy_m,
-        plan.names,
-        given * factor,
-        factor,
-        found.capped[list(groups)],
-        found.poses,
-        float(found.quantile_m.max()),
-        wanted.machines,
-        len(hardest),
-        float(within.mean()) / wanted.machines,
-        float(within.min()) / wanted.machines,
-        failed,
+        wanted_share=wanted.share,
+        requirement_m=plan.accuracy_m,
+        names=plan.names,
+        tolerance=np.array([margin.tolerance for margin in plan.draws.margins]) * factor,
+        factor=factor,
+        capped=found.capped[list(groups)],
+        worst_poses=found.poses,
+        predicted_m=float(found.quantile_m.max()),
+        machines=wanted.machines,
+        poses=len(hardest),
+        share_within=float(within.mean()) / wanted.machines,
+        share_at_worst_pose=float(within.min()) / wanted.machines,
+        failed=failed,
     )
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

@@ -18,10 +18,10 @@ from pouring_robot.thermal.network.field import TemperatureField
 
 @dataclass(frozen=True, eq=False)
 class LegBending:
-    """Estimated bending of the four legs; shape (4,) unless said otherwise.
+    """Estimated bending of the four legs.
 
     Attributes:
-        bow_m: largest distance from the chord, ends free to turn: κ l²/8 where κ is even.
+        bow_m: largest distance from the chord, ends free to turn: κ l²/8 where κ is even; shape (4,).
         end_rotation_rad: turn of the lower end against the chord, rotation vector in the fixed platform, shape (4, 3).
     """
 
@@ -36,10 +36,8 @@ class LegBending:
         turning = -field.properties.steel.expansion.value * field.gradient_K_per_m
         total = np.einsum("le,lek->lk", weights, turning)
         lever = np.einsum("le,lek->lk", weights * depth, turning)
-        return cls(
-            bow_m=np.linalg.norm(total, axis=1) * lengths / 8.0,
-            end_rotation_rad=np.cross(field.leg_directions, lever / lengths[:, None]),
-        )
+        bow = np.linalg.norm(total, axis=1) * lengths / 8.0
+        return cls(bow, np.cross(field.leg_directions, lever / lengths[:, None]))
 
     @property
     def tilt_error_rad(self) -> float:

@@ -14,11 +14,9 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.robot.pouring.names import LEGS
-from pouring_robot.thermal.expansion.growth import ThermalExpansion
 from pouring_robot.thermal.expansion.heated_robot import WarmState
 from pouring_robot.thermal.expansion.truss import TrussMotion
 from pouring_robot.thermal.network.truss import TrussTemperatures
@@ -37,8 +35,7 @@ class DisplacementField:
     Attributes:
         parts: name of the part that each point belongs to, (n,): ``fixed_platform``, ``leg1`` …, ``platform``,
             ``ladle``; ``truss`` if it is seen from the hall.
-        points_m: on the drawing, in the fixed platform, shape (n, 3).
-        moved_m: displacement, shape (n, 3).
+        points_m, moved_m: on the drawing, in the fixed platform, and their displacement, shape (n, 3) each.
     """
 
     parts: tuple[str, ...]
@@ -47,71 +44,44 @@ class DisplacementField:
 
     @classmethod
     def of(cls, state: WarmState, ladle_degC: float | None = None, *, ladle_from_o: bool = False) -> DisplacementField:
-        """Return it for a closed warm robot, or a cold one under loads.
+        """Return it for a closed warm robot, or a cold one under loads, against the drawing at the same command.
 
         Args:
             state: the robot at its pose.
             ladle_degC: temperature of the ladle's steel; by default the network's shell, or the drawing's when cold.
             ladle_from_o: whether the ladle grows from o, which the paper takes for its centre, not from its trunnions.
         """
-        robot = state.robot
-        start = robot.kinematics.configuration(robot.pose)
-        cold = robot.nominal_solver.solve(robot.kinematics.inverse(robot.pose), start)
-        growth = 0.0
+        robot, expansion, layout = state.robot, state.robot.expansion, state.robot.dimensions
+        drives, start = robot.kinematics.inverse(robot.pose), robot.kinematics.configuration(robot.pose)
+        poses = robot.nominal_solver.solve(drives, start).pose_base_to_end, state.result.pose_base_to_end
+        fixed, moving = layout.fixed_centres.metres, layout.moving_centres.metres
+        fixed_growth, moving_growth = 1.0 + expansion.fixed_platform_strain, 1.0 + expansion.platform_strain
+        ladle_growth = 1.0
         if state.field is not None:
             properties = state.field.properties
             shell = state.field.shell_degC if ladle_degC is None else ladle_degC
-            growth = properties.steel.expansion.value * (shell - properties.expansion.reference_temperature.value)
-        return cls.between(cold, state.result, robot.expansion, robot.dimensions, growth, ladle_from_o)
+            rise = shell - properties.expansion.reference_temperature.value
+            ladle_growth += properties.steel.expansion.value * rise
 
-    @classmethod
-    def between(
-        cls,
-        cold: ClosureResult,
-        warm: ClosureResult,
-        expansion: ThermalExpansion,
-        layout: LayoutEntry,
-        ladle_strain: float = 0.0,
-        ladle_from_o: bool = False,
-    ) -> DisplacementField:
-        """Return it between two closures of the same command.
+        def carried(before: FloatArray, after: FloatArray) -> list[FloatArray]:
+            """Return points of the moving platform, cold and warm, in the fixed one."""
+            pairs = zip((before, after), poses, strict=True)
+            return [np.asarray(points @ np.array(p.rotation).T + np.array(p.translation)) for points, p in pairs]
 
-        Args:
-            cold: the drawing.
-            warm: grown, loaded or both.
-            expansion: how much the parts have grown.
-            layout: sizes of the parts.
-            ladle_strain: growth of the ladle per length.
-            ladle_from_o: as in :meth:`of`.
-        """
-        fixed, moving = layout.fixed_centres.metres, layout.moving_centres.metres
-        shares = np.linspace(0.0, 1.0, _ON_A_LEG)
-        parts: list[str] = []
-        points, moved = [], []
-
-        def add(part: str, before: FloatArray, after: FloatArray) -> None:
-            parts.extend([part] * len(before))
-            points.append(before)
-            moved.append(after - before)
-
-        def placed(result: ClosureResult, on_platform: FloatArray) -> FloatArray:
-            pose = result.pose_base_to_end
-            return np.asarray(on_platform @ np.array(pose.rotation).T + np.array(pose.translation))
-
-        grown = fixed * (1.0 + expansion.fixed_platform_strain)
-        bars = _outline(fixed)
-        add("fixed_platform", bars, bars * (1.0 + expansion.fixed_platform_strain))
-        feet = placed(cold, moving), placed(warm, moving * (1.0 + expansion.platform_strain))
+        bars, feet = _outline(fixed), carried(moving, moving * moving_growth)
+        shares = np.linspace(0.0, 1.0, _ON_A_LEG)[:, None]
+        found = {"fixed_platform": [bars, bars * fixed_growth]}
         for k, leg in enumerate(LEGS):
-            line = [a[k] + shares[:, None] * (b[k] - a[k]) for a, b in ((fixed, feet[0]), (grown, feet[1]))]
-            add(leg, *line)
+            ends = zip((fixed, fixed * fixed_growth), feet, strict=True)
+            found[leg] = [upper[k] + shares * (lower[k] - upper[k]) for upper, lower in ends]
         bars = _outline(moving)
-        add("platform", placed(cold, bars), placed(warm, bars * (1.0 + expansion.platform_strain)))
+        found["platform"] = carried(bars, bars * moving_growth)
         ladle, trunnions = _ladle_points(layout)
         middle = np.zeros(3) if ladle_from_o else trunnions
-        swollen = middle * (1.0 + expansion.platform_strain) + (ladle - middle) * (1.0 + ladle_strain)
-        add("ladle", placed(cold, ladle), placed(warm, swollen))
-        return cls(tuple(parts), np.concatenate(points), np.concatenate(moved))
+        found["ladle"] = carried(ladle, middle * moving_growth + (ladle - middle) * ladle_growth)
+        parts = tuple(part for part, (points, _) in found.items() for _ in points)
+        before, after = (np.concatenate(places) for places in zip(*found.values(), strict=True))
+        return cls(parts, before, after - before)
 
     def on(self, truss: TrussMotion) -> DisplacementField:
         """Return the same seen from the hall: the truss moves too, and takes everything with it."""

@@ -31,13 +31,7 @@ __all__ = ["PARTS", "ThermalExpansion"]
 
 @dataclass(frozen=True)
 class ThermalExpansion:
-    """How much every part has grown, as strain (growth per length).
-
-    Attributes:
-        leg_strain: legs 1 to 4, mean from joint to joint, shape (4,).
-        platform_strain: moving platform.
-        fixed_platform_strain: fixed platform.
-    """
+    """How much every part has grown, as strain (growth per length): legs 1 to 4 from joint to joint, both platforms."""
 
     leg_strain: tuple[float, float, float, float]
     platform_strain: float = 0.0
@@ -45,15 +39,10 @@ class ThermalExpansion:
 
     @classmethod
     def from_field(cls, field: TemperatureField, measured_degC: Mapping[str, float] | None = None) -> ThermalExpansion:
-        """Take computed temperatures, and measured means where there are any.
-
-        Args:
-            field: computed temperatures.
-            measured_degC: mean temperature of parts, by name (:data:`PARTS`).
+        """Take computed temperatures, and measured means by part (:data:`PARTS`) where there are any.
 
         Raises:
-            BadInputError: a part is unknown.
-            TemperatureError: a temperature lies below absolute zero or is not finite.
+            BadInputError: as :meth:`from_temperatures`.
         """
         legs = {f"leg{i}": float(value) for i, value in zip(CHAINS, field.leg_degC, strict=True)}
         computed = legs | {"platform": field.platform_degC, "fixed_platform": field.fixed_platform_degC}
@@ -61,11 +50,7 @@ class ThermalExpansion:
 
     @classmethod
     def from_temperatures(cls, properties: ThermalProperties, degC: Mapping[str, float]) -> ThermalExpansion:
-        """Take mean temperatures of parts; parts left out are as warm as in the drawing.
-
-        Args:
-            properties: expansion of steel and reference temperature.
-            degC: mean temperature by part (:data:`PARTS`).
+        """Take mean temperatures by part (:data:`PARTS`); parts left out are as warm as in the drawing.
 
         Raises:
             BadInputError: a part is unknown.
@@ -85,25 +70,20 @@ class ThermalExpansion:
     ) -> dict[str, float]:
         """Return by how much heat alone changes the driven leg lengths, in m, by joint name.
 
-        Args:
-            drives: commanded drive values, in m and rad; those that are no leg length (θ46) are left out.
-            offsets: offsets the drives have without heat, in m; they grow with the leg.
+        Offsets that the drives have without heat, in m, grow with the leg; θ46 is no length and left out.
         """
-        growth = {f"leg{i}_s3": strain for i, strain in zip(CHAINS, self.leg_strain, strict=True)}
-        have = offsets or {}
-        return {name: growth[name] * (value + have.get(name, 0.0)) for name, value in drives.items() if name in growth}
+        strain, have = self._by_joint(), offsets or {}
+        return {name: strain[name] * (value + have.get(name, 0.0)) for name, value in drives.items() if name in strain}
+
+    def _by_joint(self) -> dict[str, float]:
+        return {f"leg{i}_s3": strain for i, strain in zip(CHAINS, self.leg_strain, strict=True)}
 
     def placements(
         self, kinematics: FourUPUKinematics, passive_lengths_m: Mapping[str, float] | None = None
     ) -> dict[str, PlacementError]:
-        """Return the joints that heat displaces: U-joint centres on both platforms, passive prismatic joints.
+        """Return the joints of the drawing that heat displaces, by name: U-joint centres, passive prismatic joints.
 
-        Args:
-            kinematics: of the nominal robot.
-            passive_lengths_m: length of each leg that is not driven, by its prismatic joint.
-
-        Returns:
-            Errors by joint name, each in the joint's nominal frame, in m.
+        ``passive_lengths_m``: length of each leg that is not driven, by its prismatic joint.
         """
         mechanism = kinematics.mechanism
         model = mechanism.shared_model
@@ -117,9 +97,8 @@ class ThermalExpansion:
             ):
                 placement = mechanism.pose_world_to_placement(data, joint)
                 errors[joint] = _shift(placement.rotation.T @ data.oMf[mechanism.frame_id(base)].rotation @ growth)
-        strain = {f"leg{i}_s3": value for i, value in zip(CHAINS, self.leg_strain, strict=True)}
         for joint, length in (passive_lengths_m or {}).items():
-            errors[joint] = _shift(strain[joint] * length * _axis(mechanism, joint))
+            errors[joint] = _shift(self._by_joint()[joint] * length * _axis(mechanism, joint))
         return errors
 
 

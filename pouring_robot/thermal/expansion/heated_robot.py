@@ -28,14 +28,15 @@ from pouring_robot.thermal.expansion.warm_robot import WarmRobot, drawing_of, pa
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.network.history import HeatHistory, Placed
-from pouring_robot.thermal.network.transient import simulate
+from pouring_robot.thermal.network.transient import DEFAULT_OPTIONS, TransientOptions, simulate
 from pouring_robot.thermal.network.truss import TrussNetwork, TrussTemperatures
 
 SETTLED_M = 1e-10
 """A turn of temperatures and closure that moves the platform's origin by less ends the turns."""
 MOST_TURNS = 12
 
-Close = Callable[[WarmRobot], tuple[ClosureResult, ClosureResult]]
+Close = Callable[[WarmRobot], Sequence[ClosureResult]]
+"""Closes a warm robot: first with the drive values of the last turn, at last with those it then chooses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +45,9 @@ class WarmState:
 
     Attributes:
         field: the temperatures; None for a cold robot.
-        robot: as built and as warm as that.
-        result: its closure.
+        robot, result: as built and as warm as that, and its closure.
         turns: how often temperatures were taken anew.
-        unsettled_m: by how much the last taking of temperatures moved the origin of the moving platform, drives held,
-            in m.
+        unsettled_m: by how much the last taking of temperatures moved the moving platform's origin, drives held.
     """
 
     field: TemperatureField | None
@@ -67,10 +66,7 @@ class WarmState:
 class PoseShares:
     """What geometry and heat do to a frame, alone and together; differences to the nominal pose in the fixed platform.
 
-    Attributes:
-        geometry: geometric errors, drive offsets and loads alone.
-        heat: heat alone, on the drawing.
-        together: both in one closure: the actual pose.
+    Geometry: errors, drive offsets and loads; heat alone acts on the drawing; together is the actual pose.
     """
 
     geometry: PoseDifference
@@ -94,17 +90,15 @@ class HeatedRobot:
     Args:
         robot: the robot as built, cold.
         heat: how warm it is; None: not at all.
-        network: its thermal network; by default made from the robot and the properties of ``heat``.
+        network: its thermal network; by default made from the robot and the properties of ``heat`` when it is needed.
+
+    Raises:
+        BadInputError: it is another robot than the pouring robot.
     """
 
     def __init__(
         self, robot: PouringRobot, heat: HeatSection | None = None, network: ThermalNetwork | None = None
     ) -> None:
-        """Keep what was given; the network is made when it is needed.
-
-        Raises:
-            BadInputError: it is another robot than the pouring robot.
-        """
         if not isinstance(robot, PouringRobot):
             raise BadInputError(
                 f"only a PouringRobot is heated by its melt, and this is a {type(robot).__name__}; any robot is "
@@ -138,24 +132,25 @@ class HeatedRobot:
         melt, ambient = self.network.temperatures_K(heat.melt_degC, heat.ambient_degC)
         return melt - ZERO_CELSIUS_K, ambient - ZERO_CELSIUS_K
 
-    def field(self, pose: Placed, near: TemperatureField | None = None) -> TemperatureField | None:
-        """Return the temperatures at a pose that is held, or None for a cold robot.
+    @property
+    def after_s(self) -> float | None:
+        """How long the melt has been there; None: until nothing changes any more."""
+        return 60.0 * self.heat.after_min if self.heat and self.heat.after_min else None
 
-        Args:
-            pose: where it is held.
-            near: temperatures of a pose nearby, from which steady ones are found sooner.
+    def field(
+        self, pose: Placed, near: TemperatureField | None = None, options: TransientOptions = DEFAULT_OPTIONS
+    ) -> TemperatureField | None:
+        """Return the temperatures at a pose that is held, or None for a cold robot; ``near`` as the network's.
 
         Raises:
             ThermalSolutionError: no temperatures are found.
         """
         if self.heat is None:
             return None
-        melt, ambient = self.temperatures_degC
-        if self.heat.after_min is None:
-            return self.network.steady(pose, melt, ambient, near)
-        duration = 60.0 * self.heat.after_min
-        history = HeatHistory.constant(melt, ambient, duration)
-        return simulate(self.network, history, pose, times_s=np.array([duration]))[-1]
+        if self.after_s is None:
+            return self.network.steady(pose, *self.temperatures_degC, near)
+        history = HeatHistory.constant(*self.temperatures_degC, self.after_s)
+        return simulate(self.network, history, pose, options=options)[-1]
 
     def truss(self, state: WarmState) -> TrussTemperatures | None:
         """Return how warm the truss is over the robot in a state; None for a cold robot.
@@ -163,14 +158,10 @@ class HeatedRobot:
         Raises:
             ThermalSolutionError: no temperatures are found.
         """
-        if self.heat is None or state.field is None:
+        if state.field is None:
             return None
-        after_s = None if self.heat.after_min is None else 60.0 * self.heat.after_min
-        return self._truss.temperatures(state.result, state.field.melt_K, state.field.ambient_K, after_s)
-
-    @functools.cached_property
-    def _truss(self) -> TrussNetwork:
-        return TrussNetwork(self.network)
+        network = TrussNetwork(self.network)
+        return network.temperatures(state.result, state.field.melt_K, state.field.ambient_K, self.after_s)
 
     def expansion(self, field: TemperatureField | None) -> ThermalExpansion:
         """Return how much the parts have grown; measured temperatures take the place of computed ones."""
@@ -179,33 +170,27 @@ class HeatedRobot:
         return ThermalExpansion.from_field(field, self.heat.measured_degC)
 
     def settle(self, pose: PlatformPose, close: Close) -> WarmState:
-        """Take temperatures and closure by turns until a turn no longer moves the ladle.
-
-        Args:
-            pose: near which the ladle will be; the temperatures of the first turn are taken there.
-            close: closes a warm robot: first with the drive values of the last turn, then with those it then chooses.
-                It may choose the same.
+        """Take temperatures and closure by turns until a turn no longer moves the ladle; first near a pose.
 
         Raises:
             NoSolutionError: what ``close`` raises, or no temperatures are found.
         """
         place: Placed = pose
-        passive = None
-        before: FloatArray | None = None
-        moved = np.inf
-        turns, field = 0, None
-        while turns < MOST_TURNS:
-            turns += 1
+        passive, field = None, None
+        before, moved = np.full(3, np.inf), 0.0 if self.heat is None else np.inf
+        for turns in range(1, MOST_TURNS + 1):
             field = self.field(place, field)
             warm = WarmRobot(self.robot, self.expansion(field), pose, passive)
-            held, result = close(warm)
-            if before is not None:
-                moved = float(np.linalg.norm(held.pose_base_to_end.translation - before))
-            if self.heat is None or moved < SETTLED_M:
+            found = close(warm)
+            if self.heat is not None:
+                moved = float(np.linalg.norm(found[0].pose_base_to_end.translation - before))
+            place = result = found[-1]
+            state = WarmState(field, warm, result, turns, moved)
+            if moved < SETTLED_M:
                 break
+            before = np.array(result.pose_base_to_end.translation)
             passive = passive_lengths(self.robot, result.joint_values)
-            place, before = result, np.array(result.pose_base_to_end.translation)
-        return WarmState(field, warm, result, turns, 0.0 if self.heat is None else moved)
+        return state
 
     def locate(self, pose: PlatformPose) -> WarmState:
         """Return the warm robot at a commanded pose; its ``location`` is where the ladle is.
@@ -216,17 +201,10 @@ class HeatedRobot:
             ThermalSolutionError: no temperatures are found.
         """
         drives = self.robot.kinematics.inverse(pose)
-
-        def close(warm: WarmRobot) -> tuple[ClosureResult, ClosureResult]:
-            result = warm.forward(drives, near=pose)
-            return result, result
-
-        return self.settle(pose, close)
+        return self.settle(pose, lambda warm: [warm.forward(drives, near=pose)])
 
     def shares(self, state: WarmState, frames: Sequence[str]) -> dict[str, PoseShares]:
-        """Return what geometry and heat do, alone and together, to some frames.
-
-        Heat alone acts on the drawing, with the temperatures of the whole.
+        """Return what geometry and heat do, alone and together, to some frames; heat alone as warm as the whole.
 
         Raises:
             NoSolutionError: the cold robot, or the warm drawing, cannot take this command.

@@ -27,10 +27,8 @@ class TrussMotion:
     """Where the truss goes. All in the fixed platform of the drawing.
 
     Attributes:
-        points_m: along the girders' axes, then at the uprights' axles and feet, shape (n, 3).
-        moved_m: shape (n, 3).
-        shift_m: of the fixed platform's origin, shape (3,).
-        turn_rad: of the fixed platform, a small rotation vector, shape (3,).
+        points_m, moved_m: along the girders' axes, then at the uprights' axles and feet, shape (n, 3) each.
+        shift_m, turn_rad: of the fixed platform's origin, and a small rotation vector, shape (3,) each.
     """
 
     points_m: FloatArray
@@ -40,9 +38,8 @@ class TrussMotion:
 
     def __add__(self, other: TrussMotion) -> TrussMotion:
         """Return both together."""
-        return TrussMotion(
-            self.points_m, self.moved_m + other.moved_m, self.shift_m + other.shift_m, self.turn_rad + other.turn_rad
-        )
+        moved = self.moved_m + other.moved_m
+        return TrussMotion(self.points_m, moved, self.shift_m + other.shift_m, self.turn_rad + other.turn_rad)
 
     def carried_m(self, points_m: FloatArray) -> FloatArray:
         """Return how points that stand in the fixed platform, shape (n, 3), go with it."""
@@ -66,11 +63,13 @@ class TrussMotion:
         girders, feet = points[: 2 * _ALONG].reshape(2, _ALONG, 3), points[2 * _ALONG :].reshape(2, -1, 3)
         step = truss.gauge.metres / found.girders_degC.shape[2]
         bow, strain = _bow_and_strain(found, alpha, cold)
-        places = step * (np.arange(bow.shape[1]) + 0.5) - 0.5 * truss.gauge.metres
+        ends = step * np.arange(bow.shape[1] + 1) - 0.5 * truss.gauge.metres
+        places = 0.5 * (ends[1:] + ends[:-1])
         moved = np.zeros_like(girders)
         wheels = np.empty((len(_SIDES), 2))
         for k in range(len(_SIDES)):
-            moved[k, :, 0] = [np.sum(strain[k] * _between(places, step, x)) for x in girders[k, :, 0]]
+            grown = np.append(0.0, np.cumsum(strain[k] * step))
+            moved[k, :, 0] = np.interp(girders[k, :, 0], ends, grown) - np.interp(0.0, ends, grown)
             moved[k, :, 2] = _sagged(girders[k, :, 0], places, bow[k] * step, truss.gauge.metres)
             at = feet[0, 2 * k : 2 * k + 2, 0]
             rises = 0.5 * height * np.interp(at, places, strain[k])
@@ -107,13 +106,6 @@ def _bow_and_strain(found: TrussTemperatures, alpha: float, cold: float) -> tupl
     above = height - height.mean(axis=1, keepdims=True)
     grown = alpha * size * (found.girders_degC - cold)
     return -(grown * above).sum(axis=1) / (size * above**2).sum(axis=1), grown.sum(axis=1) / size.sum(axis=1)
-
-
-def _between(places: FloatArray, step: float, x: float) -> FloatArray:
-    """Return how much of each cell lies between the middle and a place, negative behind the middle, shape (cells,)."""
-    low, high = min(x, 0.0), max(x, 0.0)
-    inside = np.minimum(places + 0.5 * step, high) - np.maximum(places - 0.5 * step, low)
-    return np.asarray(np.sign(x) * np.maximum(inside, 0.0))
 
 
 def _sagged(at: FloatArray, places: FloatArray, turns: FloatArray, span: float) -> FloatArray:

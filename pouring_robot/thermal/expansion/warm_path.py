@@ -34,12 +34,7 @@ _NO_LEG = (0.0, 0.0, 0.0, 0.0)
 _STANDS_IN = 0.005
 
 
-def strains_along(
-    heated: HeatedRobot,
-    poses: FloatArray,
-    threads: int = 2,
-    show: Progress = say_nothing,
-) -> FloatArray:
+def strains_along(heated: HeatedRobot, poses: FloatArray, threads: int = 2, show: Progress = say_nothing) -> FloatArray:
     """Return how much the parts have grown at poses that are held, (n, 6): legs, moving and fixed platform."""
     strain = np.zeros((len(poses), 6))
     if heated.heat is None or not len(poses):
@@ -67,12 +62,9 @@ class WarmPath:
     """Closes the robot as built, its parts grown pose by pose.
 
     Args:
-        heated: the robot as built.
+        heated: the robot as built, without loads.
         poses: commanded or wanted, shape (n, 4), in m and rad.
-        strain: growth of the parts, shape (n, 6), as :func:`strains_along` gives it.
-
-    Raises:
-        BadInputError: the robot carries loads.
+        strain: growth of the parts, as :func:`strains_along` gives it.
     """
 
     def __init__(self, heated: HeatedRobot, poses: FloatArray, strain: FloatArray) -> None:
@@ -114,16 +106,10 @@ class WarmPath:
 def locate_path(
     heated: HeatedRobot, poses: ArrayLike, threads: int = 2, show: Progress = say_nothing
 ) -> tuple[xr.Dataset, BatchClosure]:
-    """Return where the ladle should be and where it is, warm, for many commanded poses, and the closures.
+    """Return where the ladle should be and where it is, warm, for many commanded poses, and the closures as built.
 
-    Args:
-        heated: the robot as built and how warm it is; without loads.
-        poses: x, y, z in m and the tilt in rad, shape (n, 4), best along a path.
-        threads: that share the temperatures.
-        show: told of progress.
-
-    Returns:
-        A dataset as :meth:`PouringRobot.locate` gives for many poses; the closures of the robot as built.
+    Poses are x, y, z in m and the tilt in rad, shape (n, 4), best along a path; the dataset is as
+    :meth:`PouringRobot.locate` gives for many. ``threads`` share the temperatures.
 
     Raises:
         BadInputError: the poses have another shape, or the robot carries loads.
@@ -132,17 +118,14 @@ def locate_path(
     commanded = place = as_poses(poses)
     if heated.heat is not None and len(commanded):  # millimetres beside the command shadows fall otherwise
         rows, row_of = np.unique(_stand_ins(commanded), return_inverse=True)
-        _, closed = _closed(heated, commanded, strains_along(heated, commanded[rows], threads, show)[row_of])
+        warm = WarmPath(heated, commanded, strains_along(heated, commanded[rows], threads, show)[row_of])
+        closed = warm.close(warm.command.drives, warm.command.start)
         tilt = np.arctan2(closed.rotation[:, 0, 2], closed.rotation[:, 2, 2])
         found = np.column_stack([closed.position, tilt])
         place = np.where(np.isfinite(found), found, commanded)
-    warm, closed = _closed(heated, commanded, strains_along(heated, place, threads, show))
+    warm = WarmPath(heated, commanded, strains_along(heated, place, threads, show))
+    closed = warm.close(warm.command.drives, warm.command.start)
     return path_dataset(heated.robot, warm.command, closed), closed
-
-
-def _closed(heated: HeatedRobot, commanded: FloatArray, strain: FloatArray) -> tuple[WarmPath, BatchClosure]:
-    warm = WarmPath(heated, commanded, strain)
-    return warm, warm.close(warm.command.drives, warm.command.start)
 
 
 def _stand_ins(poses: FloatArray) -> NDArray[np.intp]:

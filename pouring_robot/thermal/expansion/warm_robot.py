@@ -19,7 +19,7 @@ class WarmRobot(PouringRobot):
     Args:
         robot: its model holds the geometric errors; its loads act here too.
         expansion: how much the parts have grown.
-        pose: the pose the robot is made for.
+        pose: that the robot is made for.
         passive_lengths_m: length without heat of each leg that is not driven, by its prismatic joint; by default that
             of the drawing at the pose.
     """
@@ -58,7 +58,7 @@ class WarmRobot(PouringRobot):
 def passive_lengths(robot: PouringRobot, joint_values: Mapping[str, float]) -> dict[str, float]:
     """Return the value of the prismatic joint of each leg that is not driven, in m, by its name."""
     drives = robot.nominal_solver.mechanism.loops.drives
-    return {name: joint_values[name] for name in joint_values if name.endswith("_s3") and name not in drives}
+    return {name: value for name, value in joint_values.items() if name.endswith("_s3") and name not in drives}
 
 
 def drawing_of(robot: PouringRobot) -> PouringRobot:

@@ -7,7 +7,6 @@ to the surroundings by convection and re-radiation.
 """
 
 # ruff: noqa: N802 - units keep their capitals: K, W, degC
-from collections import OrderedDict
 
 import numpy as np
 
@@ -17,19 +16,12 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, load_thermal_properties
 from pouring_robot.robot.pouring_robot import PouringRobot
-from pouring_robot.thermal.network import parts
 from pouring_robot.thermal.network.circuit import Circuit
-from pouring_robot.thermal.network.elements import (
-    FACE_NORMALS,
-    BarCells,
-    LadleSections,
-    LegSections,
-    link_boxes,
-    merged,
-)
+from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, LadleSections, link_boxes, merged
 from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.network.history import Placed
 from pouring_robot.thermal.network.leg_elements import LEGS, LegExposure, LegGrid
+from pouring_robot.thermal.network.parts import Bodies, capacities, constant_laplacian, radiation_conductances
 from pouring_robot.thermal.network.steady import steady_temperatures
 from pouring_robot.thermal.network.view_factors import Boxes, DiscChords, hidden_view_factors
 
@@ -70,25 +62,16 @@ class ThermalNetwork:
         self.robot = robot or PouringRobot()
         self.properties = properties or load_thermal_properties()
         self.radiation = radiation
-        model = self.robot.model
-        entry = self.robot.dimensions
-        urdf = model.nominal_urdf()
-        self._ladle = LadleSections.of(entry)
-        self.grid = LegGrid(LegSections.of(entry), elements_per_leg, max(2, round(elements_per_leg / 4)))
-        bars = elements_per_bar or max(2, elements_per_leg // 5)
-        boxes = link_boxes(urdf, "moving_platform")
-        in_the_way, melt_m = merged(boxes), self._ladle.melt_centre_m
-        self._bars_in_the_way = Boxes(in_the_way.lower_m - melt_m, in_the_way.upper_m - melt_m)
-        cladding = self.properties.moving_platform.cladding_thickness.metres
-        self._moving = parts.MovingPlatform.of(boxes, self._bars_in_the_way, self._ladle, bars, cladding)
-        self._fixed = BarCells.cut(link_boxes(urdf, "fixed_platform"), bars)
-        self._disc = DiscChords.of(self._ladle.melt_radius_m)
-        clad_cells = np.flatnonzero(self._moving.clad_area_m2 > 0.0)
-        self.nodes = parts.NodeMap.of(self.grid, self._moving.cells.count, clad_cells, self._fixed.count)
-        bodies = parts.Bodies(self.nodes, self.grid, self._moving, self._fixed, self._ladle, entry, self.properties)
-        self._laplacian, self._melt_contact = parts.constant_laplacian(bodies)
-        self._capacity = parts.capacities(bodies)
-        self._placed: OrderedDict[tuple[float, ...], tuple[Circuit, LegExposure, FloatArray]] = OrderedDict()
+        entry, urdf = self.robot.dimensions, self.robot.model.nominal_urdf()
+        ladle, bars = LadleSections.of(entry), merged(link_boxes(urdf, "moving_platform"))
+        self._melt_m, self._disc = ladle.melt_centre_m, DiscChords.of(ladle.melt_radius_m)
+        self._bars_in_the_way = Boxes(bars.lower_m - self._melt_m, bars.upper_m - self._melt_m)
+        grid = LegGrid.of(entry.leg, elements_per_leg, max(2, round(elements_per_leg / 4)))
+        per_bar = elements_per_bar or max(2, elements_per_leg // 5)
+        self.bodies = Bodies.of(urdf, entry, self.properties, grid, per_bar, self._bars_in_the_way)
+        self._laplacian, self._melt_contact = constant_laplacian(self.bodies)
+        self._capacity = capacities(self.bodies)
+        self._kept: dict[tuple[float, ...], tuple[Circuit, LegExposure, FloatArray]] = {}
 
     def steady(
         self,
@@ -114,11 +97,6 @@ class ThermalNetwork:
         found = steady_temperatures(self.circuit(pose), melt_K, ambient_K, start)
         return self.field(pose, found, melt_K, ambient_K)
 
-    @property
-    def lining_m(self) -> float:
-        """Thickness of the ladle's lining, in m."""
-        return parts.lining_thickness_m(self._ladle, self.properties)
-
     def temperatures_K(self, melt_degC: float | None, ambient_degC: float | None) -> tuple[float, float]:
         """Return melt and ambient temperature in K; None stands for that of the properties.
 
@@ -135,66 +113,48 @@ class ThermalNetwork:
         """Return the network at a pose as numbers."""
         return self._at(pose)[0]
 
-    def field(self, pose: Placed, temperatures_K: FloatArray, melt_K: float, ambient_K: float) -> TemperatureField:
-        """Return temperatures of all nodes, shape (n,), in K, as a field at a pose."""
-        circuit, exposure, rotation = self._at(pose)
-        volumes = (self._moving.cells.volume_m3, self._fixed.volume_m3)
-        return TemperatureField(
-            temperatures_K,
-            melt_K,
-            ambient_K,
-            self.nodes,
-            circuit,
-            self.grid,
-            exposure,
-            rotation,
-            volumes,
-            self.properties,
-        )
-
     def exposure(self, pose: Placed) -> LegExposure:
         """Return where the leg elements are at a pose, and what they see of the melt."""
         return self._at(pose)[1]
 
+    def field(self, pose: Placed, temperatures_K: FloatArray, melt_K: float, ambient_K: float) -> TemperatureField:
+        """Return temperatures of all nodes, shape (n,), in K, as a field at a pose."""
+        return TemperatureField(temperatures_K, melt_K, ambient_K, self.bodies, *self._at(pose))
+
     def _at(self, pose: Placed) -> tuple[Circuit, LegExposure, FloatArray]:
-        upper, lower, rotation, position = self._placements(pose)
-        key = tuple(np.concatenate([part.ravel() for part in (upper, lower, rotation, position)]).tolist())
-        if key not in self._placed:
-            origin = position + rotation @ self._ladle.melt_centre_m
-            exposure = LegExposure.at(
-                self.grid,
-                (upper - origin) @ rotation,
-                (lower - origin) @ rotation,
-                self._disc,
-                self._bars_in_the_way,
-            )
-            self._placed[key] = self._build(exposure, rotation, origin), exposure, rotation
-            if len(self._placed) > _KEPT_POSES:
-                self._placed.popitem(last=False)
-        self._placed.move_to_end(key)
-        return self._placed[key]
+        key = tuple(np.concatenate([part.ravel() for part in self._placements(pose)]).tolist())
+        self._kept[key] = found = self._kept.pop(key, None) or self._build(key)  # the last used stands last
+        if len(self._kept) > _KEPT_POSES:
+            del self._kept[next(iter(self._kept))]
+        return found
 
     def _placements(self, pose: Placed) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return U-joint centres above and below, (4, 3) each, and the moving platform, all in the fixed platform."""
         kinematics = self.robot.kinematics
         if isinstance(pose, ClosureResult):
             platform = pose.pose("fixed_platform", "moving_platform")
-            ends = [
+            upper, lower = (
                 np.array([pose.pose("fixed_platform", f"leg{i}_{part}").translation for i in range(1, LEGS + 1)])
                 for part in ("fixed_rod", "moving_rod")
-            ]
-            return ends[0], ends[1], np.array(platform.rotation), np.array(platform.translation)
+            )
+            return upper, lower, np.array(platform.rotation), np.array(platform.translation)
         placement = pose.to_se3()
         rotation, position = np.array(placement.rotation), np.array(placement.translation)
         return kinematics.fixed_centres_m, position + kinematics.moving_centres_m @ rotation.T, rotation, position
 
-    def _build(self, exposure: LegExposure, rotation: FloatArray, origin: FloatArray) -> Circuit:
-        """Assemble the network at a pose."""
-        nodes, properties, moving = self.nodes, self.properties, self._moving
+    def _build(self, placements: tuple[float, ...]) -> tuple[Circuit, LegExposure, FloatArray]:
+        """Assemble the network at flattened :meth:`_placements`; return it, the legs and the platform's axes."""
+        upper, lower, rotation, position = np.split(np.array(placements), [12, 24, 33])
+        rotation = rotation.reshape(3, 3)
+        origin = position + rotation @ self._melt_m
+        upper, lower = ((centres.reshape(4, 3) - origin) @ rotation for centres in (upper, lower))
+        bodies, properties = self.bodies, self.properties
+        exposure = LegExposure.at(bodies.grid, upper, lower, self._disc, self._bars_in_the_way)
+        nodes, moving = bodies.nodes, bodies.moving
         matrix = self._laplacian.copy()
         contact = properties.contact.nut.value * exposure.touching_m2
         for i in range(LEGS):
-            rod, housing = np.split(nodes.legs[i], [self.grid.moving])
+            rod, housing = np.split(nodes.legs[i], [bodies.grid.moving])
             matrix[np.ix_(rod, housing)] -= contact[i]
             matrix[np.ix_(housing, rod)] -= contact[i].T
             matrix[rod, rod] += contact[i].sum(axis=1)
@@ -204,28 +164,22 @@ class ThermalNetwork:
         area[nodes.moving_platform], view[nodes.moving_platform] = moving.bare_area_m2, moving.bare_view_area_m2
         area[nodes.cladding] = moving.clad_area_m2[nodes.clad_cells]
         view[nodes.cladding] = moving.clad_view_area_m2[nodes.clad_cells]
-        area[nodes.fixed_platform] = self._fixed.face_area_m2.sum(axis=1)
-        view[nodes.fixed_platform] = self._view_area(self._fixed, rotation, origin)
-        area[nodes.shell] = self._ladle.outer_area_m2
+        area[nodes.fixed_platform] = bodies.fixed.face_area_m2.sum(axis=1)
+        view[nodes.fixed_platform] = self._view_area(bodies.fixed, rotation, origin)
+        area[nodes.shell] = bodies.ladle.outer_area_m2
         melt_contact = np.zeros(nodes.count)
         melt_contact[nodes.lining[0]] = self._melt_contact
         emissivity = np.full(nodes.count, properties.steel.emissivity.value)
         emissivity[nodes.cladding] = properties.insulation.emissivity.value
-        to_melt, to_ambient = parts.radiation_conductances(area, view, emissivity, properties.melt.emissivity.value)
-        scale = 1.0 if self.radiation else 0.0
-        return Circuit(
-            matrix,
-            melt_contact,
-            properties.ambient.film_coefficient.value * area,
-            scale * to_melt,
-            scale * to_ambient,
-            self._capacity,
-        )
+        radiation = radiation_conductances(area, view, emissivity, properties.melt.emissivity.value)
+        to_melt, to_ambient = (float(self.radiation) * one for one in radiation)
+        film = properties.ambient.film_coefficient.value * area
+        return Circuit(matrix, melt_contact, film, to_melt, to_ambient, self._capacity), exposure, rotation
 
     def view_area_m2(self, cells: BarCells, pose: Placed) -> FloatArray:
         """Return area times view factor to the melt of cells that stand in the fixed platform, shape (N,)."""
         _, _, rotation, position = self._placements(pose)
-        return self._view_area(cells, rotation, position + rotation @ self._ladle.melt_centre_m)
+        return self._view_area(cells, rotation, position + rotation @ self._melt_m)
 
     def melt_points_m(self, pose: Placed, count: int) -> FloatArray:
         """Return points spread evenly over the melt's surface (Vogel's spiral), in the fixed platform, (count, 3)."""
@@ -233,11 +187,10 @@ class ThermalNetwork:
         turns = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
         radii = self._disc.radius_m * np.sqrt((np.arange(count) + 0.5) / count)
         on_disc = np.column_stack([radii * np.cos(turns), radii * np.sin(turns), np.zeros(count)])
-        return np.asarray(position + (on_disc + self._ladle.melt_centre_m) @ rotation.T)
+        return np.asarray(position + (on_disc + self._melt_m) @ rotation.T)
 
     def _view_area(self, cells: BarCells, rotation: FloatArray, origin: FloatArray) -> FloatArray:
         normals = np.broadcast_to(FACE_NORMALS @ rotation, (cells.count, 6, 3))
-        faces = (cells.face_centres_m - origin) @ rotation
-        middles = (cells.centres_m - origin) @ rotation
+        faces, middles = ((points - origin) @ rotation for points in (cells.face_centres_m, cells.centres_m))
         factors = hidden_view_factors(faces, middles, normals, self._disc, self._bars_in_the_way)
         return np.asarray(np.sum(cells.face_area_m2 * factors, axis=1))

@@ -13,7 +13,7 @@ Without it radiation leaves a node towards melt and surroundings, and the nonlin
 import functools
 import itertools
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 import scipy.sparse
@@ -24,13 +24,7 @@ from pouring_robot.mechanism.closed_chain import IndexArray
 
 @dataclass(frozen=True)
 class EnergyBalance:
-    """Heat flows of a whole network, in W.
-
-    Attributes:
-        melt_conduction_W: from the melt by contact; ``melt_radiation_W`` by radiation, net.
-        ambient_film_W: to the surroundings by convection; ``ambient_radiation_W`` by radiation, net.
-        stored_W: what is left and warms the nodes; zero in the steady state.
-    """
+    """Net heat flows of a whole network, in W: from the melt by contact and radiation, to the surroundings."""
 
     melt_conduction_W: float
     melt_radiation_W: float
@@ -39,15 +33,13 @@ class EnergyBalance:
 
     @property
     def stored_W(self) -> float:
-        """Heat in minus heat out, in W."""
-        out = self.ambient_film_W + self.ambient_radiation_W
-        return self.melt_conduction_W + self.melt_radiation_W - out
+        """Heat in minus heat out, which warms the nodes; zero in the steady state."""
+        return self.melt_conduction_W + self.melt_radiation_W - (self.ambient_film_W + self.ambient_radiation_W)
 
     @property
     def relative_error(self) -> float:
         """What a steady state leaves unbalanced, as a share of the heat that passes through."""
-        flows = (self.melt_conduction_W, self.melt_radiation_W, self.ambient_film_W, self.ambient_radiation_W)
-        through = sum(abs(flow) for flow in flows) / 2.0
+        through = sum(map(abs, astuple(self))) / 2.0
         return abs(self.stored_W) / through if through > 0.0 else 0.0
 
 
@@ -57,8 +49,7 @@ class Circuit:
 
     Attributes:
         laplacian: conductances between nodes, shape (n, n), in W/K; symmetric, rows sum to zero.
-        melt_contact: conductance to the melt, shape (n,), in W/K.
-        film: conductance to the surroundings, shape (n,), in W/K.
+        melt_contact, film: conductance to the melt and to the surroundings, shape (n,), in W/K.
         melt_radiation: emissivities times area times view factor times Stefan's constant, shape (n,), in W/K⁴.
         ambient_radiation: the same to the surroundings, shape (n,), in W/K⁴.
         capacity: shape (n,), in J/K.
@@ -78,6 +69,10 @@ class Circuit:
         """Number of nodes."""
         return len(self.capacity)
 
+    @functools.cached_property
+    def _sparse(self) -> scipy.sparse.csc_array:
+        return scipy.sparse.csc_array(self.laplacian)
+
     def heat(self, temperatures_K: FloatArray, melt_K: float, ambient_K: float) -> FloatArray:
         """Return the heat flow into every node, shape (n,), in W."""
         t = temperatures_K
@@ -86,14 +81,9 @@ class Circuit:
             + self.film * (ambient_K - t)
             + self.melt_radiation * (melt_K**4 - t**4)
             + self.ambient_radiation * (ambient_K**4 - t**4)
-            - self._sparse_laplacian @ t
+            - self._sparse @ t
             - (0.0 if self.radiating is None else self.radiating @ t**4)
         )
-
-    def jacobian_diagonal(self, temperatures_K: FloatArray) -> FloatArray:
-        """Return what the diagonal of d heat / d temperature has besides the Laplacian's, shape (n,), in W/K."""
-        radiation = 4.0 * (self.melt_radiation + self.ambient_radiation) * temperatures_K**3
-        return np.asarray(-(self.melt_contact + self.film + radiation))
 
     def jacobian(self, temperatures_K: FloatArray) -> scipy.sparse.csc_array:
         """Return d heat / d temperature, shape (n, n), in W/K; sparse; without ``radiating`` symmetric and definite.
@@ -101,37 +91,15 @@ class Circuit:
         Sparse for speed: a dense factorisation of this size is slower, and much slower where several threads of a
         linear-algebra library get into each other's way.
         """
-        matrix = -self._sparse_laplacian
-        matrix.data[self._diagonal_places] += self.jacobian_diagonal(temperatures_K)
+        radiation = 4.0 * (self.melt_radiation + self.ambient_radiation) * temperatures_K**3
+        matrix = -self._sparse
+        matrix.setdiag(matrix.diagonal() - (self.melt_contact + self.film + radiation))
         if self.radiating is None:
             return matrix
         return (matrix - self.radiating @ scipy.sparse.diags_array(4.0 * temperatures_K**3)).tocsc()
 
-    @functools.cached_property
-    def _sparse_laplacian(self) -> scipy.sparse.csc_array:
-        """The Laplacian by columns, its diagonal stored even where it is zero."""
-        stored = self.laplacian != 0.0  # symmetric: rows are columns
-        np.fill_diagonal(stored, True)
-        places = np.flatnonzero(stored)
-        starts = np.searchsorted(places, self.nodes * np.arange(self.nodes + 1))
-        values, rows = self.laplacian.ravel()[places], places % self.nodes
-        return scipy.sparse.csc_array((values, rows, starts), shape=self.laplacian.shape)
-
-    @functools.cached_property
-    def _diagonal_places(self) -> IndexArray:
-        """Where the diagonal stands in the sparse Laplacian's data, shape (n,)."""
-        matrix = self._sparse_laplacian
-        columns = np.repeat(np.arange(self.nodes), np.diff(matrix.indptr))
-        return np.flatnonzero(matrix.indices == columns)
-
     def balance(self, temperatures_K: FloatArray, melt_K: float, ambient_K: float) -> EnergyBalance:
-        """Return the heat flows of the whole network.
-
-        Args:
-            temperatures_K: shape (n,).
-            melt_K: temperature of the melt.
-            ambient_K: temperature of the surroundings.
-        """
+        """Return the heat flows of the whole network at temperatures of its nodes, shape (n,)."""
         t = temperatures_K
         return EnergyBalance(
             melt_conduction_W=float(self.melt_contact @ (melt_K - t)),
@@ -147,19 +115,9 @@ def chain_links(nodes: IndexArray, conductance: float) -> list[tuple[int, int, f
 
 
 def laplacian(count: int, links: Iterable[tuple[int, int, float]]) -> FloatArray:
-    """Return the Laplacian of conductances between nodes.
-
-    Args:
-        count: number of nodes n.
-        links: first node, second node, conductance in W/K.
-
-    Returns:
-        Shape (n, n), in W/K.
-    """
+    """Return the Laplacian, shape (count, count), of links: first node, second node, conductance in W/K."""
     matrix = np.zeros((count, count))
     for first, second, conductance in links:
-        matrix[first, first] += conductance
-        matrix[second, second] += conductance
-        matrix[first, second] -= conductance
-        matrix[second, first] -= conductance
+        matrix[[first, second], [first, second]] += conductance
+        matrix[[first, second], [second, first]] -= conductance
     return matrix

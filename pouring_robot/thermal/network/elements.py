@@ -1,4 +1,4 @@
-"""Bodies cut into elements: the bars of the platforms, read off the URDF, and the sizes of legs and ladle.
+"""Bodies cut into elements: the bars of the platforms, read off the URDF, and the ladle.
 
 The platforms are frames of boxes. Each box is cut into cells along its longest edge; cells that touch, of one box or
 of two, conduct heat through the area they share. Faces that touch nothing exchange heat with melt and surroundings.
@@ -23,19 +23,12 @@ _TOUCHING_M = 1e-7
 
 
 def link_boxes(urdf: str, link: str, *, skip_round: bool = False) -> Boxes:
-    """Return the boxes a link is drawn with, in the link's frame.
-
-    Args:
-        urdf: text of the description.
-        link: name of the link.
-        skip_round: whether cylinders are left out, such as wheels.
+    """Return the boxes a link is drawn with, in the link's frame; cylinders, such as wheels, may be skipped.
 
     Raises:
         DescriptionError: the URDF has no such link, or it is drawn with other shapes or with turned boxes.
     """
-    root = etree.fromstring(urdf.encode())
-    found = root.find(f"link[@name='{link}']")
-    visuals = [] if found is None else found.findall("visual")
+    visuals = etree.fromstring(urdf.encode()).findall(f"link[@name='{link}']/visual")
     if skip_round:
         visuals = [one for one in visuals if one.find("geometry/cylinder") is None]
     if not visuals:
@@ -43,15 +36,17 @@ def link_boxes(urdf: str, link: str, *, skip_round: bool = False) -> Boxes:
     lower, upper = [], []
     for visual in visuals:
         box, origin = visual.find("geometry/box"), visual.find("origin")
-        turn = [0.0] if origin is None else [float(part) for part in origin.get("rpy", "0 0 0").split()]
-        if box is None or any(turn):
+        placed = {} if origin is None else origin.attrib
+        if box is None or np.any(_numbers(placed.get("rpy", "0 0 0"))):
             raise DescriptionError("URDF", f"link '{link}': the thermal model takes boxes along the link's axes only")
-        half = 0.5 * np.array([float(part) for part in box.get("size").split()])
-        text = "0 0 0" if origin is None else origin.get("xyz", "0 0 0")
-        centre = np.array([float(part) for part in text.split()])
+        half, centre = 0.5 * _numbers(box.get("size")), _numbers(placed.get("xyz", "0 0 0"))
         lower.append(centre - half)
         upper.append(centre + half)
     return Boxes(np.array(lower), np.array(upper))
+
+
+def _numbers(text: str) -> FloatArray:
+    return np.array([float(part) for part in text.split()])
 
 
 def merged(boxes: Boxes) -> Boxes:
@@ -68,7 +63,7 @@ def merged(boxes: Boxes) -> Boxes:
                 break
         else:
             done.append(box)
-    return Boxes(np.array([box[0] for box in done]), np.array([box[1] for box in done]))
+    return Boxes(*np.stack(done, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,16 +71,13 @@ class BarCells:
     """Cells of a frame of bars, N of them, in the frame of its link.
 
     Attributes:
-        centres_m: shape (N, 3).
-        half_m: half edges, shape (N, 3).
-        volume_m3: shape (N,).
+        centres_m, half_m: middles and half edges, shape (N, 3) each.
         face_area_m2: free area by face, in the order of :data:`FACE_NORMALS`, shape (N, 6).
         contacts: first cell, second cell, area in m² over distance in m.
     """
 
     centres_m: FloatArray
     half_m: FloatArray
-    volume_m3: FloatArray
     face_area_m2: FloatArray
     contacts: tuple[tuple[int, int, float], ...]
 
@@ -96,22 +88,26 @@ class BarCells:
         for low, high in zip(boxes.lower_m, boxes.upper_m, strict=True):
             axis = int(np.argmax(high - low))
             cuts = np.linspace(low[axis], high[axis], cells_per_bar + 1)
-            for k in range(cells_per_bar):
-                cell_low, cell_high = low.copy(), high.copy()
-                cell_low[axis], cell_high[axis] = cuts[k], cuts[k + 1]
-                lower.append(cell_low)
-                upper.append(cell_high)
-        low, high = np.array(lower), np.array(upper)
+            corners = np.tile([[low], [high]], (1, cells_per_bar, 1))
+            corners[0, :, axis], corners[1, :, axis] = cuts[:-1], cuts[1:]
+            lower.append(corners[0])
+            upper.append(corners[1])
+        low, high = np.concatenate(lower), np.concatenate(upper)
         half = 0.5 * (high - low)
         edges = 2.0 * half
         areas = np.stack([edges[:, (k + 1) % 3] * edges[:, (k + 2) % 3] for k in range(3)] * 2, axis=1)
         contacts = _find_contacts(low, high, half, areas)
-        return cls(0.5 * (low + high), half, np.prod(edges, axis=1), np.maximum(areas, 0.0), contacts)
+        return cls(0.5 * (low + high), half, np.maximum(areas, 0.0), contacts)
 
     @property
     def count(self) -> int:
         """Number of cells."""
-        return len(self.volume_m3)
+        return len(self.centres_m)
+
+    @property
+    def volume_m3(self) -> FloatArray:
+        """Of every cell, shape (N,)."""
+        return np.asarray(np.prod(2.0 * self.half_m, axis=1))
 
     @property
     def face_centres_m(self) -> FloatArray:
@@ -119,7 +115,7 @@ class BarCells:
         return self.centres_m[:, None] + FACE_NORMALS * self.half_m[:, None]
 
     def nearest(self, point_m: FloatArray) -> int:
-        """Return the cell whose solid is nearest to a point, shape (3,), in m."""
+        """Return the cell whose solid is nearest to a point, shape (3,)."""
         gap = np.maximum(np.abs(self.centres_m - point_m) - self.half_m, 0.0)
         return int(np.argmin(np.linalg.norm(gap, axis=1)))
 
@@ -145,44 +141,12 @@ def _find_contacts(
 
 
 @dataclass(frozen=True)
-class LegSections:
-    """Sizes of a leg, in m; all four legs are the same part.
-
-    Attributes:
-        rod_radius_m: moving rod, solid; ``rod_length_m`` from the lower U-joint centre upwards.
-        housing_outer_m, housing_inner_m: radii of the fixed rod's housing.
-        housing_below_m, housing_above_m: its reach below and above the upper U-joint centre.
-    """
-
-    rod_radius_m: float
-    rod_length_m: float
-    housing_outer_m: float
-    housing_inner_m: float
-    housing_below_m: float
-    housing_above_m: float
-
-    @classmethod
-    def of(cls, entry: LayoutEntry) -> LegSections:
-        """Read them off a layout."""
-        leg = entry.leg
-        return cls(
-            rod_radius_m=leg.spindle_radius.metres,
-            rod_length_m=leg.spindle_length.metres,
-            housing_outer_m=leg.housing_outer_radius.metres,
-            housing_inner_m=leg.housing_inner_radius.metres,
-            housing_below_m=leg.housing_below.metres,
-            housing_above_m=leg.housing_above.metres,
-        )
-
-
-@dataclass(frozen=True)
 class LadleSections:
     """The ladle as the network sees it; SI units.
 
     Attributes:
-        melt_centre_m: middle of the melt's surface in the moving platform's frame, shape (3,).
-        melt_radius_m: radius of that surface.
-        inner_area_m2: lining wetted by the melt; ``outer_area_m2`` of the shell.
+        melt_centre_m, melt_radius_m: of the melt's surface, its middle in the moving platform's frame, shape (3,).
+        inner_area_m2, outer_area_m2: of the lining wetted by the melt, and of the shell.
         wall_m: lining and shell together.
         trunnions_m: where the two trunnions enter the hangers, in the moving platform, shape (2, 3).
         trunnion_area_m2, trunnion_length_m: of one trunnion, from shell to hanger.
@@ -206,7 +170,6 @@ class LadleSections:
         rim = np.array(ladle.rim_centre.metres)
         surface = top - wall + (bottom - top) * level / (height - wall)
         reach = top + platform.hanger_gap.metres
-        length = reach - (top + (bottom - top) * drop / height)
         return cls(
             melt_centre_m=rim - np.array([0.0, 0.0, level]),
             melt_radius_m=surface,
@@ -215,8 +178,13 @@ class LadleSections:
             wall_m=wall,
             trunnions_m=rim + np.array([[0.0, side * reach, -drop] for side in (-1.0, 1.0)]),
             trunnion_area_m2=math.pi * ladle.trunnion_radius.metres**2,
-            trunnion_length_m=length,
+            trunnion_length_m=reach - (top + (bottom - top) * drop / height),
         )
+
+    @property
+    def conducting_area_m2(self) -> float:
+        """Area of a plane slab that conducts like the curved wall: geometric mean of inside and outside."""
+        return math.sqrt(self.inner_area_m2 * self.outer_area_m2)
 
 
 def _cup_area(top: float, bottom: float, height: float) -> float:

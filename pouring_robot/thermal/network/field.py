@@ -8,11 +8,10 @@ from scipy.constants import Stefan_Boltzmann
 
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closed_chain import IndexArray
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
 from pouring_robot.thermal.network.circuit import Circuit, EnergyBalance
-from pouring_robot.thermal.network.leg_elements import LegExposure, LegGrid
-from pouring_robot.thermal.network.parts import NodeMap
+from pouring_robot.thermal.network.leg_elements import LegExposure
+from pouring_robot.thermal.network.parts import Bodies
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,35 +21,39 @@ class TemperatureField:
     Attributes:
         temperatures_K: of every node, shape (n,).
         melt_K, ambient_K: of melt and surroundings.
-        nodes: which node is what.
+        bodies: which node is what, elements, materials.
         circuit: the network at this pose.
-        grid: elements of a leg.
-        exposure: where they are and what they see.
+        exposure: where the leg elements are and what they see.
         rotation_fixed_platform_to_disc: shape (3, 3); the disc's axes are the moving platform's.
-        volumes_m3: of the cells of the moving and of the fixed platform.
-        properties: as used.
     """
 
     temperatures_K: FloatArray
     melt_K: float
     ambient_K: float
-    nodes: NodeMap
+    bodies: Bodies
     circuit: Circuit
-    grid: LegGrid
     exposure: LegExposure
     rotation_fixed_platform_to_disc: FloatArray
-    volumes_m3: tuple[FloatArray, FloatArray]
-    properties: ThermalProperties
+
+    @property
+    def properties(self) -> ThermalProperties:
+        """Of the materials, as used."""
+        return self.bodies.properties
+
+    @property
+    def degC(self) -> FloatArray:
+        """Every node, shape (n,)."""
+        return np.asarray(self.temperatures_K - ZERO_CELSIUS_K)
 
     @property
     def leg_elements_degC(self) -> FloatArray:
         """Every element of the legs, shape (4, N + F): moving rod from the lower joint upwards, then fixed rod."""
-        return np.asarray(self.temperatures_K[self.nodes.legs] - ZERO_CELSIUS_K)
+        return self.degC[self.bodies.nodes.legs]
 
     @property
     def between_joints(self) -> FloatArray:
         """How many metres of the way from joint to joint run through each element, shape (4, N + F)."""
-        return self.grid.path_weights_m(self.exposure.lengths_m)
+        return self.bodies.grid.path_weights_m(self.exposure.lengths_m)
 
     @property
     def leg_degC(self) -> FloatArray:
@@ -60,35 +63,32 @@ class TemperatureField:
     @property
     def platform_degC(self) -> float:
         """Mean of the moving platform's steel, by volume."""
-        return self._platform(self.nodes.moving_platform, self.volumes_m3[0])
+        return float(np.average(self.platform_elements_degC, weights=self.bodies.moving.cells.volume_m3))
 
     @property
     def platform_elements_degC(self) -> FloatArray:
         """Steel of the moving platform's cells, shape (P,)."""
-        return np.asarray(self.temperatures_K[self.nodes.moving_platform] - ZERO_CELSIUS_K)
+        return self.degC[self.bodies.nodes.moving_platform]
 
     @property
     def cladding_degC(self) -> FloatArray:
         """Surface of the moving platform's cladding, shape (C,)."""
-        return np.asarray(self.temperatures_K[self.nodes.cladding] - ZERO_CELSIUS_K)
+        return self.degC[self.bodies.nodes.cladding]
 
     @property
     def fixed_platform_degC(self) -> float:
         """Mean of the fixed platform, by volume."""
-        return self._platform(self.nodes.fixed_platform, self.volumes_m3[1])
+        return float(np.average(self.fixed_platform_elements_degC, weights=self.bodies.fixed.volume_m3))
 
     @property
     def fixed_platform_elements_degC(self) -> FloatArray:
         """Cells of the fixed platform, shape (Q,)."""
-        return np.asarray(self.temperatures_K[self.nodes.fixed_platform] - ZERO_CELSIUS_K)
-
-    def _platform(self, numbers: IndexArray, volumes: FloatArray) -> float:
-        return float(np.average(self.temperatures_K[numbers], weights=volumes)) - ZERO_CELSIUS_K
+        return self.degC[self.bodies.nodes.fixed_platform]
 
     @property
     def shell_degC(self) -> float:
         """The ladle's steel shell."""
-        return float(self.temperatures_K[self.nodes.shell]) - ZERO_CELSIUS_K
+        return float(self.degC[self.bodies.nodes.shell])
 
     @property
     def balance(self) -> EnergyBalance:
@@ -102,19 +102,15 @@ class TemperatureField:
         The melt heats one side; see :func:`gradient_across_tube`. It settles within minutes and is taken as steady in
         a transient too.
         """
-        sections, grid, steel = self.grid.sections, self.grid, self.properties.steel
-        sizes = (grid.moving, grid.fixed)
-        outer = np.repeat([sections.rod_radius_m, sections.housing_outer_m], sizes)
-        inner = np.repeat([0.0, sections.housing_inner_m], sizes)
-        temperatures = self.temperatures_K[self.nodes.legs]
+        grid, steel = self.bodies.grid, self.properties.steel
         radiates = bool(self.circuit.ambient_radiation.any())
         scale = steel.emissivity.value * Stefan_Boltzmann if radiates else 0.0
+        temperatures = self.temperatures_K[self.bodies.nodes.legs]
         loss = self.properties.ambient.film_coefficient.value + 4.0 * scale * temperatures**3
         source = scale * self.properties.melt.emissivity.value * (self.melt_K**4 - self.ambient_K**4)
         # An element half inside the housing takes half the flux.
-        whole = 2.0 * np.pi * outer * np.repeat([grid.moving_step_m, grid.fixed_step_m], sizes)
-        flux = source * self.exposure.area_m2 / whole
-        per_harmonic = gradient_across_tube(flux, steel.conductivity.value, loss, outer, inner)
+        flux = source * self.exposure.area_m2 / (2.0 * np.pi * grid.outer_m * grid.step_m)
+        per_harmonic = gradient_across_tube(flux, steel.conductivity.value, loss, grid.outer_m, grid.inner_m)
         return np.asarray(
             per_harmonic[..., None] * self.exposure.first_harmonic @ self.rotation_fixed_platform_to_disc.T
         )
@@ -127,10 +123,8 @@ class TemperatureField:
     @property
     def leg_difference_K(self) -> FloatArray:
         """Largest temperature difference from one side of a leg to the other, shape (4,): gradient times diameter."""
-        grid = self.grid
-        widths = 2.0 * np.repeat([grid.sections.rod_radius_m, grid.sections.housing_outer_m], (grid.moving, grid.fixed))
-        across = np.linalg.norm(self.gradient_K_per_m, axis=-1) * widths * (self.between_joints > 0.0)
-        return np.asarray(across.max(axis=1))
+        across = np.linalg.norm(self.gradient_K_per_m, axis=-1) * 2.0 * self.bodies.grid.outer_m
+        return np.asarray((across * (self.between_joints > 0.0)).max(axis=1))
 
 
 def gradient_across_tube(

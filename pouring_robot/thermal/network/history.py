@@ -27,12 +27,7 @@ _STRAIGHT_K_PER_S = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class HeatHistory:
-    """Melt and ambient temperature over time, straight lines between the entries. At least two entries.
-
-    Attributes:
-        times_s: strictly increasing, shape (n,).
-        melt_degC: shape (n,).
-        ambient_degC: shape (n,).
+    """Melt and ambient temperature over time, (n,) each, straight lines between two entries or more.
 
     Raises:
         HistoryError: too few entries, unequal lengths, or times that do not increase.
@@ -59,12 +54,7 @@ class HeatHistory:
 
     @classmethod
     def constant(cls, melt_degC: float, ambient_degC: float, duration_s: float) -> HeatHistory:
-        """Return temperatures that are held for a time.
-
-        Raises:
-            HistoryError: the duration is not positive.
-            TemperatureError: a temperature lies below absolute zero or is not finite.
-        """
+        """Return temperatures that are held for a time."""
         return cls(np.array([0.0, duration_s]), np.full(2, melt_degC), np.full(2, ambient_degC))
 
     @property
@@ -79,10 +69,8 @@ class HeatHistory:
 
     def at(self, time_s: float) -> tuple[float, float]:
         """Return melt and ambient temperature at a time, in K."""
-        melt, ambient = (
-            float(np.interp(time_s, self.times_s, values)) for values in (self.melt_degC, self.ambient_degC)
-        )
-        return melt + ZERO_CELSIUS_K, ambient + ZERO_CELSIUS_K
+        melt, ambient = (np.interp(time_s, self.times_s, values) for values in (self.melt_degC, self.ambient_degC))
+        return float(melt) + ZERO_CELSIUS_K, float(ambient) + ZERO_CELSIUS_K
 
     @property
     def corners_s(self) -> FloatArray:
@@ -95,9 +83,6 @@ class HeatHistory:
 @dataclass(frozen=True)
 class PoseSchedule:
     """Poses held one after the other, each from its time on; changes between them take no time.
-
-    Attributes:
-        entries: time in s and pose, in time order.
 
     Raises:
         HistoryError: no entry, or times that do not increase.
@@ -121,11 +106,8 @@ class PoseSchedule:
 
     def at(self, time_s: float) -> Placed:
         """Return the pose held from a time on; before the first entry, the first pose."""
-        held = self.entries[0][1]
-        for time, pose in self.entries:
-            if time <= time_s:
-                held = pose
-        return held
+        begun = [pose for time, pose in self.entries if time <= time_s]
+        return begun[-1] if begun else self.entries[0][1]
 
 
 def _check_order(times: FloatArray) -> None:
@@ -144,23 +126,15 @@ def read_shift(
     Columns: ``time_s`` (or ``_min``, ``_h``), ``melt_degC``, if wanted ``ambient_degC``, and ``x_mm``, ``y_mm``,
     ``z_mm``, ``tilt_deg``, all or none. A pose is held from the time of its line on.
 
-    Args:
-        path: the file.
-        default_ambient_degC: where there is no column ``ambient_degC``.
-
-    Returns:
-        The history, and the poses or None.
-
     Raises:
         TableError: the file cannot be read, a column is missing, unknown or doubled, a cell is no number, times do not
             increase, or a temperature is impossible; names line and column.
     """
     table = read_table(path, "time_min, melt_degC, ambient_degC")
     table.refuse_others([*_TIMES, "melt_degC", "ambient_degC", *_POSE_COLUMNS])
-    time_columns = [name for name in table.headings if name in _TIMES]
-    if len(time_columns) != 1 or "melt_degC" not in table.headings:
+    time_column, *more = [name for name in table.headings if name in _TIMES] or [""]
+    if not time_column or more or "melt_degC" not in table.headings:
         raise table.heading_fault("give one time column (time_s, time_min or time_h) and melt_degC")
-    (time_column,) = time_columns
     columns = {name: table.numbers(index) for index, name in enumerate(table.headings)}
     for name in ("melt_degC", "ambient_degC"):
         for row, value in enumerate(columns.get(name, ())):

@@ -7,7 +7,6 @@ upper U-joint centre. Where the rod is inside the housing the two touch; only wh
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.thermal.network.elements import LegSections
+from pouring_robot.robot.pouring.layout_schema import Leg
 from pouring_robot.thermal.network.view_factors import Boxes, DiscChords, hidden_view_factors
 
 LEGS = 4
@@ -26,71 +25,57 @@ FACETS = 16
 
 @dataclass(frozen=True, eq=False)
 class LegGrid:
-    """Elements of one leg; the same for all four.
+    """Elements of one leg, the same for all four: N of the moving rod, then F of the fixed rod.
 
     Attributes:
-        sections: sizes of the rods.
-        moving: number of elements N of the moving rod.
-        fixed: number of elements F of the fixed rod.
+        moving, fixed: N and F.
+        moving_edges_m: ends of the moving rod's elements, from the lower U-joint centre upwards, shape (N + 1,).
+        fixed_edges_m: ends of the fixed rod's, from the upper U-joint centre upwards, shape (F + 1,).
+        step_m, outer_m, inner_m: length and radii of every element, shape (N + F,); the moving rod is solid.
     """
 
-    sections: LegSections
     moving: int
     fixed: int
+    moving_edges_m: FloatArray
+    fixed_edges_m: FloatArray
+    step_m: FloatArray
+    outer_m: FloatArray
+    inner_m: FloatArray
+
+    @classmethod
+    def of(cls, leg: Leg, moving: int, fixed: int) -> LegGrid:
+        """Cut the rods of a layout's leg."""
+        below, above, length = leg.housing_below.metres, leg.housing_above.metres, leg.spindle_length.metres
+        edges = np.linspace(0.0, length, moving + 1), np.linspace(-below, above, fixed + 1)
+        of_rods = (
+            (length / moving, (below + above) / fixed),
+            (leg.spindle_radius.metres, leg.housing_outer_radius.metres),
+            (0.0, leg.housing_inner_radius.metres),
+        )
+        return cls(moving, fixed, *edges, *(np.repeat(pair, (moving, fixed)) for pair in of_rods))
 
     @property
-    def count(self) -> int:
-        """Elements of a leg, the moving rod's first."""
-        return self.moving + self.fixed
+    def section_m2(self) -> FloatArray:
+        """Cross-section of every element, shape (N + F,)."""
+        return np.asarray(math.pi * (self.outer_m**2 - self.inner_m**2))
 
     @property
-    def moving_step_m(self) -> float:
-        """Length of an element of the moving rod."""
-        return self.sections.rod_length_m / self.moving
-
-    @property
-    def fixed_step_m(self) -> float:
-        """Length of an element of the fixed rod."""
-        return (self.sections.housing_below_m + self.sections.housing_above_m) / self.fixed
-
-    @functools.cached_property
-    def moving_edges_m(self) -> FloatArray:
-        """Ends of the moving rod's elements, from the lower U-joint centre upwards, shape (N + 1,)."""
-        return np.linspace(0.0, self.sections.rod_length_m, self.moving + 1)
-
-    @functools.cached_property
-    def fixed_edges_m(self) -> FloatArray:
-        """Ends of the fixed rod's elements, from the upper U-joint centre upwards, shape (F + 1,)."""
-        return np.linspace(-self.sections.housing_below_m, self.sections.housing_above_m, self.fixed + 1)
-
-    @property
-    def moving_section_m2(self) -> float:
-        """Cross-section of the moving rod."""
-        return math.pi * self.sections.rod_radius_m**2
-
-    @property
-    def fixed_section_m2(self) -> float:
-        """Cross-section of the fixed rod."""
-        return math.pi * (self.sections.housing_outer_m**2 - self.sections.housing_inner_m**2)
+    def fixed_middles_m(self) -> FloatArray:
+        """Middles of the fixed rod's elements, from the upper U-joint centre upwards, shape (F,)."""
+        return np.asarray(0.5 * (self.fixed_edges_m[1:] + self.fixed_edges_m[:-1]))
 
     @property
     def upper_joint_shares(self) -> FloatArray:
         """How the upper U joint's heat is shared by the fixed rod's elements, shape (F,): between the two nearest."""
-        middles = 0.5 * (self.fixed_edges_m[1:] + self.fixed_edges_m[:-1])
-        return np.array([np.interp(0.0, middles, unit) for unit in np.eye(self.fixed)])
+        return np.array([np.interp(0.0, self.fixed_middles_m, unit) for unit in np.eye(self.fixed)])
 
     def path_weights_m(self, lengths_m: FloatArray) -> FloatArray:
         """Return how many metres of the way from upper to lower U-joint centre run through each element.
 
         The way goes down the fixed rod to its lower end, where the nut is taken to sit, and on along the moving rod.
-
-        Args:
-            lengths_m: leg lengths, shape (4,), in m.
-
-        Returns:
-            Shape (4, N + F), in m; each row sums to the leg's length.
+        Leg lengths are of shape (4,), in m; the result is of shape (4, N + F), in m, and each row sums to the leg's.
         """
-        below = np.minimum(self.sections.housing_below_m, lengths_m)
+        below = np.minimum(-self.fixed_edges_m[0], lengths_m)
         rod = _overlap(self.moving_edges_m, np.zeros(LEGS), lengths_m - below)
         # A leg drawn out beyond the rod's end does not exist; layouts with too short a rod are the user's to mend.
         return np.concatenate([rod, _overlap(self.fixed_edges_m, -below, np.zeros(LEGS))], axis=1)
@@ -123,31 +108,25 @@ class LegExposure:
 
     @classmethod
     def at(cls, grid: LegGrid, upper_m: FloatArray, lower_m: FloatArray, disc: DiscChords, boxes: Boxes) -> LegExposure:
-        """Place the elements and look at the melt from each.
+        """Place the elements between U-joint centres in the disc's frame, (4, 3) each, and look at the melt from each.
 
-        Args:
-            grid: the elements.
-            upper_m: upper U-joint centres in the disc's frame, shape (4, 3), in m.
-            lower_m: lower ones.
-            disc: the melt's surface.
-            boxes: what hides it.
+        ``boxes`` hide it.
         """
         along = upper_m - lower_m
         lengths = np.linalg.norm(along, axis=1)
         along = along / lengths[:, None]
         pieces, heights = _exposed_rod(grid, lengths)
-        fixed_middle = 0.5 * (grid.fixed_edges_m[1:] + grid.fixed_edges_m[:-1]) + lengths[:, None]
+        fixed_middle = grid.fixed_middles_m + lengths[:, None]
         moving_middle = np.tile(0.5 * (grid.moving_edges_m[1:] + grid.moving_edges_m[:-1]), (LEGS, 1))
         view_heights = np.concatenate([heights, fixed_middle], axis=1)
         centres = lower_m[:, None] + view_heights[..., None] * along[:, None]
-        sections = grid.sections
-        housing = np.full((LEGS, grid.fixed), 2.0 * math.pi * sections.housing_outer_m * grid.fixed_step_m)
-        area = np.concatenate([2.0 * math.pi * sections.rod_radius_m * pieces, housing], axis=1)
-        radii = np.repeat([sections.rod_radius_m, sections.housing_outer_m], [grid.moving, grid.fixed])
-        mean, harmonic = _seen_around(centres, along, radii, area > 0.0, disc, boxes)
-        edges = grid.fixed_edges_m
-        inside = [_overlap(grid.moving_edges_m, lengths + a, lengths + b) for a, b in itertools.pairwise(edges)]
-        touching = 2.0 * math.pi * sections.rod_radius_m * np.stack(inside, axis=-1)
+        around = 2.0 * math.pi * grid.outer_m
+        outside = np.concatenate([pieces, np.tile(grid.step_m[grid.moving :], (LEGS, 1))], axis=1)
+        area = around * outside
+        mean, harmonic = _seen_around(centres, along, grid.outer_m, area > 0.0, disc, boxes)
+        ends = itertools.pairwise(grid.fixed_edges_m)
+        inside = [_overlap(grid.moving_edges_m, lengths + a, lengths + b) for a, b in ends]
+        touching = around[0] * np.stack(inside, axis=-1)
         below = lengths[:, None] - np.concatenate([moving_middle, fixed_middle], axis=1)
         return cls(lengths, -along, centres, below, area, mean, harmonic, touching)
 
@@ -161,7 +140,7 @@ def _overlap(edges: FloatArray, start: FloatArray, end: FloatArray) -> FloatArra
 def _exposed_rod(grid: LegGrid, lengths: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return length outside the housing and the height of its middle above the lower joint, (4, N) each, in m."""
     edges = grid.moving_edges_m
-    start, end = lengths - grid.sections.housing_below_m, lengths + grid.sections.housing_above_m
+    start, end = lengths + grid.fixed_edges_m[0], lengths + grid.fixed_edges_m[-1]
     under = _overlap(edges, np.full(LEGS, -1.0), start)
     over = _overlap(edges, end, np.full(LEGS, edges[-1] + 1.0))
     # An element that sticks out at both ends looks out of the longer piece.

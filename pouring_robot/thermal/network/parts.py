@@ -14,7 +14,7 @@ from pouring_robot.mechanism.closed_chain import IndexArray
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
 from pouring_robot.thermal.network.circuit import chain_links, laplacian
-from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, LadleSections
+from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, LadleSections, link_boxes
 from pouring_robot.thermal.network.leg_elements import LEGS, LegGrid
 from pouring_robot.thermal.network.view_factors import Boxes, DiscChords, hidden_view_factors
 
@@ -28,9 +28,8 @@ class NodeMap:
 
     Attributes:
         legs: nodes of the legs, shape (4, N + F), the moving rod's first.
-        moving_platform: steel of the moving platform's cells, shape (P,).
-        cladding: surface of their cladding, shape (C,); ``clad_cells`` the cells that have one, shape (C,).
-        fixed_platform: cells of the fixed platform, shape (Q,).
+        moving_platform, fixed_platform: steel of their cells, shape (P,) and (Q,).
+        cladding: surface of the moving platform's cladding, shape (C,); ``clad_cells`` the cells that have one.
         lining: layers of the ladle's lining, from the melt outwards.
         shell: the ladle's shell.
     """
@@ -51,11 +50,10 @@ class NodeMap:
     @classmethod
     def of(cls, grid: LegGrid, moving_cells: int, clad_cells: IndexArray, fixed_cells: int) -> NodeMap:
         """Number all nodes."""
-        sizes = (LEGS * grid.count, moving_cells, len(clad_cells), fixed_cells, LINING_LAYERS)
+        sizes = (LEGS * len(grid.step_m), moving_cells, len(clad_cells), fixed_cells, LINING_LAYERS)
         ends = np.cumsum((0, *sizes))
-        groups = [np.arange(a, b, dtype=np.intp) for a, b in itertools.pairwise(ends)]
-        legs = groups[0].reshape(LEGS, grid.count)
-        return cls(legs, groups[1], groups[2], clad_cells, groups[3], groups[4], int(ends[-1]))
+        legs, moving, cladding, fixed, lining = (np.arange(a, b, dtype=np.intp) for a, b in itertools.pairwise(ends))
+        return cls(legs.reshape(LEGS, len(grid.step_m)), moving, cladding, clad_cells, fixed, lining, int(ends[-1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,59 +61,34 @@ class MovingPlatform:
     """Bars of the moving platform with what they see of the melt; ladle and platform move as one, so it is constant.
 
     Attributes:
-        cells: in the moving platform's frame.
-        view_factor: of each face, in the order of the faces, shape (P, 6).
+        cells: in the moving platform's frame, P of them.
         clad_area_m2: area that sees the melt and is clad, shape (P,); zero for bare bars.
-        clad_view_area_m2: the same area times its view factor.
-        bare_area_m2: the remaining area; ``bare_view_area_m2`` times its view factor.
-        cladding_m: thickness of the cladding.
+        bare_area_m2: the remaining area.
+        clad_view_area_m2, bare_view_area_m2: the same areas times their view factors.
     """
 
     cells: BarCells
-    view_factor: FloatArray
     clad_area_m2: FloatArray
     clad_view_area_m2: FloatArray
     bare_area_m2: FloatArray
     bare_view_area_m2: FloatArray
-    cladding_m: float
 
     @classmethod
-    def of(
-        cls, boxes: Boxes, in_the_way: Boxes, ladle: LadleSections, cells_per_bar: int, cladding_m: float
-    ) -> MovingPlatform:
-        """Cut the bars and look at the melt from every face."""
-        cells = BarCells.cut(boxes, cells_per_bar)
+    def of(cls, cells: BarCells, in_the_way: Boxes, ladle: LadleSections, *, clad: bool) -> MovingPlatform:
+        """Look at the melt from every face of the cells; ``in_the_way`` stands in the disc's frame."""
         normals = np.broadcast_to(FACE_NORMALS, (cells.count, 6, 3))
         points = cells.face_centres_m - ladle.melt_centre_m + _OFF_THE_FACE_M * normals
         disc = DiscChords.of(ladle.melt_radius_m, count=128)
         faces, facing = points.reshape(-1, 1, 3), normals.reshape(-1, 1, 3)
         factors = hidden_view_factors(faces, faces[:, 0], facing, disc, in_the_way).reshape(cells.count, 6)
-        clad = (factors > 0.0) & (cladding_m > 0.0)
+        covered = (factors > 0.0) & clad
         area, view = cells.face_area_m2, cells.face_area_m2 * factors
-        return cls(
-            cells,
-            factors,
-            np.sum(area * clad, axis=1),
-            np.sum(view * clad, axis=1),
-            np.sum(area * ~clad, axis=1),
-            np.sum(view * ~clad, axis=1),
-            cladding_m,
-        )
+        return cls(cells, *(np.sum(a * share, axis=1) for share in (covered, ~covered) for a in (area, view)))
 
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """All bodies of the robot, cut into nodes.
-
-    Attributes:
-        nodes: which node stands for what.
-        grid: elements of a leg.
-        moving: the moving platform.
-        fixed: cells of the fixed platform.
-        ladle: sizes of the ladle.
-        entry: the layout.
-        properties: materials, surfaces and contacts.
-    """
+    """All bodies of the robot, cut into nodes: legs, bars of both platforms, ladle; with layout and properties."""
 
     nodes: NodeMap
     grid: LegGrid
@@ -124,6 +97,37 @@ class Bodies:
     ladle: LadleSections
     entry: LayoutEntry
     properties: ThermalProperties
+
+    @classmethod
+    def of(
+        cls, urdf: str, entry: LayoutEntry, properties: ThermalProperties, grid: LegGrid, bars: int, in_the_way: Boxes
+    ) -> Bodies:
+        """Cut them; ``bars``: cells of each bar, ``in_the_way``: the moving platform's bars in the disc's frame."""
+        ladle, clad = LadleSections.of(entry), properties.moving_platform.cladding_thickness.metres > 0.0
+        moving, fixed = (BarCells.cut(link_boxes(urdf, f"{name}_platform"), bars) for name in ("moving", "fixed"))
+        seeing = MovingPlatform.of(moving, in_the_way, ladle, clad=clad)
+        nodes = NodeMap.of(grid, moving.count, np.flatnonzero(seeing.clad_area_m2 > 0.0), fixed.count)
+        return cls(nodes, grid, seeing, fixed, ladle, entry, properties)
+
+    @property
+    def lining_m(self) -> float:
+        """What the shell leaves of the ladle's wall.
+
+        Raises:
+            BadInputError: nothing.
+        """
+        shell, wall = self.properties.ladle.shell_thickness.metres, self.ladle.wall_m
+        if not 0.0 < shell < wall:
+            raise BadInputError(
+                f"ladle.shell_thickness of {shell * 1e3:g} mm must lie between 0 and the layout's wall of "
+                f"{wall * 1e3:g} mm; the rest is lining"
+            )
+        return wall - shell
+
+    @property
+    def cladding_m(self) -> float:
+        """Thickness of the moving platform's cladding."""
+        return self.properties.moving_platform.cladding_thickness.metres
 
 
 def constant_laplacian(bodies: Bodies) -> tuple[FloatArray, float]:
@@ -139,33 +143,32 @@ def constant_laplacian(bodies: Bodies) -> tuple[FloatArray, float]:
         BadInputError: the shell is as thick as the ladle's whole wall.
     """
     nodes, grid, moving, fixed = bodies.nodes, bodies.grid, bodies.moving, bodies.fixed
-    ladle, entry, properties = bodies.ladle, bodies.entry, bodies.properties
-    steel, insulation = properties.steel.conductivity.value, properties.insulation.conductivity.value
+    ladle, entry, contact = bodies.ladle, bodies.entry, bodies.properties.contact
+    steel, insulation = (part.conductivity.value for part in (bodies.properties.steel, bodies.properties.insulation))
+    rod_per_step, *_, housing_per_step = steel * grid.section_m2 / grid.step_m
     links: list[tuple[int, int, float]] = []
     for i in range(LEGS):
         rod, housing = nodes.legs[i, : grid.moving], nodes.legs[i, grid.moving :]
-        links += chain_links(rod, steel * grid.moving_section_m2 / grid.moving_step_m)
-        links += chain_links(housing, steel * grid.fixed_section_m2 / grid.fixed_step_m)
+        links += chain_links(rod, rod_per_step) + chain_links(housing, housing_per_step)
         foot = moving.cells.nearest(entry.moving_centres.metres[i] - np.array([0.0, 0.0, entry.leg.foot_drop.metres]))
         # The joint sits at the rod's end, half an element away from the node.
-        half_element = 0.5 * grid.moving_step_m / (steel * grid.moving_section_m2)
-        lower_joint = 1.0 / (1.0 / properties.contact.lower_joint.value + half_element)
+        lower_joint = 1.0 / (1.0 / contact.lower_joint.value + 0.5 / rod_per_step)
         links.append((int(rod[0]), int(nodes.moving_platform[foot]), lower_joint))
         bearings = entry.fixed_platform.bearing_offset.metres
         for side in (-1.0, 1.0):
             bar = fixed.nearest(entry.fixed_centres.metres[i] + np.array([0.0, side * bearings, 0.0]))
             for head, share in zip(housing, grid.upper_joint_shares, strict=True):
-                joint = 0.5 * float(share) * properties.contact.upper_joint.value
+                joint = 0.5 * float(share) * contact.upper_joint.value
                 links.append((int(head), int(nodes.fixed_platform[bar]), joint))
     for cells, numbers in ((moving.cells, nodes.moving_platform), (fixed, nodes.fixed_platform)):
         links += [(int(numbers[a]), int(numbers[b]), steel * shape) for a, b, shape in cells.contacts]
     for k, cell in enumerate(nodes.clad_cells):
-        across = insulation * float(moving.clad_area_m2[cell]) / moving.cladding_m
+        across = insulation * float(moving.clad_area_m2[cell]) / bodies.cladding_m
         links.append((int(nodes.cladding[k]), int(nodes.moving_platform[cell]), across))
     trunnion = steel * ladle.trunnion_area_m2 / ladle.trunnion_length_m
     for point in ladle.trunnions_m:
         links.append((nodes.shell, int(nodes.moving_platform[moving.cells.nearest(point)]), trunnion))
-    layer = insulation * _lining_area(ladle) * LINING_LAYERS / lining_thickness_m(ladle, properties)
+    layer = insulation * ladle.conducting_area_m2 * LINING_LAYERS / bodies.lining_m
     links += chain_links(nodes.lining, layer)
     links.append((int(nodes.lining[-1]), nodes.shell, 2.0 * layer))
     return laplacian(nodes.count, links), 2.0 * layer
@@ -177,56 +180,26 @@ def capacities(bodies: Bodies) -> FloatArray:
     steel = bodies.entry.materials.steel_density.value * properties.steel.heat_capacity.value
     insulation = properties.insulation.density.value * properties.insulation.heat_capacity.value
     capacity = np.zeros(nodes.count)
-    capacity[nodes.legs[:, : grid.moving]] = steel * grid.moving_section_m2 * grid.moving_step_m
-    capacity[nodes.legs[:, grid.moving :]] = steel * grid.fixed_section_m2 * grid.fixed_step_m
+    capacity[nodes.legs] = steel * grid.section_m2 * grid.step_m
     capacity[nodes.moving_platform] = steel * moving.cells.volume_m3
     capacity[nodes.fixed_platform] = steel * bodies.fixed.volume_m3
     # Half of the cladding goes with its surface, half with the bar.
-    half = 0.5 * insulation * moving.clad_area_m2[nodes.clad_cells] * moving.cladding_m
+    half = 0.5 * insulation * moving.clad_area_m2[nodes.clad_cells] * bodies.cladding_m
     capacity[nodes.cladding] = half
     capacity[nodes.moving_platform[nodes.clad_cells]] += half
-    capacity[nodes.lining] = insulation * _lining_area(ladle) * lining_thickness_m(ladle, properties) / LINING_LAYERS
+    capacity[nodes.lining] = insulation * ladle.conducting_area_m2 * bodies.lining_m / LINING_LAYERS
     capacity[nodes.shell] = steel * ladle.outer_area_m2 * properties.ladle.shell_thickness.metres
     return capacity
-
-
-def lining_thickness_m(ladle: LadleSections, properties: ThermalProperties) -> float:
-    """Return what the shell leaves of the ladle's wall, in m.
-
-    Raises:
-        BadInputError: nothing.
-    """
-    shell = properties.ladle.shell_thickness.metres
-    if not 0.0 < shell < ladle.wall_m:
-        raise BadInputError(
-            f"ladle.shell_thickness of {shell * 1e3:g} mm must lie between 0 and the layout's wall of "
-            f"{ladle.wall_m * 1e3:g} mm; the rest is lining"
-        )
-    return ladle.wall_m - shell
-
-
-def _lining_area(ladle: LadleSections) -> float:
-    """Return the area of a plane slab that conducts like the curved wall: geometric mean of inside and outside."""
-    return float(np.sqrt(ladle.inner_area_m2 * ladle.outer_area_m2))
 
 
 def radiation_conductances(
     area_m2: FloatArray, view_area_m2: FloatArray, emissivity: FloatArray | float, melt_emissivity: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return how strongly surfaces radiate with melt and surroundings.
+    """Return how strongly surfaces of area and area times view factor, (n,), radiate with melt and surroundings.
 
     Surfaces are grey and diffuse; the view factors are small enough to leave out what is reflected to and fro. The
     melt's surface takes and gives the share ``melt_emissivity`` of what it meets and reflects the surroundings with
-    the rest, so that in surroundings as hot as the melt nothing flows.
-
-    Args:
-        area_m2: shape (n,).
-        view_area_m2: area times view factor to the melt, shape (n,).
-        emissivity: of the surfaces.
-        melt_emissivity: of the melt.
-
-    Returns:
-        To the melt and to the surroundings, shape (n,) each, in W/K⁴.
+    the rest, so that in surroundings as hot as the melt nothing flows. Shape (n,) each, in W/K⁴.
     """
     seen = melt_emissivity * view_area_m2
     scale = emissivity * Stefan_Boltzmann

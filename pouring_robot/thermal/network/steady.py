@@ -26,16 +26,7 @@ _MAX_ITERATIONS = 60
 def steady_temperatures(
     circuit: Circuit, melt_K: float, ambient_K: float, near: FloatArray | None = None
 ) -> FloatArray:
-    """Return the temperatures at which every node gives off what it takes up.
-
-    Args:
-        circuit: the network, n nodes.
-        melt_K: temperature of the melt.
-        ambient_K: temperature of the surroundings.
-        near: temperatures to start from, shape (n,), in K.
-
-    Returns:
-        Shape (n,), in K.
+    """Return the temperatures at which every node gives off what it takes up, and ``near`` to start from: (n,), in K.
 
     Raises:
         ThermalSolutionError: a part of the network has no way to melt or surroundings, or Newton does not settle.

@@ -29,13 +29,7 @@ Poses = Placed | PoseSchedule | Sequence[tuple[float, Placed]]
 
 @dataclass(frozen=True)
 class TransientOptions:
-    """How exactly time is followed.
-
-    Attributes:
-        method: of ``scipy.integrate.solve_ivp``.
-        relative_tolerance: of each temperature in K, per step.
-        absolute_tolerance_K: likewise.
-    """
+    """How exactly time is followed: settings of ``scipy.integrate.solve_ivp``; tolerances are per step."""
 
     method: Method = "BDF"
     relative_tolerance: float = 1e-6
@@ -55,18 +49,10 @@ def simulate(
     times_s: FloatArray | None = None,
     options: TransientOptions = DEFAULT_OPTIONS,
 ) -> tuple[TemperatureField, ...]:
-    """Follow the temperatures through a history.
+    """Follow the temperatures of a robot's network through a history; return them at times, each at the pose then held.
 
-    Args:
-        network: the robot's thermal network.
-        history: melt and ambient temperature.
-        poses: one pose held throughout, or entries of time and pose.
-        start: temperatures at the start of the history; by default all is as warm as the surroundings.
-        times_s: when to report, increasing, within the history; by default at its entries.
-        options: tolerances.
-
-    Returns:
-        The temperatures at these times, each at the pose then held.
+    ``poses``: one pose held throughout, or entries of time and pose; ``start``: temperatures at the start, by default
+    all is as warm as the surroundings; ``times_s``: increasing, within the history, by default its entries.
 
     Raises:
         HistoryError: a time to report lies outside the history or out of order, or a pose comes after its end.
@@ -77,11 +63,13 @@ def simulate(
         if time > history.end_s:
             raise HistoryError(f"a pose starts at {time:g} s, after the history's end at {history.end_s:g} s", row)
     wanted = np.array(history.times_s if times_s is None else times_s, dtype=float)
-    _check_times(wanted, history)
-    if start is None:
-        state = np.full(network.nodes.count, history.at(history.start_s)[1])
-    else:
-        state = np.array(start.temperatures_K)
+    if wanted.size == 0 or np.any(np.diff(wanted) <= 0.0):
+        raise HistoryError("the times to report must increase")
+    if wanted[0] < history.start_s or wanted[-1] > history.end_s:
+        span = f"{history.start_s:g} to {history.end_s:g} s"
+        raise HistoryError(f"the times to report, {wanted[0]:g} to {wanted[-1]:g} s, leave the history, {span}")
+    cold = np.full(network.bodies.nodes.count, history.at(history.start_s)[1])
+    state = cold if start is None else start.temperatures_K
     changes = [time for time, _ in schedule.entries if history.start_s < time < history.end_s]
     edges = np.unique(np.concatenate([[history.start_s, history.end_s], history.corners_s, changes]))
     states: list[FloatArray] = []
@@ -89,9 +77,7 @@ def simulate(
         if not np.any(wanted >= begin):
             break
         # A time at which the pose changes is reported at the new pose: it belongs to the segment that begins there.
-        inside = wanted[(wanted >= begin) & (wanted < end)]
-        if end == edges[-1]:
-            inside = wanted[wanted >= begin]
+        inside = wanted[(wanted >= begin) & ((wanted < end) | (end == edges[-1]))]
         circuit = network.circuit(schedule.at(float(begin)))
         reported, state = integrate(circuit, history, (float(begin), float(end)), state, inside, options)
         states += reported
@@ -99,14 +85,6 @@ def simulate(
         network.field(schedule.at(float(time)), values, *history.at(float(time)))
         for time, values in zip(wanted, states, strict=True)
     )
-
-
-def _check_times(times: FloatArray, history: HeatHistory) -> None:
-    if times.size == 0 or np.any(np.diff(times) <= 0.0):
-        raise HistoryError("the times to report must increase")
-    if times[0] < history.start_s or times[-1] > history.end_s:
-        span = f"{history.start_s:g} to {history.end_s:g} s"
-        raise HistoryError(f"the times to report, {times[0]:g} to {times[-1]:g} s, leave the history, {span}")
 
 
 def integrate(
@@ -117,15 +95,7 @@ def integrate(
     times_s: FloatArray,
     options: TransientOptions = DEFAULT_OPTIONS,
 ) -> tuple[list[FloatArray], FloatArray]:
-    """Integrate over a smooth stretch; return the states at the given times and at the end.
-
-    Args:
-        circuit: the network, n nodes.
-        history: melt and ambient temperature.
-        span_s: start and end of the stretch.
-        state: temperatures at its start, shape (n,), in K.
-        times_s: when to report, within the stretch.
-        options: tolerances.
+    """Integrate a network's temperatures, (n,), in K, over a smooth stretch; return them at its times and at its end.
 
     Raises:
         ThermalSolutionError: the integrator gives up.

@@ -40,8 +40,7 @@ class TrussTemperatures:
     Attributes:
         girders_degC: by girder (left, right), plate (bottom, webs below and above, top) and cell, shape (2, 6, cells).
         trolley_degC: by bar and cell from its lower end, shape (bars, cells).
-        girders: cells of the plates, in the fixed platform.
-        trolley: those of the trolley's bars.
+        girders, trolley: cells of the plates, and of the trolley's bars, in the fixed platform.
     """
 
     girders_degC: FloatArray
@@ -51,11 +50,7 @@ class TrussTemperatures:
 
 
 class TrussNetwork:
-    """The truss under the melt of a robot.
-
-    Args:
-        robot: the robot's network, which knows its melt, its surroundings and what stands in the way.
-    """
+    """The truss over the melt of a robot's network, which knows its surroundings and what stands in the way."""
 
     def __init__(self, robot: ThermalNetwork) -> None:
         self._robot = robot
@@ -74,13 +69,9 @@ class TrussNetwork:
     def temperatures(
         self, pose: Placed, melt_K: float, ambient_K: float, after_s: float | None = None
     ) -> TrussTemperatures:
-        """Return how warm the truss is where the robot is held.
+        """Return how warm the truss is where the robot is held, the trolley in the middle of its girders.
 
-        Args:
-            pose: where it is held, the trolley in the middle of its girders.
-            melt_K: temperature of the melt.
-            ambient_K: temperature of the surroundings.
-            after_s: time since the melt came to the cold robot; None: until nothing changes.
+        ``after_s``: time since the melt came to the cold robot; None: until nothing changes.
 
         Raises:
             ThermalSolutionError: no temperatures are found.
@@ -101,18 +92,18 @@ class TrussNetwork:
 
     def _circuit(self, cells: BarCells, inside: scipy.sparse.csc_array | None, pose: Placed) -> Circuit:
         properties, area = self._robot.properties, cells.face_area_m2.sum(axis=1)
-        steel, on = properties.steel, 1.0 if self._robot.radiation else 0.0
+        steel, on = properties.steel, float(self._robot.radiation)
         clear = _clear_share(cells.centres_m, self._robot.melt_points_m(pose, _MELT_POINTS), self._in_the_way)
         view = properties.truss.exposed.value * clear * self._robot.view_area_m2(cells, pose)
         to_melt, to_ambient = radiation_conductances(
-            area, view, steel.emissivity.value, properties.melt.emissivity.value
+            area, view, on * steel.emissivity.value, properties.melt.emissivity.value
         )
         return Circuit(
             laplacian(cells.count, [(a, b, steel.conductivity.value * shape) for a, b, shape in cells.contacts]),
             np.zeros(cells.count),
             properties.ambient.film_coefficient.value * area,
-            on * to_melt,
-            on * to_ambient,
+            to_melt,
+            to_ambient,
             self._density * steel.heat_capacity.value * cells.volume_m3,
             None if inside is None else on * inside,
         )

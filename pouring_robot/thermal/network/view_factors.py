@@ -22,13 +22,8 @@ from pouring_robot.thermal.network.view_kernels import unhidden_factors, visible
 def element_to_disc(points_m: FloatArray, normals: FloatArray, radius_m: float) -> FloatArray:
     """Return the view factor from plane elements to a disc with nothing in between.
 
-    Args:
-        points_m: where the elements are, shape (..., 3), in m.
-        normals: unit normals of their radiating sides, shape (..., 3), broadcast against the points.
-        radius_m: of the disc.
-
-    Returns:
-        Shape (...): 0 to 1; zero behind the disc (z <= 0) and for elements turned away.
+    Points and unit normals of the radiating sides are of shape (..., 3) and are broadcast; the factors, shape (...),
+    are zero behind the disc (z <= 0) and for elements turned away.
     """
     points, turned = np.broadcast_arrays(np.asarray(points_m, dtype=float), np.asarray(normals, dtype=float))
     factors = np.empty(points.shape[:-1])
@@ -62,12 +57,7 @@ class DiscChords:
 
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """Boxes with edges along the axes of the disc's frame, in m.
-
-    Attributes:
-        lower_m: their lower corners, shape (N, 3).
-        upper_m: their upper corners, shape (N, 3).
-    """
+    """Lower and upper corners of boxes with edges along the axes of their frame, shape (N, 3) each, in m."""
 
     lower_m: FloatArray
     upper_m: FloatArray
@@ -77,15 +67,7 @@ def visible_share(points_m: FloatArray, normals: FloatArray, disc: DiscChords, b
     """Return which share of its unhidden view factor an element keeps behind boxes.
 
     Multiplied by :func:`element_to_disc`, the share carries the error of the chords only where something is hidden.
-
-    Args:
-        points_m: the elements, shape (N, 3), in m; here the lines of sight start.
-        normals: M normals for each element, shape (N, M, 3).
-        disc: what is seen.
-        boxes: what hides it.
-
-    Returns:
-        Shape (N, M), 0 to 1.
+    Lines of sight start at the elements, shape (N, 3); each has M normals, shape (N, M, 3), and as many shares.
     """
     share, chords, count = np.empty(normals.shape[:2]), len(disc.chords_m), len(boxes.lower_m)
     facets = normals.shape[1]
@@ -105,18 +87,10 @@ def visible_share(points_m: FloatArray, normals: FloatArray, disc: DiscChords, b
 def hidden_view_factors(
     facets_m: FloatArray, middles_m: FloatArray, normals: FloatArray, disc: DiscChords, boxes: Boxes
 ) -> FloatArray:
-    """Return view factors of elements with several facets each, boxes in between.
+    """Return view factors of elements, boxes in between; facets and their normals: shape (N, M, 3), factors (N, M).
 
-    Args:
-        facets_m: where the facets are, shape (N, M, 3), in m.
-        middles_m: where the line of sight starts that serves all facets of an element, shape (N, 3): thin or far
-            elements need no more.
-        normals: shape (N, M, 3).
-        disc: what is seen.
-        boxes: what hides it.
-
-    Returns:
-        Shape (N, M), 0 to 1.
+    The line of sight that serves all facets of an element starts in its middle, shape (N, 3): thin or far elements need
+    no more.
     """
     factors = element_to_disc(facets_m, normals, disc.radius_m)
     seen = factors.any(axis=1)

@@ -36,16 +36,6 @@ def _arc_integrals(radius: float, offset: float, height: float, start: float, en
 
 
 @compiled
-def _chord_angle(
-    radius: float, offset: float, height: float, normal: tuple[float, float, float], start: float, end: float
-) -> float:
-    """Return the signed angle, in rad, under which the element sees the chord from the arc's end to its start."""
-    far = (radius * math.cos(end) - offset, radius * math.sin(end), -height)
-    near = (radius * math.cos(start) - offset, radius * math.sin(start), -height)
-    return math.atan2(dot(cross(far, near), normal), dot(far, near))
-
-
-@compiled
 def _unhidden(point: FloatArray, normal: FloatArray, radius: float) -> float:
     """Return the view factor from a plane element to the disc."""
     x, y, height = point[0], point[1], point[2]
@@ -67,8 +57,10 @@ def _unhidden(point: FloatArray, normal: FloatArray, radius: float) -> float:
     flat, sines, cosines = _arc_integrals(radius, offset, height, start, end)
     seen = height * radius * (radial * cosines + tangential * sines)
     seen += vertical * radius * (radius * flat - offset * cosines)
-    if not whole:
-        seen += _chord_angle(radius, offset, height, (radial, tangential, vertical), start, end)
+    if not whole:  # the signed angle under which the element sees the chord from the arc's end to its start
+        far = (radius * math.cos(end) - offset, radius * math.sin(end), -height)
+        near = (radius * math.cos(start) - offset, radius * math.sin(start), -height)
+        seen += math.atan2(dot(cross(far, near), (radial, tangential, vertical)), dot(far, near))
     factor: float = min(max(-seen / (2.0 * math.pi), 0.0), 1.0)
     return factor
 
@@ -224,16 +216,9 @@ def visible_shares(
 ) -> None:
     """Write which share of its view factor each element keeps for each of its normals, (N, M).
 
-    Args:
-        points: the elements, (N, 3).
-        normals: of each, (N, M, 3).
-        radius: of the disc.
-        chords: how far from the disc's middle, half the length and the weight of each, (C, 3).
-        way: direction of the chords in x and y.
-        lower: lower corners of the boxes, (B, 3).
-        upper: their upper corners.
-        room: working arrays: (2, 5, 2), (C, B, 2), (C,), (B,), (M, 2), (2, M).
-        share: written.
+    Elements are (N, 3), their normals (N, M, 3), the chords of the disc (C, 3) and their ``way`` as
+    :class:`~pouring_robot.thermal.network.view_factors.DiscChords` has them, corners of boxes (B, 3); ``room`` for work
+    is (2, 5, 2), (C, B, 2), (C,), (B,), (M, 2), (2, M).
     """
     bounds, pieces, counts, boxes, facing, totals = room
     for n in range(len(points)):

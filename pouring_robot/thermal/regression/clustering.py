@@ -35,13 +35,9 @@ _SAME = 1e-12
 def fuzzy_similarity(sets: ArrayLike, similarity: str = "absolute") -> FloatArray:
     """Return the fuzzy similarity of every two sets, from their correlation coefficient r.
 
-    Args:
-        sets: one set a row, shape (k, n).
-        similarity: "absolute" takes abs(r): a set that falls with temperature tells as much as one that rises.
-            "shifted" takes (1 + r) / 2: opposite sets are unlike.
-
-    Returns:
-        Symmetric matrix (k, k) with numbers in [0, 1] and ones on its diagonal.
+    Sets are rows, (k, n); numbers of the symmetric matrix (k, k) are in [0, 1], those on its diagonal 1. "absolute"
+    takes abs(r): a set that falls with temperature tells as much as one that rises; "shifted" (1 + r) / 2: opposite
+    sets are unlike.
 
     Raises:
         ErrorSetError: a set is constant, or the similarity is not known.
@@ -78,10 +74,7 @@ class FuzzyClustering(ClusterMixin, BaseEstimator):  # type: ignore[misc]
     """
 
     def __init__(self, n_clusters: int = 2, *, lambda_cut: float | None = None, similarity: str = "absolute") -> None:
-        """Keep the settings; they are checked by fit."""
-        self.n_clusters = n_clusters
-        self.lambda_cut = lambda_cut
-        self.similarity = similarity
+        self.n_clusters, self.lambda_cut, self.similarity = n_clusters, lambda_cut, similarity
 
     def fit(self, X: ArrayLike, y: object = None) -> FuzzyClustering:
         """Group the rows of X, shape (k, n), two numbers a row or more; y is not used.
@@ -96,10 +89,8 @@ class FuzzyClustering(ClusterMixin, BaseEstimator):  # type: ignore[misc]
         if self.n_clusters < 1:
             raise ErrorSetError(f"n_clusters = {self.n_clusters}: give 1 or more")
         self.similarity_ = fuzzy_similarity(rows, self.similarity)
-        if len(rows) == 1:
-            self.linkage_, self.closure_ = np.empty((0, 4)), np.ones((1, 1))
-            labels = np.zeros(1, dtype=int)
-        else:
+        self.linkage_, self.closure_, labels = np.empty((0, 4)), np.ones((1, 1)), np.zeros(1, dtype=int)
+        if len(rows) > 1:
             self.linkage_ = linkage(squareform(1.0 - self.similarity_, checks=False), "single")
             self.closure_ = 1.0 - squareform(cophenet(self.linkage_))
             if self.lambda_cut is None:
@@ -118,12 +109,7 @@ class FuzzyClustering(ClusterMixin, BaseEstimator):  # type: ignore[misc]
         return [np.flatnonzero(self.labels_ == group).tolist() for group in range(self.n_clusters_)]
 
     def dendrogram(self, names: list[str] | None = None, ax: Any = None) -> dict[str, Any]:
-        """Return, and draw where matplotlib axes are given, SciPy's dendrogram over 1 − λ.
-
-        Args:
-            names: a label for each set.
-            ax: matplotlib axes; nothing is drawn without.
-        """
+        """Return, and draw where matplotlib axes are given, SciPy's dendrogram over 1 − λ, a label for each set."""
         from scipy.cluster.hierarchy import dendrogram
 
         result: dict[str, Any] = dendrogram(self.linkage_, labels=names, ax=ax, no_plot=ax is None)

@@ -42,10 +42,7 @@ def variance_inflation_factors(X: ArrayLike) -> FloatArray:
     """Return the VIF of every set against all others together, shape (k,), each 1 or more; by statsmodels.
 
     Infinite where the others tell a set exactly, which they always do with no more than k rows. A table of two sets
-    gives the paper's VIF of a pair.
-
-    Args:
-        X: sets as columns, shape (n, k), in any units.
+    gives the paper's VIF of a pair. X: sets as columns, shape (n, k), in any units.
 
     Raises:
         ErrorSetError: a set is constant.
@@ -85,7 +82,6 @@ class PrincipalComponentRegression(RegressorMixin, BaseEstimator):  # type: igno
     """
 
     def __init__(self, explained: float = EXPLAINED_SHARE) -> None:
-        """Keep the share; fit checks it."""
         self.explained = explained
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> PrincipalComponentRegression:

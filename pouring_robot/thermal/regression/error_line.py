@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -19,8 +20,7 @@ class Positions:
     """Where the sets of a table were measured.
 
     Attributes:
-        names: of the inputs, without units, such as ``x``.
-        units: SI unit of each, ``m`` or ``rad``.
+        names, units: of the inputs, such as ``x``, and ``m`` or ``rad`` of each.
         values: shape (k, f), in m and rad, one row a set.
     """
 
@@ -28,7 +28,7 @@ class Positions:
     units: tuple[str, ...]
     values: FloatArray
 
-    def rows(self, kept: FloatArray | list[int]) -> Positions:
+    def rows(self, kept: Sequence[int]) -> Positions:
         """Return those of some of the sets."""
         return Positions(self.names, self.units, self.values[kept])
 
@@ -66,30 +66,26 @@ class ErrorLine:
         if count < inputs + 2:
             raise TableError(table.source, f"{count} sets are too few for {inputs} inputs; give {inputs + 2} or more")
         middle, centre = float(table.temperatures_K.mean()), positions.values.mean(axis=0)
-        about = np.column_stack([np.ones(count), positions.values - centre])
-        steps = np.column_stack([np.ones(len(table.temperatures_K)), table.temperatures_K - middle])
+        steps, about = _with_ones(table.temperatures_K - middle), _with_ones(positions.values - centre)
         rows = np.einsum("ta,kb->tkab", steps, about).reshape(table.errors.size, -1)
         found = np.linalg.lstsq(rows, table.errors.ravel(), rcond=None)[0]
         return cls(found.reshape(2, inputs + 1), middle, centre)
 
     def predict(self, temperatures_K: FloatArray, positions: FloatArray | None = None) -> FloatArray:
         """Return the error at temperatures (n,) and poses (k, f), shape (n, k); a line for all poses gives (n, 1)."""
-        steps = np.column_stack([np.ones(len(temperatures_K)), temperatures_K - self.temperature_K])
+        steps = _with_ones(temperatures_K - self.temperature_K)
         if not self.centre.size or positions is None:
             return np.asarray(steps @ self.coefficients[:, :1])
-        about = np.column_stack([np.ones(len(positions)), positions - self.centre])
-        return np.asarray(steps @ self.coefficients @ about.T)
+        return np.asarray(steps @ self.coefficients @ _with_ones(positions - self.centre).T)
+
+
+def _with_ones(columns: FloatArray) -> FloatArray:
+    return np.column_stack([np.ones(len(columns)), columns])
 
 
 @dataclass(frozen=True)
 class Remains:
-    """What a prediction leaves of errors, in m or rad.
-
-    Attributes:
-        mean: of all residuals.
-        spread: their sample standard deviation.
-        rms: their root mean square.
-    """
+    """What a prediction leaves of errors, in m or rad: mean, sample standard deviation and RMS of all residuals."""
 
     mean: float
     spread: float

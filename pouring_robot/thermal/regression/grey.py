@@ -21,14 +21,10 @@ from pouring_robot.thermal.regression.table import ErrorSetError, standardised
 def grey_relational_coefficients(
     X: ArrayLike, y: ArrayLike, *, resolution: float = 0.5, scaling: str = "range"
 ) -> FloatArray:
-    """Return ξ of every step and set, shape (n, k), in (0, 1].
+    """Return ξ of every step of temperature y, (n,), and set, a column of X, shape (n, k), in (0, 1]; η: resolution.
 
-    Args:
-        X: error sets as columns, shape (n, k).
-        y: temperature steps, shape (n,).
-        resolution: η, in (0, 1].
-        scaling: "range": spread from 0 to 1; "mean": divided by its mean; "initial": divided by its first number;
-            "none": as given (X and y must then share a scale).
+    Scaling "range": spread from 0 to 1; "mean": divided by its mean; "initial": divided by its first number; "none": as
+    given (X and y must then share a scale).
 
     Raises:
         ErrorSetError: a set or the temperature is constant, the mean or first number that divides is 0, or a setting is
@@ -44,8 +40,7 @@ def grey_relational_coefficients(
     least, most = distances.min(), distances.max()
     if most == 0.0:
         return np.ones_like(distances)
-    result: FloatArray = (least + resolution * most) / (distances + resolution * most)
-    return result
+    return np.asarray((least + resolution * most) / (distances + resolution * most))
 
 
 def grey_relational_degree(
@@ -56,8 +51,7 @@ def grey_relational_degree(
     A score function in scikit-learn's sense: ``SelectKBest(grey_relational_degree, k=2)``. Arguments and errors as in
     :func:`grey_relational_coefficients`.
     """
-    degree: FloatArray = grey_relational_coefficients(X, y, resolution=resolution, scaling=scaling).mean(axis=0)
-    return degree
+    return np.asarray(grey_relational_coefficients(X, y, resolution=resolution, scaling=scaling).mean(axis=0))
 
 
 def _scaled(series: FloatArray, trend: FloatArray, scaling: str) -> FloatArray:
@@ -67,12 +61,10 @@ def _scaled(series: FloatArray, trend: FloatArray, scaling: str) -> FloatArray:
     if scaling == "range":
         scaled = standardised("error set", series)
         rising = np.where(trend.T @ scaled < 0.0, -1.0, 1.0) * scaled
-        result: FloatArray = (rising - rising.min(axis=0)) / np.ptp(rising, axis=0)
-        return result
+        return np.asarray((rising - rising.min(axis=0)) / np.ptp(rising, axis=0))
     if scaling not in {"mean", "initial"}:
         raise ErrorSetError(f"scaling '{scaling}' is not known; give 'range', 'mean', 'initial' or 'none'")
     divisors = series.mean(axis=0) if scaling == "mean" else series[0]
     if np.any(np.abs(divisors) <= 1e-12 * np.abs(series).max(axis=0)):
         raise ErrorSetError(f"scaling '{scaling}' would divide by zero; give scaling 'range'")
-    quotient: FloatArray = series / divisors
-    return quotient
+    return np.asarray(series / divisors)

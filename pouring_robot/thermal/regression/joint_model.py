@@ -14,10 +14,9 @@ and P_g the sensitive set of group g, principal-component regression gives equat
 
 .. math:: w_g = \frac{|c_g|}{\sum_h |c_h|}, \qquad P_{end}(T) = \sum_g w_g P_g^{PCR}(T)
 
-Two things can be seen before any trial. For two sets and one component c_g ∝ 1/s_g, so the flatter set weighs more;
-and where r_g is a set's correlation with T, its slope becomes (1/β − r_h) s_g/s_T with β = (r_1 + r_2)/(2 + 2r), not
-r_g s_g/s_T: equation 21 is a regression of temperature, and read backwards it is steeper than the data by its
-unexplained share.
+For two sets and one component c_g ∝ 1/s_g, so the flatter set weighs more; and where r_g is a set's correlation with
+T, its slope becomes (1/β − r_h) s_g/s_T with β = (r_1 + r_2)/(2 + 2r), not r_g s_g/s_T: equation 21 is a regression of
+temperature, and read backwards it is steeper than the data by its unexplained share.
 
 The conclusion (7) weighs "by principal component contribution" instead (``"components"``), read as the share of the
 kept components' variance that a set carries, with λ_j the eigenvalues and u_j the eigenvectors:
@@ -40,10 +39,9 @@ the group it stands for, and weighs as much as that group has sets in the table:
    P_{end}(T) = \sum_g \frac{n_g}{n} \left[ \bar x_g + \ell_g \left( P_g^{PCR}(T) - P_g^{PCR}(\bar T) \right) \right],
    \qquad \ell_g = \frac{\text{slope of the group's mean set}}{\text{slope of } P_g^{PCR}}
 
-with both slopes taken against temperature, an instrument that is free of the sets' noise. P_g^PCR is a line itself, so
-its slope cancels and what is left is the mean line of all sets in the table, the groups being its terms. That is no
-accident but the answer: for a pose drawn like those of the table, the mean line has the least expected spread among
-all weighted means of the sets' lines. The sensitive sets remain what a reader inspects; they add no accuracy to it.
+with both slopes taken against temperature. P_g^PCR is a line itself, so its slope cancels and what is left is the mean
+line of all sets in the table. That is the answer: for a pose drawn like those of the table, the mean line has the least
+expected spread among all weighted means of the sets' lines. The sensitive sets add no accuracy to it.
 """
 
 from __future__ import annotations
@@ -97,10 +95,7 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         selector: SensitiveSetSelector | None = None,
         explained: float = EXPLAINED_SHARE,
     ) -> None:
-        """Keep the settings; they are checked by fit."""
-        self.weighting = weighting
-        self.selector = selector
-        self.explained = explained
+        self.weighting, self.selector, self.explained = weighting, selector, explained
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> JointRegression:
         """Fit the line to a table, n ≥ 3 temperatures.
@@ -121,10 +116,24 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         selector = SensitiveSetSelector() if self.selector is None else clone(self.selector)
         self.selector_ = selector.fit(table, column[:, 0])
         self._predict_sets(column, table[:, self.selector_.sensitive_])
+        slopes, intercepts = self.set_coef_, self.set_intercept_
         if self.weighting == "table":
-            self._weigh_by_table(column, table)
+            groups = self.selector_.groups_
+            rates = np.array([len(group) for group in groups], dtype=float)
+            means = np.column_stack([table[:, group].mean(axis=1) for group in groups])
+            # ℓ_g times the slope of P_g^PCR is the slope of the group's mean set; taken from there, nothing is divided
+            # by a slope that may be 0.
+            lines = LinearRegression().fit(column, means)
+            slopes, intercepts = lines.coef_[:, 0], lines.intercept_
+        elif self.weighting == "coefficients":
+            rates = np.abs(self.component_regression_.coef_)
         else:
-            self._weigh_as_the_paper()
+            kept = self.component_regression_.components_
+            rates = self.component_regression_.eigenvalues_[: len(kept)] @ kept**2
+        self.weights_ = rates / rates.sum()
+        parts = np.abs(self.weights_ * slopes)
+        self.contributions_ = parts / parts.sum() if parts.sum() > 0.0 else self.weights_
+        self.coef_, self.intercept_ = float(self.weights_ @ slopes), float(self.weights_ @ intercepts)
         return self
 
     def _predict_sets(self, column: FloatArray, sensitive: FloatArray) -> None:
@@ -143,46 +152,17 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.set_coef_ = (1.0 - slopes.sum() + slopes) / regression.coef_
         self.set_intercept_ = (-regression.intercept_ - offsets.sum() + offsets) / regression.coef_
 
-    def _weigh_as_the_paper(self) -> None:
-        """Weigh by the coefficients of equation 21, or by the contribution to the kept components."""
-        regression = self.component_regression_
-        kept = regression.eigenvalues_[: regression.n_components_]
-        by_components = kept @ regression.components_**2
-        rates = np.abs(regression.coef_) if self.weighting == "coefficients" else by_components
-        self.weights_ = rates / rates.sum()
-        self._add_up(self.set_coef_, self.set_intercept_)
-
-    def _weigh_by_table(self, column: FloatArray, table: FloatArray) -> None:
-        """Scale each sensitive set to its group's mean and weigh it by the group's size."""
-        groups = self.selector_.groups_
-        self.weights_ = np.array([len(group) for group in groups]) / table.shape[1]
-        means = np.column_stack([table[:, group].mean(axis=1) for group in groups])
-        # ℓ_g times the slope of P_g^PCR is the slope of the group's mean set; taken from there, nothing is divided by
-        # a slope that may be 0.
-        lines = LinearRegression().fit(column, means)
-        self._add_up(lines.coef_[:, 0], lines.intercept_)
-
-    def _add_up(self, slopes: FloatArray, intercepts: FloatArray) -> None:
-        """Join the groups' lines to P_end."""
-        parts = np.abs(self.weights_ * slopes)
-        self.contributions_ = parts / parts.sum() if parts.sum() > 0.0 else self.weights_
-        self.coef_ = float(self.weights_ @ slopes)
-        self.intercept_ = float(self.weights_ @ intercepts)
-
     def predict(self, X: ArrayLike) -> FloatArray:
         """Return P_end at the temperatures X, shape (n, 1) to (n,)."""
-        result: FloatArray = self._temperatures(X) * self.coef_ + self.intercept_
-        return result
+        return np.asarray(self._temperatures(X) * self.coef_ + self.intercept_)
 
     def predict_sensitive(self, X: ArrayLike) -> FloatArray:
         """Return P_g^PCR, the sensitive sets from temperature and the other sets' lines, shape (n, 1) to (n, g)."""
-        result: FloatArray = self._temperatures(X)[:, None] * self.set_coef_ + self.set_intercept_
-        return result
+        return np.asarray(self._temperatures(X)[:, None] * self.set_coef_ + self.set_intercept_)
 
     def predict_single(self, X: ArrayLike) -> FloatArray:
         """Return the simple lines of the sensitive sets (P1 alone, P8 alone), shape (n, 1) to (n, g)."""
-        result: FloatArray = self._temperatures(X)[:, None] * self.single_coef_ + self.single_intercept_
-        return result
+        return np.asarray(self._temperatures(X)[:, None] * self.single_coef_ + self.single_intercept_)
 
     def score(self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None) -> float:
         """Return R² of P_end over all sets of y, shape (n, k) or (n,), each number counted alike."""
@@ -200,6 +180,5 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     def __sklearn_tags__(self) -> Any:
         """Tell scikit-learn that y is a table."""
         tags = super().__sklearn_tags__()
-        tags.target_tags.multi_output = True
-        tags.target_tags.single_output = True
+        tags.target_tags.multi_output = tags.target_tags.single_output = True
         return tags

@@ -34,30 +34,24 @@ HELPS_BELOW = 0.9
 def fit_lines(table: ErrorTable, positions: Positions | None = None, **selector: Any) -> dict[str, ErrorLine]:
     """Return every method fitted to a table: ``none``, the single sets, the paper's two, ours.
 
-    Args:
-        table: the errors.
-        positions: where its sets were measured; without, no line depends on the pose.
-        selector: settings of :class:`SensitiveSetSelector`.
+    Without positions of the sets no line depends on the pose. ``selector``: settings of :class:`SensitiveSetSelector`.
 
     Raises:
         ErrorSetError: the regression cannot work on the table.
         TableError: there are too few sets.
     """
-    middle = float(table.temperatures_K.mean())
+    column, middle = table.temperature_column, float(table.temperatures_K.mean())
     models = {
-        name: JointRegression(weighting, selector=SensitiveSetSelector(**selector)).fit(
-            table.temperature_column, table.errors
-        )
+        name: JointRegression(weighting, selector=SensitiveSetSelector(**selector)).fit(column, table.errors)
         for name, weighting in _WEIGHTINGS.items()
     }
-    one = models[PAPER]
-    lines = {NONE: ErrorLine.straight(0.0, 0.0, middle)}
-    singles = zip(one.single_intercept_, one.single_coef_, strict=True)
-    lines |= {f"single {g}": ErrorLine.straight(float(a), float(b), middle) for g, (a, b) in enumerate(singles, 1)}
-    lines |= {name: ErrorLine.straight(model.intercept_, model.coef_, middle) for name, model in models.items()}
     # What JointRegression("table") comes to, by one line instead of its groups.
-    mean = LinearRegression().fit(table.temperature_column, table.errors.mean(axis=1))
-    lines[MEAN] = ErrorLine.straight(float(mean.intercept_), float(mean.coef_[0]), middle)
+    mean = LinearRegression().fit(column, table.errors.mean(axis=1))
+    singles = zip(models[PAPER].single_intercept_, models[PAPER].single_coef_, strict=True)
+    straight = {NONE: (0.0, 0.0)} | {f"single {g}": one for g, one in enumerate(singles, 1)}
+    straight |= {name: (model.intercept_, model.coef_) for name, model in models.items()}
+    straight[MEAN] = mean.intercept_, mean.coef_[0]
+    lines = {name: ErrorLine.straight(float(a), float(b), middle) for name, (a, b) in straight.items()}
     if positions is not None:
         lines[POSE] = ErrorLine.of_pose(table, positions)
     return lines

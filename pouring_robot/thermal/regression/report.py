@@ -1,8 +1,8 @@
-"""What a table of error sets says: groups, degrees, components, formulas, and what each method leaves."""
+"""What a table of error sets says: groups, degrees, components, formulas, what each method leaves; and its page."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,22 +10,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pouring_robot.exceptions import BadInputError, TableError
-from pouring_robot.io.quantities import UNITS, to_inner
+from pouring_robot.io.quantities import to_inner
 from pouring_robot.io.tables import read_table
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
+from pouring_robot.report.plots import ASH, COLOURS, new_figure, svg_of, tell, tidy
 from pouring_robot.report.result import Result
 from pouring_robot.thermal.regression.error_line import ErrorLine, Positions, Remains
 from pouring_robot.thermal.regression.joint_model import JointRegression
-from pouring_robot.thermal.regression.methods import (
-    HELPS_BELOW,
-    METHODS,
-    NONE,
-    fit_lines,
-    judge,
-    left_out,
-)
+from pouring_robot.thermal.regression.methods import HELPS_BELOW, METHODS, NONE, PAPER, POSE, fit_lines, judge, left_out
 from pouring_robot.thermal.regression.sensitive_sets import SensitiveSetSelector
-from pouring_robot.thermal.regression.table import ErrorTable
+from pouring_robot.thermal.regression.table import KINDS, ErrorTable
 from pouring_robot.thermal.regression.thermal_model import AXES, AxisModel, ThermalModel
 
 if TYPE_CHECKING:
@@ -40,8 +36,7 @@ class AxisRegression:
         table: its error sets.
         model: the paper's, weighed by equation 21.
         lines: every method.
-        fitted: what each leaves of the table it was fitted to.
-        unseen: what it leaves of sets left out one at a time.
+        fitted, unseen: what each leaves of the table it was fitted to, and of sets left out one at a time.
         method: the one to use.
     """
 
@@ -57,8 +52,8 @@ class AxisRegression:
         cls, table: ErrorTable, positions: Positions | None, method: str | None, selector: dict[str, Any]
     ) -> AxisRegression:
         """Fit and judge everything; ``method`` None takes the one that leaves least of sets left out."""
-        chosen = SensitiveSetSelector(**selector)
-        model = JointRegression("coefficients", selector=chosen).fit(table.temperature_column, table.errors)
+        paper = JointRegression("coefficients", selector=SensitiveSetSelector(**selector))
+        model = paper.fit(table.temperature_column, table.errors)
         lines = fit_lines(table, positions, **selector)
         # With a set left out there may be more groups than with all; those have no single set to stand for them.
         unseen = {name: left for name, left in left_out(table, positions, **selector).items() if name in lines}
@@ -90,38 +85,31 @@ class AxisRegression:
     def formulas(self) -> Iterator[str]:
         """Return equations 19 to 22 with their numbers; errors in mm or mrad, TEMP in °C, * for standardised."""
         regression, names = self.model.component_regression_, self.sensitive
-        components = zip(regression.components_, regression.regression_.coef_, strict=True)
-        spread = float(np.std(self.table.temperatures_K))
-        z = [
-            f"Z{j} = " + _sum((u, f"{name}*") for u, name in zip(row, names, strict=True))
-            for j, (row, _) in enumerate(components, 1)
-        ]
-        gamma = regression.regression_.coef_ / spread
-        yield f"(18) {'; '.join(z)}"
-        yield f"(19) TEMP* = {_sum((g, f'Z{j}') for j, g in enumerate(gamma, 1))}"
-        beta = zip(regression.standardised_coef_, names, strict=True)
-        yield f"(20) TEMP* = {_sum((b, f'{name}*') for b, name in beta)}"
-        raw = zip(regression.coef_ / 1e3, names, strict=True)
-        yield f"(21) TEMP = {regression.intercept_ - ZERO_CELSIUS_K:.5g} + {_sum(raw)}"
-        weights = _sum(zip(self.model.weights_, (f"{name}_PCR" for name in names), strict=True))
+        starred, components = [f"{name}*" for name in names], [f"Z{j + 1}" for j in range(regression.n_components_)]
+        rows = zip(components, regression.components_, strict=True)
+        gamma = regression.regression_.coef_ / float(np.std(self.table.temperatures_K))
+        yield "(18) " + "; ".join(f"{z} = {_sum(row, starred)}" for z, row in rows)
+        yield f"(19) TEMP* = {_sum(gamma, components)}"
+        yield f"(20) TEMP* = {_sum(regression.standardised_coef_, starred)}"
+        yield f"(21) TEMP = {regression.intercept_ - ZERO_CELSIUS_K:.5g} + {_sum(regression.coef_ / 1e3, names)}"
+        weights = _sum(self.model.weights_, [f"{name}_PCR" for name in names])
         slope, offset = self.model.coef_ * 1e3, (self.model.intercept_ + self.model.coef_ * ZERO_CELSIUS_K) * 1e3
         yield f"(22) P_end = {weights} = {offset:.5g} {slope:+.5g} TEMP"
 
     def figures(self) -> dict[str, Any]:
         """Return everything, ready for JSON; errors in mm or mrad."""
-        selector, regression = self.model.selector_, self.model.component_regression_
-        names = np.array(self.table.names)
+        selector, regression, names = self.model.selector_, self.model.component_regression_, self.table.names
 
         def remains(found: dict[str, Remains]) -> dict[str, dict[str, float]]:
             return {name: {k: v * 1e3 for k, v in vars(left).items()} for name, left in found.items()}
 
         return {
             "unit": self.unit,
-            "sets": list(self.table.names),
-            "groups": [names[group].tolist() for group in selector.groups_],
+            "sets": list(names),
+            "groups": [[names[i] for i in group] for group in selector.groups_],
             "lambda": list(selector.clustering_.lambda_range_),
-            "grey_degree": dict(zip(self.table.names, selector.grey_degrees_.tolist(), strict=True)),
-            "vif": {n: v if np.isfinite(v) else None for n, v in zip(self.table.names, selector.vif_, strict=True)},
+            "grey_degree": dict(zip(names, selector.grey_degrees_.tolist(), strict=True)),
+            "vif": {n: v if np.isfinite(v) else None for n, v in zip(names, selector.vif_, strict=True)},
             "sensitive": self.sensitive,
             "guard_held": selector.guard_held_.tolist(),
             "eigenvalues": regression.eigenvalues_.tolist(),
@@ -135,20 +123,13 @@ class AxisRegression:
         }
 
 
-def _sum(terms: Any) -> str:
-    text = " ".join(f"{value:+.5g} {name}" for value, name in terms)
-    return text.removeprefix("+")
+def _sum(factors: FloatArray, names: Sequence[str]) -> str:
+    return " ".join(f"{value:+.5g} {name}" for value, name in zip(factors, names, strict=True)).removeprefix("+")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RegressionReport(Result):
-    """Every direction of a table.
-
-    Attributes:
-        source: the table.
-        positions: where its sets were measured, if that is known.
-        axes: by direction, ``x`` to ``z``; "" for a table that does not say.
-    """
+    """Every direction of a table, ``x`` to ``z``, or ""; where its sets were measured, if that is known."""
 
     source: str
     positions: Positions | None
@@ -191,9 +172,7 @@ class RegressionReport(Result):
         first = next(iter(self.axes.values())).table
         if first.kind != "length" or "" in self.axes:
             raise BadInputError("a thermal model holds lengths along x, y, z: name sets P1_x_mm …, or give --axis")
-        celsius = first.temperatures_K - ZERO_CELSIUS_K
-        inputs = self.positions.names if self.positions else ()
-        centre = tuple(self.positions.values.mean(axis=0).tolist()) if self.positions else ()
+        celsius, places = first.temperatures_K - ZERO_CELSIUS_K, self.positions
         rows: dict[Any, AxisModel] = {}
         for axis, one in self.axes.items():
             offset, slope = (tuple(row) for row in one.lines[one.method].coefficients.tolist())
@@ -202,8 +181,8 @@ class RegressionReport(Result):
             source=Path(self.source).name,
             temperature_degC=float(celsius.mean()),
             melt_degC=(float(celsius.min()), float(celsius.max())),
-            inputs=inputs,
-            centre=centre,
+            inputs=places.names if places else (),
+            centre=tuple(places.values.mean(axis=0).tolist()) if places else (),
             axes=rows,
         )
 
@@ -277,12 +256,83 @@ def read_positions(path: Path | str, names: tuple[str, ...]) -> Positions:
         if heading == "set":
             continue
         name, _, unit = heading.rpartition("_")
-        kind = next((kind for kind in ("length", "angle") if unit in UNITS[kind]), None)
-        if not name or kind is None:
+        if not name or unit not in KINDS:
             raise table.heading_fault(f"column '{heading}' has no unit of length or angle")
         inputs.append(name)
-        units.append("m" if kind == "length" else "rad")
+        units.append("m" if KINDS[unit] == "length" else "rad")
         columns.append(to_inner(table.numbers(k, empty="a position is missing; fill it"), unit))
     values = np.column_stack(columns)[[rows[name] for name in names]]
     varied = np.flatnonzero(np.ptp(values, axis=0) > 0.0)
     return Positions(tuple(inputs[k] for k in varied), tuple(units[k] for k in varied), values[:, varied])
+
+
+def html_report(found: RegressionReport) -> str:
+    """Return the report as one page without any outside file."""
+    source = Path(found.source)
+    plot = Plot("What each method leaves of sets left out (RMS), direction by direction", svg_of(_figure(found)))
+    title = f"Regression of {source.name}"
+    return html_page(title, title, [Paragraph(found.headline, "headline"), plot, *blocks(found)], data=[source])
+
+
+def blocks(found: RegressionReport) -> list[Block]:
+    """Return groups, degrees, formulas and what each method leaves of every direction, then what to beware of."""
+    parts = [block for direction, one in found.axes.items() for block in _axis(direction, one)]
+    return [*parts, *(Paragraph(f"note: {note}") for note in _warnings(found.axes))]
+
+
+def _axis(direction: str, one: AxisRegression) -> list[Block]:
+    selector, names, regression = one.model.selector_, one.table.names, one.model.component_regression_
+    low, high = selector.clustering_.lambda_range_
+    parts = "  ".join("{" + " ".join(names[i] for i in group) + "}" for group in selector.groups_)
+    degrees = [
+        (name, f"{degree:.4f}", f"{vif:.4g}", "chosen" if name in one.sensitive else "")
+        for name, degree, vif in zip(names, selector.grey_degrees_, selector.vif_, strict=True)
+    ]
+    values = ", ".join(f"{value:.4f}" for value in regression.eigenvalues_)
+    left = []
+    for method, remains in one.unseen.items():
+        figures = (one.fitted[method].rms, remains.rms, remains.mean, remains.spread)
+        mark = "in the file" if method == one.method else ""
+        left.append((one.words(method), *(f"{value * 1e3:.4f}" for value in figures), mark))
+    return [
+        Heading(f"direction {direction}" if direction else "errors"),
+        Lines([f"groups {parts} for λ above {low:.5f}, up to {high:.5f}"]),
+        Table(("set", "grey degree", "VIF", ""), degrees),
+        Lines([f"eigenvalues {values}; the first carries {regression.cumulative_[0]:.2%}", *one.formulas()]),
+        Table((f"what is left, {one.unit}", "fitted rms", "left-out rms", "mean", "spread", ""), left),
+    ]
+
+
+def _figure(found: RegressionReport) -> object:
+    figure = new_figure(10.0, 2.4 * len(found.axes))
+    panels = figure.subplots(len(found.axes), 1, squeeze=False)[:, 0]
+    for panel, (direction, one) in zip(panels, found.axes.items(), strict=True):
+        words = [one.words(method) for method in one.unseen]
+        values = [left.rms * 1e3 for left in one.unseen.values()]
+        colours = [COLOURS[0] if method == one.method else ASH for method in one.unseen]
+        for bar, word, value in zip(panel.barh(words, values, color=colours), words, values, strict=True):
+            tell(bar, [f"{word}: {value:.4f} {one.unit}"])
+        panel.invert_yaxis()
+        panel.set(title=direction or "error", xlabel=f"{one.unit}; blue: in the file")
+        tidy(panel)
+    return figure
+
+
+def _warnings(axes: dict[str, AxisRegression]) -> list[str]:
+    """Say where the regression does not help, and where the paper's would not."""
+    notes = []
+    for direction, one in axes.items():
+        where = f"direction {direction}: " if direction else ""
+        if not one.helps:
+            left, before = (one.unseen[name].rms * 1e3 for name in (one.method, NONE))
+            notes.append(
+                f"{where}no method helps: of sets left out '{one.method}' leaves {left:.3f} of {before:.3f} "
+                f"{one.unit}. Poses err in opposite directions or too differently for one line; "
+                + ("do not compensate" if POSE in one.unseen else "give --poses, or do not compensate")
+            )
+        elif one.unseen[PAPER].rms > HELPS_BELOW * one.unseen[NONE].rms:
+            notes.append(f"{where}the paper's P_end does not help here: poses err in opposite directions")
+        vif = one.model.selector_.vif_[one.model.selector_.sensitive_[-1]]
+        if not one.model.selector_.guard_held_.all():
+            notes.append(f"{where}no set of the last group is free of collinearity (VIF {vif:.4g}); components bear it")
+    return notes

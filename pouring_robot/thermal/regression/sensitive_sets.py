@@ -37,7 +37,6 @@ class SensitiveSetSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]
 
     Args:
         n_clusters, lambda_cut, similarity: as in :class:`FuzzyClustering`.
-        resolution, scaling: as in :func:`grey_relational_degree`.
         vif_limit: sets at or above it are passed over where the group has others; above 1.
 
     Attributes:
@@ -55,17 +54,10 @@ class SensitiveSetSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]
         *,
         lambda_cut: float | None = None,
         similarity: str = "absolute",
-        resolution: float = 0.5,
-        scaling: str = "range",
         vif_limit: float = VIF_LIMIT,
     ) -> None:
-        """Keep the settings; they are checked by fit."""
-        self.n_clusters = n_clusters
-        self.lambda_cut = lambda_cut
-        self.similarity = similarity
-        self.resolution = resolution
-        self.scaling = scaling
-        self.vif_limit = vif_limit
+        self.n_clusters, self.lambda_cut = n_clusters, lambda_cut
+        self.similarity, self.vif_limit = similarity, vif_limit
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> SensitiveSetSelector:
         """Choose among the columns of X, shape (n, k) with n ≥ 3, by temperature y, shape (n,).
@@ -78,7 +70,7 @@ class SensitiveSetSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]
         if not self.vif_limit > 1.0:
             raise ErrorSetError(f"vif_limit = {self.vif_limit}: give a number above 1 (usual: 10)")
         clustering = FuzzyClustering(self.n_clusters, lambda_cut=self.lambda_cut, similarity=self.similarity)
-        self.grey_degrees_ = grey_relational_degree(sets, temperature, resolution=self.resolution, scaling=self.scaling)
+        self.grey_degrees_ = grey_relational_degree(sets, temperature)
         self.clustering_ = clustering.fit(sets.T)
         self.groups_ = sorted(clustering.groups(), key=lambda group: (len(group), group[0]))
         self.vif_ = np.ones(sets.shape[1])

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.exceptions import BadInputError, TableError
 from pouring_robot.io.quantities import UNITS, to_inner
 from pouring_robot.io.tables import Table, read_table
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, read_only
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-_KINDS = {unit: kind for kind in ("length", "angle") for unit in UNITS[kind]}
+KINDS = {unit: kind for kind in ("length", "angle") for unit in UNITS[kind]}
+"""Kind of each unit that an error or a place may have."""
 _EMPTY = "the cell is missing; fill it or leave the line out"
 
 LEAST_ROWS = 3
@@ -44,6 +45,10 @@ class ErrorTable:
         names: names of the k error sets, without units.
         kind: "length" (m) or "angle" (rad).
         source: file the table came from, or a word for where it was made; errors name it.
+
+    Raises:
+        TableError: shapes or names do not fit, numbers are not finite, fewer than three rows, temperatures below
+            0 K or not distinct, or a constant column.
     """
 
     temperatures_K: FloatArray  # noqa: N815 - the unit is kelvin
@@ -53,37 +58,25 @@ class ErrorTable:
     source: str = "table of error sets"
 
     def __post_init__(self) -> None:
-        """Check everything a regression takes for granted.
-
-        Raises:
-            TableError: shapes or names do not fit, numbers are not finite, fewer than three rows, temperatures below
-                0 K or not distinct, or a constant column.
-        """
         temperatures, errors = (np.array(numbers, dtype=float) for numbers in (self.temperatures_K, self.errors))
         if errors.ndim != 2 or temperatures.shape != errors.shape[:1] or errors.shape[1:] != (len(self.names),):
             shapes = f"temperatures {temperatures.shape}, errors {errors.shape}, {len(self.names)} names"
             raise TableError(self.source, f"shapes do not fit ({shapes}); give (n,), (n, k) and k names")
         if len(set(self.names)) < len(self.names) or not self.names:
             raise TableError(self.source, "give one or more error sets, each with a name of its own")
-        if self.kind not in {"length", "angle"}:
+        if self.kind not in KINDS.values():
             raise TableError(self.source, f"kind '{self.kind}' is not known; give 'length' or 'angle'")
         if len(temperatures) < LEAST_ROWS:
             raise TableError(self.source, f"{len(temperatures)} temperatures are too few; give {LEAST_ROWS} or more")
         if not (np.isfinite(temperatures).all() and np.isfinite(errors).all()):
             raise TableError(self.source, "every temperature and every error must be a finite number")
-        if temperatures.min() < 0.0:
-            raise TableError(
-                self.source, f"temperature {temperatures.min() - ZERO_CELSIUS_K:g} degC is below 0 K; check its unit"
-            )
+        if (coldest := temperatures.min()) < 0.0:
+            raise TableError(self.source, f"temperature {coldest - ZERO_CELSIUS_K:g} degC is below 0 K; check its unit")
         _check_distinct(self.source, temperatures)
-        for name, column in zip(self.names, errors.T, strict=True):
-            if np.ptp(column) <= _FLAT * np.abs(column).max():
-                raise TableError(
-                    self.source, f"column {name} is constant; leave it out, it says nothing about temperature"
-                )
-        for array, field in ((temperatures, "temperatures_K"), (errors, "errors")):
-            array.flags.writeable = False
-            object.__setattr__(self, field, array)
+        for name in np.array(self.names)[_flat(errors)]:
+            raise TableError(self.source, f"column {name} is constant; leave it out, it says nothing about temperature")
+        object.__setattr__(self, "temperatures_K", read_only(temperatures))
+        object.__setattr__(self, "errors", read_only(errors))
 
     @property
     def temperature_column(self) -> FloatArray:
@@ -100,7 +93,7 @@ class ErrorTable:
             if name not in self.names:
                 raise TableError(self.source, f"holds no error set '{name}'; it has {', '.join(self.names)}")
         columns = [self.names.index(name) for name in names]
-        return ErrorTable(self.temperatures_K, self.errors[:, columns], tuple(names), self.kind, self.source)
+        return replace(self, errors=self.errors[:, columns], names=tuple(names))
 
     def without(self, names: Sequence[str]) -> ErrorTable:
         """Return the table of all sets but these."""
@@ -142,10 +135,14 @@ class ErrorTable:
     def csv(self) -> str:
         """Return the table as CSV: columns ``melt_degC`` and each set in mm or mrad, 17 digits."""
         unit = "mm" if self.kind == "length" else "mrad"
-        lines = [",".join(["melt_degC", *(f"{name}_{unit}" for name in self.names)])]
-        for temperature, row in zip(self.temperatures_K, self.errors, strict=True):
-            lines.append(",".join(f"{value:.17g}" for value in (temperature - ZERO_CELSIUS_K, *(row * 1e3))))
-        return "\n".join(lines) + "\n"
+        frame = self.frame().mul(1e3).add_suffix(f"_{unit}")
+        frame.insert(0, "melt_degC", self.temperatures_K - ZERO_CELSIUS_K)
+        return str(frame.to_csv(index=False, float_format="%.17g", lineterminator="\n"))
+
+
+def _flat(columns: FloatArray) -> NDArray[np.bool_]:
+    """Return which columns are constant but for rounding."""
+    return np.asarray(np.ptp(columns, axis=0) <= _FLAT * np.abs(columns).max(axis=0))
 
 
 def standardised(name: str, numbers: ArrayLike) -> FloatArray:
@@ -155,12 +152,10 @@ def standardised(name: str, numbers: ArrayLike) -> FloatArray:
         ErrorSetError: a column is constant.
     """
     columns = np.asarray(numbers, dtype=float)
-    centred = columns - columns.mean(axis=0)
-    flat = np.ptp(columns, axis=0) <= _FLAT * np.abs(columns).max(axis=0)
+    flat = _flat(columns)
     if flat.any():
-        raise ErrorSetError(f"{name} {np.flatnonzero(flat)[0]} is constant; leave it out, it follows nothing")
-    result: FloatArray = centred / columns.std(axis=0, ddof=1)
-    return result
+        raise ErrorSetError(f"{name} {flat.argmax()} is constant; leave it out, it follows nothing")
+    return np.asarray((columns - columns.mean(axis=0)) / columns.std(axis=0, ddof=1))
 
 
 def _sort_headings(table: Table, wanted: str | None) -> tuple[int, list[tuple[int, str, str]], str]:
@@ -171,11 +166,11 @@ def _sort_headings(table: Table, wanted: str | None) -> tuple[int, list[tuple[in
         name, _, unit = heading.rpartition("_")
         if name and unit in UNITS["temperature"]:
             temperatures.append(i)
-        elif name and unit in _KINDS:
+        elif name and unit in KINDS:
             sets.append((i, name, unit))
-            kinds[_KINDS[unit]] = heading
+            kinds[KINDS[unit]] = heading
         else:
-            known = " ".join(f"_{unit}" for unit in [*UNITS["temperature"], *_KINDS])
+            known = " ".join(f"_{unit}" for unit in [*UNITS["temperature"], *KINDS])
             raise table.heading_fault(f"column '{heading}' has no unit; end its name with one of {known}")
     chosen = [i for i in temperatures if wanted in {None, table.headings[i]}]
     if len(chosen) != 1:

@@ -33,12 +33,7 @@ AXES = ("x", "y", "z")
 
 
 class AxisModel(StrictModel):
-    """The line of one axis.
-
-    Attributes:
-        method: how it was found.
-        coefficients: C, in m, per K in the second row, per m or rad of the inputs after the first column.
-    """
+    """The line of one axis: how it was found, and C, in m, per K in the second row, per m or rad of the inputs."""
 
     method: str
     coefficients: tuple[tuple[float, ...], tuple[float, ...]]
@@ -47,14 +42,8 @@ class AxisModel(StrictModel):
 class ThermalModel(StrictModel):
     """What heat adds to the position of the end frame.
 
-    Attributes:
-        format: kind and version of the file.
-        source: the table it was fitted to.
-        temperature_degC: T0.
-        melt_degC: lowest and highest temperature of the table.
-        inputs: of the pose.
-        centre: p0, in m and rad.
-        axes: the lines; an axis that is not named is taken for free of error.
+    Keys as in the file; ``melt_degC``: lowest and highest temperature of the table it was fitted to. An axis that is
+    not named is taken for free of error.
     """
 
     format: Literal["pouring_robot/thermal_model/1"] = "pouring_robot/thermal_model/1"
@@ -94,11 +83,9 @@ class ThermalModel(StrictModel):
         return write_whole(path, yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False, allow_unicode=True))
 
     def displacement_m(self, melt_degC: float, pose: Mapping[str, float]) -> FloatArray:
-        """Return what heat adds to the position, shape (3,), in m.
+        """Return what heat adds to the position, shape (3,), in m, at a temperature of the melt and a pose.
 
-        Args:
-            melt_degC: temperature of the melt.
-            pose: the inputs by name, in m and rad; others are not looked at.
+        ``pose``: the inputs by name, in m and rad; others are not looked at.
 
         Raises:
             BadInputError: an input is missing.

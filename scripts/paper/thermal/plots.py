@@ -17,7 +17,7 @@ def lining_and_chains(study: ThermalStudy) -> bytes:
     figure = new_figure(10.0, 4.0)
     wall, legs = figure.subplots(1, 2)
     field = study.conduction[0]
-    layers = field.temperatures_K[field.nodes.lining] - ZERO_CELSIUS_K
+    layers = field.temperatures_K[field.bodies.nodes.lining] - ZERO_CELSIUS_K
     width = study.lining_m / MM / len(layers)
     places = [0.0, *((np.arange(len(layers)) + 0.5) * width), study.lining_m / MM]
     wall.plot(places, [field.melt_K - ZERO_CELSIUS_K, *layers, field.shell_degC], "o-", color=BRICK)

@@ -304,7 +304,7 @@ def run_thermal_study(
         others,
         np.concatenate(parts, axis=1),
         box,
-        network.lining_m,
+        network.bodies.lining_m,
         drawn[True],
         drawn[False],
     )
