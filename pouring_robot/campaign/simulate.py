@@ -29,7 +29,7 @@ _SCREW_PITCH_M = 0.010
 
 @dataclass(frozen=True)
 class MeasurementOptions:
-    """How the virtual tracker measures.
+    """How the virtual tracker measures; figures out of range raise BadInputError.
 
     Attributes:
         sigma_position_m: standard deviation of a coordinate, in m; 0: exact.
@@ -37,12 +37,8 @@ class MeasurementOptions:
         outliers: number of rows with a gross error.
         outlier_m: their shift is 0.5 to 1.5 times this, in a random direction, in m.
         lost: share of measured cells that are empty, 0 to 1.
-        pose_tracker_to_fixed_platform: the fixed platform in the tracker frame; None: drawn.
-        pose_platform_to_target: the target on the moving platform; None: drawn.
+        pose_tracker_to_fixed_platform: None: drawn, as ``pose_platform_to_target``.
         seed: of everything random.
-
-    Raises:
-        BadInputError: a figure is out of range.
     """
 
     sigma_position_m: float = 5e-5
@@ -69,16 +65,12 @@ class MeasurementOptions:
 
 @dataclass(frozen=True, eq=False)
 class VirtualMeasurement:
-    """A campaign and what was hidden in it.
+    """A campaign as a user would get it, and what was hidden in it.
 
     Attributes:
-        campaign: what a user would get.
         actual_poses: pose of the moving platform in the fixed platform of the robot as built, row by row.
-        pose_tracker_to_fixed_platform: the hidden outer frame.
-        pose_platform_to_target: the hidden inner frame.
         outlier_rows: rows with a gross error, from 0.
         lost_cells: row and quantity of each cell that was emptied.
-        seed: of everything random.
     """
 
     campaign: Campaign
@@ -114,15 +106,10 @@ def simulate_campaign(
     robots: Sequence[Robot] | None = None,
     progress: Progress = say_nothing,
 ) -> VirtualMeasurement:
-    """Measure a robot as built without having it.
+    """Measure a robot as built, which closes its loops at the commanded drives, without having it.
 
-    Args:
-        robot: the robot as built closes its loops at the commanded drives.
-        plan: the poses.
-        options: noise, outliers, frames, seed.
-        path: the name the campaign is to have.
-        robots: as it stands at each pose, where that depends on the conditions of the plan.
-        progress: told of every row.
+    ``path`` is the name the campaign is to have; ``robots`` are the robot as it stands at each pose, where that depends
+    on the conditions of the plan.
 
     Raises:
         BadInputError: more outliers than rows are asked for, or the robot has redundant drives: what they read follows
