@@ -58,7 +58,6 @@ class CalibrationOptions:
         tolerances: priors; by default the shipped ones.
         hold_out: what kind of blocks to hold out.
         choose: whether groups are kept only where they help held-out rows; otherwise all are kept.
-        fit: loss and limits.
         threads: how many share the work; by default one a core.
     """
 
@@ -104,8 +103,7 @@ class Calibration(Result, CalibrationFindings):
     def save(self, folder: Path | str) -> list[Path]:
         """Write model file, URDF with meshes, ``calibration.json`` and ``report.html`` into a folder, all or none.
 
-        Returns:
-            The files.
+        Returns the files.
 
         Raises:
             OutputError: the folder cannot be written to.
@@ -122,13 +120,7 @@ def calibrate(
     options: CalibrationOptions | None = None,
     progress: Progress = say_nothing,
 ) -> Calibration:
-    """Calibrate a robot.
-
-    Args:
-        campaign: the data, or the path of their table.
-        model: the present robot, or the path of its file; parameters come on top of its errors. By default the drawing.
-        options: what to identify and how.
-        progress: is told what is being done.
+    """Calibrate a robot with a campaign, or the table of one; parameters come on top of the errors of its model.
 
     Raises:
         CampaignError: the data are wrong as a whole (units, frames, columns); ``campaign check`` says more.

@@ -23,12 +23,9 @@ SEEN = 0.01
 
 @dataclasses.dataclass(frozen=True)
 class Movement:
-    """A number that was found, as it is shown: a parameter, or a combination that the campaign determines.
+    """A number that was found, in its unit, mm or mrad, on top of the present model.
 
-    Attributes:
-        name: of the parameter, or the combination by name, the frames left out.
-        unit: mm or mrad.
-        value: in that unit, on top of the present model; ``std`` its standard deviation; ``prior_std`` before.
+    It is a parameter, or a combination that the campaign determines, the frames left out.
     """
 
     name: str
@@ -89,7 +86,6 @@ class GroupLine:
     """What one group of parameters does to the ladle, in words and figures of the shop floor.
 
     Attributes:
-        name: of the group; ``meaning`` what it is on the machine; ``count`` its parameters.
         moved_mm: by how much it moves what was measured over the fitted rows, RMS of a coordinate, what a shift of the
             outer frames would do taken off; ``moved_mrad`` RMS of a rotation component, NaN where none was measured.
     """

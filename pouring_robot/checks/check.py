@@ -64,8 +64,6 @@ def _disagreement(campaign: Campaign, drawing: Drawing, drives: FloatArray) -> f
 def check_campaign(campaign: Campaign, drawing: Drawing) -> list[DataFlag]:
     """Return what is wrong with a campaign's data, errors first; an empty list for sound data.
 
-    Args:
-        campaign: the data.
-        drawing: closes the nominal robot and knows its limits; errors of the robot as built do not matter here.
+    The nominal robot is compared with them: errors of the robot as built do not matter here.
     """
     return examine(campaign, drawing).flags

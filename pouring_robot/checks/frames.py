@@ -55,12 +55,7 @@ def metres_per_rad(campaign: Campaign) -> float:
 
 
 class FrameChecks:
-    """Finds and undoes mistakes of units, frames and columns.
-
-    Args:
-        campaign: the data.
-        drawing: closes the nominal robot.
-    """
+    """Finds and undoes mistakes of units, frames and columns of a campaign, by the drawing of its robot."""
 
     def __init__(self, campaign: Campaign, drawing: Drawing) -> None:
         self.campaign, self.drawing = campaign, drawing
@@ -160,8 +155,7 @@ class FrameChecks:
     def _likeliest(self, most: float) -> Mistake | None:
         """Return the mistake that leaves the least misfit when undone, by some of the rows; it tells its equals.
 
-        Args:
-            most: misfit, as a share of the spread, above which none is named.
+        None is named that leaves more than ``most``, a share of the spread.
         """
         complete = np.flatnonzero(self.data.poses.complete & np.isfinite(self.data.position_m).all(axis=1))
         some = self.data[complete[evenly(complete.size, _TRIED_ROWS)]]
@@ -213,12 +207,9 @@ class FrameChecks:
 def _fitted(
     tried: list[tuple[Tried, Comparison]], misfit: Callable[[Comparison, bool], float], most: float = np.inf
 ) -> list[tuple[float, Tried]]:
-    """Return the misfit with each mistake undone, of those that may be the least or its equal.
+    """Return the misfit with each mistake undone, of those that may be the least or its equal, and at most ``most``.
 
-    Args:
-        tried: each mistake, and the data with it undone.
-        misfit: of data; told whether a rough one is enough.
-        most: misfit above which a mistake is not named.
+    ``misfit`` of data is told whether a rough one is enough.
     """
     rough = [misfit(data, True) for _, data in tried]
     enough = _ROUGHLY * min(most, *rough, np.inf)

@@ -38,11 +38,9 @@ _ROUNDED = 1e-6  # of a step: how near to its multiples values must be
 
 @dataclass(frozen=True)
 class Scatter:
-    """What a measured component scatters by.
+    """What a measured component scatters by: f over the stated noise, and whether that is sure to be no chance.
 
     Attributes:
-        factor: f, over the stated noise.
-        sure: whether chance alone would hardly make so much of noise as stated.
         by_drives: what one unit of white error of every drive would add, as a variance over that of the noise.
     """
 

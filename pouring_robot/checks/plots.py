@@ -34,11 +34,7 @@ _MOST_SESSIONS = 12
 def write_picture(campaign: Campaign, found: Examination, layout: Layout | None, path: Path | str) -> Path:
     """Draw the commanded poses from three sides with the workspace box, and the misfit of each row, as PNG.
 
-    Args:
-        campaign: the data.
-        found: what the checks found; outliers are marked.
-        layout: gives the workspace box; None for a robot that has none.
-        path: the file; written whole or not at all.
+    A robot without a workspace box has no ``layout``; rows that the checks flagged are marked.
 
     Raises:
         OutputError: the file cannot be written.

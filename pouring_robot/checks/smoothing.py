@@ -45,8 +45,7 @@ def joint_effect(
 ) -> tuple[FloatArray, FloatArray]:
     """Return how it moves with every drive, then every displacement of every joint, and a small error of each.
 
-    Returns:
-        (n, 6, p) in tracker axes, per m and rad, NaN without pose; (p,) 1 mm or 1 mrad.
+    Shapes (n, 6, p) in tracker axes, per m and rad, NaN without pose; and (p,), 1 mm or 1 mrad.
     """
     catalogue = ParameterCatalogue(robot, drawing.mechanism)
     local: tuple[GeometricParameter, ...] = (*catalogue.drives, *catalogue.placements)
@@ -69,13 +68,13 @@ def _effect(
 def drive_errors(effect: FloatArray, units: Sequence[str], residual: FloatArray, metres_per_rad: float) -> FloatArray:
     """Return the drive errors that would explain residuals best, (n, drives), in m; NaN where the effect is not known.
 
+    Where residuals do not fix all drives, the least such errors are returned.
+
     Args:
-        effect: (n, 6, drives) how the target moves with them; see :func:`drive_effect`.
+        effect: (n, 6, drives); see :func:`drive_effect`.
         units: of the drives, ``m`` or ``rad``. An angle counts as the length it moves the target at the median pose.
         residual: (n, 3) positions, in m, or (n, 6) with rotation vectors, in rad; in base axes.
         metres_per_rad: how rotations weigh against positions, in m.
-
-    Where residuals do not fix all drives, the least such errors are returned.
     """
     reach = np.nanmedian(np.linalg.norm(effect[:, :3], axis=1), axis=0)
     scale = np.where((np.array(units) == "rad") & (reach > 0.0), reach, 1.0)
@@ -161,11 +160,8 @@ def leftover(terms: FloatArray, values: FloatArray, floor: float) -> tuple[Float
 
     Args:
         terms: (n, terms) as :func:`smooth_terms` gives them.
-        values: (n,) residuals; NaN rows are left out.
+        values: (n,) residuals; of NaN rows nothing is left.
         floor: the least standard deviation that counts, in the unit of the values: the measurement noise.
-
-    Returns:
-        (n,) sizes, 0 for rows left out, and the deviation, both in the unit of the values.
     """
     _, left, scale = robust_fit(terms, values, floor)
     return sized(left, scale)

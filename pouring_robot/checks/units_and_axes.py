@@ -46,8 +46,8 @@ class Comparison:
     Attributes:
         drives: (n, drives) in m and rad.
         poses: nominal poses for them; NaN where there are none.
-        position_m: (n, 3) measured positions, in m.
-        rotation_vector_rad: (n, 3) measured rotation vectors, in rad, or None.
+        position_m: (n, 3) measured positions.
+        rotation_vector_rad: (n, 3) measured rotation vectors, or None.
         inverted: whether the measured poses are those of the tracker's side seen from the end body's.
     """
 

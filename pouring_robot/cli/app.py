@@ -108,7 +108,7 @@ def _complain(message: str) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code (0 done, 2 bad input, 3 no solution, 70 a fault of the program)."""
+    """Run the command line and return its exit code."""
     one_blas_thread_from_the_start()
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
@@ -158,12 +158,7 @@ def _run(given: list[str]) -> int:
 
 
 def _caught(error: BaseException, arguments: Sequence[str]) -> str:
-    """Return the line for an error that nobody foresaw, and write what is known of it into a file.
-
-    Args:
-        error: what was raised.
-        arguments: of the command line.
-    """
+    """Return the line for an error that nobody foresaw, and write what is known of it into a file."""
     if isinstance(error, MemoryError):
         what = "there is not enough memory for this; ask for fewer rows, samples or poses at a time"
     else:

@@ -19,7 +19,7 @@ def effects(robot: options.RobotFile = None, as_json: options.AsJson = False) ->
         return
     console = options.console()
     for item in found:
-        console.print(f"{item['effect']}: {item['story']}", style="bold", markup=False)
+        console.print(f"{item['effect']}: {item['story']}", style="bold")
         options.print_indented(console, f"needs: {', '.join(item['needs']) or 'nothing but drives and measured poses'}")
         # Values of one constant stand on one line.
         for _, alike in itertools.groupby(item["forms"], lambda form: form["one_of"] or form["form"]):

@@ -32,9 +32,9 @@ def init(urdf: Urdf, out: Out = None) -> None:
     console = options.console()
     drives = ", ".join(f"{drive.column} ({drive.command})" for drive in found.drives)
     frames = f"{found.loops.base_frame} to {found.loops.end_frame}"
-    console.print(f"{found.name}: {frames}, {len(found.drives)} drives: {drives}", markup=False)
+    console.print(f"{found.name}: {frames}, {len(found.drives)} drives: {drives}")
     options.print_written(console, (path,))
-    console.print(f"next: read its comments, then pouring-robot robots --robot {path}", markup=False)
+    console.print(f"next: read its comments, then pouring-robot robots --robot {path}")
 
 
 def _two(help_: str) -> Any:
@@ -93,9 +93,9 @@ def new(
     written += write_drawings([middle], page, png, None)
     console = options.console()
     for line in lines:
-        console.print(line, markup=False)
+        console.print(line)
     options.print_written(console, written)
-    console.print(f"next: pouring-robot robots --model {model}", markup=False)
+    console.print(f"next: pouring-robot robots --model {model}")
 
 
 def _asked(key: str, usual: Any) -> Any:

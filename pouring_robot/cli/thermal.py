@@ -50,11 +50,7 @@ class Moved:
     ] = None
 
     def refuse_alone(self) -> None:
-        """Refuse what means nothing without ``--under``.
-
-        Raises:
-            BadInputError: there is such an option.
-        """
+        """Refuse what means nothing without ``--under``."""
         if self.under is None and self != Moved():
             raise BadInputError("--payload-kg, --ladle-degC and --stiffness belong to --under heat, weight or both")
         if self.under == "heat" and (self.payload_kg is not None or self.stiffness is not None):
@@ -187,7 +183,7 @@ def thermal(
         options.print_json(content | measured | names)
         return
     console = options.console()
-    console.print(found.headline, style="bold", markup=False)
+    console.print(found.headline, style="bold")
     console.print(title)
     print_blocks(console, page.blocks(found))
     if field is not None:
@@ -208,12 +204,7 @@ def _shift(
     *,
     picture: bool,
 ) -> tuple[ShiftHeat, ShiftHeat]:
-    """Follow a shift, and return it at the times wanted and, for a picture, at enough to draw curves.
-
-    Raises:
-        BadInputError: the file is wrong, or it is not clear where the robot stands.
-        NoSolutionError: a pose is out of reach, or no temperatures are found.
-    """
+    """Follow a shift, and return it at the times wanted and, for a picture, at enough to draw curves."""
     import numpy as np
 
     from pouring_robot.thermal.network.history import PoseSchedule, read_shift

@@ -58,13 +58,7 @@ class CandidateSet:
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The best plan found.
-
-    Attributes:
-        chosen: candidate of each slot, shape (n,).
-        value: the observability index.
-        values: the index reached from each start.
-    """
+    """The best plan found: candidate of each slot, (n,), its observability index, and that reached from each start."""
 
     chosen: IntArray
     value: float
@@ -80,15 +74,9 @@ def choose(
     starts: int = 4,
     progress: Progress = say_nothing,
 ) -> Choice:
-    """Return the plan that an exchange finds best.
+    """Return the plan that an exchange finds best, from so many random first plans; the same seed gives the same plan.
 
-    Args:
-        candidates: what can be chosen from.
-        slots: kind of each of the n slots of the plan.
-        criterion: what is maximised; D and O1 are the same plan.
-        seed: of the random first plans; the same seed gives the same plan.
-        starts: how many first plans.
-        progress: told of every start of the search.
+    ``slots`` are the kind of each of the n slots of the plan; of the criteria D and O1 are the same plan.
 
     Raises:
         BadInputError: there are fewer poses to choose from than slots.

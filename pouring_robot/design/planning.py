@@ -63,27 +63,12 @@ _ONE, _BOTH = 0, 1  # kinds of a candidate: visited from one side, or from both
 def plan_campaign(
     robot: Robot, request: PlanRequest | None = None, progress: Progress = say_nothing
 ) -> MeasurementPlan:
-    """Return the poses, and conditions, that tell most about a robot's parameters.
-
-    Args:
-        robot: the present robot.
-        request: how many poses, for which parameters, with which device (default: 30 for the main geometric errors).
-        progress: told of every stage.
-
-    Raises:
-        BadInputError: a parameter is unknown, or a load is more than the ladle holds.
-        UndeterminedError: measurements cannot determine the parameters, wherever they are taken.
-        NoSolutionError: the robot can hardly go anywhere in its workspace.
-    """
+    """Return the poses, and conditions, that tell most about a robot's parameters; see :class:`Planner`."""
     return Planner(robot, request).plan(progress)
 
 
 class Planner:
     """Plans for one robot and one request. Candidates and their columns are worked out once.
-
-    Args:
-        robot: the present robot.
-        request: what is asked for.
 
     Raises:
         BadInputError: a parameter is unknown, or a load is more than the ladle holds.
@@ -195,9 +180,6 @@ class Planner:
     def plan(self, progress: Progress = say_nothing) -> MeasurementPlan:
         """Return the best plan found.
 
-        Args:
-            progress: told of every start of the search.
-
         Raises:
             UndeterminedError: so many poses cannot determine so many parameters.
         """
@@ -268,9 +250,8 @@ class Planner:
     def quality(self, poses: FloatArray, conditions: Sequence[Conditions] | None = None) -> PlanQuality:
         """Return what any other plan would give, for the same parameters and noise.
 
-        Args:
-            poses: rows, commands in m and rad, shape (rows, k).
-            conditions: of each row; by default of all alike, one side, empty and at the reference temperature.
+        Its rows are commands (rows, k), in m and rad, by default all visited alike: from one side, empty and at the
+        reference temperature.
 
         Raises:
             NoSolutionError: the robot does not close at a pose.

@@ -14,15 +14,9 @@ from pouring_robot.robot.pouring.definition import PouringDefinition
 
 
 def plot(plan: MeasurementPlan) -> bytes:
-    """Draw where the commands lie, two numbers at a time, and the working frame's expected standard deviation there.
+    """Return a PNG of where the commands lie, two numbers at a time (of the pouring robot x-z, y-z and tilt-z).
 
-    Of the pouring robot x-z, y-z and tilt-z.
-
-    Args:
-        plan: the plan.
-
-    Returns:
-        A PNG file.
+    Beside it, the working frame's expected standard deviation there.
     """
     figure = new_figure(11.0, 10.5, dpi=120)
     edge = np.array([axis.shown(1.0) for axis in plan.axes])

@@ -33,8 +33,7 @@ class UndeterminedError(BadInputError):
     """The measurements cannot determine the wanted parameters.
 
     Attributes:
-        groups: parameters that cannot be told apart.
-        unseen: parameters without any effect.
+        groups: parameters that cannot be told apart; ``unseen`` those without any effect.
         too_many: parameters to leave out, so that the others are determined.
     """
 
@@ -66,8 +65,7 @@ class PlanQuality:
 
     Attributes:
         covariance: of the f frame numbers that can be told apart and the parameters, shape (f + P, f + P).
-        parameter_std: of the parameters, shape (P,).
-        axes: what a command is made of.
+        parameter_std: shape (P,).
         frame: the working frame: the pouring lip, or a tool.
         ladle_poses: commands of the workspace, in m and rad, shape (g, k).
         ladle_std: of the working frame there, x y z in m and rotation vector in rad, shape (g, 6).
@@ -129,15 +127,11 @@ class MeasurementPlan(Result):
     """A plan.
 
     Attributes:
-        request: what was asked for.
         axes: what a command is made of.
-        robot: for which robot.
-        parameters: what is to be determined.
         left_out: names of parameters that were asked for but left out: what is kept shows the same.
         poses: rows in the order to measure them, commands in m and rad, shape (rows, k).
         conditions: of each row.
         pose_numbers: which of the n poses each row is, from 1.
-        quality: what is to be expected.
         value: the criterion's index, per shown unit.
         start_values: the index that each start of the search reached.
     """

@@ -6,15 +6,9 @@ from pouring_robot.mechanism.arrays import FloatArray
 
 
 class InformationFactor:
-    """C = M⁻¹ over some columns, and the blocks X C Xᵀ of every candidate.
+    """C = M⁻¹ (``inverse``, (p, p)) over some columns, and the ``blocks`` X C Xᵀ of every candidate, (m, m, N).
 
-    Args:
-        rows: whitened rows of each candidate, shape (N, m, p).
-        information: M of the present plan, shape (p, p).
-
-    Attributes:
-        inverse: C, shape (p, p).
-        blocks: X C Xᵀ, candidates last, shape (m, m, N).
+    The whitened rows X of the N candidates have the shape (N, m, p), the information M of the present plan (p, p).
     """
 
     def __init__(self, rows: FloatArray, information: FloatArray) -> None:

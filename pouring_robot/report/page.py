@@ -41,13 +41,7 @@ class Paragraph:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of texts.
-
-    Attributes:
-        head: its headings.
-        rows: its rows.
-        folded: what stands in its place until it is opened; "" for an open table.
-    """
+    """A table of texts; ``folded`` is what stands in its place until it is opened."""
 
     head: Row
     rows: Sequence[Row]

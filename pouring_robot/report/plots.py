@@ -59,11 +59,9 @@ def png_of(figure: Any) -> bytes:
 
 
 def tell(artist: Any, texts: Iterable[str]) -> None:
-    """Say what each point or bar of an artist is when a reader of the SVG points at it.
+    """Say what each point or bar of an artist is when a reader of the SVG points at it, a text each.
 
-    Args:
-        artist: a line of markers, a scatter, or one patch; points that are not finite are not drawn and have no text.
-        texts: one for each point drawn.
+    The artist is a line of markers, a scatter, or one patch; points that are not finite are not drawn and have no text.
     """
     artist.set_gid(_TELL + base64.urlsafe_b64encode("\n".join(texts).encode()).decode())
 

@@ -57,28 +57,27 @@ def _print_summary(console: Console, figures: dict[str, Any]) -> None:
     sessions = ", ".join(f"{name} ({rows})" for name, rows in list(figures["sessions"].items())[:12])
     console.print(
         f"{figures['file']}: {figures['rows']} rows of {figures['seen']}, {figures['usable_rows']} usable, "
-        f"{figures['distinct_poses']} distinct poses",
-        markup=False,
+        f"{figures['distinct_poses']} distinct poses"
     )
-    console.print(f"sessions (rows): {sessions}", markup=False)
+    console.print(f"sessions (rows): {sessions}")
     _print_ranges(console, figures["ranges"])
     missing = figures["missing_conditions"]
     if missing:
-        console.print(f"not recorded, so what depends on it cannot be tested: {', '.join(missing)}", markup=False)
+        console.print(f"not recorded, so what depends on it cannot be tested: {', '.join(missing)}")
     misfit = figures["misfit"]
     if misfit is not None:
-        console.print(_misfit_line(misfit), markup=False)
+        console.print(_misfit_line(misfit))
     disagree = figures["redundant_drives_disagree_mm"]
     if disagree is not None:
-        console.print(f"redundant drives of the nominal robot disagree by {disagree:.3g} mm (RMS)", markup=False)
+        console.print(f"redundant drives of the nominal robot disagree by {disagree:.3g} mm (RMS)")
     for line in _untold_lines(figures["untold_of_the_frames"]):
-        console.print(line, markup=False)
+        console.print(line)
     if not figures["flags"]:
         console.print("checks: nothing found")
     for flag in figures["flags"]:
         severity = flag["severity"]
-        console.print(f"{severity}: {flag['message']}", style=_STYLES[severity], markup=False)
-        console.print(f"    → {flag['mend']}", markup=False)
+        console.print(f"{severity}: {flag['message']}", style=_STYLES[severity])
+        console.print(f"    → {flag['mend']}")
 
 
 def _print_ranges(console: Console, ranges: dict[str, Any]) -> None:

@@ -112,7 +112,6 @@ def _print_expected(console: Console, figures: dict[str, Any], tip: str) -> None
         f"{tip}, seen by the tracker: known to {ladle['rms_mm']:.4f} mm and {ladle['rms_mrad']:.4f} mrad RMS "
         f"over the workspace ({sides} mm), {ladle['worst_mm']:.4f} mm at worst, at {at}",
         style="bold",
-        markup=False,
         soft_wrap=True,
     )
     console.print(
@@ -130,4 +129,4 @@ def _print_expected(console: Console, figures: dict[str, Any], tip: str) -> None
     if figures["left_out"]:
         left = figures["left_out"]
         named = ", ".join(left[:8]) + (f" and {len(left) - 8} more (--json has all)" if len(left) > 8 else "")
-        console.print(f"left out, because those above show the same: {named}", markup=False)
+        console.print(f"left out, because those above show the same: {named}")

@@ -29,13 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class ThermalLaw:
-    """A thermal-model file at one temperature of the melt.
-
-    Attributes:
-        model: the file.
-        melt_degC: the temperature.
-        heat: the same heat for the full closure, to be compared.
-    """
+    """A thermal-model file at one temperature of the melt, and the same heat for the full closure, to be compared."""
 
     model: ThermalModel
     melt_degC: float  # noqa: N815 - the unit keeps its capital
@@ -55,11 +49,7 @@ class ThermalLaw:
 
 
 def thermal_law(path: Path | None, robot: Robot, heat: HeatSection | None) -> ThermalLaw | None:
-    """Return the thermal model of a file at the temperature of the melt; None without a file.
-
-    Raises:
-        ThermalFileError: the file is wrong.
-    """
+    """Return the thermal model of a file at the temperature of the melt; None without a file."""
     if path is None:
         return None
     from pouring_robot.thermal.regression.thermal_model import ThermalModel
@@ -99,14 +89,9 @@ def sum_figures(law: ThermalLaw | None, robot: Robot, command: Command, full: Lo
 
 @dataclass(frozen=True, eq=False)
 class Warmth:
-    """One command's answer, cold or warm.
+    """One command's answer, cold or warm; a cold robot has no heat, and so no temperatures.
 
-    Attributes:
-        robot: the actual robot, warm where it is warm.
-        location: where the ladle should be and where it is.
-        heated: the heat; None for a cold robot, and so are the others.
-        state: temperatures.
-        shares: what geometry and heat do, by frame.
+    ``shares`` are what geometry and heat do, by frame.
     """
 
     robot: Robot
@@ -117,12 +102,7 @@ class Warmth:
 
     @classmethod
     def of(cls, robot: Robot, heated: HeatedRobot | None, command: Command, *, shares: bool = False) -> Warmth:
-        """Find it, and the shares of geometry and heat if they are wanted.
-
-        Raises:
-            NoSolutionError: the robot cannot take the pose, or no temperatures are found.
-            BadInputError: a warm robot is asked for anything but a pose of its platform.
-        """
+        """Find it, and the shares of geometry and heat if they are wanted."""
         if heated is None:
             return cls(robot, robot.location_of(command))
         if not isinstance(command, PlatformPose):

@@ -184,7 +184,7 @@ def _print(robot: Robot, rows: list[Row], notes: list[str], written: list[Path],
         cells = [[cell(name, row[name]) if name in row else "" for name in names] for row in rows]
         tip = robot.model.loops().working_frame
         beside = "" if robot.model.named.get("layout") else ", beside where it should be"
-        console.print(f"error of {tip}{beside}: mm, mrad", style="italic", markup=False)
-        console.print(few_rows(short, cells, "--out FILE.csv writes all"), markup=False, soft_wrap=True)
+        console.print(f"error of {tip}{beside}: mm, mrad", style="italic")
+        console.print(few_rows(short, cells, "--out FILE.csv writes all"), soft_wrap=True)
     options.print_notes(console, notes)
     options.print_written(console, written)

@@ -67,11 +67,7 @@ class Commanded:
         return self != Commanded()
 
     def of(self, robot: Robot) -> Command:
-        """Return the command as this robot takes it.
-
-        Raises:
-            BadInputError: the options say nothing, contradict each other, or are no command of this robot.
-        """
+        """Return the command as this robot takes it."""
         import numpy as np
 
         from pouring_robot.mechanism.poses import MM
@@ -104,24 +100,15 @@ class Under:
     condition: options.Conditions = None
 
     def read_commands(self, robot: Robot, path: Path) -> Mapping[int, Command]:
-        """Return the commands of a table, by the line they stand on; conditions may stand beside them.
-
-        Raises:
-            TableError: the file is wrong.
-        """
+        """Return the commands of a table, by the line they stand on; conditions may stand beside them."""
         from pouring_robot.campaign.columns import condition_headings
 
         return robot.read_commands(path, condition_headings(robot.model.definition))
 
     def of(self, robot: Robot, beside: Path | Mapping[str, Any] | None = None) -> RobotUnderConditions | None:
-        """Return a robot under its conditions; None: nothing of it depends on any.
+        """Return a robot under its conditions, some maybe ``beside``: in a table of commands, or by heading.
 
-        Args:
-            robot: as built.
-            beside: table of commands with conditions beside them, or these by heading.
-
-        Raises:
-            BadInputError: a condition is none, is given twice, or nothing depends on it.
+        None: nothing of it depends on any.
         """
         if not robot.model.conditional:
             if self.condition:
@@ -147,14 +134,7 @@ class Under:
     ) -> tuple[list[Robot], tuple[str, ...]]:
         """Return the robot as it stands at each command, and what one should know of the conditions.
 
-        Args:
-            robot: as built.
-            commands: by the line of their table.
-            poses: that table, if they are from one.
-
-        Raises:
-            BadInputError: as :meth:`of`, or a condition is missing.
-            NoSolutionError: a command has no answer.
+        Commands are by the line of their table ``poses``, if they are from one.
         """
         import numpy as np
 
@@ -194,11 +174,7 @@ class Melt:
         return False
 
     def of(self, robot: Robot) -> HeatSection | None:
-        """Return how warm this robot is, over what its model file says; None: cold.
-
-        Raises:
-            BadInputError: options contradict each other, a value is impossible, or no melt warms this robot.
-        """
+        """Return how warm this robot is, over what its model file says; None: cold."""
         from pouring_robot.robot.heat_section import HeatSection
 
         if self.steady and self.after_min is not None:

@@ -87,8 +87,7 @@ def print_closure_note(
         limits = f"reach: '{limiting.joint}' limits, {limiting.relative_margin:.0%} of its range left"
     console.print(
         f"{limits}; condition {dexterity.condition:.1f}, {dexterity.distance:.3f} from a {dexterity.singularity} "
-        "singularity",
-        markup=False,
+        "singularity"
     )
     print_notes(console, notes)
     if isinstance(location, LadleLocation) and not location.in_workspace:
@@ -117,12 +116,7 @@ def _print_loops(console: Console, location: Location) -> None:
 
 
 def write_joints(locations: Sequence[Location], model: RobotModel, file: Path | None) -> list[Path]:
-    """Write the joint values of the robot as built, for the exported tree, and return what was written.
-
-    Raises:
-        BadInputError: the file's name ends in neither .csv nor .json.
-        OutputError: it cannot be written.
-    """
+    """Write the joint values of the robot as built, for the exported tree, and return what was written."""
     offsets = model.drive_offset_values()
     return write_joint_rows([JointRow.of(one.actual, offsets) for one in locations] if file else [], file)
 
@@ -140,12 +134,7 @@ def write_drawings(
     *,
     warm: bool = False,
 ) -> list[Path]:
-    """Write the page and the picture that were asked for, and return what was written.
-
-    Raises:
-        BadInputError: the exaggeration factor is not positive, or given without a drawing.
-        OutputError: a file cannot be written.
-    """
+    """Write the page and the picture that were asked for, and return what was written."""
     if not (html or png):
         if exaggerate is not None:
             raise BadInputError("--exaggerate enlarges the errors of a drawing; ask for one with --html or --png")
