@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
-
 from pouring_robot.cli.shared import options, progress
 from pouring_robot.cli.shared.tables import plain_table
 
@@ -21,11 +19,11 @@ OutFolder = Annotated[
 ]
 Parameters = Annotated[
     list[str] | None,
-    typer.Option(
+    options.opt(
         "--parameters",
+        "What to identify: geometry (default), centres, axes, all, dh, a group, or a pattern such as 'leg1_s1.*'; may "
+        "be given more than once. Each group is kept only where it helps held-out rows.",
         metavar="SET",
-        help="What to identify: geometry (default), centres, axes, all, dh, a group, or a pattern such as "
-        "'leg1_s1.*'; may be given more than once. Each group is kept only where it helps held-out rows.",
     ),
 ]
 LossName = Annotated[Literal["huber", "soft_l1", "linear"], options.opt("--loss", "How outliers count.")]

@@ -114,13 +114,8 @@ def _asked(key: str, usual: Any) -> Any:
             raise typer.BadParameter("one number" if wanted == 1 else "two numbers with a blank between")
         return numbers if wanted > 1 else numbers[0]
 
-    shown = (
-        " ".join(f"{v:g}" for v in usual)
-        if isinstance(usual, tuple)
-        else usual
-        if isinstance(usual, str)
-        else f"{usual:g}"
-    )
+    numbers = usual if isinstance(usual, tuple) else (usual,)
+    shown = usual if isinstance(usual, str) else " ".join(f"{value:g}" for value in numbers)
     try:
         return typer.prompt(QUESTIONS[key], default=shown, value_proc=parsed)
     except typer.Abort:

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
-
 from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.exceptions import BadInputError
 
@@ -21,12 +19,11 @@ if TYPE_CHECKING:
 _MOST_ROWS, _DRAWN = 2000, 121
 History = Annotated[
     Path | None,
-    typer.Option(
+    options.reads(
         "--history",
-        metavar="FILE.csv",
-        callback=options.there,
-        help="A shift: columns time_min (or _s, _h), melt_degC, if wanted ambient_degC, and x_mm y_mm z_mm tilt_deg "
+        "A shift: columns time_min (or _s, _h), melt_degC, if wanted ambient_degC, and x_mm y_mm z_mm tilt_deg "
         "where the pose changes.",
+        metavar="FILE.csv",
     ),
 ]
 

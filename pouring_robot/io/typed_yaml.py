@@ -111,10 +111,7 @@ def _known_keys(model: type[pydantic.BaseModel], location: Sequence[str | int]) 
 
 
 def validate(
-    model: type[FileModel],
-    content: CommentedMap,
-    path: Path | str,
-    error: type[DescriptionError] = DescriptionError,
+    model: type[FileModel], content: CommentedMap, path: Path | str, error: type[DescriptionError] = DescriptionError
 ) -> FileModel:
     """Turn the content of a YAML file into ``model``.
 

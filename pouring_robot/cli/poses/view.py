@@ -24,14 +24,8 @@ def view(
     commanded: bundles.Commanded,
     which: bundles.Which,
     under: bundles.Under,
-    path: Annotated[
-        Path | None,
-        typer.Option("--path", metavar="POSES.csv", callback=options.there, help="Play the poses of a table."),
-    ] = None,
-    campaign: Annotated[
-        Path | None,
-        typer.Option("--campaign", metavar="FILE", callback=options.there, help="Step through the rows of a campaign."),
-    ] = None,
+    path: Annotated[Path | None, options.reads("--path", "Play the poses of a table.", metavar="POSES.csv")] = None,
+    campaign: Annotated[Path | None, options.reads("--campaign", "Step through the rows of a campaign.")] = None,
     exaggerate: options.Exaggeration = None,
     port: Annotated[int, typer.Option(help="TCP port on the loopback address; 0 takes a free one.")] = 0,
     browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,

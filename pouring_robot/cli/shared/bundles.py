@@ -168,21 +168,15 @@ class Melt:
     steady: options.Steady = False
     after_min: options.AfterMin = None
 
-    @property
-    def left_out(self) -> bool:
-        """Whether the heat that a model file tells of is left out."""
-        return False
-
     def of(self, robot: Robot) -> HeatSection | None:
         """Return how warm this robot is, over what its model file says; None: cold."""
         from pouring_robot.robot.heat_section import HeatSection
 
         if self.steady and self.after_min is not None:
             raise BadInputError("give --steady or --after-min, not both")
-        values: dict[str, Any] = {"melt_degC": self.melt_degC, "ambient_degC": self.ambient_degC}
-        values["after_min"] = self.after_min
-        given = {name: value for name, value in values.items() if value is not None}
-        if self.left_out:
+        names = ("melt_degC", "ambient_degC", "after_min")
+        given: dict[str, Any] = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        if isinstance(self, Heat) and self.cold:
             if given or self.steady:
                 raise BadInputError("--cold leaves heat out; give it alone, or leave it out")
             return None
@@ -199,11 +193,6 @@ class Heat(Melt):
     """How warm it is, if at all."""
 
     cold: options.Cold = False
-
-    @property
-    def left_out(self) -> bool:
-        """Whether the heat that a model file tells of is left out."""
-        return self.cold
 
 
 @dataclass(frozen=True)

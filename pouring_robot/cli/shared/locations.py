@@ -39,15 +39,11 @@ def location_table(location: Location) -> Table:
             ["", "error", *_cells(translation, sign=True), *_cells(rotation, sign=True)],
         ]
     head = ("frame", "", "x", "y", "z", "rx", "ry", "rz")
-    table = plain_table(head, rows, (0, 1), title=f"{_seen_from(location)}: mm, deg; errors: mm, mrad")
+    seen = "the fixed platform" if isinstance(location, LadleLocation) else location.loops.base_frame
+    table = plain_table(head, rows, (0, 1), title=f"in {seen}'s frame: mm, deg; errors: mm, mrad")
     for row in table.rows[2::3]:
         row.style = "bold"
     return table
-
-
-def _seen_from(location: Location) -> str:
-    seen = "the fixed platform" if isinstance(location, LadleLocation) else location.loops.base_frame
-    return f"in {seen}'s frame"
 
 
 def drives_line(location: Location) -> str:
@@ -74,8 +70,21 @@ def print_closure_note(
     console: Console, location: Location, dexterity: Dexterity, weakness: AxisWeakness | None, notes: Sequence[str]
 ) -> None:
     """Say what the closure found besides the pose: fit of the parts, rank, load, reach, sideways weakness."""
+    nominal, actual = location.nominal, location.actual
     if location.loops.loops:
-        _print_loops(console, location)
+        console.print(
+            f"closure: rank {nominal.rank} nominal, {actual.rank} as built; left open {actual.gap_m * 1e6:.3f} µm and "
+            f"{actual.gap_rad / MRAD:.3f} mrad after {actual.iterations} iterations"
+        )
+        if actual.rank > nominal.rank:
+            console.print(
+                f"  the chains over-constrain the platform: {actual.rank - nominal.rank} equations more than rigid "
+                "parts could meet, so the joints are forced by what is left open"
+            )
+        console.print(
+            f"internal load: up to {actual.internal_force_n:.1f} N and {actual.internal_torque_nm:.1f} Nm in a chain "
+            "(by the assumed joint stiffness)"
+        )
     if weakness is not None:
         console.print(
             f"sideways: {weakness.m_per_rad:.1f} mm at the lip per mrad of axis tilt, at the worst axis "
@@ -98,23 +107,6 @@ def print_closure_note(
         console.print(f"note: the pose is outside the workspace box: {', '.join(beyond)}")
 
 
-def _print_loops(console: Console, location: Location) -> None:
-    nominal, actual = location.nominal, location.actual
-    console.print(
-        f"closure: rank {nominal.rank} nominal, {actual.rank} as built; left open {actual.gap_m * 1e6:.3f} µm and "
-        f"{actual.gap_rad / MRAD:.3f} mrad after {actual.iterations} iterations"
-    )
-    if actual.rank > nominal.rank:
-        console.print(
-            f"  the chains over-constrain the platform: {actual.rank - nominal.rank} equations more than rigid parts "
-            "could meet, so the joints are forced by what is left open"
-        )
-    console.print(
-        f"internal load: up to {actual.internal_force_n:.1f} N and {actual.internal_torque_nm:.1f} Nm in a chain "
-        "(by the assumed joint stiffness)"
-    )
-
-
 def write_joints(locations: Sequence[Location], model: RobotModel, file: Path | None) -> list[Path]:
     """Write the joint values of the robot as built, for the exported tree, and return what was written."""
     offsets = model.drive_offset_values()
@@ -127,12 +119,7 @@ def write_joint_rows(rows: Sequence[JointRow], file: Path | None) -> list[Path]:
 
 
 def write_drawings(
-    locations: Sequence[Location],
-    html: Path | None,
-    png: Path | None,
-    exaggerate: float | None,
-    *,
-    warm: bool = False,
+    locations: Sequence[Location], html: Path | None, png: Path | None, exaggerate: float | None, *, warm: bool = False
 ) -> list[Path]:
     """Write the page and the picture that were asked for, and return what was written."""
     if not (html or png):
