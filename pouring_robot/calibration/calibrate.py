@@ -170,7 +170,10 @@ def calibrate(
         selection = replace(selection, groups=())
         chosen, fit, after = fitted(())
     calibrated = amended_model(model, chosen.model, fit.unknowns.parameters)
-    inflation = _inflation(fit)
+    # By how much residuals exceed the noise, where that is no accident.
+    freedom = fit.freedom()
+    accident = freedom <= 1.0 or scipy.special.chdtrc(freedom, fit.chi_square()) >= _SURE
+    inflation = 1.0 if accident else fit.scatter()
     alike = repeats(campaign, np.setdiff1d(np.flatnonzero(campaign.usable), left_out))
     start = fit.unknowns.at(np.zeros_like(fit.unknowns.values))
     shown = observed(measured[parts.train], chosen[parts.train].linearise(start))
@@ -215,12 +218,6 @@ def _refused(
         return None
     names = tuple(group.name for group in selection.groups)
     return Refusal(names, Misfit.of(before[test]), Misfit.of(after[test]))
-
-
-def _inflation(fit: Fit) -> float:
-    """Return by how much residuals exceed the noise, where that is no accident; else 1."""
-    freedom = fit.freedom()
-    return fit.scatter() if freedom > 1.0 and scipy.special.chdtrc(freedom, fit.chi_square()) < _SURE else 1.0
 
 
 def _rank_anywhere(seen: FloatArray, workspace: ModelledRows, start: Unknowns, measured: MeasuredPoses) -> int:

@@ -43,12 +43,7 @@ def workspace_rows(model: MeasurementModel) -> ModelledRows:
 
 
 def ladle_uncertainty(
-    rows: ModelledRows,
-    unknowns: Unknowns,
-    covariance: FloatArray,
-    T_end_tool: pin.SE3,
-    *,
-    turned: bool,
+    rows: ModelledRows, unknowns: Unknowns, covariance: FloatArray, T_end_tool: pin.SE3, *, turned: bool
 ) -> LadleUncertainty:
     """Carry the covariance of the unknowns, in m and rad, at their calibrated values to the lip.
 

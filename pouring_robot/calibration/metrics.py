@@ -94,24 +94,17 @@ def pose_performance(
     known = [rows for rows in known if rows.size >= _FEWEST_REPEATS]
     if not known:
         return None
-    figures = np.array(
-        [[*_accuracy(before[rows]), *_accuracy(after[rows]), *_repeatability(after[rows])] for rows in known]
-    )
-    worst = [float(np.nanmax(column)) if np.isfinite(column).any() else float("nan") for column in figures.T]
-    return PosePerformance(
-        len(known), min(rows.size for rows in known), worst[0], worst[2], worst[1], worst[3], worst[4], worst[5]
-    )
+    figures = np.array([_figures(before[rows, :6], after[rows, :6]) for rows in known])
+    worst = (float(np.nanmax(column)) if np.isfinite(column).any() else float("nan") for column in figures.T)
+    return PosePerformance(len(known), min(rows.size for rows in known), *worst)
 
 
-def _accuracy(difference: FloatArray) -> tuple[float, float]:
-    mean = difference.mean(axis=0)
-    return float(np.linalg.norm(mean[:3])) / MM, float(np.linalg.norm(mean[3:6])) / MRAD
-
-
-def _repeatability(difference: FloatArray) -> tuple[float, float]:
-    # Repeats share their prediction, so that differences scatter as the measurements do.
-    found = []
-    for part, unit in ((difference[:, :3], MM), (difference[:, 3:6], MRAD)):
-        lengths = np.linalg.norm(part - part.mean(axis=0), axis=1)
-        found.append(float(lengths.mean() + 3.0 * lengths.std(ddof=1)) / unit)
-    return found[0], found[1]
+def _figures(before: FloatArray, after: FloatArray) -> list[float]:
+    """Return AP before and after in mm, the same in mrad, and RP in mm and mrad."""
+    accuracies, repeatabilities = [], []
+    for part, unit in ((slice(0, 3), MM), (slice(3, 6), MRAD)):
+        accuracies += [float(np.linalg.norm(one[:, part].mean(axis=0))) / unit for one in (before, after)]
+        # Repeats share their prediction, so that differences scatter as the measurements do.
+        lengths = np.linalg.norm(after[:, part] - after[:, part].mean(axis=0), axis=1)
+        repeatabilities.append(float(lengths.mean() + 3.0 * lengths.std(ddof=1)) / unit)
+    return accuracies + repeatabilities

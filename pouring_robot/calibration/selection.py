@@ -59,12 +59,7 @@ class _CrossValidation:
     """Scores a choice of groups: fitted to some training blocks and judged on another, in turn."""
 
     def __init__(
-        self,
-        rows: ModelledRows,
-        measured: MeasuredPoses,
-        split: Split,
-        tolerances: Tolerances,
-        options: FitOptions,
+        self, rows: ModelledRows, measured: MeasuredPoses, split: Split, tolerances: Tolerances, options: FitOptions
     ) -> None:
         self.rows, self.measured = rows, measured
         # Scores need predictions, not parameters: what a tenth of a standard deviation moves does not show in them.

@@ -156,7 +156,10 @@ class Campaign(Result):
             distance_from=table.labels.get(columns.DISTANCE_FROM, ()),
             **arrays_from(table.numbers, robot),
         )
-        found._check_starts()
+        for row, name in enumerate(found.distance_from):
+            if name and (found.samples.count(name) != 1 or found.samples[row] == name):
+                wrong = f"line {found.lines[row]}: distance_from must be the sample of one other row, and is '{name}'"
+                raise CampaignError(path, wrong)
         return found
 
     def save(self, path: Path | str, *, overwrite: bool = False) -> tuple[Path, Path]:
@@ -219,13 +222,6 @@ class Campaign(Result):
         rows = {sample: row for row, sample in enumerate(self.samples)}
         starts = self.distance_from or ("",) * len(self)
         return np.array([rows.get(name, -2) if name else -1 for name in starts], dtype=np.intp)
-
-    def _check_starts(self) -> None:
-        """Raise CampaignError if a distance starts at a sample that is not there, stands twice or is the row itself."""
-        for row, name in enumerate(self.distance_from):
-            if name and (self.samples.count(name) != 1 or self.samples[row] == name):
-                problem = f"line {self.lines[row]}: distance_from must be the sample of one other row, and is '{name}'"
-                raise CampaignError(self.path, problem)
 
     @property
     def position_measured(self) -> BoolArray:

@@ -129,7 +129,13 @@ def simulate_campaign(
     path = Path(path)
     random = np.random.default_rng([options.seed, 2])
     outer, inner = _frames(options, random)
-    actual = _close(robots or [robot] * rows, plan, path, progress)
+    actual = []
+    for row, (standing, command) in enumerate(zip(robots or [robot] * rows, plan.poses, strict=True)):
+        try:
+            actual.append(standing.actual_of(command).pose_base_to_end)
+        except NoSolutionError as error:
+            raise CampaignError(path, f"pose {row + 1} of the plan: {error}") from error
+        progress("measuring", row + 1, rows)
     seen = [outer * pose * inner for pose in actual]
     position = np.array([pose.translation for pose in seen]) + random.normal(size=(rows, 3)) * options.sigma_position_m
     wrong = np.sort(random.choice(rows, options.outliers, replace=False))
@@ -141,22 +147,13 @@ def simulate_campaign(
         noise = random.normal(size=(rows, 3)) * options.sigma_rotation_rad
         turned = np.array([pin.exp3(turn) @ pose.rotation for turn, pose in zip(noise, seen, strict=True)])
         measured |= dict(zip(ROTATION, rotation_vectors(turned).T, strict=True))
-    lost = _lose(measured, options.lost, random)
+    lost = []
+    for name, values in measured.items():
+        for row in np.flatnonzero(random.random(rows) < options.lost).tolist():
+            values[row] = np.nan
+            lost.append((row, name))
     campaign = _campaign(robot, plan, options, path, measured)
-    return VirtualMeasurement(
-        campaign, tuple(actual), outer, inner, tuple(int(row) for row in wrong), lost, options.seed
-    )
-
-
-def _close(robots: Sequence[Robot], plan: PosePlan, path: Path, progress: Progress) -> list[pin.SE3]:
-    actual = []
-    for row, (robot, command) in enumerate(zip(robots, plan.poses, strict=True)):
-        try:
-            actual.append(robot.actual_of(command).pose_base_to_end)
-        except NoSolutionError as error:
-            raise CampaignError(path, f"pose {row + 1} of the plan: {error}") from error
-        progress("measuring", row + 1, len(plan))
-    return actual
+    return VirtualMeasurement(campaign, tuple(actual), outer, inner, tuple(wrong.tolist()), tuple(lost), options.seed)
 
 
 def _frames(options: MeasurementOptions, random: np.random.Generator) -> tuple[pin.SE3, pin.SE3]:
@@ -173,15 +170,6 @@ def _frames(options: MeasurementOptions, random: np.random.Generator) -> tuple[p
     return options.pose_tracker_to_fixed_platform or outer, options.pose_platform_to_target or inner
 
 
-def _lose(measured: dict[str, FloatArray], share: float, random: np.random.Generator) -> tuple[tuple[int, str], ...]:
-    lost = []
-    for name, values in measured.items():
-        for row in np.flatnonzero(random.random(values.size) < share):
-            values[row] = np.nan
-            lost.append((int(row), name))
-    return tuple(lost)
-
-
 def _campaign(
     robot: Robot, plan: PosePlan, options: MeasurementOptions, path: Path, measured: dict[str, FloatArray]
 ) -> Campaign:
@@ -193,13 +181,12 @@ def _campaign(
         sigma_rotation_rad=options.sigma_rotation_rad or None,
         reference_temperature_degC=REFERENCE_DEGC,
     )
+    facts: dict[str, Any] = {"target": robot.model.loops().end_frame}
     if isinstance(robot, PouringRobot):
         ladle = robot.layout.ladle
-        facts: dict[str, Any] = {"screw_pitch_m": _SCREW_PITCH_M, "truss_span_m": robot.layout.truss_span_m}
+        facts = {"screw_pitch_m": _SCREW_PITCH_M, "truss_span_m": robot.layout.truss_span_m}
         facts |= {"ladle_tare_kg": ladle.tare_kg, "ladle_centre_of_mass_m": ladle.centre_of_mass_m}
-        metadata = metadata.model_copy(update=facts)
-    else:
-        metadata = metadata.model_copy(update={"target": robot.model.loops().end_frame})
+    metadata = metadata.model_copy(update=facts)
     definition = robot.model.definition
     both = zip(definition.drives, plan.drives.T, strict=True)
     drives = {drive.column: drive.commanded(values) for drive, values in both}

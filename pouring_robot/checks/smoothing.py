@@ -112,7 +112,9 @@ def _linear_terms(campaign: Campaign, poses: PoseStack, with_time: bool) -> tupl
     conditions = [campaign.conditions[name] for name in kept]
     conditions += [] if campaign.approach is None else list(campaign.approach.T)
     terms = [np.ones(len(campaign)), *pose_terms]
-    terms += [_scaled(_filled(values)) for values in conditions if np.unique(values[np.isfinite(values)]).size > 1]
+    for values in conditions:
+        if np.unique(values[np.isfinite(values)]).size > 1:
+            terms.append(_scaled(np.where(np.isfinite(values), values, np.nanmedian(values))))
     return terms, 1 + len(pose_terms)
 
 
@@ -137,10 +139,6 @@ def _turns(poses: PoseStack) -> FloatArray:
     middle = rotation[known].mean(axis=0)
     _, sizes, axes = np.linalg.svd(rotation[known] - middle, full_matrices=False)
     return np.asarray((rotation - middle) @ axes[sizes > _VARIES * np.sqrt(known.sum())].T)
-
-
-def _filled(values: FloatArray) -> FloatArray:
-    return np.where(np.isfinite(values), values, np.nanmedian(values))
 
 
 def _scaled(values: FloatArray) -> FloatArray:

@@ -6,7 +6,8 @@ import numpy as np
 
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.design.columns import Conditions
-from pouring_robot.design.planning import MeasurementPlan, Planner
+from pouring_robot.design.planning import Planner
+from pouring_robot.design.result import MeasurementPlan
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD

@@ -62,9 +62,8 @@ def _points(place: Any, plan: MeasurementPlan, across: FloatArray, up: FloatArra
         place.scatter(across[rows], up[rows], s=26, alpha=0.8, color=COLOURS[k % len(COLOURS)], label=label)
     both = [c.side < 0 for c in plan.conditions]
     if any(both):
-        place.scatter(
-            across[both], up[both], s=90, facecolors="none", edgecolors="black", label="visited from both sides"
-        )
+        ring = {"s": 90, "facecolors": "none", "edgecolors": "black", "label": "visited from both sides"}
+        place.scatter(across[both], up[both], **ring)
 
 
 def _spread(across: FloatArray, up: FloatArray, width: float, height: float) -> tuple[FloatArray, FloatArray]:

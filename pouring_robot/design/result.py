@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pouring_robot.campaign import columns
+from pouring_robot.campaign.columns import approach_names
 from pouring_robot.design.columns import Conditions
 from pouring_robot.design.exchange import IntArray
 from pouring_robot.design.parameters import PlannedParameter
@@ -162,21 +162,18 @@ class MeasurementPlan(Result):
 
         A sample is named after its pose; the second visit of a pose, from the other side, has a ``b``.
         """
-        request = self.request
-        headings = ["sample", *(axis.heading for axis in self.axes)]
-        approaches = columns.approach_names(self.robot)
-        headings += list(approaches) if request.both_sides else []
-        headings += ["payload_kg"] if request.loads_kg else []
-        headings += [f"{leg}_degC" for leg in LEGS] if request.leg_degC else []
-        rows = []
-        for pose, visit, number in zip(self.poses.tolist(), self.conditions, self.pose_numbers.tolist(), strict=True):
-            row = [f"{number}{'b' if visit.side < 0 else ''}"]
-            row += [axis.text(value) for axis, value in zip(self.axes, pose, strict=True)]
-            row += [str(visit.side)] * len(approaches) if request.both_sides else []
-            row += [f"{visit.payload_kg:g}"] if request.loads_kg else []
-            row += [f"{visit.leg_degC:g}"] * len(LEGS) if request.leg_degC else []
-            rows.append(row)
-        return headings, rows
+        visits, request = self.conditions, self.request
+        named = zip(self.pose_numbers.tolist(), visits, strict=True)
+        columns = {"sample": [f"{number}{'b' if visit.side < 0 else ''}" for number, visit in named]}
+        for axis, values in zip(self.axes, self.poses.T.tolist(), strict=True):
+            columns[axis.heading] = [axis.text(value) for value in values]
+        if request.both_sides:
+            columns |= {name: [str(visit.side) for visit in visits] for name in approach_names(self.robot)}
+        if request.loads_kg:
+            columns["payload_kg"] = [f"{visit.payload_kg:g}" for visit in visits]
+        if request.leg_degC:
+            columns |= {f"{leg}_degC": [f"{visit.leg_degC:g}" for visit in visits] for leg in LEGS}
+        return list(columns), [list(row) for row in zip(*columns.values(), strict=True)]
 
     def rows(self) -> list[dict[str, Any]]:
         """Return the rows by heading, in the order to measure."""

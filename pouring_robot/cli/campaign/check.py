@@ -20,10 +20,9 @@ def check(
 ) -> None:
     """Say what is in a campaign and what is wrong with its data, before any fit; exit code 2 if there is an error."""
     from pouring_robot.campaign.data import Campaign
-    from pouring_robot.checks.check import examine
+    from pouring_robot.checks.check import campaign_metrics, examine
     from pouring_robot.checks.flags import refuse_errors
     from pouring_robot.checks.plots import write_picture
-    from pouring_robot.checks.summary import campaign_metrics
     from pouring_robot.robot.pouring.definition import PouringDefinition
     from pouring_robot.robot.pouring.layout import load_layout
 
@@ -55,7 +54,7 @@ def _print_summary(console: Console, figures: dict[str, Any]) -> None:
     for name, values in figures["ranges"].items():
         if not name.startswith("approach"):
             digits = 4 if values["unit"] == "rad" else 2
-            ends = ("–" if values[end] is None else f"{values[end]:.{digits}f}" for end in ("least", "largest"))
+            ends = (f"{values[end]:.{digits}f}" for end in ("least", "largest"))
             rows.append((name, values["unit"].replace("degC", "°C"), *ends, str(values["missing"] or "")))
     console.print(plain_table(("column", "unit", "least", "largest", "missing"), rows, (0, 1)))
     for line in _lines(figures):

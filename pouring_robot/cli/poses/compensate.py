@@ -215,6 +215,10 @@ def _each(
     bring: Callable[[Command, Robot], Found],
 ) -> list[Found]:
     """Return what is found for each command; an error names the line of its table."""
+    if under is None:
+        return bundles.each(wanted, [robot] * len(wanted), asked.poses, "compensating", bring)
+    from pouring_robot.effects.under import compensate_under
+
     lines = list(wanted)
 
     def at(k: int, standing: Robot) -> Found:
@@ -222,15 +226,7 @@ def _each(
             return bring(wanted[lines[k]], standing)
 
     with progress.stage_bars() as show:
-        if under is not None:
-            from pouring_robot.effects.under import compensate_under
-
-            return compensate_under(under, list(wanted.values()), at, show)
-        found: list[Found] = []
-        for k in range(len(lines)):
-            found.append(at(k, robot))
-            show("compensating", len(found), len(wanted))
-    return found
+        return compensate_under(under, list(wanted.values()), at, show)
 
 
 def _is_outside(robot: PouringRobot, pose: PlatformPose) -> bool:

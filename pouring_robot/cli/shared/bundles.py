@@ -5,22 +5,25 @@ from __future__ import annotations
 import contextlib
 import functools
 import inspect
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
 
 import typer
 
-from pouring_robot.cli.shared import options
+from pouring_robot.cli.shared import options, progress
 from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseError
 
 if TYPE_CHECKING:
     from pouring_robot.effects.under import RobotUnderConditions
+    from pouring_robot.robot.export.joints import JointRow
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.location import Location
     from pouring_robot.robot.model import RobotModel
     from pouring_robot.robot.robot import Command, Robot
+
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True)
@@ -159,6 +162,19 @@ def at_line(path: Path | None, line: int) -> Iterator[None]:
         raise PathPoseError(path, line, error) from error
 
 
+def each(
+    commands: Mapping[int, Command], robots: Iterable[Robot], path: Path | None, stage: str, find: Callable[..., Found]
+) -> list[Found]:
+    """Return what is found for each command and the robot at it; an error names the line of their table."""
+    found: list[Found] = []
+    with progress.stage_bars() as show:
+        for (line, command), robot in zip(commands.items(), robots, strict=True):
+            with at_line(path, line):
+                found.append(find(command, robot))
+            show(stage, len(found), len(commands))
+    return found
+
+
 @dataclass(frozen=True)
 class Melt:
     """How warm it is."""
@@ -207,9 +223,17 @@ class Drawing:
     def write(self, locations: list[Location], model: RobotModel, *, warm: bool) -> list[Path]:
         """Write what was asked for, and return the files."""
         from pouring_robot.cli.shared import locations as places
+        from pouring_robot.robot.export.joints import JointRow
 
         written = places.write_drawings(locations, self.html, self.png, self.exaggerate, warm=warm)
-        return written + places.write_joints(locations, model, self.joints)
+        offsets = model.drive_offset_values()
+        return written + self.write_joints(lambda: [JointRow.of(one.actual, offsets) for one in locations])
+
+    def write_joints(self, rows: Callable[[], Sequence[JointRow]]) -> list[Path]:
+        """Write the joint values of the robot as built, for the exported tree, if they were asked for."""
+        from pouring_robot.robot.export.joints import joints_text
+
+        return options.written(self.joints, lambda: joints_text(rows(), self.joints or Path()))
 
 
 def group_of(about: str, commands: Iterable[Callable[..., None]]) -> typer.Typer:

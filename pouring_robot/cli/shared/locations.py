@@ -10,13 +10,10 @@ from rich.table import Table
 from pouring_robot.cli.shared.options import print_notes
 from pouring_robot.cli.shared.tables import plain_table
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.io.files import write_whole
 from pouring_robot.mechanism.jacobians import AxisWeakness, Dexterity
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.robot.export.joints import JointRow, joints_text
 from pouring_robot.robot.location import LadleLocation, Location, drive_words
 from pouring_robot.robot.location_figures import decimals, rotation_deg
-from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import Robot
 
 
@@ -105,17 +102,6 @@ def print_closure_note(
         if location.outside_workspace_rad:
             beyond.append(f"tilt by {math.degrees(location.outside_workspace_rad):.2f} deg")
         console.print(f"note: the pose is outside the workspace box: {', '.join(beyond)}")
-
-
-def write_joints(locations: Sequence[Location], model: RobotModel, file: Path | None) -> list[Path]:
-    """Write the joint values of the robot as built, for the exported tree, and return what was written."""
-    offsets = model.drive_offset_values()
-    return write_joint_rows([JointRow.of(one.actual, offsets) for one in locations] if file else [], file)
-
-
-def write_joint_rows(rows: Sequence[JointRow], file: Path | None) -> list[Path]:
-    """Write a table of joint values and return what was written."""
-    return [write_whole(file, joints_text(rows, file))] if file else []
 
 
 def write_drawings(
