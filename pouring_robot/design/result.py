@@ -47,10 +47,10 @@ class UndeterminedError(BadInputError):
             parts.append(f"{group.hidden} of {_some(own, ' + ', 6)}")
         parts += [f"{_some(self.unseen, ', ', 4)} (without effect)"] if self.unseen else []
         count = len(found.names) - found.rank
+        mend = f"leave out {_some(self.too_many, ', ', 6)} (--reduce does so), " if self.too_many else ""
         super().__init__(
             f"{what} cannot determine {count} combination{'s' if count > 1 else ''} of the parameters: "
-            f"{_some(parts, '; ', 3)}; leave out {_some(self.too_many, ', ', 6)} (--reduce does so), plan more poses, "
-            "or let tolerances count as priors (--priors)"
+            f"{_some(parts, '; ', 3)}; {mend}plan more poses, or let tolerances count as priors (--priors)"
         )
 
 
