@@ -8,8 +8,8 @@ from .campaign.plan import random_plan as random_plan
 from .campaign.simulate import MeasurementOptions as MeasurementOptions
 from .campaign.simulate import simulate_campaign as simulate_campaign
 from .compensation.pose import compensate as compensate
-from .design.planning import PlanRequest as PlanRequest
 from .design.planning import plan_campaign as plan_campaign
+from .design.request import PlanRequest as PlanRequest
 from .diagnosis.diagnose import Diagnosis as Diagnosis
 from .diagnosis.diagnose import DiagnosisOptions as DiagnosisOptions
 from .diagnosis.diagnose import diagnose as diagnose

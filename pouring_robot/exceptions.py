@@ -1,7 +1,8 @@
 """The errors the package raises on purpose, each with its figures and one line that says how to mend it.
 
 Two families: :class:`BadInputError` (what was given is wrong; exit code 2) and :class:`NoSolutionError`
-(the input is sound but the mechanism has no answer; exit code 3). ``str(error)`` is always one line.
+(the input is sound but the mechanism has no answer; exit code 3). ``str(error)`` is always one line, and what a
+constructor takes are the error's attributes.
 """
 
 from __future__ import annotations
@@ -50,169 +51,50 @@ class StoppedError(PouringRobotError):
     exit_code = 130
 
 
-class DescriptionError(BadInputError):
-    """The robot's description (xacro, URDF, layouts or loops file) is broken.
+class _FileError(BadInputError):
+    """A file or folder is at fault; the problem is told on one line."""
 
-    Attributes:
-        path: the file at fault.
-        problem: what is wrong with it, on one line.
-    """
+    _before = ""
 
     def __init__(self, path: Path | str, problem: str) -> None:
-        self.path = Path(path)
-        self.problem = " ".join(problem.split())
-        super().__init__(f"{path}: {self.problem}")
+        self.path, self.problem = Path(path), " ".join(problem.split())
+        super().__init__(f"{self._before}{path}: {self.problem}")
 
 
-class UnknownLayoutError(BadInputError):
-    """A layout was asked for that the dimensions file does not hold."""
+class OutputError(_FileError):
+    """A result cannot be written where it was asked for."""
 
-    def __init__(self, name: str, known: Sequence[str], path: Path | str) -> None:
-        self.name, self.known, self.path = name, tuple(known), Path(path)
-        super().__init__(f"unknown layout '{name}' in {self.path.name}; known: {', '.join(known)}")
+    _before = "cannot write "
 
 
-class UnknownJointError(BadInputError):
-    """A joint was named that the robot does not have."""
-
-    def __init__(self, name: str, known: Iterable[str]) -> None:
-        """Name the joint and suggest the nearest known one."""
-        self.name, self.known = name, tuple(known)
-        super().__init__(f"the robot has no joint '{name}'{closest(name, self.known)}")
+class SweepStoreError(_FileError):
+    """Results of a sweep cannot be written, read, or gone on with."""
 
 
-class OutputError(BadInputError):
-    """A result cannot be written where it was asked for.
-
-    Attributes:
-        path: the file that was to be written.
-        problem: why it cannot be, on one line.
-    """
-
-    def __init__(self, path: Path | str, problem: str) -> None:
-        self.path = Path(path)
-        self.problem = " ".join(problem.split())
-        super().__init__(f"cannot write {path}: {self.problem}")
-
-
-class UnknownFrameError(BadInputError):
-    """A frame was named that the robot does not have."""
-
-    def __init__(self, name: str, known: Iterable[str]) -> None:
-        """Name the frame and suggest the nearest known one."""
-        self.name, self.known = name, tuple(known)
-        super().__init__(f"the robot has no frame '{name}'{closest(name, self.known)}")
-
-
-class ClosureError(NoSolutionError):
-    """The loops cannot be closed for these drive values.
-
-    Attributes:
-        iterations: Newton steps taken.
-        gap_m: largest distance left between two frames that should coincide, in m.
-        gap_rad: largest angle left between them, in rad.
-        worst_loop: the loop with the largest gap; None for a mechanism without loops.
-        status: what of the names of the batch engines it is: ``batch.STATUS_NAMES``.
-    """
-
-    def __init__(
-        self,
-        reason: str,
-        *,
-        iterations: int,
-        gap_m: float,
-        gap_rad: float,
-        worst_loop: str | None,
-        status: str,
-    ) -> None:
-        self.iterations, self.gap_m, self.gap_rad, self.worst_loop = iterations, gap_m, gap_rad, worst_loop
-        self.status = status
-        if worst_loop is None:
-            super().__init__(
-                f"the arm finds no equilibrium: {reason} after {iterations} iterations; "
-                "check the weight and the stiffness of its drives"
-            )
-            return
-        super().__init__(
-            f"the loops do not close: {reason} after {iterations} iterations; '{worst_loop}' is left open by "
-            f"{gap_m * 1e3:.4g} mm and {gap_rad * 1e3:.4g} mrad; check the drive values and the model's errors"
-        )
-
-
-class UnreachablePoseError(NoSolutionError):
-    """A pose asks a joint to go beyond its limits.
-
-    Attributes:
-        joint: the joint that limits.
-        value: the value asked of it, in m or rad; ``unit`` says which.
-        lower: its lower limit; ``upper`` its upper one.
-    """
-
-    def __init__(self, joint: str, value: float, lower: float, upper: float, unit: str) -> None:
-        self.joint, self.value, self.lower, self.upper, self.unit = joint, value, lower, upper, unit
-        factor, shown = (1e3, "mm") if unit == "m" else (math.degrees(1.0), "deg")
-        excess = lower - value if value < lower else value - upper
-        self.excess = excess
-        super().__init__(
-            f"the pose is out of reach: joint '{joint}' would stand at {value * factor:.2f} {shown}, "
-            f"{excess * factor:.2f} {shown} beyond its limits {lower * factor:.2f} to {upper * factor:.2f} {shown}"
-        )
-
-
-class UnreachableTargetError(NoSolutionError):
-    """No drive values bring the end body to a pose.
-
-    Attributes:
-        left: what the nearest ones leave, (6,): displacement in m and rotation vector in rad.
-    """
-
-    def __init__(self, left: NDArray[np.float64]) -> None:
-        self.left = left
-        away, turned = (1e3 * math.sqrt(float(part @ part)) for part in (left[:3], left[3:]))
-        super().__init__(
-            f"the pose is out of reach: the nearest that was found is {away:.3g} mm and {turned:.3g} mrad away; the "
-            "robot may not command all of its freedoms"
-        )
-
-
-class PathPoseError(NoSolutionError):
-    """A pose of a list has no solution.
-
-    Attributes:
-        path: the list; ``line``: the line of the pose.
-        reason: the error of that pose, with its figures.
-    """
-
-    def __init__(self, path: Path | str, line: int, reason: NoSolutionError) -> None:
-        self.path, self.line, self.reason = Path(path), line, reason
-        super().__init__(f"{path}: line {line}: {reason}")
-
-
-class SingularPoseError(NoSolutionError):
-    """The drives do not determine the platform here.
-
-    Attributes:
-        ratio: smallest over largest eigenvalue of the closure's Hessian over the free joints.
-    """
-
-    def __init__(self, ratio: float) -> None:
-        self.ratio = ratio
-        super().__init__(
-            f"the mechanism is singular here: with its drives held the platform can still move "
-            f"(eigenvalue ratio {ratio:.1e}); choose another pose"
-        )
+class DescriptionError(_FileError):
+    """The robot's description (xacro, URDF, layouts or loops file) is broken."""
 
 
 class ModelFileError(DescriptionError):
     """A model file is wrong."""
 
 
+class SweepFileError(DescriptionError):
+    """A sweep file is wrong."""
+
+
+class CampaignFileError(DescriptionError):
+    """The YAML file of a measurement campaign is wrong."""
+
+
+class ThermalFileError(DescriptionError):
+    """The file of thermal properties is wrong."""
+
+
 class TableError(BadInputError):
     """A table of numbers is wrong.
 
     Attributes:
-        path: the file at fault.
-        problem: what is wrong and how to mend it, on one line.
         row: line of the file (the header is line 1) or row from 1 (Parquet), where it is known.
         column: heading of the column, where it is known.
     """
@@ -228,18 +110,74 @@ class TableError(BadInputError):
         super().__init__(f"{path}: {where}{self.problem}")
 
 
-class UnsupportedMechanismError(BadInputError):
-    """The engine for stars cannot take this mechanism; the general one can.
+class CampaignError(TableError):
+    """A measurement campaign or a pose plan is wrong."""
 
-    Attributes:
-        problem: what stands against it, on one line.
-    """
+    _shown_column = "column '{}'"
+
+
+class UnknownLayoutError(BadInputError):
+    """A layout was asked for that the dimensions file does not hold."""
+
+    def __init__(self, name: str, known: Sequence[str], path: Path | str) -> None:
+        self.name, self.known, self.path = name, tuple(known), Path(path)
+        super().__init__(f"unknown layout '{name}' in {self.path.name}; known: {', '.join(known)}")
+
+
+class _UnknownPartError(BadInputError):
+    """The robot has no part of that name; the nearest known one is suggested."""
+
+    _kind = ""
+
+    def __init__(self, name: str, known: Iterable[str]) -> None:
+        self.name, self.known = name, tuple(known)
+        super().__init__(f"the robot has no {self._kind} '{name}'{closest(name, self.known)}")
+
+
+class UnknownJointError(_UnknownPartError):
+    """A joint was named that the robot does not have."""
+
+    _kind = "joint"
+
+
+class UnknownFrameError(_UnknownPartError):
+    """A frame was named that the robot does not have."""
+
+    _kind = "frame"
+
+
+class UnsupportedMechanismError(BadInputError):
+    """The engine for stars cannot take this mechanism; the general one can."""
 
     def __init__(self, problem: str) -> None:
         self.problem = problem
         super().__init__(
             f"this engine takes serial chains that end on one common body, but {problem}; "
             "engine_for finds the engine for any mechanism"
+        )
+
+
+class ClosureError(NoSolutionError):
+    """The loops cannot be closed for these drive values.
+
+    Attributes:
+        iterations: Newton steps taken.
+        gap_m: largest distance left between two frames that should coincide, in m; ``gap_rad`` angle, in rad.
+        worst_loop: the loop with the largest gap; None for a mechanism without loops.
+        status: what of the names of the batch engines it is: ``batch.STATUS_NAMES``.
+    """
+
+    def __init__(
+        self, reason: str, *, iterations: int, gap_m: float, gap_rad: float, worst_loop: str | None, status: str
+    ) -> None:
+        self.iterations, self.gap_m, self.gap_rad, self.worst_loop = iterations, gap_m, gap_rad, worst_loop
+        self.status = status
+        stopped = f"{reason} after {iterations} iterations"
+        super().__init__(
+            f"the arm finds no equilibrium: {stopped}; check the weight and the stiffness of its drives"
+            if worst_loop is None
+            else f"the loops do not close: {stopped}; '{worst_loop}' is left open by {gap_m * 1e3:.4g} mm and "
+            f"{gap_rad * 1e3:.4g} mrad; check the drive values and the model's errors"
         )
 
 
@@ -261,35 +199,76 @@ class BatchClosureError(NoSolutionError):
         )
 
 
-class SweepFileError(DescriptionError):
-    """A sweep file is wrong."""
+class UnreachablePoseError(NoSolutionError):
+    """A pose asks a joint to go beyond its limits; ``excess`` is by how much, all in m or rad as ``unit`` says."""
+
+    def __init__(self, joint: str, value: float, lower: float, upper: float, unit: str) -> None:
+        self.joint, self.value, self.lower, self.upper, self.unit = joint, value, lower, upper, unit
+        factor, shown = (1e3, "mm") if unit == "m" else (math.degrees(1.0), "deg")
+        self.excess = lower - value if value < lower else value - upper
+        super().__init__(
+            f"the pose is out of reach: joint '{joint}' would stand at {value * factor:.2f} {shown}, "
+            f"{self.excess * factor:.2f} {shown} beyond its limits {lower * factor:.2f} to {upper * factor:.2f} {shown}"
+        )
 
 
-class SweepStoreError(BadInputError):
-    """Results of a sweep cannot be written, read, or gone on with.
+class UnreachableTargetError(NoSolutionError):
+    """No drive values bring the end body to a pose.
 
     Attributes:
-        path: the folder or store at fault.
-        problem: what is wrong, on one line.
+        left: what the nearest ones leave, (6,): displacement in m and rotation vector in rad.
     """
 
-    def __init__(self, path: Path | str, problem: str) -> None:
-        self.path, self.problem = Path(path), " ".join(problem.split())
-        super().__init__(f"{path}: {self.problem}")
+    def __init__(self, left: NDArray[np.float64]) -> None:
+        self.left = left
+        away, turned = (1e3 * math.sqrt(float(part @ part)) for part in (left[:3], left[3:]))
+        super().__init__(
+            f"the pose is out of reach: the nearest that was found is {away:.3g} mm and {turned:.3g} mrad away; the "
+            "robot may not command all of its freedoms"
+        )
+
+
+class PathPoseError(NoSolutionError):
+    """The pose on a line of a list has no solution, for the reason that the error of the pose itself tells."""
+
+    def __init__(self, path: Path | str, line: int, reason: NoSolutionError) -> None:
+        self.path, self.line, self.reason = Path(path), line, reason
+        super().__init__(f"{path}: line {line}: {reason}")
+
+
+class SingularPoseError(NoSolutionError):
+    """The drives do not determine the platform here.
+
+    Attributes:
+        ratio: smallest over largest eigenvalue of the closure's Hessian over the free joints.
+    """
+
+    def __init__(self, ratio: float) -> None:
+        self.ratio = ratio
+        super().__init__(
+            f"the mechanism is singular here: with its drives held the platform can still move "
+            f"(eigenvalue ratio {ratio:.1e}); choose another pose"
+        )
+
+
+class CompensationError(NoSolutionError):
+    """No drive values bring the robot as built to a pose.
+
+    Attributes:
+        wanted: the command that leads there in the drawing, in words.
+        left_m: how far off the last step left it, in m; ``left_rad`` its tilt, in rad.
+    """
+
+    def __init__(self, wanted: str, left_m: float, left_rad: float) -> None:
+        self.wanted, self.left_m, self.left_rad = wanted, left_m, left_rad
+        super().__init__(
+            f"no drive values found for {wanted}: Newton's last step leaves {left_m * 1e3:.3g} mm and "
+            f"{left_rad * 1e3:.3g} mrad; choose a pose further from a singularity"
+        )
 
 
 class SweepWorkerError(BadInputError):
     """The cluster of a sweep cannot be reached, or its workers fail."""
-
-
-class CampaignFileError(DescriptionError):
-    """The YAML file of a measurement campaign is wrong."""
-
-
-class CampaignError(TableError):
-    """A measurement campaign or a pose plan is wrong."""
-
-    _shown_column = "column '{}'"
 
 
 class FrameFitError(BadInputError):
@@ -309,12 +288,7 @@ class FrameFitError(BadInputError):
 
 
 class DataError(NoSolutionError):
-    """Measured data have no answer to what is asked of them.
-
-    Attributes:
-        problem: what stands against it.
-        mend: what to do about it.
-    """
+    """Measured data have no answer to what is asked of them, and what to do about it."""
 
     def __init__(self, problem: str, mend: str) -> None:
         self.problem, self.mend = " ".join(problem.split()), " ".join(mend.split())
@@ -330,32 +304,18 @@ class DiagnosisError(DataError):
 
 
 class MissingConditionsError(BadInputError):
-    """A model's effect depends on conditions that nobody gave.
-
-    Attributes:
-        effect: its id.
-        headings: columns, or keys of a campaign's YAML, that say them.
-    """
+    """A model's effect depends on conditions that nobody gave: columns, or keys of a campaign's YAML."""
 
     def __init__(self, effect: str, headings: Sequence[str]) -> None:
         self.effect, self.headings = effect, tuple(headings)
         super().__init__(
             f"the model's effect '{effect}' needs {', '.join(headings)}: give it as a column of that name beside the "
-            f"poses, or for all of them by --condition {next(iter(headings))}=VALUE"
+            f"poses, or for all of them by --condition {self.headings[0]}=VALUE"
         )
 
 
-class ThermalFileError(DescriptionError):
-    """The file of thermal properties is wrong."""
-
-
 class TemperatureError(BadInputError):
-    """A temperature lies below absolute zero or is not finite.
-
-    Attributes:
-        what: the temperature at fault, such as ``melt``.
-        value_degC: the value given.
-    """
+    """A temperature, such as that of the ``melt``, lies below absolute zero or is not finite."""
 
     def __init__(self, what: str, value_degC: float) -> None:
         self.what, self.value_degC = what, value_degC
@@ -365,12 +325,7 @@ class TemperatureError(BadInputError):
 
 
 class HistoryError(BadInputError):
-    """A history of temperatures or poses cannot be followed.
-
-    Attributes:
-        problem: what is wrong, on one line.
-        row: position of the entry at fault, counted from 1, where one is.
-    """
+    """A history of temperatures or poses cannot be followed; ``row`` is the entry at fault, from 1, where one is."""
 
     def __init__(self, problem: str, row: int | None = None) -> None:
         self.problem, self.row = problem, row
@@ -378,28 +333,8 @@ class HistoryError(BadInputError):
 
 
 class ThermalSolutionError(NoSolutionError):
-    """The temperatures cannot be found.
-
-    Attributes:
-        problem: why, on one line.
-    """
+    """The temperatures cannot be found."""
 
     def __init__(self, problem: str) -> None:
         self.problem = problem
         super().__init__(f"no temperatures found: {problem}; check the thermal properties")
-
-
-class CompensationError(NoSolutionError):
-    """No drive values bring the robot as built to a pose.
-
-    Attributes:
-        wanted: the command that leads there in the drawing, in words.
-        left_m: how far off the last step left it, in m; ``left_rad`` its tilt, in rad.
-    """
-
-    def __init__(self, wanted: str, left_m: float, left_rad: float) -> None:
-        self.wanted, self.left_m, self.left_rad = wanted, left_m, left_rad
-        super().__init__(
-            f"no drive values found for {wanted}: Newton's last step leaves {left_m * 1e3:.3g} mm and "
-            f"{left_rad * 1e3:.3g} mrad; choose a pose further from a singularity"
-        )

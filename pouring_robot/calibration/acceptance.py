@@ -19,12 +19,7 @@ _NEGLIGIBLE = 0.01  # of the noise's variance: half a per cent of the noise, whi
 
 @dataclass(frozen=True)
 class Refusal:
-    """What was chosen and refused.
-
-    Attributes:
-        groups: names of the groups.
-        before: misfit of the held-out rows without them; ``after`` with them.
-    """
+    """The groups that were chosen and refused, and the misfit of the held-out rows without and with them."""
 
     groups: tuple[str, ...]
     before: Misfit
@@ -55,30 +50,21 @@ def mean_and_error(values: FloatArray) -> tuple[float, float]:
 
 
 def harmless(before: FloatArray, after: FloatArray, standard_errors: float) -> bool:
-    """Return whether no kind of measurement comes out worse.
+    """Return whether no kind of measurement comes out worse, by the scores of rows (n, kinds) before and after.
 
     Each may by so many standard errors of the difference row by row, as less is chance, or by a hundredth of the
     noise's variance, as less is nothing: what hardly moves the rotations at all may move those of every row the same
     way, so that the standard error of next to nothing is smaller still.
-
-    Args:
-        before: scores of rows without a calibration, shape (n, kinds); see :func:`row_scores`.
-        after: the same with it.
-        standard_errors: how many are chance.
     """
     harm = [mean_and_error(column) for column in (after - before).T]
     return all(mean <= max(standard_errors * error, _NEGLIGIBLE) for mean, error in harm)
 
 
 def acceptable(before: FloatArray, after: FloatArray) -> bool:
-    """Return whether held-out rows bear a calibration.
+    """Return whether held-out rows bear a calibration, by their scores (n, kinds) without and with it.
 
     They do unless all kinds of measurement together come out worse, or one of them does by more than two standard
     errors; see :func:`harmless`.
-
-    Args:
-        before: scores of the held-out rows without the calibration, shape (n, kinds); see :func:`row_scores`.
-        after: the same with it.
     """
     together = sum(mean_and_error(column)[0] for column in (after - before).T)
     return together <= 0.0 and harmless(before, after, _STANDARD_ERRORS)

@@ -9,12 +9,9 @@ from pouring_robot.robot.model import RobotModel
 
 
 def amended_model(present: RobotModel, measurement: MeasurementModel, values: FloatArray) -> RobotModel:
-    """Return the present robot with parameter values added: placements composed exactly, drive offsets summed.
+    """Return the present robot with parameter values (P,), in m and rad, added.
 
-    Args:
-        present: the model the parameters act on.
-        measurement: gives their meaning.
-        values: shape (P,), in m and rad.
+    Placements are composed exactly, drive offsets summed.
 
     Raises:
         CalibrationError: the result is too large to be an error of a robot.

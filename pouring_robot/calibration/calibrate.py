@@ -58,7 +58,6 @@ class CalibrationOptions:
         tolerances: priors; by default the shipped ones.
         hold_out: what kind of blocks to hold out.
         choose: whether groups are kept only where they help held-out rows; otherwise all are kept.
-        fit: loss and limits.
         threads: how many share the work; by default one a core.
     """
 
@@ -104,8 +103,7 @@ class Calibration(Result, CalibrationFindings):
     def save(self, folder: Path | str) -> list[Path]:
         """Write model file, URDF with meshes, ``calibration.json`` and ``report.html`` into a folder, all or none.
 
-        Returns:
-            The files.
+        Returns the files.
 
         Raises:
             OutputError: the folder cannot be written to.
@@ -122,13 +120,7 @@ def calibrate(
     options: CalibrationOptions | None = None,
     progress: Progress = say_nothing,
 ) -> Calibration:
-    """Calibrate a robot.
-
-    Args:
-        campaign: the data, or the path of their table.
-        model: the present robot, or the path of its file; parameters come on top of its errors. By default the drawing.
-        options: what to identify and how.
-        progress: is told what is being done.
+    """Calibrate a robot with a campaign, or the table of one; parameters come on top of the errors of its model.
 
     Raises:
         CampaignError: the data are wrong as a whole (units, frames, columns); ``campaign check`` says more.
@@ -178,7 +170,10 @@ def calibrate(
         selection = replace(selection, groups=())
         chosen, fit, after = fitted(())
     calibrated = amended_model(model, chosen.model, fit.unknowns.parameters)
-    inflation = _inflation(fit)
+    # By how much residuals exceed the noise, where that is no accident.
+    freedom = fit.freedom()
+    accident = freedom <= 1.0 or scipy.special.chdtrc(freedom, fit.chi_square()) >= _SURE
+    inflation = 1.0 if accident else fit.scatter()
     alike = repeats(campaign, np.setdiff1d(np.flatnonzero(campaign.usable), left_out))
     start = fit.unknowns.at(np.zeros_like(fit.unknowns.values))
     shown = observed(measured[parts.train], chosen[parts.train].linearise(start))
@@ -223,12 +218,6 @@ def _refused(
         return None
     names = tuple(group.name for group in selection.groups)
     return Refusal(names, Misfit.of(before[test]), Misfit.of(after[test]))
-
-
-def _inflation(fit: Fit) -> float:
-    """Return by how much residuals exceed the noise, where that is no accident; else 1."""
-    freedom = fit.freedom()
-    return fit.scatter() if freedom > 1.0 and scipy.special.chdtrc(freedom, fit.chi_square()) < _SURE else 1.0
 
 
 def _rank_anywhere(seen: FloatArray, workspace: ModelledRows, start: Unknowns, measured: MeasuredPoses) -> int:

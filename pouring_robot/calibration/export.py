@@ -16,14 +16,9 @@ REPORT = "report.html"
 
 
 def write_calibration(calibration: CalibrationFindings, folder: Path | str) -> list[Path]:
-    """Write the model file, the URDF with meshes and loops, ``calibration.json`` and ``report.html``.
+    """Write model file, URDF with meshes and loops, ``calibration.json`` and ``report.html``, and return the files.
 
-    Args:
-        calibration: what was found; its warnings stand in the model file's description too.
-        folder: made if it is not there; files of an earlier calibration in it are replaced.
-
-    Returns:
-        The files, as they stand in the folder.
+    Files of an earlier calibration in the folder, which is made if need be, are replaced.
 
     Raises:
         OutputError: the folder cannot be written to.

@@ -25,13 +25,10 @@ class CalibrationFindings:
     """A calibrated robot and everything that says how far to trust it.
 
     Attributes:
-        campaign: the data.
-        present: the robot before.
-        calibrated: the robot after: what to export.
+        present: the robot before; ``calibrated`` after: what to export.
         flags: what the checks of the data found.
         left_out: rows that took no part: outliers, and poses or drives out of reach.
         split: who was held out when.
-        noise: of the measurement.
         candidates: the groups that were to choose from.
         selection: the groups kept and what was tried.
         refused: what was chosen, but made held-out rows worse and is not kept; None: nothing.
@@ -42,7 +39,6 @@ class CalibrationFindings:
             shape (n, 6), in m and rad, tracker axes; NaN where missing. ``after`` by the calibrated robot.
         base: what the training rows can tell of the groups kept, at the present robot.
         rank_anywhere: its rank if poses all over the workspace were measured besides, and the same way.
-        ladle: how well the calibrated robot knows its ladle over the workspace.
         performance: ISO 9283-style figures; None without repeats.
     """
 

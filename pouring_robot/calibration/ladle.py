@@ -43,21 +43,11 @@ def workspace_rows(model: MeasurementModel) -> ModelledRows:
 
 
 def ladle_uncertainty(
-    rows: ModelledRows,
-    unknowns: Unknowns,
-    covariance: FloatArray,
-    T_end_tool: pin.SE3,
-    *,
-    turned: bool,
+    rows: ModelledRows, unknowns: Unknowns, covariance: FloatArray, T_end_tool: pin.SE3, *, turned: bool
 ) -> LadleUncertainty:
-    """Carry the covariance of the unknowns to the lip.
+    """Carry the covariance of the unknowns, in m and rad, at their calibrated values to the lip.
 
-    Args:
-        rows: commands to predict.
-        unknowns: the calibrated values.
-        covariance: of all unknowns, in m and rad.
-        T_end_tool: where the lip sits on the moving platform.
-        turned: whether rotations were measured, so that the attitude of the target is known.
+    ``turned`` says whether rotations were measured, so that the attitude of the target is known.
     """
     seen = rows.linearise(unknowns)
     closed = seen.closed

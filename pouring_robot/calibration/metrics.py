@@ -20,11 +20,9 @@ class Misfit:
     """How far measurements are from predictions; NaN where nothing was measured.
 
     Attributes:
-        rows: number of rows.
         rms_mm: root mean square of a coordinate; where no place was measured, of a distance or closure.
         p95_mm: length of the position error that 95 % of the rows keep; ``max_mm`` the largest.
-        rms_mrad: root mean square of a rotation component.
-        p95_mrad: angle that 95 % of the rows keep; ``max_mrad`` the largest.
+        rms_mrad: root mean square of a rotation component; ``p95_mrad`` and ``max_mrad`` of the angle likewise.
         axis_rms_mm: root mean square of x, y and z; ``axis_rms_mrad`` of the rotation components.
         line_rms_mm: root mean square of a distance or closure.
     """
@@ -69,15 +67,9 @@ class PosePerformance:
     """Accuracy and repeatability at poses that were measured repeatedly, after ISO 9283:1998, 7.2.
 
     AP is the distance from the predicted to the mean attained position; RP = l̄ + 3 S_l, with l the distances of the
-    single positions from their mean. Angles likewise. Each figure is that of the worst pose, as the standard asks;
-    it wants 30 cycles a pose, and here as many as were measured.
-
-    Attributes:
-        poses: number of poses with three repeats or more; ``cycles`` the least number of repeats.
-        ap_before_mm: accuracy of the present model; ``ap_after_mm`` of the calibrated one.
-        ap_before_mrad: of the attitude; ``ap_after_mrad`` likewise; NaN for positions only.
-        rp_mm: repeatability of the position; it does not depend on the model.
-        rp_mrad: of the attitude.
+    single positions from their mean. Angles likewise; NaN for positions only. Each figure is that of the worst pose, as
+    the standard asks; it wants 30 cycles a pose, and here as many as were measured, of three repeats or more:
+    ``cycles`` is the least number of repeats.
     """
 
     poses: int
@@ -95,34 +87,24 @@ def pose_performance(
 ) -> PosePerformance | None:
     """Return ISO 9283-style figures, or None without a pose measured three times.
 
-    Args:
-        measured: all rows.
-        before: measured minus predicted by the present model, shape (n, 6), in m and rad.
-        after: the same by the calibrated model.
-        groups: rows commanded alike; those with two are left out.
+    ``before`` and ``after`` are measured minus predicted by the present and the calibrated model, shape (n, 6), in m
+    and rad; of the groups of rows commanded alike those with two are left out.
     """
     known = [rows[measured.known[rows, :3].all(axis=1)] for rows in groups]
     known = [rows for rows in known if rows.size >= _FEWEST_REPEATS]
     if not known:
         return None
-    figures = np.array(
-        [[*_accuracy(before[rows]), *_accuracy(after[rows]), *_repeatability(after[rows])] for rows in known]
-    )
-    worst = [float(np.nanmax(column)) if np.isfinite(column).any() else float("nan") for column in figures.T]
-    return PosePerformance(
-        len(known), min(rows.size for rows in known), worst[0], worst[2], worst[1], worst[3], worst[4], worst[5]
-    )
+    figures = np.array([_figures(before[rows, :6], after[rows, :6]) for rows in known])
+    worst = (float(np.nanmax(column)) if np.isfinite(column).any() else float("nan") for column in figures.T)
+    return PosePerformance(len(known), min(rows.size for rows in known), *worst)
 
 
-def _accuracy(difference: FloatArray) -> tuple[float, float]:
-    mean = difference.mean(axis=0)
-    return float(np.linalg.norm(mean[:3])) / MM, float(np.linalg.norm(mean[3:6])) / MRAD
-
-
-def _repeatability(difference: FloatArray) -> tuple[float, float]:
-    # Repeats share their prediction, so that differences scatter as the measurements do.
-    found = []
-    for part, unit in ((difference[:, :3], MM), (difference[:, 3:6], MRAD)):
-        lengths = np.linalg.norm(part - part.mean(axis=0), axis=1)
-        found.append(float(lengths.mean() + 3.0 * lengths.std(ddof=1)) / unit)
-    return found[0], found[1]
+def _figures(before: FloatArray, after: FloatArray) -> list[float]:
+    """Return AP before and after in mm, the same in mrad, and RP in mm and mrad."""
+    accuracies, repeatabilities = [], []
+    for part, unit in ((slice(0, 3), MM), (slice(3, 6), MRAD)):
+        accuracies += [float(np.linalg.norm(one[:, part].mean(axis=0))) / unit for one in (before, after)]
+        # Repeats share their prediction, so that differences scatter as the measurements do.
+        lengths = np.linalg.norm(after[:, part] - after[:, part].mean(axis=0), axis=1)
+        repeatabilities.append(float(lengths.mean() + 3.0 * lengths.std(ddof=1)) / unit)
+    return accuracies + repeatabilities

@@ -10,6 +10,7 @@ from pouring_robot.estimation.frames.sessions import SESSION
 from pouring_robot.estimation.identifiability import combination_text, robot_combinations
 from pouring_robot.estimation.instruments import are
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.mechanism.arrays import rms
 from pouring_robot.mechanism.poses import MM, MRAD
 
 Z95 = 1.959963984540054
@@ -23,12 +24,9 @@ SEEN = 0.01
 
 @dataclasses.dataclass(frozen=True)
 class Movement:
-    """A number that was found, as it is shown: a parameter, or a combination that the campaign determines.
+    """A number that was found, in its unit, mm or mrad, on top of the present model.
 
-    Attributes:
-        name: of the parameter, or the combination by name, the frames left out.
-        unit: mm or mrad.
-        value: in that unit, on top of the present model; ``std`` its standard deviation; ``prior_std`` before.
+    It is a parameter, or a combination that the campaign determines, the frames left out.
     """
 
     name: str
@@ -89,7 +87,6 @@ class GroupLine:
     """What one group of parameters does to the ladle, in words and figures of the shop floor.
 
     Attributes:
-        name: of the group; ``meaning`` what it is on the machine; ``count`` its parameters.
         moved_mm: by how much it moves what was measured over the fitted rows, RMS of a coordinate, what a shift of the
             outer frames would do taken off; ``moved_mrad`` RMS of a rotation component, NaN where none was measured.
     """
@@ -114,18 +111,8 @@ def group_effects(calibration: CalibrationFindings) -> list[GroupLine]:
         first = columns.stop
         effect = jacobian[:, columns] @ fit.unknowns.values[columns]
         effect -= frames @ np.linalg.lstsq(frames, effect, rcond=None)[0]
-        move, turn = (
-            float(np.sqrt((effect[part] ** 2).mean())) if part.any() else float("nan") for part in (~turned, turned)
-        )
-        lines.append(
-            GroupLine(
-                group.name,
-                group.meaning,
-                len(group.parameters),
-                move * noise.length_m / MM,
-                turn * noise.rotation_rad / MRAD,
-            )
-        )
+        move, turn = rms(effect[~turned]) * noise.length_m / MM, rms(effect[turned]) * noise.rotation_rad / MRAD
+        lines.append(GroupLine(group.name, group.meaning, len(group.parameters), move, turn))
     return sorted(lines, key=lambda line: -line.moved_mm)
 
 
@@ -135,8 +122,10 @@ def combination_lines(calibration: CalibrationFindings) -> list[Movement]:
     Combinations with an outer frame in them say nothing of the robot.
     """
     base, fit = calibration.base, calibration.fit
+    # The frames, those of sessions with frames of their own too.
+    outer = (*base.names[:FRAMES], *(name for name in base.names[FRAMES:] if name.startswith(SESSION)))
     lines = []
-    for combination in robot_combinations(base, _outer(base.names)):
+    for combination in robot_combinations(base, outer):
         shares = np.zeros(len(base.names))
         for name, share in combination.items():
             shares[base.names.index(name)] = share
@@ -146,8 +135,3 @@ def combination_lines(calibration: CalibrationFindings) -> list[Movement]:
         value = float(shares @ fit.unknowns.values)
         lines.append(Movement(combination_text(combination), unit, value / factor, std / factor, prior / factor))
     return sorted(lines, key=lambda line: -line.surprise)
-
-
-def _outer(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names of the frames, those of sessions with frames of their own too."""
-    return (*names[:FRAMES], *(name for name in names[FRAMES:] if name.startswith(SESSION)))

@@ -98,13 +98,8 @@ def _ladle(calibration: CalibrationFindings) -> str:
         left.margins(0.2)
         across = np.arange(half.size) if ladle.tilt_rad is None else np.degrees(ladle.tilt_rad)
         dots = right.scatter(across, half, s=8, color=AFTER)
-        tell(
-            dots,
-            [
-                f"x {x:.0f}, y {y:.0f}, z {z:.0f} mm: ± {h:.4f} mm"
-                for (x, y, z), h in zip(ladle.position_m / MM, half, strict=True)
-            ],
-        )
+        at = zip(ladle.position_m / MM, half, strict=True)
+        tell(dots, [f"x {x:.0f}, y {y:.0f}, z {z:.0f} mm: ± {h:.4f} mm" for (x, y, z), h in at])
         tell(shown, [f"x {x:.0f}, z {z:.0f} mm: ± {w:.4f} mm" for (x, z), w in zip(places / MM, worst, strict=True)])
     left.set(xlabel="x [mm]", ylabel="z [mm]")
     right.set(xlabel="pose" if ladle.tilt_rad is None else "tilt [°]", ylabel="± mm")

@@ -82,14 +82,10 @@ def parameter_table(lines: Iterable[ParameterLine]) -> Table:
 
 def combination_table(calibration: CalibrationFindings, width: int = 10_000) -> Table:
     """Return the table of identifiable combinations, their texts cut to a width."""
-    rows = [
-        (
-            line.name if len(line.name) <= width else line.name[: width - 2] + " …",
-            *_movement(line),
-            "moved" if line.moved else "",
-        )
-        for line in combination_lines(calibration)
-    ]
+    rows = []
+    for line in combination_lines(calibration):
+        name = line.name if len(line.name) <= width else line.name[: width - 2] + " …"
+        rows.append((name, *_movement(line), "moved" if line.moved else ""))
     return Table(("what the data determine", *_MOVEMENT, ""), rows)
 
 
@@ -114,16 +110,14 @@ def performance_lines(calibration: CalibrationFindings) -> list[str]:
     found = calibration.performance
     if found is None:
         return ["ISO 9283 accuracy and repeatability: not known, no pose was measured three times or more"]
-    turn = ""
-    if math.isfinite(found.rp_mrad):
-        turn = (
-            f"; attitude {found.ap_before_mrad:.3f} before, {found.ap_after_mrad:.3f} after, repeatability "
-            f"{found.rp_mrad:.3f} mrad"
-        )
+    turn = (
+        f"; attitude {found.ap_before_mrad:.3f} before, {found.ap_after_mrad:.3f} after, repeatability "
+        f"{found.rp_mrad:.3f} mrad"
+    )
     return [
         f"after ISO 9283 ({found.poses} poses, {found.cycles} or more repeats; the standard asks for 30): accuracy "
         f"{found.ap_before_mm:.3f} mm before, {found.ap_after_mm:.3f} mm after; repeatability {found.rp_mm:.3f} mm"
-        + turn
+        + (turn if math.isfinite(found.rp_mrad) else "")
     ]
 
 
@@ -203,8 +197,6 @@ def html_report(calibration: CalibrationFindings) -> str:
         Heading("Findings of the data checks"),
         Lines([str(flag) for flag in calibration.flags]),
     ]
-    title, links = (
-        f"Calibration with {calibration.campaign.path.name}",
-        {"the calibrated model": MODEL, "all figures": FIGURES},
-    )
+    title = f"Calibration with {calibration.campaign.path.name}"
+    links = {"the calibrated model": MODEL, "all figures": FIGURES}
     return html_page(title, title, blocks, links=links, data=[calibration.campaign.path])

@@ -35,8 +35,7 @@ class SelectionStep:
         tried: the group added to them; "" for the start.
         rms: root mean square of the validation rows' residuals over their noise; 1 is pure noise.
         gain: mean over the rows of log(1 + s²) without the group minus with it; s² is a row's mean squared residual
-            over its noise. The logarithm keeps single rows from deciding.
-        gain_error: standard error of the gain.
+            over its noise. The logarithm keeps single rows from deciding. ``gain_error`` is its standard error.
         accepted: whether it was kept in this round.
     """
 
@@ -50,12 +49,7 @@ class SelectionStep:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """What was kept and why.
-
-    Attributes:
-        groups: the groups kept, in the order they were found.
-        steps: every candidate that was tried.
-    """
+    """The groups kept, in the order they were found, and every candidate that was tried."""
 
     groups: tuple[ParameterGroup, ...]
     steps: tuple[SelectionStep, ...]
@@ -65,12 +59,7 @@ class _CrossValidation:
     """Scores a choice of groups: fitted to some training blocks and judged on another, in turn."""
 
     def __init__(
-        self,
-        rows: ModelledRows,
-        measured: MeasuredPoses,
-        split: Split,
-        tolerances: Tolerances,
-        options: FitOptions,
+        self, rows: ModelledRows, measured: MeasuredPoses, split: Split, tolerances: Tolerances, options: FitOptions
     ) -> None:
         self.rows, self.measured = rows, measured
         # Scores need predictions, not parameters: what a tenth of a standard deviation moves does not show in them.
@@ -121,15 +110,6 @@ def select_groups(
     neither their positions nor their rotations get worse by more than one standard error and visibly; of several, the
     one that gains most. The round is repeated until none helps. What misleads all the same is refused at the end
     (:mod:`pouring_robot.calibration.acceptance`).
-
-    Args:
-        rows: all rows of the campaign, of a model of any parameters.
-        measured: what was seen of them, with the noise to judge by.
-        split: who is held out when.
-        candidates: the groups to choose from.
-        tolerances: priors.
-        options: of the fits.
-        progress: is told what is being tried.
     """
     validate = _CrossValidation(rows, measured, split, tolerances, options or FitOptions())
     kept: list[ParameterGroup] = []

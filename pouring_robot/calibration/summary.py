@@ -13,7 +13,7 @@ from pouring_robot.calibration.metrics import Misfit
 from pouring_robot.calibration.movements import (
     LEARNT,
     Z95,
-    ParameterLine,
+    Movement,
     combination_lines,
     group_effects,
     parameter_lines,
@@ -76,9 +76,10 @@ def warnings_of(calibration: CalibrationFindings) -> list[str]:
         )
     if calibration.fit.failed.size:
         found.append(f"{calibration.fit.failed.size} rows have drives that no pose of the robot has; left out")
-    worse = _worse(calibration)
+    before, after = (calibration.misfit(calibration.split.test, after=a) for a in (False, True))
+    worse = _moved(before, after, WORSE)
     if worse:
-        found.append(worse)
+        found.append(f"worse on held-out rows: {worse}; do not use this model")
     return found
 
 
@@ -113,18 +114,9 @@ def notes_of(calibration: CalibrationFindings) -> list[str]:
     return found
 
 
-def _worse(calibration: CalibrationFindings) -> str:
-    before, after = (calibration.misfit(calibration.split.test, after=a) for a in (False, True))
-    moved = _moved(before, after, WORSE)
-    return f"worse on held-out rows: {moved}; do not use this model" if moved else ""
-
-
 def _moved(before: Misfit, after: Misfit, least: float = 0.0) -> str:
     """Return the parts whose error after is more than so many times that before, in words."""
-    parts = (
-        ("position", "mm", before.rms_mm, after.rms_mm),
-        ("rotation", "mrad", before.rms_mrad, after.rms_mrad),
-    )
+    parts = (("position", "mm", before.rms_mm, after.rms_mm), ("rotation", "mrad", before.rms_mrad, after.rms_mrad))
     return ", ".join(f"{name} {b:.4g} to {a:.4g} {unit}" for name, unit, b, a in parts if a > least * b)
 
 
@@ -163,17 +155,22 @@ def calibration_metrics(calibration: CalibrationFindings) -> Figures:
         "refused": calibration.refused and dataclasses.asdict(calibration.refused),
         "candidates": [group.name for group in calibration.candidates],
         "selection": [dataclasses.asdict(step) for step in calibration.selection.steps],
-        "parameters": [_parameter(line) for line in lines],
+        "parameters": [
+            {
+                "name": line.name,
+                "group": line.group,
+                **_in_unit(line, "value", "std", "low95", "high95", "prior_std"),
+                "learnt": line.learnt,
+                "verdict": line.verdict,
+            }
+            for line in lines
+        ],
         "frames": {
             "tracker_to_fixed_platform": pose_figures(fit.unknowns.frames.T_tracker_base),
             "platform_to_target": pose_figures(fit.unknowns.frames.T_end_target),
         },
         "combinations": [
-            {
-                "combination": line.name,
-                **_in_unit(line.unit, value=line.value, std=line.std, prior_std=line.prior_std),
-                "moved": line.moved,
-            }
+            {"combination": line.name, **_in_unit(line, "value", "std", "prior_std"), "moved": line.moved}
             for line in combination_lines(calibration)
         ],
         "base_parameters": _base(calibration),
@@ -197,19 +194,9 @@ def calibration_metrics(calibration: CalibrationFindings) -> Figures:
     return cleaned
 
 
-def _parameter(line: ParameterLine) -> Figures:
-    low, high = line.interval
-    return {
-        "name": line.name,
-        "group": line.group,
-        **_in_unit(line.unit, value=line.value, std=line.std, low95=low, high95=high, prior_std=line.prior_std),
-        "learnt": line.learnt,
-        "verdict": line.verdict,
-    }
-
-
-def _in_unit(unit: str, **values: float) -> Figures:
-    return {f"{name}_{unit}": value for name, value in values.items()}
+def _in_unit(line: Movement, *names: str) -> Figures:
+    figures = dataclasses.asdict(line) | dict(zip(("low95", "high95"), line.interval, strict=True))
+    return {f"{name}_{line.unit}": figures[name] for name in names}
 
 
 def _base(calibration: CalibrationFindings) -> Figures:
@@ -240,9 +227,7 @@ def _ladle(calibration: CalibrationFindings) -> Figures:
     return {
         "poses": len(half),
         "half_width95_mm": {"median": float(np.median(half)), "largest": float(half.max())},
-        "with_noise95_mm": {
-            "median": float(np.median(np.hypot(half, Z95 * calibration.noise.length_m / MM))),
-        },
+        "with_noise95_mm": {"median": float(np.median(np.hypot(half, Z95 * calibration.noise.length_m / MM)))},
         "worst_pose": pose,
     }
 

@@ -85,13 +85,16 @@ def campaign_columns(robot: RobotDefinition) -> tuple[Quantity, ...]:
     )
 
 
-def plan_columns(robot: RobotDefinition) -> tuple[Quantity, ...]:
-    """Return the columns of a plan: what to command, and optional conditions."""
-    return (
-        Quantity("sample", "label"),
-        *robot.command_columns,
-        *condition_columns(robot),
-    )
+def array_names(robot: RobotDefinition) -> dict[str, tuple[str, ...]]:
+    """Return the quantities that stand side by side in each array (n, k) of a campaign, by the name of its field."""
+    return {
+        "drives": drive_names(robot),
+        "approach": approach_names(robot),
+        "position_m": POSITION,
+        "rotation_vector_rad": ROTATION,
+        "distance_m": (DISTANCE,),
+        "force": force_names(robot),
+    }
 
 
 def sessions_of(table: QuantityTable) -> tuple[str, ...]:

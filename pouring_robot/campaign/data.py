@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -38,9 +38,7 @@ class Campaign(Result):
     Missing cells are NaN. An array is None when no column of it was in the file (or every cell of them is empty).
 
     Attributes:
-        robot: whose campaign it is: its drives, travels and thermometers.
         path: the table's file; where a campaign was made in memory, the name it would have.
-        metadata: what holds for all rows.
         lines: (n,) line of each row in the file (the header is line 1; in Parquet, the row from 1).
         samples: (n,) the user's name of each row; "" where none was given.
         sessions: (n,) the session of each row; all "1" without a column.
@@ -78,11 +76,6 @@ class Campaign(Result):
     conditions: Mapping[str, FloatArray] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check shapes and make the arrays read-only.
-
-        Raises:
-            BadInputError: an array has the wrong shape, there is no row, or a condition is none of the robot's.
-        """
         rows = int(np.asarray(self.lines).size)
         if rows == 0:
             raise BadInputError("a campaign needs at least one row")
@@ -91,10 +84,10 @@ class Campaign(Result):
         object.__setattr__(self, "lines", lines)
         if {len(self.samples), len(self.sessions), len(self.distance_from) or rows} != {rows}:
             raise BadInputError(f"a campaign of {rows} rows needs as many samples and sessions")
-        for name, width in self._widths.items():
+        for name, parts in columns.array_names(self.robot).items():
             values = getattr(self, name)
             if values is not None:
-                object.__setattr__(self, name, _checked(name, values, (rows, width)))
+                object.__setattr__(self, name, _checked(name, values, (rows, len(parts))))
         unknown = next((name for name in self.conditions if name not in self._condition_names), None)
         if unknown is not None:
             raise BadInputError(f"'{unknown}' is no condition of {self.robot.name}{closest(unknown, self._quantities)}")
@@ -112,32 +105,14 @@ class Campaign(Result):
     @functools.cached_property
     def _places(self) -> dict[str, tuple[str, int]]:
         """Array and column of each quantity that is part of an array."""
-        arrays = {
-            "drives": columns.drive_names(self.robot),
-            "approach": columns.approach_names(self.robot),
-            "position_m": columns.POSITION,
-            "rotation_vector_rad": columns.ROTATION,
-            "distance_m": (columns.DISTANCE,),
-            "force": columns.force_names(self.robot),
-        }
-        return {name: (array, index) for array, names in arrays.items() for index, name in enumerate(names)}
-
-    @property
-    def _widths(self) -> dict[str, int]:
-        count = len(self.robot.drives)
-        poses = {"position_m": 3, "rotation_vector_rad": 3}
-        return {"drives": count, "approach": count, "force": count, "distance_m": 1, **poses}
+        arrays = columns.array_names(self.robot).items()
+        return {name: (array, index) for array, names in arrays for index, name in enumerate(names)}
 
     @classmethod
     def of(cls, campaign: Campaign | Path | str, robot: RobotDefinition | None = None) -> Campaign:
-        """Return a campaign: itself, or read from its table.
-
-        Args:
-            campaign: a campaign, or the path of its table.
-            robot: whose campaign it is; by default the pouring robot.
+        """Return a campaign: itself, or read from its table; see :meth:`read`.
 
         Raises:
-            CampaignError: as :meth:`read`.
             BadInputError: it is neither, or the campaign of another robot.
         """
         if isinstance(campaign, Path | str):
@@ -153,11 +128,8 @@ class Campaign(Result):
         """Read a campaign: a CSV, Parquet or Excel table with units on its headings, and the YAML of the same stem.
 
         Empty cells become NaN. What is wrong with the *values* is the business of
-        :func:`pouring_robot.checks.check.check_campaign`; here only what cannot be understood is refused.
-
-        Args:
-            path: the table.
-            robot: whose campaign it is; by default the pouring robot.
+        :func:`pouring_robot.checks.check.check_campaign`; here only what cannot be understood is refused. Without a
+        robot it is the pouring robot's.
 
         Raises:
             CampaignError: the table or the YAML file is missing, a heading is misspelt, has a wrong unit or stands
@@ -184,14 +156,14 @@ class Campaign(Result):
             distance_from=table.labels.get(columns.DISTANCE_FROM, ()),
             **arrays_from(table.numbers, robot),
         )
-        found._check_starts()
+        for row, name in enumerate(found.distance_from):
+            if name and (found.samples.count(name) != 1 or found.samples[row] == name):
+                wrong = f"line {found.lines[row]}: distance_from must be the sample of one other row, and is '{name}'"
+                raise CampaignError(path, wrong)
         return found
 
     def save(self, path: Path | str, *, overwrite: bool = False) -> tuple[Path, Path]:
-        """Write the table (CSV, or Parquet by its suffix) and the YAML of the same stem, both or neither.
-
-        Returns:
-            The two files.
+        """Write and return the table (CSV, or Parquet by its suffix) and the YAML of the same stem, both or neither.
 
         Raises:
             OutputError: a file is there already and ``overwrite`` is not set, or it cannot be written.
@@ -208,8 +180,7 @@ class Campaign(Result):
         Raises:
             OutputError: the suffix is that of the YAML file.
         """
-        labels = self.samples, self.sessions, self.distance_from
-        return campaign_files(path, self._quantities.values(), self.command, *labels, self.metadata)
+        return campaign_files(path, self._columns(), self.metadata)
 
     @property
     def headline(self) -> str:
@@ -251,13 +222,6 @@ class Campaign(Result):
         rows = {sample: row for row, sample in enumerate(self.samples)}
         starts = self.distance_from or ("",) * len(self)
         return np.array([rows.get(name, -2) if name else -1 for name in starts], dtype=np.intp)
-
-    def _check_starts(self) -> None:
-        """Raise CampaignError if a distance starts at a sample that is not there, stands twice or is the row itself."""
-        for row, name in enumerate(self.distance_from):
-            if name and (self.samples.count(name) != 1 or self.samples[row] == name):
-                problem = f"line {self.lines[row]}: distance_from must be the sample of one other row, and is '{name}'"
-                raise CampaignError(self.path, problem)
 
     @property
     def position_measured(self) -> BoolArray:
@@ -360,33 +324,27 @@ class Campaign(Result):
         chosen = np.flatnonzero(chosen) if chosen.dtype == bool and chosen.size == len(self) else chosen
         if chosen.size == 0 or chosen.dtype.kind not in "iu" or chosen.min() < -len(self) or chosen.max() >= len(self):
             raise BadInputError(f"rows of a campaign are indices from 0 to {len(self) - 1}, at least one")
-        arrays: dict[str, Any] = {name: getattr(self, name) for name in self._widths}
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in (*columns.array_names(self.robot), "lines")}
         changed: dict[str, Any] = {name: None if v is None else v[chosen] for name, v in arrays.items()}
         changed["conditions"] = {name: values[chosen] for name, values in self.conditions.items()}
-        changed["lines"] = self.lines[chosen]
-        changed["samples"] = tuple(self.samples[i] for i in chosen)
-        changed["distance_from"] = tuple(self.distance_from[i] for i in chosen) if self.distance_from else ()
-        changed["sessions"] = tuple(self.sessions[i] for i in chosen)
+        for name in ("samples", "sessions", "distance_from"):
+            labels = getattr(self, name)
+            changed[name] = tuple(labels[i] for i in chosen) if labels else ()
         return dataclasses.replace(self, **changed)
 
     def to_frame(self) -> pandas.DataFrame:
         """Return the rows as a pandas data frame with canonical headings (SI units, °C), a valid campaign table."""
         import pandas
 
-        content: dict[str, object] = {}
+        return pandas.DataFrame({quantity.canonical: list(values) for quantity, values in self._columns()})
+
+    def _columns(self) -> Iterator[tuple[Quantity, FloatArray | Sequence[str]]]:
+        """Yield the columns there are, as a file holds them."""
+        labels = {"sample": self.samples, "session": self.sessions, columns.DISTANCE_FROM: self.distance_from}
         for quantity in self._quantities.values():
-            if quantity.name == "sample":
-                content["sample"] = list(self.samples)
-            elif quantity.name == "session":
-                content["session"] = list(self.sessions)
-            elif quantity.name == columns.DISTANCE_FROM:
-                if any(self.distance_from):
-                    content[quantity.name] = list(self.distance_from)
-            else:
-                values = self.command(quantity.name)
-                if values is not None:
-                    content[quantity.canonical] = values
-        return pandas.DataFrame(content)
+            values = labels[quantity.name] if quantity.kind == "label" else self.command(quantity.name)
+            if values is not None and (quantity.name != columns.DISTANCE_FROM or any(values)):
+                yield quantity, values
 
 
 def _refuse_campaign_of_another(path: Path, robot: RobotDefinition, problem: CampaignError) -> None:
@@ -412,17 +370,12 @@ def arrays_from(quantities: Mapping[str, FloatArray], robot: RobotDefinition) ->
 
     Of drives and positions absent ones become NaN; of the others, what is absent or empty becomes None.
     """
-    approach = columns.stacked(quantities, columns.approach_names(robot))
-    rotation = columns.stacked(quantities, columns.ROTATION)
-    distance = columns.stacked(quantities, (columns.DISTANCE,))
-    force = columns.stacked(quantities, columns.force_names(robot))
-    conditions = columns.condition_names(robot)
-    return {
+    arrays: dict[str, Any] = {
+        array: columns.stacked(quantities, names) for array, names in columns.array_names(robot).items()
+    }
+    arrays = {n: v if n == "position_m" or np.isfinite(v).any() else None for n, v in arrays.items()}
+    conditions = [name for name in columns.condition_names(robot) if name in quantities]
+    return arrays | {
         "drives": robot.drive_values(quantities),
-        "position_m": columns.stacked(quantities, columns.POSITION),
-        "rotation_vector_rad": rotation if np.isfinite(rotation).any() else None,
-        "approach": approach if np.isfinite(approach).any() else None,
-        "distance_m": distance if np.isfinite(distance).any() else None,
-        "force": force if np.isfinite(force).any() else None,
-        "conditions": {n: quantities[n] for n in conditions if n in quantities and np.isfinite(quantities[n]).any()},
+        "conditions": {name: quantities[name] for name in conditions if np.isfinite(quantities[name]).any()},
     }

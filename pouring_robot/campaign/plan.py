@@ -8,7 +8,7 @@ import numpy as np
 
 from pouring_robot.campaign import columns
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
-from pouring_robot.io.quantities import read_quantities
+from pouring_robot.io.quantities import Quantity, read_quantities
 from pouring_robot.io.temperatures import REFERENCE_DEGC
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.command import command_box
@@ -24,13 +24,12 @@ _POUR_CYCLE = 25  # poses from one filling of the ladle to the next
 
 @dataclass(frozen=True, eq=False)
 class PosePlan:
-    """What to command and what is known of each pose.
+    """What to command and what is known of each of n poses.
 
     Attributes:
-        poses: n commands: poses of the pouring robot's platform, drive values of another robot.
+        poses: poses of the pouring robot's platform, drive values of another robot.
         drives: (n, drives) drive values the controller commands for them, in m and rad.
-        samples: n names; "" where none.
-        sessions: n sessions.
+        samples: their names; "" where none.
         conditions: values (n,) of each condition that is planned, by quantity name, in m, kg, s and °C.
     """
 
@@ -70,8 +69,9 @@ def read_plan(path: Path | str, robot: Robot) -> PosePlan:
     """
     definition = robot.model.definition
     wanted = definition.command_columns
+    known = (Quantity("sample", "label"), *wanted, *columns.condition_columns(definition))
     example = ", ".join(axis.heading for axis in robot.command_axes)
-    table = read_quantities(path, columns.plan_columns(definition), example, CampaignError)
+    table = read_quantities(path, known, example, CampaignError)
     values = definition.command_values(table.numbers)
     if not np.isfinite(values).all():
         row, column = (int(k[0]) for k in np.nonzero(~np.isfinite(values)))

@@ -29,7 +29,7 @@ _SCREW_PITCH_M = 0.010
 
 @dataclass(frozen=True)
 class MeasurementOptions:
-    """How the virtual tracker measures.
+    """How the virtual tracker measures; figures out of range raise BadInputError.
 
     Attributes:
         sigma_position_m: standard deviation of a coordinate, in m; 0: exact.
@@ -37,12 +37,8 @@ class MeasurementOptions:
         outliers: number of rows with a gross error.
         outlier_m: their shift is 0.5 to 1.5 times this, in a random direction, in m.
         lost: share of measured cells that are empty, 0 to 1.
-        pose_tracker_to_fixed_platform: the fixed platform in the tracker frame; None: drawn.
-        pose_platform_to_target: the target on the moving platform; None: drawn.
+        pose_tracker_to_fixed_platform: None: drawn, as ``pose_platform_to_target``.
         seed: of everything random.
-
-    Raises:
-        BadInputError: a figure is out of range.
     """
 
     sigma_position_m: float = 5e-5
@@ -69,16 +65,12 @@ class MeasurementOptions:
 
 @dataclass(frozen=True, eq=False)
 class VirtualMeasurement:
-    """A campaign and what was hidden in it.
+    """A campaign as a user would get it, and what was hidden in it.
 
     Attributes:
-        campaign: what a user would get.
         actual_poses: pose of the moving platform in the fixed platform of the robot as built, row by row.
-        pose_tracker_to_fixed_platform: the hidden outer frame.
-        pose_platform_to_target: the hidden inner frame.
         outlier_rows: rows with a gross error, from 0.
         lost_cells: row and quantity of each cell that was emptied.
-        seed: of everything random.
     """
 
     campaign: Campaign
@@ -114,15 +106,10 @@ def simulate_campaign(
     robots: Sequence[Robot] | None = None,
     progress: Progress = say_nothing,
 ) -> VirtualMeasurement:
-    """Measure a robot as built without having it.
+    """Measure a robot as built, which closes its loops at the commanded drives, without having it.
 
-    Args:
-        robot: the robot as built closes its loops at the commanded drives.
-        plan: the poses.
-        options: noise, outliers, frames, seed.
-        path: the name the campaign is to have.
-        robots: as it stands at each pose, where that depends on the conditions of the plan.
-        progress: told of every row.
+    ``path`` is the name the campaign is to have; ``robots`` are the robot as it stands at each pose, where that depends
+    on the conditions of the plan.
 
     Raises:
         BadInputError: more outliers than rows are asked for, or the robot has redundant drives: what they read follows
@@ -142,7 +129,13 @@ def simulate_campaign(
     path = Path(path)
     random = np.random.default_rng([options.seed, 2])
     outer, inner = _frames(options, random)
-    actual = _close(robots or [robot] * rows, plan, path, progress)
+    actual = []
+    for row, (standing, command) in enumerate(zip(robots or [robot] * rows, plan.poses, strict=True)):
+        try:
+            actual.append(standing.actual_of(command).pose_base_to_end)
+        except NoSolutionError as error:
+            raise CampaignError(path, f"pose {row + 1} of the plan: {error}") from error
+        progress("measuring", row + 1, rows)
     seen = [outer * pose * inner for pose in actual]
     position = np.array([pose.translation for pose in seen]) + random.normal(size=(rows, 3)) * options.sigma_position_m
     wrong = np.sort(random.choice(rows, options.outliers, replace=False))
@@ -154,22 +147,13 @@ def simulate_campaign(
         noise = random.normal(size=(rows, 3)) * options.sigma_rotation_rad
         turned = np.array([pin.exp3(turn) @ pose.rotation for turn, pose in zip(noise, seen, strict=True)])
         measured |= dict(zip(ROTATION, rotation_vectors(turned).T, strict=True))
-    lost = _lose(measured, options.lost, random)
+    lost = []
+    for name, values in measured.items():
+        for row in np.flatnonzero(random.random(rows) < options.lost).tolist():
+            values[row] = np.nan
+            lost.append((row, name))
     campaign = _campaign(robot, plan, options, path, measured)
-    return VirtualMeasurement(
-        campaign, tuple(actual), outer, inner, tuple(int(row) for row in wrong), lost, options.seed
-    )
-
-
-def _close(robots: Sequence[Robot], plan: PosePlan, path: Path, progress: Progress) -> list[pin.SE3]:
-    actual = []
-    for row, (robot, command) in enumerate(zip(robots, plan.poses, strict=True)):
-        try:
-            actual.append(robot.actual_of(command).pose_base_to_end)
-        except NoSolutionError as error:
-            raise CampaignError(path, f"pose {row + 1} of the plan: {error}") from error
-        progress("measuring", row + 1, len(plan))
-    return actual
+    return VirtualMeasurement(campaign, tuple(actual), outer, inner, tuple(wrong.tolist()), tuple(lost), options.seed)
 
 
 def _frames(options: MeasurementOptions, random: np.random.Generator) -> tuple[pin.SE3, pin.SE3]:
@@ -186,15 +170,6 @@ def _frames(options: MeasurementOptions, random: np.random.Generator) -> tuple[p
     return options.pose_tracker_to_fixed_platform or outer, options.pose_platform_to_target or inner
 
 
-def _lose(measured: dict[str, FloatArray], share: float, random: np.random.Generator) -> tuple[tuple[int, str], ...]:
-    lost = []
-    for name, values in measured.items():
-        for row in np.flatnonzero(random.random(values.size) < share):
-            values[row] = np.nan
-            lost.append((int(row), name))
-    return tuple(lost)
-
-
 def _campaign(
     robot: Robot, plan: PosePlan, options: MeasurementOptions, path: Path, measured: dict[str, FloatArray]
 ) -> Campaign:
@@ -206,13 +181,12 @@ def _campaign(
         sigma_rotation_rad=options.sigma_rotation_rad or None,
         reference_temperature_degC=REFERENCE_DEGC,
     )
+    facts: dict[str, Any] = {"target": robot.model.loops().end_frame}
     if isinstance(robot, PouringRobot):
         ladle = robot.layout.ladle
-        facts: dict[str, Any] = {"screw_pitch_m": _SCREW_PITCH_M, "truss_span_m": robot.layout.truss_span_m}
+        facts = {"screw_pitch_m": _SCREW_PITCH_M, "truss_span_m": robot.layout.truss_span_m}
         facts |= {"ladle_tare_kg": ladle.tare_kg, "ladle_centre_of_mass_m": ladle.centre_of_mass_m}
-        metadata = metadata.model_copy(update=facts)
-    else:
-        metadata = metadata.model_copy(update={"target": robot.model.loops().end_frame})
+    metadata = metadata.model_copy(update=facts)
     definition = robot.model.definition
     both = zip(definition.drives, plan.drives.T, strict=True)
     drives = {drive.column: drive.commanded(values) for drive, values in both}

@@ -1,7 +1,7 @@
 """The files of a campaign: its table as CSV or Parquet, and the YAML beside it."""
 
 import io
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,43 +19,27 @@ Cells = Mapping[str, list[str]]
 
 
 def campaign_files(
-    path: Path,
-    quantities: Iterable[Quantity],
-    command: Callable[[str], FloatArray | None],
-    samples: Sequence[str],
-    sessions: Sequence[str],
-    starts: Sequence[str],
-    metadata: CampaignMetadata,
+    path: Path, columns: Iterable[tuple[Quantity, FloatArray | Sequence[str]]], metadata: CampaignMetadata
 ) -> dict[Path, bytes]:
-    """Return what the two files of a campaign hold, by path: the table, and the YAML beside it.
+    """Return what the two files of a campaign hold, by path: the table, CSV or Parquet by its suffix, and the YAML.
 
-    Args:
-        path: of the table; its suffix says whether it is CSV or Parquet.
-        quantities: the columns that a campaign of the robot may have.
-        command: gives the values (n,) of a quantity by name, as its column holds them, or None.
-        samples: n names.
-        sessions: n sessions.
-        starts: n samples from which distances are measured, "" for the fixed point.
-        metadata: what holds for all rows.
+    Columns hold their n values in inner units; labels that are all empty are left out.
 
     Raises:
         OutputError: the suffix is that of the YAML file.
     """
     if path.suffix.lower() in (".yaml", ".yml"):
         raise OutputError(path, "give the name of the table, such as campaign.csv; the YAML is written beside it")
-    cells = {"sample": list(samples)} if any(samples) else {}
-    for column in quantities:
-        values = None if column.kind == "label" else command(column.name)
-        if column.name == "session":
-            cells["session"] = list(sessions)
-        elif column.name == DISTANCE_FROM and any(starts):
-            cells[DISTANCE_FROM] = list(starts)
-        elif values is not None:
-            millimetres = column.kind == "length" and (column.required or column.name in MEASURED)
-            digits = _DIGITS[column.kind]
-            scaled = np.round(values * 1e3 if millimetres else values, digits) + 0.0
-            heading = f"{column.name}_mm" if millimetres else column.canonical
-            cells[heading] = ["" if np.isnan(value) else f"{value:.{digits}f}" for value in scaled]
+    cells: dict[str, list[str]] = {}
+    for column, values in columns:
+        if column.kind == "label":
+            cells |= {column.name: [str(value) for value in values]} if any(values) else {}
+            continue
+        millimetres = column.kind == "length" and (column.required or column.name in MEASURED)
+        digits = _DIGITS[column.kind]
+        scaled = np.round(np.asarray(values, dtype=float) * (1e3 if millimetres else 1.0), digits) + 0.0
+        heading = f"{column.name}_mm" if millimetres else column.canonical
+        cells[heading] = ["" if np.isnan(value) else f"{value:.{digits}f}" for value in scaled]
     parquet = path.suffix.lower() in PARQUET_SUFFIXES
     table = _parquet(cells) if parquet else csv_text(cells, zip(*cells.values(), strict=True)).encode()
     return {path: table, path.with_suffix(".yaml"): metadata_text(metadata).encode()}

@@ -1,11 +1,17 @@
 """All checks of a campaign before any fit."""
 
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from pouring_robot.batch import engine_for
+from pouring_robot.campaign import columns
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import nominal_poses
-from pouring_robot.checks.columns import check_columns
+from pouring_robot.checks.columns import check_columns, distinct_poses
 from pouring_robot.checks.conditions import check_conditions
 from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, outlier_rows
 from pouring_robot.checks.frames import FrameChecks
@@ -14,8 +20,9 @@ from pouring_robot.checks.outliers import check_rows
 from pouring_robot.checks.sessions import in_frames_of_their_own
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
+from pouring_robot.io.quantities import UNITS
 from pouring_robot.io.threads import one_blas_thread
-from pouring_robot.mechanism.arrays import FloatArray, rms
+from pouring_robot.mechanism.arrays import rms
 from pouring_robot.robot.description.drawing import Drawing
 
 
@@ -51,21 +58,62 @@ def examine(campaign: Campaign, drawing: Drawing) -> Examination:
     order = list(Severity)
     # Too small a noise makes findings of chance: it is said before anything else of its kind.
     flags = sorted(found, key=lambda flag: (order.index(flag.severity), flag.code != FlagCode.NOISE_TOO_SMALL))
-    return Examination(flags, frames.data, frames.fit, _disagreement(campaign, drawing, frames.data.drives))
-
-
-def _disagreement(campaign: Campaign, drawing: Drawing, drives: FloatArray) -> float | None:
-    if not campaign.redundant_drives:
-        return None
-    apart = engine_for(drawing.mechanism).close(drives, drawing.starts(drives)).disagreement[campaign.usable]
-    return rms(apart)
+    disagreement, drives = None, frames.data.drives
+    if campaign.redundant_drives:
+        closed = engine_for(drawing.mechanism).close(drives, drawing.starts(drives))
+        disagreement = rms(closed.disagreement[campaign.usable])
+    return Examination(flags, frames.data, frames.fit, disagreement)
 
 
 def check_campaign(campaign: Campaign, drawing: Drawing) -> list[DataFlag]:
     """Return what is wrong with a campaign's data, errors first; an empty list for sound data.
 
-    Args:
-        campaign: the data.
-        drawing: closes the nominal robot and knows its limits; errors of the robot as built do not matter here.
+    The nominal robot is compared with them: errors of the robot as built do not matter here.
     """
     return examine(campaign, drawing).flags
+
+
+def campaign_metrics(campaign: Campaign, found: Examination) -> dict[str, Any]:
+    """Return everything a user should know of a campaign before a fit, ready for JSON; units are in the names."""
+    metadata, fit = campaign.metadata, found.fit
+    figures: dict[str, Any] = {
+        "file": str(campaign.path),
+        "rows": len(campaign),
+        "usable_rows": int(campaign.usable.sum()),
+        "distinct_poses": distinct_poses(campaign),
+        "sessions": dict(Counter(campaign.sessions)),
+        "full_pose": campaign.full_pose,
+        "seen": campaign.seen,
+        "ranges": dict(_ranges(campaign)),
+        "missing_conditions": list(campaign.missing_conditions()),
+        "metadata": metadata.model_dump(mode="json"),
+        "outlier_rows": outlier_rows(found.flags).tolist(),
+        "flags": [flag.to_json(campaign) for flag in found.flags],
+        "misfit": None,
+        "redundant_drives_disagree_mm": found.disagreement_m and found.disagreement_m * 1e3,
+        "untold_of_the_frames": [] if fit is None else list(fit.untold),
+    }
+    if fit is not None:
+        rotation = fit.rotation_scale_rad
+        figures["misfit"] = {
+            "position_mm": fit.position_scale_m * 1e3,
+            "position_noise_mm": metadata.sigma_position_m and metadata.sigma_position_m * 1e3,
+            "rotation_mrad": None if rotation is None else rotation * 1e3,
+            "rotation_noise_mrad": metadata.sigma_rotation_rad and metadata.sigma_rotation_rad * 1e3,
+        }
+    return figures
+
+
+def _ranges(campaign: Campaign) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield unit, least and largest value and number of missing cells of each quantity that was recorded.
+
+    Lengths are in mm (a travel in m), angles in rad, the rest in kg, s and °C.
+    """
+    for quantity in columns.campaign_columns(campaign.robot):
+        values = None if quantity.kind == "label" else campaign.command(quantity.name)
+        if values is not None and np.isfinite(values).any():
+            shown = {} if quantity.name in campaign.robot.travels else {"length": ("mm", 1e3)}
+            unit, factor = shown.get(quantity.kind, (next(iter(UNITS[quantity.kind]), ""), 1.0))
+            known = values[np.isfinite(values)] * factor
+            ends = {"least": float(known.min()), "largest": float(known.max())}
+            yield quantity.name, {"unit": unit, **ends, "missing": int(values.size - known.size)}

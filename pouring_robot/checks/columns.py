@@ -168,10 +168,8 @@ def _time(campaign: Campaign) -> Iterator[DataFlag]:
     if by_time < by_row:
         remedy = "all is well if the rows were sorted; put them in the order of time, so that jumps can be looked for"
         message += "; the temperatures run smoothly by it"
-        severity = Severity.NOTE
-        yield found(
-            campaign, FlagCode.TIME_NOT_INCREASING, message, (), ["time"], figures, severity=severity, remedy=remedy
-        )
+        told, severity = FlagCode.TIME_NOT_INCREASING, Severity.NOTE
+        yield found(campaign, told, message, (), ["time"], figures, severity=severity, remedy=remedy)
         return
     message += ", and is not that of the rows" + ("; the temperatures run smoothly by row" if by_row < by_time else "")
     yield found(campaign, FlagCode.TIME_SHUFFLED, message, (), ["time"], figures)

@@ -146,8 +146,6 @@ class DataFlag:
     """One finding.
 
     Attributes:
-        code: what was found.
-        severity: how much it matters.
         message: what and where, one line, with the file's own lines and headings.
         remedy: what to do about it, one sentence.
         rows: indices of the rows concerned, from 0; empty: the campaign as a whole.

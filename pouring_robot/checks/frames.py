@@ -8,7 +8,6 @@ a fifth or less is named, and undone for the checks that follow.
 import contextlib
 import dataclasses
 from collections.abc import Callable, Iterable, Sequence
-from typing import TypeVar
 
 import numpy as np
 
@@ -22,7 +21,6 @@ from pouring_robot.checks.units_and_axes import (
     TURN_MISTAKES,
     Comparison,
     Mistake,
-    TurnMistake,
     position_mistakes,
 )
 from pouring_robot.estimation.frames.fit import FrameFit
@@ -42,25 +40,18 @@ _GAIN, _EQUAL = 0.2, 1.5
 _ROUGHLY = 3.0  # of the least rough misfit: twice what may still be its equal once fitted
 _TAKEN_UP, _FAR_ROWS = 100.0, 10.0  # how much less or more than the change itself a mistake may leave as misfit
 _TRIED_ROWS = 100  # enough to tell which mistake it is; all rows say whether
-_DEFAULT_METRES_PER_RAD = 1.0
 _MOST_BEYOND, _SOME_BEYOND = 0.5, 0.05  # share of values beyond the limits
 _LIMIT_SLACK = 1e-3  # m or rad
-Tried = TypeVar("Tried", Mistake, TurnMistake)
 
 
 def metres_per_rad(campaign: Campaign) -> float:
     """Return noise of a coordinate over noise of a rotation component, in m; 1 m where the file states neither."""
     position, rotation = campaign.metadata.sigma_position_m, campaign.metadata.sigma_rotation_rad
-    return position / rotation if position and rotation else _DEFAULT_METRES_PER_RAD
+    return position / rotation if position and rotation else 1.0
 
 
 class FrameChecks:
-    """Finds and undoes mistakes of units, frames and columns.
-
-    Args:
-        campaign: the data.
-        drawing: closes the nominal robot.
-    """
+    """Finds and undoes mistakes of units, frames and columns of a campaign, by the drawing of its robot."""
 
     def __init__(self, campaign: Campaign, drawing: Drawing) -> None:
         self.campaign, self.drawing = campaign, drawing
@@ -70,9 +61,8 @@ class FrameChecks:
         limits = [joints.get(drive.joint, (-np.inf, np.inf)) for drive in campaign.robot.drives]
         self._lower, self._upper = np.transpose(limits)
         drives = self._drive_units(np.array(campaign.drives))
-        self.data = Comparison(
-            drives, nominal_poses(drawing, drives), campaign.position_m, campaign.rotation_vector_rad
-        )
+        poses = nominal_poses(drawing, drives)
+        self.data = Comparison(drives, poses, campaign.position_m, campaign.rotation_vector_rad)
         # Without different poses the frames are anything, and so is what they say of the data.
         if distinct_poses(campaign) >= FEWEST_ROWS:
             with contextlib.suppress(FrameFitError):  # too few rows within reach, which are flagged
@@ -96,17 +86,15 @@ class FrameChecks:
                 continue  # counted the other way: that is tried with the frames
             for factor, mistake in DRIVE_MISTAKES[kind]:
                 if np.mean((known * factor + zero >= low) & (known * factor + zero <= high)) > 0.9:
-                    self._flag_drive_unit(index, mistake, float(np.median(np.abs(known))), factor)
+                    median, drive = float(np.median(np.abs(known))), self.campaign.robot.drives[index]
+                    message = f"column '{self.campaign.heading(drive.column)}' seems to hold {mistake}: its values"
+                    message += f" come to {median:g} {drive.unit} (median)"
+                    metrics = {f"median_{drive.unit}": median, "factor": factor}
+                    self._found(FlagCode.DRIVE_UNIT, message, [drive.column], metrics)
                     drives[:, index] = (values - zero) * factor + zero
                     wrong.add(kind)
                     break
         return drives
-
-    def _flag_drive_unit(self, index: int, mistake: str, median: float, factor: float) -> None:
-        drive = self.campaign.robot.drives[index]
-        heading = self.campaign.heading(drive.column)
-        message = f"column '{heading}' seems to hold {mistake}: its values come to {median:g} {drive.unit} (median)"
-        self._found(FlagCode.DRIVE_UNIT, message, [drive.column], {f"median_{drive.unit}": median, "factor": factor})
 
     def _found(
         self, code: FlagCode, message: str, names: Sequence[str], metrics: dict[str, float], rows: Iterable[int] = ()
@@ -160,8 +148,7 @@ class FrameChecks:
     def _likeliest(self, most: float) -> Mistake | None:
         """Return the mistake that leaves the least misfit when undone, by some of the rows; it tells its equals.
 
-        Args:
-            most: misfit, as a share of the spread, above which none is named.
+        None is named that leaves more than ``most``, a share of the spread.
         """
         complete = np.flatnonzero(self.data.poses.complete & np.isfinite(self.data.position_m).all(axis=1))
         some = self.data[complete[evenly(complete.size, _TRIED_ROWS)]]
@@ -186,24 +173,25 @@ class FrameChecks:
         if self.fit is None or vectors is None or np.isfinite(vectors).all(axis=1).sum() < FEWEST_ROWS:
             return
         sigma = self.campaign.metadata.sigma_rotation_rad or 0.0
-
         before = _turn_misfit(self.data, rough=False)
         if before <= max(_SUSPECT_TURN_RAD, _SUSPECT_SIGMAS * sigma):
             return
-        undone = ((mistake, mistake.undo(vectors)) for mistake in TURN_MISTAKES)
-        tried = [
-            (mistake, dataclasses.replace(self.data, rotation_vector_rad=turned))
-            for mistake, turned in undone
-            if _may_cause(_turn_spread(turned - vectors), before)
-        ]
+        tried = []
+        for mistake in TURN_MISTAKES:
+            undone = mistake.undo(self.data)
+            # A mistake that changes vectors so far may cause a misfit, of which the frames take up a part.
+            if undone is not None:
+                change = undone.turned_by(self.data)
+                if change / _TAKEN_UP < before < change * _FAR_ROWS:
+                    tried.append((mistake, undone))
         left = _fitted(tried, _turn_misfit, _GAIN * before)
         least = min((after for after, _ in left), default=before)
         # Of equals the first: the simpler mistake.
         after, best = next((one for one in left if one[0] <= _EQUAL * least), (before, TURN_MISTAKES[0]))
         if after < _GAIN * before:
             metrics = {"misfit_before_mrad": before * 1e3, "misfit_after_mrad": after * 1e3}
-            self._found(best.code, best.message, columns.ROTATION, metrics)
-            self.data = dataclasses.replace(self.data, rotation_vector_rad=best.undo(vectors))
+            self._found(best.code, best.message, best.names, metrics)
+            self.data = best.undo(self.data) or self.data
         elif before > _HOPELESS_RAD:
             self._no_agreement(columns.ROTATION, before * 1e3, "mrad")
             self.data = dataclasses.replace(self.data, rotation_vector_rad=None)
@@ -211,14 +199,11 @@ class FrameChecks:
 
 
 def _fitted(
-    tried: list[tuple[Tried, Comparison]], misfit: Callable[[Comparison, bool], float], most: float = np.inf
-) -> list[tuple[float, Tried]]:
-    """Return the misfit with each mistake undone, of those that may be the least or its equal.
+    tried: list[tuple[Mistake, Comparison]], misfit: Callable[[Comparison, bool], float], most: float = np.inf
+) -> list[tuple[float, Mistake]]:
+    """Return the misfit with each mistake undone, of those that may be the least or its equal, and at most ``most``.
 
-    Args:
-        tried: each mistake, and the data with it undone.
-        misfit: of data; told whether a rough one is enough.
-        most: misfit above which a mistake is not named.
+    ``misfit`` of data is told whether a rough one is enough.
     """
     rough = [misfit(data, True) for _, data in tried]
     enough = _ROUGHLY * min(most, *rough, np.inf)
@@ -232,13 +217,3 @@ def _turn_misfit(data: Comparison, rough: bool) -> float:
     # Rotations of the wrong sense could be fitted at the cost of positions.
     fit = data.fit(_HOPELESS_M / _HOPELESS_RAD, rough=rough)
     return max(fit.rotation_scale_rad or 0.0, fit.position_scale_m * _HOPELESS_RAD / _HOPELESS_M)
-
-
-def _turn_spread(vectors: FloatArray) -> float:
-    """Return how far rotation vectors (n, 3) are from their middle (median), in rad: half a turn at most."""
-    return min(float(np.nanmedian(np.linalg.norm(vectors - np.nanmedian(vectors, axis=0), axis=1))), np.pi)
-
-
-def _may_cause(change: float, misfit: float) -> bool:
-    """Return whether a mistake that changes vectors so far may cause a misfit, of which the frames take up a part."""
-    return change / _TAKEN_UP < misfit < change * _FAR_ROWS

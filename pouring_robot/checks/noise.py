@@ -38,11 +38,9 @@ _ROUNDED = 1e-6  # of a step: how near to its multiples values must be
 
 @dataclass(frozen=True)
 class Scatter:
-    """What a measured component scatters by.
+    """What a measured component scatters by: f over the stated noise, and whether that is sure to be no chance.
 
     Attributes:
-        factor: f, over the stated noise.
-        sure: whether chance alone would hardly make so much of noise as stated.
         by_drives: what one unit of white error of every drive would add, as a variance over that of the noise.
     """
 
@@ -87,7 +85,8 @@ def _scatters(campaign: Campaign, drawing: Drawing, data: Comparison, fit: Frame
         [frames[:, :, :6] * ([MM] * 3 + [MRAD] * 3), drives * units[: drives.shape[2]]], axis=2
     )
     smooth = [moved * units, *(by_condition * values[:, None, None] for values in _conditions(campaign, rows))]
-    smooth += [by_condition * side[:, None, None] for side in _sides(campaign, rows)]
+    if campaign.approach is not None:
+        smooth += [by_condition * side[:, None, None] for side in np.nan_to_num(campaign.approach[rows]).T]
     causes = np.concatenate(smooth, axis=2)
     stated = campaign.metadata
     residuals = [(fit.position_residual_m, stated.sigma_position_m, 0)]
@@ -136,11 +135,6 @@ def _conditions(campaign: Campaign, rows: Rows) -> Iterator[FloatArray]:
             yield np.nan_to_num((known - np.nanmean(known)) / spread)
 
 
-def _sides(campaign: Campaign, rows: Rows) -> Iterator[FloatArray]:
-    if campaign.approach is not None:
-        yield from np.nan_to_num(campaign.approach[rows]).T
-
-
 def _rounded(campaign: Campaign, scatters: Sequence[Scatter]) -> Iterator[DataFlag]:
     """Yield drives that are given in steps, if errors as large as half a step are there."""
     names = columns.drive_names(campaign.robot)
@@ -166,12 +160,8 @@ def _step(values: FloatArray) -> float:
     for power in range(0, -7, -1):
         for size in (5.0, 2.0, 1.0):
             step = size * 10.0**power
-            if known.size and np.ptp(known) > 2.0 * step and _is_multiple(known, step):
+            steps = known / step
+            multiples = np.abs(steps - np.round(steps)) < _ROUNDED * np.maximum(np.abs(steps), 1.0)
+            if known.size and np.ptp(known) > 2.0 * step and multiples.all():
                 return step
     return 0.0
-
-
-def _is_multiple(values: FloatArray, step: float) -> bool:
-    return bool(
-        np.all(np.abs(values / step - np.round(values / step)) < _ROUNDED * np.maximum(np.abs(values) / step, 1.0))
-    )

@@ -11,34 +11,19 @@ from pouring_robot.checks.check import Examination
 from pouring_robot.checks.flags import Rows, outlier_rows
 from pouring_robot.io.files import write_whole
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.report.plots import (
-    BLUE,
-    DARK_GREY,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILION,
-    draw_box,
-    new_figure,
-    png_of,
-)
+from pouring_robot.report import plots
+from pouring_robot.report.plots import DARK_GREY, GREY, VERMILION, draw_box, new_figure, png_of
 from pouring_robot.robot.pouring.layout import Layout
 
 # Vermilion is kept for what is wrong.
-_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, "#8C6D1F", "#000000")
+_COLOURS = (plots.BLUE, plots.ORANGE, plots.GREEN, plots.PURPLE, plots.SKY, "#8C6D1F", "#000000")
 _MOST_SESSIONS = 12
 
 
 def write_picture(campaign: Campaign, found: Examination, layout: Layout | None, path: Path | str) -> Path:
     """Draw the commanded poses from three sides with the workspace box, and the misfit of each row, as PNG.
 
-    Args:
-        campaign: the data.
-        found: what the checks found; outliers are marked.
-        layout: gives the workspace box; None for a robot that has none.
-        path: the file; written whole or not at all.
+    A robot without a workspace box has no ``layout``; rows that the checks flagged are marked.
 
     Raises:
         OutputError: the file cannot be written.
@@ -77,25 +62,17 @@ def write_picture(campaign: Campaign, found: Examination, layout: Layout | None,
 
 
 def _points(place: Any, campaign: Campaign, across: FloatArray, up: FloatArray, wrong: Rows) -> None:
-    groups = _sessions(campaign)
+    sessions = list(campaign.rows_by_session().items())
+    shown, rest = sessions[:_MOST_SESSIONS], sessions[_MOST_SESSIONS:]
+    groups = [(f"session {name}"[:24], rows, _COLOURS[k % len(_COLOURS)]) for k, (name, rows) in enumerate(shown)]
+    if rest:
+        groups.append(("other sessions", np.sort(np.concatenate([rows for _, rows in rest])), GREY))
     for index, (name, rows, colour) in enumerate(groups):
         # Poses are often visited again in a later session: larger dots below smaller ones show both.
         size = min(16.0 + 14.0 * (len(groups) - 1 - index), 60.0)
         place.scatter(across[rows], up[rows], s=size, color=colour, alpha=0.75, linewidths=0, label=name)
     if wrong.size:
         place.scatter(across[wrong], up[wrong], s=70, marker="x", color=VERMILION, label="flagged row", zorder=3)
-
-
-def _sessions(campaign: Campaign) -> list[tuple[str, Rows, str]]:
-    sessions = list(campaign.rows_by_session().items())
-    shown, rest = sessions[:_MOST_SESSIONS], sessions[_MOST_SESSIONS:]
-    groups = [
-        (f"session {name}"[:24], rows, _COLOURS[index % len(_COLOURS)]) for index, (name, rows) in enumerate(shown)
-    ]
-    if not rest:
-        return groups
-    others = np.sort(np.concatenate([rows for _, rows in rest]))
-    return [*groups, ("other sessions", others, GREY)]
 
 
 def _misfit(place: Any, campaign: Campaign, found: Examination, wrong: Rows) -> None:
@@ -109,12 +86,10 @@ def _misfit(place: Any, campaign: Campaign, found: Examination, wrong: Rows) -> 
     distance = np.linalg.norm(np.nan_to_num(residual), axis=1) * 1e3
     distance[~np.isfinite(residual).all(axis=1) | (distance == 0.0)] = np.nan
     _points(place, campaign, campaign.lines.astype(float), distance, wrong)
-    sigma = campaign.metadata.sigma_position_m
-    if sigma:
-        place.axhline(sigma * 1e3 * np.sqrt(3.0), color=DARK_GREY, linestyle=":", linewidth=1.2)
-        place.annotate(
-            "noise", (1.0, sigma * 1e3 * np.sqrt(3.0)), xycoords=("axes fraction", "data"), ha="right", va="bottom"
-        )
+    noise = (campaign.metadata.sigma_position_m or 0.0) * 1e3 * np.sqrt(3.0)
+    if noise:
+        place.axhline(noise, color=DARK_GREY, linestyle=":", linewidth=1.2)
+        place.annotate("noise", (1.0, noise), xycoords=("axes fraction", "data"), ha="right", va="bottom")
     if np.isfinite(distance).any():
         place.set_yscale("log")
         place.yaxis.set_major_formatter("{x:g}")

@@ -22,10 +22,6 @@ def in_frames_of_their_own(campaign: Campaign, poses: PoseStack) -> tuple[Campai
     """Return a campaign seen from one place; with a finding, where it does not say that it was not.
 
     That is where each session by itself agrees with the robot far better than all from one place.
-
-    Args:
-        campaign: the data.
-        poses: of the nominal robot.
     """
     if len(set(campaign.sessions)) < 2 or campaign.metadata.frames == PER_SESSION:
         return in_one_frame(campaign, poses), []

@@ -45,8 +45,7 @@ def joint_effect(
 ) -> tuple[FloatArray, FloatArray]:
     """Return how it moves with every drive, then every displacement of every joint, and a small error of each.
 
-    Returns:
-        (n, 6, p) in tracker axes, per m and rad, NaN without pose; (p,) 1 mm or 1 mrad.
+    Shapes (n, 6, p) in tracker axes, per m and rad, NaN without pose; and (p,), 1 mm or 1 mrad.
     """
     catalogue = ParameterCatalogue(robot, drawing.mechanism)
     local: tuple[GeometricParameter, ...] = (*catalogue.drives, *catalogue.placements)
@@ -69,13 +68,13 @@ def _effect(
 def drive_errors(effect: FloatArray, units: Sequence[str], residual: FloatArray, metres_per_rad: float) -> FloatArray:
     """Return the drive errors that would explain residuals best, (n, drives), in m; NaN where the effect is not known.
 
+    Where residuals do not fix all drives, the least such errors are returned.
+
     Args:
-        effect: (n, 6, drives) how the target moves with them; see :func:`drive_effect`.
+        effect: (n, 6, drives); see :func:`drive_effect`.
         units: of the drives, ``m`` or ``rad``. An angle counts as the length it moves the target at the median pose.
         residual: (n, 3) positions, in m, or (n, 6) with rotation vectors, in rad; in base axes.
         metres_per_rad: how rotations weigh against positions, in m.
-
-    Where residuals do not fix all drives, the least such errors are returned.
     """
     reach = np.nanmedian(np.linalg.norm(effect[:, :3], axis=1), axis=0)
     scale = np.where((np.array(units) == "rad") & (reach > 0.0), reach, 1.0)
@@ -113,7 +112,9 @@ def _linear_terms(campaign: Campaign, poses: PoseStack, with_time: bool) -> tupl
     conditions = [campaign.conditions[name] for name in kept]
     conditions += [] if campaign.approach is None else list(campaign.approach.T)
     terms = [np.ones(len(campaign)), *pose_terms]
-    terms += [_scaled(_filled(values)) for values in conditions if np.unique(values[np.isfinite(values)]).size > 1]
+    for values in conditions:
+        if np.unique(values[np.isfinite(values)]).size > 1:
+            terms.append(_scaled(np.where(np.isfinite(values), values, np.nanmedian(values))))
     return terms, 1 + len(pose_terms)
 
 
@@ -140,10 +141,6 @@ def _turns(poses: PoseStack) -> FloatArray:
     return np.asarray((rotation - middle) @ axes[sizes > _VARIES * np.sqrt(known.sum())].T)
 
 
-def _filled(values: FloatArray) -> FloatArray:
-    return np.where(np.isfinite(values), values, np.nanmedian(values))
-
-
 def _scaled(values: FloatArray) -> FloatArray:
     spread = float(np.nanstd(values))
     centred = values - np.nanmedian(values)
@@ -161,11 +158,8 @@ def leftover(terms: FloatArray, values: FloatArray, floor: float) -> tuple[Float
 
     Args:
         terms: (n, terms) as :func:`smooth_terms` gives them.
-        values: (n,) residuals; NaN rows are left out.
+        values: (n,) residuals; of NaN rows nothing is left.
         floor: the least standard deviation that counts, in the unit of the values: the measurement noise.
-
-    Returns:
-        (n,) sizes, 0 for rows left out, and the deviation, both in the unit of the values.
     """
     _, left, scale = robust_fit(terms, values, floor)
     return sized(left, scale)

@@ -46,8 +46,8 @@ class Comparison:
     Attributes:
         drives: (n, drives) in m and rad.
         poses: nominal poses for them; NaN where there are none.
-        position_m: (n, 3) measured positions, in m.
-        rotation_vector_rad: (n, 3) measured rotation vectors, in rad, or None.
+        position_m: (n, 3) measured positions.
+        rotation_vector_rad: (n, 3) measured rotation vectors, or None.
         inverted: whether the measured poses are those of the tracker's side seen from the end body's.
     """
 
@@ -92,6 +92,16 @@ class Comparison:
         rotation = None if vectors is None else rotation_matrices(vectors)
         return fit_frames(self.poses, self.position_m, rotation, metres_per_rad, rough=rough)
 
+    def inverse(self) -> Comparison:
+        """Return the same with the measured poses taken for those of the tracker's side."""
+        return dataclasses.replace(self, poses=self.poses.inverse(), inverted=True)
+
+    def turned_by(self, other: Comparison) -> float:
+        """Return how far rotation vectors are from another's, beside a common change: in rad, half a turn at most."""
+        if self.rotation_vector_rad is None or other.rotation_vector_rad is None:
+            return 0.0
+        return min(_spread(self.rotation_vector_rad - other.rotation_vector_rad), math.pi)
+
     def with_drives(self, drawing: Drawing, change: Callable[[FloatArray], FloatArray]) -> Comparison | None:
         """Return the same with drives changed; None where too few of them have a pose."""
         drives = change(self.drives)
@@ -107,8 +117,9 @@ def _stretches(affine: FloatArray | None, factor: float) -> BoolArray:
     return np.asarray((size * factor < 1.0 / _NEARLY) | (size * factor > _NEARLY))
 
 
-def _spread(positions_m: FloatArray) -> float:
-    return float(np.nanmedian(np.linalg.norm(positions_m - np.nanmedian(positions_m, axis=0), axis=1)))
+def _spread(vectors: FloatArray) -> float:
+    """Return the median distance of vectors (n, 3) from their middle, in their unit."""
+    return float(np.nanmedian(np.linalg.norm(vectors - np.nanmedian(vectors, axis=0), axis=1)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,35 +132,33 @@ class Mistake:
     undo: Callable[[Comparison], Comparison | None]
 
 
-@dataclass(frozen=True)
-class TurnMistake:
-    """A usual mistake of rotation vectors, and what undoes it: rows (n, 3) of what was read to vectors in rad."""
+def _turned(code: FlagCode, message: str, change: Callable[[FloatArray], FloatArray]) -> Mistake:
+    """Return a mistake of rotation vectors; the change takes rows (n, 3) of what was read to vectors in rad."""
 
-    code: FlagCode
-    message: str
-    undo: Callable[[FloatArray], FloatArray]
+    def undo(data: Comparison) -> Comparison:
+        vectors = data.rotation_vector_rad
+        return dataclasses.replace(data, rotation_vector_rad=None if vectors is None else change(vectors))
+
+    return Mistake(code, message, columns.ROTATION, undo)
 
 
-def _turn_mistakes() -> Iterator[TurnMistake]:
+def _turn_mistakes() -> Iterator[Mistake]:
     words = "the measured rotation vectors seem to"
     signs = (np.array(signs) for signs in itertools.product((1.0, -1.0), repeat=3))
     for sign in itertools.islice(signs, 1, None):
         reversed_ = [name for name, s in zip(columns.ROTATION, sign, strict=True) if s < 0.0]
+        code = FlagCode.MIRRORED_AXES
+        message = f"of the measured rotation vectors {' and '.join(reversed_)} seem to have the wrong sign"
         if len(reversed_) == 3:
-            message = f"{words} turn the other way: the tracker seen from the target"
-            yield TurnMistake(FlagCode.ROTATION_INVERTED, message, functools.partial(np.multiply, sign))
-        else:
-            message = f"of the measured rotation vectors {' and '.join(reversed_)} seem to have the wrong sign"
-            yield TurnMistake(FlagCode.MIRRORED_AXES, message, functools.partial(np.multiply, sign))
+            code, message = FlagCode.ROTATION_INVERTED, f"{words} turn the other way: the tracker seen from the target"
+        yield _turned(code, message, functools.partial(np.multiply, sign))
     for factor, wrong in ANGLE_MISTAKES:
-        yield TurnMistake(FlagCode.ROTATION_UNIT, f"{words} hold {wrong}", functools.partial(np.multiply, factor))
-    for sequence, meaning in (
-        ("xyz", "roll, pitch and yaw about fixed x, y and z"),
-        ("XYZ", "about moving x, y and z"),
-    ):
+        yield _turned(FlagCode.ROTATION_UNIT, f"{words} hold {wrong}", functools.partial(np.multiply, factor))
+    about = {"xyz": "roll, pitch and yaw about fixed x, y and z", "XYZ": "about moving x, y and z"}
+    for sequence, meaning in about.items():
         for factor, unit in ((1.0, ""), (math.pi / 180.0, " in degrees")):
             message = f"{words} be Euler angles{unit}: {meaning}"
-            yield TurnMistake(FlagCode.EULER_ANGLES, message, functools.partial(_from_euler, sequence, factor))
+            yield _turned(FlagCode.EULER_ANGLES, message, functools.partial(_from_euler, sequence, factor))
 
 
 def _from_euler(sequence: str, factor: float, angles: FloatArray) -> FloatArray:
@@ -180,7 +189,7 @@ def position_mistakes(campaign: Campaign, drawing: Drawing, data: Comparison) ->
     if not data.inverted:
         message = "the measured poses seem to be inverse: the tracker seen from the target"
         turned = columns.ROTATION if data.rotation_vector_rad is not None else ()
-        yield Mistake(FlagCode.FRAMES_SWAPPED, message, (*columns.POSITION, *turned), _inverted)
+        yield Mistake(FlagCode.FRAMES_SWAPPED, message, (*columns.POSITION, *turned), Comparison.inverse)
     if affine is not None and np.linalg.det(affine) < 0.0:
         message = "the axes of the measured positions are left-handed: one is reversed, or two are exchanged"
         reversed_x = functools.partial(_scaled, factor=np.array([-1.0, 1.0, 1.0]))
@@ -192,10 +201,6 @@ def position_mistakes(campaign: Campaign, drawing: Drawing, data: Comparison) ->
 
 def _scaled(data: Comparison, factor: float | FloatArray) -> Comparison:
     return dataclasses.replace(data, position_m=data.position_m * factor)
-
-
-def _inverted(data: Comparison) -> Comparison:
-    return dataclasses.replace(data, poses=data.poses.inverse(), inverted=True)
 
 
 def _drives_changed(campaign: Campaign, drawing: Drawing, code: FlagCode, message: str, change: FloatArray) -> Mistake:
@@ -237,9 +242,7 @@ def _drives_exchanged(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]
             wrong = ", ".join(f"'{campaign.heading(drives[k].column)}' holds {drives[by].column}" for k, by in moved)
             message = f"columns of drives seem to be exchanged: {wrong}"
             change = np.eye(len(drives))
-            for k, by in moved:
-                change[k, k] = 0.0
-                change[k, by] = 1.0
+            change[members] = change[list(order)]
             yield _drives_changed(campaign, drawing, FlagCode.DRIVES_EXCHANGED, message, change)
 
 
@@ -254,7 +257,5 @@ def _orders(members: list[int]) -> Iterator[tuple[int, ...]]:
 
 def _by(campaign: Campaign, what: str) -> dict[str, list[int]]:
     """Return the drives by their unit or the kind of their command."""
-    groups: dict[str, list[int]] = {}
-    for index, drive in enumerate(campaign.robot.drives):
-        groups.setdefault(getattr(drive, what), []).append(index)
-    return groups
+    kinds = [getattr(drive, what) for drive in campaign.robot.drives]
+    return {kind: [k for k, own in enumerate(kinds) if own == kind] for kind in dict.fromkeys(kinds)}

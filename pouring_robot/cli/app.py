@@ -108,7 +108,7 @@ def _complain(message: str) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code (0 done, 2 bad input, 3 no solution, 70 a fault of the program)."""
+    """Run the command line and return its exit code."""
     one_blas_thread_from_the_start()
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
@@ -158,12 +158,7 @@ def _run(given: list[str]) -> int:
 
 
 def _caught(error: BaseException, arguments: Sequence[str]) -> str:
-    """Return the line for an error that nobody foresaw, and write what is known of it into a file.
-
-    Args:
-        error: what was raised.
-        arguments: of the command line.
-    """
+    """Return the line for an error that nobody foresaw, and write what is known of it into a file."""
     if isinstance(error, MemoryError):
         what = "there is not enough memory for this; ask for fewer rows, samples or poses at a time"
     else:
@@ -171,26 +166,19 @@ def _caught(error: BaseException, arguments: Sequence[str]) -> str:
     frames = traceback.extract_tb(error.__traceback__)
     ours = [frame for frame in frames if "pouring_robot" in Path(frame.filename).parts] or frames
     where = f" ({Path(ours[-1].filename).name}, line {ours[-1].lineno})" if ours else ""
-    return f"{what}{where}; {_kept(_details(error, arguments))}"
-
-
-def _details(error: BaseException, arguments: Sequence[str]) -> str:
-    """Return versions, command and traceback; nothing of the environment, which may hold secrets."""
+    # Versions, command and traceback; nothing of the environment, which may hold secrets.
     command = shlex.join(["pouring-robot", *arguments])
     versions = f"pouring_robot {__version__}, Python {platform.python_version()}, {platform.platform()}"
-    return f"{versions}\n{command}\n\n{''.join(traceback.format_exception(error))}"
-
-
-def _kept(details: str) -> str:
-    """Write the details into a file of the user's own and return what to do with them."""
+    details = f"{versions}\n{command}\n\n{''.join(traceback.format_exception(error))}"
     try:
         handle, name = tempfile.mkstemp(prefix="pouring-robot-fault-", suffix=".txt")
         with os.fdopen(handle, "w", encoding="utf-8", errors="backslashreplace") as file:
             file.write(details)
+        kept = f"please report it with the file {name}, which tells the command and where it stopped"
     except OSError:  # no place to write to: then they are said after all
         print(details, file=sys.stderr)
-        return "please report it with the lines above"
-    return f"please report it with the file {name}, which tells the command and where it stopped"
+        kept = "please report it with the lines above"
+    return f"{what}{where}; {kept}"
 
 
 if __name__ == "__main__":

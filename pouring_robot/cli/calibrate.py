@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
-
 from pouring_robot.cli.shared import options, progress
 from pouring_robot.cli.shared.tables import plain_table
 
@@ -21,11 +19,11 @@ OutFolder = Annotated[
 ]
 Parameters = Annotated[
     list[str] | None,
-    typer.Option(
+    options.opt(
         "--parameters",
+        "What to identify: geometry (default), centres, axes, all, dh, a group, or a pattern such as 'leg1_s1.*'; may "
+        "be given more than once. Each group is kept only where it helps held-out rows.",
         metavar="SET",
-        help="What to identify: geometry (default), centres, axes, all, dh, a group, or a pattern such as "
-        "'leg1_s1.*'; may be given more than once. Each group is kept only where it helps held-out rows.",
     ),
 ]
 LossName = Annotated[Literal["huber", "soft_l1", "linear"], options.opt("--loss", "How outliers count.")]
@@ -81,13 +79,13 @@ def _print(console: Console, found: Calibration) -> None:
     def show(table: Table, most: int | None = None) -> None:
         console.print(plain_table(table.head, table.rows[:most], table.left))
 
-    console.print(report.headline(found), style="bold", markup=False)
+    console.print(report.headline(found), style="bold")
     for line in warnings_of(found):
-        console.print(f"warning: {line}", style="yellow", markup=False)
-    console.print(report.split_line(found), markup=False)
+        console.print(f"warning: {line}", style="yellow")
+    console.print(report.split_line(found))
     show(report.gap_table(found))
     for line in (*report.performance_lines(found), report.ladle_line(found)):
-        console.print(line, markup=False)
+        console.print(line)
     combinations = report.combination_table(found, report.WIDTH)
     if combinations.rows:
         show(report.effect_table(found))
@@ -97,4 +95,4 @@ def _print(console: Console, found: Calibration) -> None:
     options.print_notes(console, notes_of(found))
     console.print("next:")
     for line in next_measurements(found):
-        console.print(f"  {line}", markup=False)
+        console.print(f"  {line}")

@@ -78,10 +78,10 @@ def diagnose(
 def _print(console: Console, diagnosis: Diagnosis) -> None:
     from pouring_robot.diagnosis.report.sentences import gap_sentence, gap_table, headline, sections
 
-    console.print(headline(diagnosis), style="bold", markup=False)
-    console.print(gap_sentence(diagnosis), markup=False)
+    console.print(headline(diagnosis), style="bold")
+    console.print(gap_sentence(diagnosis))
     console.print(plain_table(*gap_table(diagnosis), left=(0, 1)))
     for heading, lines in sections(diagnosis):
-        console.print(f"{heading}:", style="bold", markup=False)
+        console.print(f"{heading}:", style="bold")
         for line in lines:
             options.print_indented(console, line.strip(), 2 + len(line) - len(line.lstrip()))

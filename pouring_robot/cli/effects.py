@@ -10,6 +10,8 @@ from pouring_robot.cli.shared import options
 if TYPE_CHECKING:
     from pouring_robot.robot.model import RobotModel
 
+_SHOWN = 6
+
 
 def effects(robot: options.RobotFile = None, as_json: options.AsJson = False) -> None:
     """List the effects that a diagnosis can name: what happens, what the campaign must hold, parameters."""
@@ -19,7 +21,7 @@ def effects(robot: options.RobotFile = None, as_json: options.AsJson = False) ->
         return
     console = options.console()
     for item in found:
-        console.print(f"{item['effect']}: {item['story']}", style="bold", markup=False)
+        console.print(f"{item['effect']}: {item['story']}", style="bold")
         options.print_indented(console, f"needs: {', '.join(item['needs']) or 'nothing but drives and measured poses'}")
         # Values of one constant stand on one line.
         for _, alike in itertools.groupby(item["forms"], lambda form: form["one_of"] or form["form"]):
@@ -30,7 +32,8 @@ def effects(robot: options.RobotFile = None, as_json: options.AsJson = False) ->
             name = f"form {form['form']}"
             if others:
                 name += f" to {others[-1]['form']} ({1 + len(others)} values of one {form['one_of']})"
-            options.print_indented(console, f"{name}: {_shortened(named)}{more}")
+            shown = ", ".join(named[:_SHOWN]) + (f" and {len(named) - _SHOWN} more" if len(named) > _SHOWN else "")
+            options.print_indented(console, f"{name}: {shown}{more}")
 
 
 def _library(model: RobotModel) -> list[dict[str, Any]]:
@@ -59,7 +62,3 @@ def _library(model: RobotModel) -> list[dict[str, Any]]:
         }
         for effect in all_effects(model.definition).values()
     ]
-
-
-def _shortened(names: list[str], most: int = 6) -> str:
-    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")

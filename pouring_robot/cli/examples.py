@@ -18,10 +18,8 @@ def copy(folder: Folder) -> None:
 
     files = copy_folder(examples_path(), folder)
     console = options.console()
-    console.print(f"copied {len(files)} files to {folder}", markup=False)
-    console.print(
-        f"try: pouring-robot pose --at-mm -100 20 -600 --tilt-deg 17 --model {folder / 'actual.yaml'}", markup=False
-    )
+    console.print(f"copied {len(files)} files to {folder}")
+    console.print(f"try: pouring-robot pose --at-mm -100 20 -600 --tilt-deg 17 --model {folder / 'actual.yaml'}")
 
 
 examples = group_of("The examples that come with the package.", [copy])

@@ -46,16 +46,13 @@ def export(
     console = options.console()
     options.print_written(console, reversed(write_together(files)))
     result, gap = closed.result, closed.over_workspace() if form == "urdf" else None
-    console.print(
-        f"closed: left open {result.gap_m / MM:.2g} mm and {result.gap_rad / MRAD:.2g} mrad at most", markup=False
-    )
+    console.print(f"closed: left open {result.gap_m / MM:.2g} mm and {result.gap_rad / MRAD:.2g} mrad at most")
     if gap:
         loops = closed.mechanism.loops
         console.print(
             f"the tree carries '{loops.end_frame}' on one chain: '{loops.working_frame}' is right here; with the joint "
             f"values of {gap.poses} poses of the workspace it is {gap.rms_m / MM:.2g} mm rms and "
-            f"{gap.largest_m / MM:.2g} mm at most off",
-            markup=False,
+            f"{gap.largest_m / MM:.2g} mm at most off"
         )
     note = None if built.robot else stale_mesh_note(load_layout(built.layout, built.layouts_path))
     followers = {(m.joint, m.leader): m.ratio for m in closed.mechanism.mimics} if form in ("sdf", "drake") else {}

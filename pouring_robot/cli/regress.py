@@ -62,6 +62,6 @@ def regress(
         options.print_figures(found.figures(), written)
         return
     console = options.console()
-    console.print(found.headline, style="bold", markup=False)
+    console.print(found.headline, style="bold")
     print_blocks(console, pages.blocks(found))
     options.print_written(console, written)

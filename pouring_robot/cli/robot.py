@@ -1,7 +1,7 @@
 """``pouring-robot robot``: first files for robots of one's own."""
 
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -32,27 +32,35 @@ def init(urdf: Urdf, out: Out = None) -> None:
     console = options.console()
     drives = ", ".join(f"{drive.column} ({drive.command})" for drive in found.drives)
     frames = f"{found.loops.base_frame} to {found.loops.end_frame}"
-    console.print(f"{found.name}: {frames}, {len(found.drives)} drives: {drives}", markup=False)
+    console.print(f"{found.name}: {frames}, {len(found.drives)} drives: {drives}")
     options.print_written(console, (path,))
-    console.print(f"next: read its comments, then pouring-robot robots --robot {path}", markup=False)
+    console.print(f"next: read its comments, then pouring-robot robots --robot {path}")
 
 
 def _two(help_: str) -> Any:
     return typer.Option(metavar="A B", help=help_, show_default=False)
 
 
+@dataclass(frozen=True)
+class Sizes:
+    """What is known of a new machine."""
+
+    name: Annotated[str | None, typer.Option(help="What the layout is called.", show_default=False)] = None
+    fixed_mm: Annotated[tuple[float, float] | None, _two("Upper U joints apart, along x and y.")] = None
+    moving_mm: Annotated[tuple[float, float] | None, _two("Lower U joints apart, along x and y.")] = None
+    x_mm: Annotated[tuple[float, float] | None, _two("Workspace of the moving platform along x.")] = None
+    y_mm: Annotated[tuple[float, float] | None, _two("Along y.")] = None
+    z_mm: Annotated[tuple[float, float] | None, _two("Along z: below the fixed platform is negative.")] = None
+    tilt_deg: Annotated[tuple[float, float] | None, _two("Least and largest tilt.")] = None
+    stroke_mm: Annotated[tuple[float, float] | None, _two("Shortest and longest leg (default: as needed).")] = None
+    payload_kg: Annotated[float | None, typer.Option(help="Largest mass of melt.", show_default=False)] = None
+    tare_kg: Annotated[float | None, typer.Option(help="Mass of the empty ladle.", show_default=False)] = None
+
+
 def new(
+    *,
     out: Annotated[Path, options.results_folder(*_OWN)] = Path("my_robot"),
-    name: Annotated[str | None, typer.Option(help="What the layout is called.", show_default=False)] = None,
-    fixed_mm: Annotated[tuple[float, float] | None, _two("Upper U joints apart, along x and y.")] = None,
-    moving_mm: Annotated[tuple[float, float] | None, _two("Lower U joints apart, along x and y.")] = None,
-    x_mm: Annotated[tuple[float, float] | None, _two("Workspace of the moving platform along x.")] = None,
-    y_mm: Annotated[tuple[float, float] | None, _two("Along y.")] = None,
-    z_mm: Annotated[tuple[float, float] | None, _two("Along z: below the fixed platform is negative.")] = None,
-    tilt_deg: Annotated[tuple[float, float] | None, _two("Least and largest tilt.")] = None,
-    stroke_mm: Annotated[tuple[float, float] | None, _two("Shortest and longest leg (default: as needed).")] = None,
-    payload_kg: Annotated[float | None, typer.Option(help="Largest mass of melt.", show_default=False)] = None,
-    tare_kg: Annotated[float | None, typer.Option(help="Mass of the empty ladle.", show_default=False)] = None,
+    sizes: Sizes,
     yes: Annotated[
         bool, typer.Option("--yes", help="Ask nothing: what is not said is as the paper's robot has it.")
     ] = False,
@@ -69,22 +77,12 @@ def new(
     from pouring_robot.robot.pouring_robot import PouringRobot
 
     usual = NewLayout.usual()
-    given = {
-        "name": name,
-        "fixed_mm": fixed_mm,
-        "moving_mm": moving_mm,
-        "x_mm": x_mm,
-        "y_mm": y_mm,
-        "z_mm": z_mm,
-        "tilt_deg": tilt_deg,
-        "payload_kg": payload_kg,
-        "tare_kg": tare_kg,
-    }
-    answers: dict[str, Any] = {
-        key: value if value is not None else getattr(usual, key) if yes else _asked(key, getattr(usual, key))
-        for key, value in given.items()
-    }
-    layout = replace(usual, **answers, stroke_mm=stroke_mm)
+    answers: dict[str, Any] = {"stroke_mm": sizes.stroke_mm}
+    for key, value in vars(sizes).items():
+        if key not in answers:
+            said = getattr(usual, key) if value is None else value
+            answers[key] = said if yes or value is not None else _asked(key, said)
+    layout = replace(usual, **answers)
     lines = check_lines(checked(layout))
     layouts, model, page = (out / name for name in _OWN)
     own = RobotModel(layout=layout.name, layouts_file=str(layouts))
@@ -93,9 +91,9 @@ def new(
     written += write_drawings([middle], page, png, None)
     console = options.console()
     for line in lines:
-        console.print(line, markup=False)
+        console.print(line)
     options.print_written(console, written)
-    console.print(f"next: pouring-robot robots --model {model}", markup=False)
+    console.print(f"next: pouring-robot robots --model {model}")
 
 
 def _asked(key: str, usual: Any) -> Any:
@@ -114,13 +112,8 @@ def _asked(key: str, usual: Any) -> Any:
             raise typer.BadParameter("one number" if wanted == 1 else "two numbers with a blank between")
         return numbers if wanted > 1 else numbers[0]
 
-    shown = (
-        " ".join(f"{v:g}" for v in usual)
-        if isinstance(usual, tuple)
-        else usual
-        if isinstance(usual, str)
-        else f"{usual:g}"
-    )
+    numbers = usual if isinstance(usual, tuple) else (usual,)
+    shown = usual if isinstance(usual, str) else " ".join(f"{value:g}" for value in numbers)
     try:
         return typer.prompt(QUESTIONS[key], default=shown, value_proc=parsed)
     except typer.Abort:

@@ -13,18 +13,25 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from pouring_robot.robot.location import Location
-    from pouring_robot.robot.pouring.layout import Layout
     from pouring_robot.robot.robot import Robot
 
 
 def robot_figures(robot: Robot) -> dict[str, Any]:
     """Return what is known of a robot, ready for JSON: at the middle of its workspace, or at its home."""
+    from pouring_robot.mechanism.poses import MM
     from pouring_robot.robot.pouring_robot import PouringRobot
 
     mechanism, loops = robot.actual_solver.mechanism, robot.actual_solver.mechanism.loops
     model, limits = mechanism.shared_model, mechanism.joint_limits()
     location = robot.location_in_the_middle()
-    workspace = {"workspace": _workspace(robot.layout)} if isinstance(robot, PouringRobot) else {}
+    workspace: dict[str, Any] = {}
+    if isinstance(robot, PouringRobot):
+        layout = robot.layout
+        workspace["workspace"] = {
+            "position_lower_mm": _rounded(layout.position_lower_m / MM),
+            "position_upper_mm": _rounded(layout.position_upper_m / MM),
+            "tilt": _at_the_edge((layout.tilt_lower_rad, layout.tilt_upper_rad), "rad"),
+        }
     return {
         **robot.model.named,
         "mechanism": loops.mechanism,
@@ -60,16 +67,6 @@ def _determined(robot: Robot, location: Location) -> bool:
     return True
 
 
-def _workspace(layout: Layout) -> dict[str, Any]:
-    from pouring_robot.mechanism.poses import MM
-
-    return {
-        "position_lower_mm": _rounded(layout.position_lower_m / MM),
-        "position_upper_mm": _rounded(layout.position_upper_m / MM),
-        "tilt": _at_the_edge((layout.tilt_lower_rad, layout.tilt_upper_rad), "rad"),
-    }
-
-
 def _at_the_edge(limits: tuple[float, float], unit: Literal["m", "rad"]) -> dict[str, Any]:
     """Return limits given in m or rad in mm or degrees."""
     shown, factor = ("mm", 1e3) if unit == "m" else ("deg", math.degrees(1.0))
@@ -82,11 +79,7 @@ def _rounded(values: Iterable[float]) -> list[float]:
     return [round(float(value), 9) + 0.0 for value in values]
 
 
-def robots(
-    *,
-    which: bundles.Which,
-    as_json: options.AsJson = False,
-) -> None:
+def robots(*, which: bundles.Which, as_json: options.AsJson = False) -> None:
     """List the robots that are loaded: freedoms, rank, drives, workspace."""
     from pouring_robot.robot.model import RobotModel
     from pouring_robot.robot.pouring.layout import layout_names

@@ -65,7 +65,7 @@ def sensitivity(
         options.print_figures(found.figures(), written)
         return
     console = options.console()
-    console.print(found.headline, style="bold", markup=False)
+    console.print(found.headline, style="bold")
     table = report.errors_table(found)
     title = "each error alone" + (": closed robot, and the open branch of eq. 5" if len(found.samples) > 1 else "")
     console.print(plain_table(table.head, table.rows[:_SHOWN], (0, 1, 6), title=title))

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
-
 from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.exceptions import BadInputError
 
@@ -21,12 +19,11 @@ if TYPE_CHECKING:
 _MOST_ROWS, _DRAWN = 2000, 121
 History = Annotated[
     Path | None,
-    typer.Option(
+    options.reads(
         "--history",
-        metavar="FILE.csv",
-        callback=options.there,
-        help="A shift: columns time_min (or _s, _h), melt_degC, if wanted ambient_degC, and x_mm y_mm z_mm tilt_deg "
+        "A shift: columns time_min (or _s, _h), melt_degC, if wanted ambient_degC, and x_mm y_mm z_mm tilt_deg "
         "where the pose changes.",
+        metavar="FILE.csv",
     ),
 ]
 
@@ -50,11 +47,7 @@ class Moved:
     ] = None
 
     def refuse_alone(self) -> None:
-        """Refuse what means nothing without ``--under``.
-
-        Raises:
-            BadInputError: there is such an option.
-        """
+        """Refuse what means nothing without ``--under``."""
         if self.under is None and self != Moved():
             raise BadInputError("--payload-kg, --ladle-degC and --stiffness belong to --under heat, weight or both")
         if self.under == "heat" and (self.payload_kg is not None or self.stiffness is not None):
@@ -187,7 +180,7 @@ def thermal(
         options.print_json(content | measured | names)
         return
     console = options.console()
-    console.print(found.headline, style="bold", markup=False)
+    console.print(found.headline, style="bold")
     console.print(title)
     print_blocks(console, page.blocks(found))
     if field is not None:
@@ -208,12 +201,7 @@ def _shift(
     *,
     picture: bool,
 ) -> tuple[ShiftHeat, ShiftHeat]:
-    """Follow a shift, and return it at the times wanted and, for a picture, at enough to draw curves.
-
-    Raises:
-        BadInputError: the file is wrong, or it is not clear where the robot stands.
-        NoSolutionError: a pose is out of reach, or no temperatures are found.
-    """
+    """Follow a shift, and return it at the times wanted and, for a picture, at enough to draw curves."""
     import numpy as np
 
     from pouring_robot.thermal.network.history import PoseSchedule, read_shift

@@ -29,7 +29,6 @@ class Conditions:
     Attributes:
         side: +1: every drive was rising when it stopped, -1: falling, 0: not stated.
         payload_kg: melt in the ladle.
-        leg_degC: temperature of the legs.
     """
 
     side: int = 1
@@ -38,12 +37,7 @@ class Conditions:
 
 
 class Columns:
-    """Rows of the Jacobian for poses and conditions. The outer frame's axes are taken as the fixed platform's.
-
-    Args:
-        robot: the present robot.
-        parameters: what is to be determined.
-    """
+    """Rows of the Jacobian for poses and conditions. The outer frame's axes are taken as the fixed platform's."""
 
     def __init__(self, robot: Robot, parameters: Sequence[PlannedParameter]) -> None:
         """Build the measurement model with the drives, which carry the columns of the conditions, at its end."""
@@ -72,16 +66,10 @@ class Columns:
     def measured(
         self, poses: FloatArray, conditions: Sequence[Conditions], noise: NoiseLevel, target_m: FloatArray
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return whitened rows of every pose under every condition.
+        """Return whitened rows of n poses (n, k), in m and rad, under each of c conditions, and which poses close.
 
-        Args:
-            poses: commands, in m and rad, shape (n, k).
-            conditions: c of them.
-            noise: of the device; decides how many components k a pose has.
-            target_m: place of the target on the moving platform, shape (3,).
-
-        Returns:
-            Shape (n, c, k, 12 + P), per m, rad, m/N ... of each unknown, and which poses the robot closes at, (n,).
+        The noise of the device decides how many components k a pose has; ``target_m`` is the place of the target on the
+        moving platform, (3,). Shapes (n, c, k, 12 + P), per m, rad, m/N ... of each unknown, and (n,).
         """
         base, drives, loads, closed = self._parts(poses, target_m)
         sigma = noise.sigma
@@ -89,16 +77,10 @@ class Columns:
         return rows[:, :, : len(sigma)] / sigma[:, None], closed
 
     def ladle(self, poses: FloatArray, conditions: Conditions) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return how the working frame moves per unit of each unknown, and which poses close.
+        """Return how the working frame moves per unit of each unknown at n poses (n, k), and which close, (n,).
 
-        It is seen in the tracker's frame, and stands where it does to the target.
-
-        Args:
-            poses: shape (n, k).
-            conditions: at work; side 0 is the mean of both.
-
-        Returns:
-            Shape (n, 6, 12 + P): displacement in m, rotation vector in rad; and (n,).
+        It is seen in the tracker's frame, and stands where it does to the target. Shape (n, 6, 12 + P): displacement in
+        m, rotation vector in rad. At side 0 it is the mean of both.
         """
         base, drives, loads, closed = self._parts(poses, self._lip_m)
         return self._row(base, drives, loads, poses, conditions), closed

@@ -6,7 +6,8 @@ import numpy as np
 
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.design.columns import Conditions
-from pouring_robot.design.planning import MeasurementPlan, Planner
+from pouring_robot.design.planning import Planner
+from pouring_robot.design.result import MeasurementPlan
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
@@ -14,14 +15,10 @@ from pouring_robot.mechanism.poses import MM, MRAD
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Expected standard deviations of the ladle by a plan and by random ones.
+    """Expected standard deviations of the ladle by a plan, (3,), and by each of k random ones, (k, 3).
 
-    Three of each: of its place and of its attitude, root mean square over the workspace, in m and rad, and of its place
-    at the worst pose of the workspace, in m.
-
-    Attributes:
-        planned: by the plan, shape (3,).
-        random: by each random plan, shape (k, 3).
+    Of its place and of its attitude, root mean square over the workspace, in m and rad, and of its place at the worst
+    pose of the workspace, in m.
     """
 
     planned: FloatArray
@@ -52,13 +49,7 @@ def compare_with_random(planner: Planner, plan: MeasurementPlan, count: int = 50
     """Compare a plan with random ones of as many poses, spread evenly over the workspace box.
 
     Loads and temperatures are drawn too, evenly from those that the plan may choose; as many poses are visited from
-    both sides.
-
-    Args:
-        planner: that made the plan.
-        plan: the plan.
-        count: number of random plans.
-        seed: of the first; the others follow.
+    both sides. ``seed`` is that of the first; the others follow.
 
     Raises:
         BadInputError: the count is not positive.

@@ -23,7 +23,6 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from pouring_robot.design.information import index_slopes
-from pouring_robot.design.updates import InformationFactor, log_determinants
 from pouring_robot.estimation.identifiability import RANK_TOLERANCE, Criterion, observability_index
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.progress import Progress, say_nothing
@@ -42,8 +41,7 @@ class CandidateSet:
     """What can be chosen from.
 
     Attributes:
-        rows: whitened rows of each candidate, shape (N, m, p); unused rows are zero.
-        nuisance: how many leading columns are nuisance.
+        rows: whitened rows of each candidate, shape (N, m, p), ``nuisance`` columns first; unused rows are zero.
         place: candidates of the same number stand for the same pose: at most one of them is chosen, shape (N,).
         kind: of each candidate, shape (N,); a slot of the plan takes one kind.
         prior: one over the prior standard deviation of each unknown, shape (p,), 0 for none.
@@ -58,13 +56,7 @@ class CandidateSet:
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The best plan found.
-
-    Attributes:
-        chosen: candidate of each slot, shape (n,).
-        value: the observability index.
-        values: the index reached from each start.
-    """
+    """The best plan found: candidate of each slot, (n,), its observability index, and that reached from each start."""
 
     chosen: IntArray
     value: float
@@ -80,15 +72,9 @@ def choose(
     starts: int = 4,
     progress: Progress = say_nothing,
 ) -> Choice:
-    """Return the plan that an exchange finds best.
+    """Return the plan that an exchange finds best, from so many random first plans; the same seed gives the same plan.
 
-    Args:
-        candidates: what can be chosen from.
-        slots: kind of each of the n slots of the plan.
-        criterion: what is maximised; D and O1 are the same plan.
-        seed: of the random first plans; the same seed gives the same plan.
-        starts: how many first plans.
-        progress: told of every start of the search.
+    ``slots`` are the kind of each of the n slots of the plan; of the criteria D and O1 are the same plan.
 
     Raises:
         BadInputError: there are fewer poses to choose from than slots.
@@ -108,6 +94,56 @@ def choose(
     values = [value for value, _ in found]
     value, chosen = found[int(np.argmax(values))]
     return Choice(chosen, value, tuple(values))
+
+
+class InformationFactor:
+    """C = M⁻¹ (``inverse``, (p, p)) over some columns, and the ``blocks`` X C Xᵀ of every candidate, (m, m, N).
+
+    The whitened rows X of the N candidates have the shape (N, m, p), the information M of the present plan (p, p).
+    """
+
+    def __init__(self, rows: FloatArray, information: FloatArray) -> None:
+        self._rows = rows
+        self._across = np.ascontiguousarray(rows.transpose(2, 1, 0))  # (p, m, N)
+        self.restart(information)
+
+    def restart(self, information: FloatArray) -> None:
+        """Take C and all blocks from scratch."""
+        self.inverse: FloatArray = np.asarray(np.linalg.inv(information), dtype=float)
+        root = np.linalg.cholesky(0.5 * (self.inverse + self.inverse.T))
+        half = np.tensordot(root.T, self._across, axes=1)
+        self.blocks: FloatArray = np.einsum("kan,kbn->abn", half, half)
+
+    def without(self, candidate: int) -> tuple[FloatArray, FloatArray]:
+        """Return C and the blocks once a candidate is out."""
+        return self.updated(self.inverse, self.blocks, candidate, -1.0)
+
+    def updated(
+        self, inverse: FloatArray, blocks: FloatArray, candidate: int, sign: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return C and blocks with the rows of one candidate added (sign 1) or removed (-1), by Woodbury's formula."""
+        own = self._rows[candidate]
+        middle = np.linalg.inv(np.eye(len(own)) + sign * blocks[:, :, candidate])
+        root = np.linalg.cholesky(0.5 * (middle + middle.T))
+        reach = inverse @ own.T @ root  # (p, m)
+        seen = np.tensordot(reach.T, self._across, axes=1)  # (m, m of candidate, N)
+        changed = blocks.copy()
+        for part in seen:
+            changed -= sign * part[:, None, :] * part[None, :, :]
+        return inverse - sign * reach @ reach.T, changed
+
+
+def log_determinants(blocks: FloatArray) -> FloatArray:
+    """Return log det(I + block) of symmetric blocks (m, m, N), all at once by Cholesky; shape (N,)."""
+    size = len(blocks)
+    lower = blocks + np.eye(size)[:, :, None]
+    total = np.zeros(blocks.shape[2])
+    for k in range(size):
+        pivot = np.maximum(lower[k, k], np.finfo(float).tiny)
+        total += np.log(pivot)
+        column = lower[k + 1 :, k] / pivot
+        lower[k + 1 :, k + 1 :] -= column[:, None] * lower[None, k, k + 1 :]
+    return total
 
 
 class _Search:
@@ -206,7 +242,7 @@ class _Search:
 
     def _put(self, chosen: IntArray, slot: int, candidate: int, out: Sequence[tuple[FloatArray, FloatArray]]) -> None:
         for factor, (inverse, blocks) in zip(self.factors, out, strict=True):
-            factor.put(inverse, blocks, candidate)
+            factor.inverse, factor.blocks = factor.updated(inverse, blocks, candidate, 1.0)
         chosen[slot] = candidate
 
     def _index_swap(self, chosen: IntArray, slot: int) -> bool:
@@ -215,9 +251,8 @@ class _Search:
         out = [factor.without(present) for factor in self.factors]
         left = self._information(np.delete(chosen, slot))
         may = self._open(chosen, slot)
-        ranked = []
-        for promise in (self._promise(left), self._promise(self._information(chosen)), self._gains(out)):
-            ranked.append(np.argsort(np.where(may, -promise, np.inf), kind="stable")[:_SHORTLIST])
+        promises = (self._promise(left), self._promise(self._information(chosen)), self._gains(out))
+        ranked = [np.argsort(np.where(may, -one, np.inf), kind="stable")[:_SHORTLIST] for one in promises]
         shortlist = np.unique(np.concatenate([*ranked, [present]]))
         shortlist = shortlist[may[shortlist]]
         added = self.rows[shortlist]

@@ -49,15 +49,10 @@ def index_slopes(singular_values: FloatArray, criterion: Criterion, poses: int) 
 
 
 def projected_singular_values(rows: FloatArray, nuisance: int, prior: FloatArray | None = None) -> FloatArray:
-    """Return the singular values of a plan with the nuisance columns projected out, the largest first.
+    """Return the singular values of a plan with the nuisance columns projected out, (p - nuisance,), the largest first.
 
-    Args:
-        rows: whitened rows, shape (k, p).
-        nuisance: how many leading columns are nuisance.
-        prior: one over the prior standard deviation of each unknown, shape (p,), 0 for none.
-
-    Returns:
-        Shape (p - nuisance,).
+    Whitened rows (k, p) have the nuisance columns first; ``prior`` is one over the prior standard deviation of each
+    unknown, (p,), 0 for none.
     """
     factor = _triangle(rows, prior)[nuisance:, nuisance:]
     values = np.zeros(rows.shape[1] - nuisance)
@@ -69,9 +64,7 @@ def projected_singular_values(rows: FloatArray, nuisance: int, prior: FloatArray
 def covariance(rows: FloatArray, prior: FloatArray | None = None) -> FloatArray:
     """Return the expected covariance of all unknowns of a linear fit, shape (p, p): the inverse of JᵀJ + prior.
 
-    Args:
-        rows: whitened rows, shape (k, p), of full column rank together with the prior.
-        prior: one over the prior standard deviation of each unknown, shape (p,), 0 for none.
+    Whitened rows (k, p) must be of full column rank together with the prior, as of :func:`projected_singular_values`.
     """
     stack = with_prior(rows, prior)
     size = np.linalg.norm(stack, axis=0)
@@ -82,18 +75,11 @@ def covariance(rows: FloatArray, prior: FloatArray | None = None) -> FloatArray:
 
 
 def telling(rows: FloatArray, nuisance: int, sizes: FloatArray) -> list[int]:
-    """Return the parameters about which rows tell more than is known of them anyway, in order.
+    """Return the places of the parameters about which rows (k, p) tell more than is known of them anyway.
 
-    A parameter is kept if a change of its usual size, those kept before it free to make up for it, shows by more
-    than the noise: the length of what its column adds to the span of the earlier ones (Gram-Schmidt).
-
-    Args:
-        rows: whitened rows, shape (k, p).
-        nuisance: how many leading columns are nuisance.
-        sizes: usual size of each parameter, its tolerance, shape (p - nuisance,).
-
-    Returns:
-        Places among the parameters, from 0.
+    A parameter is kept if a change of its usual size, its tolerance (p - nuisance,), those kept before it free to make
+    up for it, shows by more than the noise: the length of what its column adds to the span of the earlier ones
+    (Gram-Schmidt).
     """
     free = _triangle(rows, None)[nuisance:, nuisance:] * sizes
     span, kept = np.zeros((len(free), 0)), list[int]()

@@ -11,6 +11,7 @@ given model; effects of the conditions are the simple columns of
 :mod:`~pouring_robot.design.parameters`.
 """
 
+import dataclasses
 import functools
 import math
 from collections.abc import Sequence
@@ -20,19 +21,8 @@ from numpy.typing import NDArray
 
 from pouring_robot.design.columns import Columns, Conditions, candidate_poses
 from pouring_robot.design.exchange import CandidateSet, IntArray, choose
-from pouring_robot.design.information import (
-    covariance,
-    projected_singular_values,
-    telling,
-    with_prior,
-)
-from pouring_robot.design.parameters import (
-    DEFAULT_SETS,
-    Condition,
-    PlannedParameter,
-    expected_size,
-    planned_parameters,
-)
+from pouring_robot.design.information import covariance, projected_singular_values, telling, with_prior
+from pouring_robot.design.parameters import DEFAULT_SETS, Condition, PlannedParameter, expected_size, planned_parameters
 from pouring_robot.design.request import PlanRequest
 from pouring_robot.design.result import MeasurementPlan, PlanQuality, UndeterminedError
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES
@@ -45,16 +35,6 @@ from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.tolerances import Tolerances
 
-__all__ = [
-    "Conditions",
-    "MeasurementPlan",
-    "PlanQuality",
-    "PlanRequest",
-    "Planner",
-    "UndeterminedError",
-    "plan_campaign",
-]
-
 _LADLE_LEVELS = (3, 3, 7, 7)  # of the workspace's grid, its faces included, along x, y, z and tilt
 _ONE, _BOTH = 0, 1  # kinds of a candidate: visited from one side, or from both
 
@@ -63,27 +43,12 @@ _ONE, _BOTH = 0, 1  # kinds of a candidate: visited from one side, or from both
 def plan_campaign(
     robot: Robot, request: PlanRequest | None = None, progress: Progress = say_nothing
 ) -> MeasurementPlan:
-    """Return the poses, and conditions, that tell most about a robot's parameters.
-
-    Args:
-        robot: the present robot.
-        request: how many poses, for which parameters, with which device (default: 30 for the main geometric errors).
-        progress: told of every stage.
-
-    Raises:
-        BadInputError: a parameter is unknown, or a load is more than the ladle holds.
-        UndeterminedError: measurements cannot determine the parameters, wherever they are taken.
-        NoSolutionError: the robot can hardly go anywhere in its workspace.
-    """
+    """Return the poses, and conditions, that tell most about a robot's parameters; see :class:`Planner`."""
     return Planner(robot, request).plan(progress)
 
 
 class Planner:
     """Plans for one robot and one request. Candidates and their columns are worked out once.
-
-    Args:
-        robot: the present robot.
-        request: what is asked for.
 
     Raises:
         BadInputError: a parameter is unknown, or a load is more than the ladle holds.
@@ -93,8 +58,20 @@ class Planner:
 
     def __init__(self, robot: Robot, request: PlanRequest | None = None) -> None:
         self.robot, self.request = robot, request or PlanRequest()
-        self._refuse_overload()
-        asked = self._asked()
+        loads, temperatures = self.request.loads_kg, self.request.leg_degC
+        if not isinstance(robot, PouringRobot):
+            if loads or temperatures:
+                raise BadInputError("loads and leg temperatures are planned for the pouring robot only")
+        elif max(loads, default=0.0) > robot.layout.ladle.payload_kg:
+            most = robot.layout.ladle.payload_kg
+            raise BadInputError(f"the ladle holds at most {most:g} kg of melt, not {max(loads):g} kg")
+        shown: dict[Condition, bool] = {
+            "backlash": self.request.both_sides > 0,
+            "compliance": bool(loads),
+            "expansion": bool(temperatures),
+        }
+        conditions = [condition for condition, planned in shown.items() if planned]
+        asked = planned_parameters(robot.parameters, self.request.parameters or DEFAULT_SETS, conditions)
         columns = Columns(robot, asked)
         visits = len(self.states) * (2 if self.request.both_sides else 1)
         # Where a pose can be visited in several ways, fewer poses make as many candidates.
@@ -121,25 +98,6 @@ class Planner:
         """Return columns, (..., 12 + P), without those of the frames that cannot be told apart, (..., f + P)."""
         return np.delete(columns, np.setdiff1d(np.arange(FRAMES), self._frames), axis=-1)
 
-    def _refuse_overload(self) -> None:
-        if not isinstance(self.robot, PouringRobot):
-            if self.request.loads_kg or self.request.leg_degC:
-                raise BadInputError("loads and leg temperatures are planned for the pouring robot only")
-            return
-        most = self.robot.layout.ladle.payload_kg
-        if self.request.loads_kg and max(self.request.loads_kg) > most:
-            raise BadInputError(f"the ladle holds at most {most:g} kg of melt, not {max(self.request.loads_kg):g} kg")
-
-    def _asked(self) -> tuple[PlannedParameter, ...]:
-        request = self.request
-        shown: dict[Condition, bool] = {
-            "backlash": request.both_sides > 0,
-            "compliance": bool(request.loads_kg),
-            "expansion": bool(request.leg_degC),
-        }
-        conditions = [condition for condition, asked in shown.items() if asked]
-        return planned_parameters(self.robot.parameters, request.parameters or DEFAULT_SETS, conditions)
-
     @functools.cached_property
     def states(self) -> tuple[Conditions, ...]:
         """Loads and temperatures to choose from."""
@@ -149,7 +107,7 @@ class Planner:
     def _rows(self, columns: Columns, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the poses that close, and their whitened rows (n, states, sides, k, 12 + P) per shown unit."""
         sides = (1, -1) if self.request.both_sides else (1,)
-        visits = [Conditions(side, s.payload_kg, s.leg_degC) for s in self.states for side in sides]
+        visits = [dataclasses.replace(state, side=side) for state in self.states for side in sides]
         rows, closed = self.measured(columns, poses, visits)
         if np.count_nonzero(closed) < max(self.request.poses, 20):
             raise NoSolutionError("the robot can hardly go anywhere in its workspace; check limits and model")
@@ -195,9 +153,6 @@ class Planner:
     def plan(self, progress: Progress = say_nothing) -> MeasurementPlan:
         """Return the best plan found.
 
-        Args:
-            progress: told of every start of the search.
-
         Raises:
             UndeterminedError: so many poses cannot determine so many parameters.
         """
@@ -206,18 +161,14 @@ class Planner:
         choice = choose(
             candidates, slots, request.criterion, seed=request.seed, starts=request.starts, progress=progress
         )
-        visits = []
-        for candidate, both in zip(choice.chosen.tolist(), slots.tolist(), strict=True):
-            pose, state = divmod(int(candidates.place[candidate]), len(self.states))
-            visits.append((pose, state, both))
-        visits = self._ordered(visits)
+        places = candidates.place[choice.chosen].tolist()
+        visits = [(*divmod(place, len(self.states)), both) for place, both in zip(places, slots.tolist(), strict=True)]
         numbered = [
             (n, pose, state, side)
-            for n, (pose, state, both) in enumerate(visits, start=1)
+            for n, (pose, state, both) in enumerate(self._ordered(visits), start=1)
             for side in ((1, -1) if both else (1,))
         ]
-        states = self.states
-        conditions = tuple(Conditions(side, states[s].payload_kg, states[s].leg_degC) for _, _, s, side in numbered)
+        conditions = tuple(dataclasses.replace(self.states[state], side=side) for _, _, state, side in numbered)
         stack = np.stack([rows[pose, state, 0 if side > 0 else 1] for _, pose, state, side in numbered])
         chosen_poses = self.poses[[pose for _, pose, _, _ in numbered]]
         quality = self._quality(stack, request.poses)
@@ -268,9 +219,8 @@ class Planner:
     def quality(self, poses: FloatArray, conditions: Sequence[Conditions] | None = None) -> PlanQuality:
         """Return what any other plan would give, for the same parameters and noise.
 
-        Args:
-            poses: rows, commands in m and rad, shape (rows, k).
-            conditions: of each row; by default of all alike, one side, empty and at the reference temperature.
+        Its rows are commands (rows, k), in m and rad, by default all visited alike: from one side, empty and at the
+        reference temperature.
 
         Raises:
             NoSolutionError: the robot does not close at a pose.

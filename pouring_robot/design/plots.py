@@ -14,15 +14,9 @@ from pouring_robot.robot.pouring.definition import PouringDefinition
 
 
 def plot(plan: MeasurementPlan) -> bytes:
-    """Draw where the commands lie, two numbers at a time, and the working frame's expected standard deviation there.
+    """Return a PNG of where the commands lie, two numbers at a time (of the pouring robot x-z, y-z and tilt-z).
 
-    Of the pouring robot x-z, y-z and tilt-z.
-
-    Args:
-        plan: the plan.
-
-    Returns:
-        A PNG file.
+    Beside it, the working frame's expected standard deviation there.
     """
     figure = new_figure(11.0, 10.5, dpi=120)
     edge = np.array([axis.shown(1.0) for axis in plan.axes])
@@ -68,9 +62,8 @@ def _points(place: Any, plan: MeasurementPlan, across: FloatArray, up: FloatArra
         place.scatter(across[rows], up[rows], s=26, alpha=0.8, color=COLOURS[k % len(COLOURS)], label=label)
     both = [c.side < 0 for c in plan.conditions]
     if any(both):
-        place.scatter(
-            across[both], up[both], s=90, facecolors="none", edgecolors="black", label="visited from both sides"
-        )
+        ring = {"s": 90, "facecolors": "none", "edgecolors": "black", "label": "visited from both sides"}
+        place.scatter(across[both], up[both], **ring)
 
 
 def _spread(across: FloatArray, up: FloatArray, width: float, height: float) -> tuple[FloatArray, FloatArray]:

@@ -15,14 +15,13 @@ _TRACKER = NoiseLevel.stated(5e-5, 5e-5)
 
 @dataclass(frozen=True)
 class PlanRequest:
-    """What is asked of a plan.
+    """What is asked of a plan; figures out of range raise BadInputError.
 
     Attributes:
         poses: number of poses n.
         parameters: sets, groups, names and patterns as calibration knows them; empty: drives and U-joint centres,
             reduced.
         criterion: what the plan is best in.
-        noise: of the measuring device.
         target_m: place of the target on the moving platform.
         priors: tolerances that count as known beforehand (MAP); None: nothing is known.
         both_sides: how many of the poses are visited from both sides; each gives one more row.
@@ -31,10 +30,6 @@ class PlanRequest:
         reduce: leave out parameters of which so many poses tell less than their tolerances, instead of refusing.
         candidates: about how many poses to choose from.
         starts: how many random first plans.
-        seed: of everything random.
-
-    Raises:
-        BadInputError: a figure is out of range.
     """
 
     poses: int = 30

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pouring_robot.campaign import columns
+from pouring_robot.campaign.columns import approach_names
 from pouring_robot.design.columns import Conditions
 from pouring_robot.design.exchange import IntArray
 from pouring_robot.design.parameters import PlannedParameter
@@ -33,8 +33,7 @@ class UndeterminedError(BadInputError):
     """The measurements cannot determine the wanted parameters.
 
     Attributes:
-        groups: parameters that cannot be told apart.
-        unseen: parameters without any effect.
+        groups: parameters that cannot be told apart; ``unseen`` those without any effect.
         too_many: parameters to leave out, so that the others are determined.
     """
 
@@ -48,10 +47,10 @@ class UndeterminedError(BadInputError):
             parts.append(f"{group.hidden} of {_some(own, ' + ', 6)}")
         parts += [f"{_some(self.unseen, ', ', 4)} (without effect)"] if self.unseen else []
         count = len(found.names) - found.rank
+        mend = f"leave out {_some(self.too_many, ', ', 6)} (--reduce does so), " if self.too_many else ""
         super().__init__(
             f"{what} cannot determine {count} combination{'s' if count > 1 else ''} of the parameters: "
-            f"{_some(parts, '; ', 3)}; leave out {_some(self.too_many, ', ', 6)} (--reduce does so), plan more poses, "
-            "or let tolerances count as priors (--priors)"
+            f"{_some(parts, '; ', 3)}; {mend}plan more poses, or let tolerances count as priors (--priors)"
         )
 
 
@@ -66,8 +65,7 @@ class PlanQuality:
 
     Attributes:
         covariance: of the f frame numbers that can be told apart and the parameters, shape (f + P, f + P).
-        parameter_std: of the parameters, shape (P,).
-        axes: what a command is made of.
+        parameter_std: shape (P,).
         frame: the working frame: the pouring lip, or a tool.
         ladle_poses: commands of the workspace, in m and rad, shape (g, k).
         ladle_std: of the working frame there, x y z in m and rotation vector in rad, shape (g, 6).
@@ -129,15 +127,11 @@ class MeasurementPlan(Result):
     """A plan.
 
     Attributes:
-        request: what was asked for.
         axes: what a command is made of.
-        robot: for which robot.
-        parameters: what is to be determined.
         left_out: names of parameters that were asked for but left out: what is kept shows the same.
         poses: rows in the order to measure them, commands in m and rad, shape (rows, k).
         conditions: of each row.
         pose_numbers: which of the n poses each row is, from 1.
-        quality: what is to be expected.
         value: the criterion's index, per shown unit.
         start_values: the index that each start of the search reached.
     """
@@ -168,21 +162,18 @@ class MeasurementPlan(Result):
 
         A sample is named after its pose; the second visit of a pose, from the other side, has a ``b``.
         """
-        request = self.request
-        headings = ["sample", *(axis.heading for axis in self.axes)]
-        approaches = columns.approach_names(self.robot)
-        headings += list(approaches) if request.both_sides else []
-        headings += ["payload_kg"] if request.loads_kg else []
-        headings += [f"{leg}_degC" for leg in LEGS] if request.leg_degC else []
-        rows = []
-        for pose, visit, number in zip(self.poses.tolist(), self.conditions, self.pose_numbers.tolist(), strict=True):
-            row = [f"{number}{'b' if visit.side < 0 else ''}"]
-            row += [axis.text(value) for axis, value in zip(self.axes, pose, strict=True)]
-            row += [str(visit.side)] * len(approaches) if request.both_sides else []
-            row += [f"{visit.payload_kg:g}"] if request.loads_kg else []
-            row += [f"{visit.leg_degC:g}"] * len(LEGS) if request.leg_degC else []
-            rows.append(row)
-        return headings, rows
+        visits, request = self.conditions, self.request
+        named = zip(self.pose_numbers.tolist(), visits, strict=True)
+        columns = {"sample": [f"{number}{'b' if visit.side < 0 else ''}" for number, visit in named]}
+        for axis, values in zip(self.axes, self.poses.T.tolist(), strict=True):
+            columns[axis.heading] = [axis.text(value) for value in values]
+        if request.both_sides:
+            columns |= {name: [str(visit.side) for visit in visits] for name in approach_names(self.robot)}
+        if request.loads_kg:
+            columns["payload_kg"] = [f"{visit.payload_kg:g}" for visit in visits]
+        if request.leg_degC:
+            columns |= {f"{leg}_degC": [f"{visit.leg_degC:g}" for visit in visits] for leg in LEGS}
+        return list(columns), [list(row) for row in zip(*columns.values(), strict=True)]
 
     def rows(self) -> list[dict[str, Any]]:
         """Return the rows by heading, in the order to measure."""

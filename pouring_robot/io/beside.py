@@ -25,8 +25,7 @@ _PATIENCE_S = 600.0
 def beside(work: Callable[[], Found]) -> Iterator[Callable[[], Found]]:
     """Let some work be done beside what stands in a ``with`` block; a copy that is still at it ends with the block.
 
-    Args:
-        work: its result, and what it raises, must be fit to be pickled.
+    Its result, and what it raises, must be fit to be pickled.
 
     Yields:
         What waits for the result and returns it. It raises what the work has raised, with the traceback of the copy as

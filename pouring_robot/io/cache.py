@@ -35,11 +35,9 @@ def content_key(parts: Iterable[str | bytes]) -> str:
 
 
 def kept_text(name: str, make: Callable[[], str]) -> str:
-    """Return a text that is kept on disk, or make and keep it.
+    """Return a text that is kept on disk, or make and keep it; what ``make`` raises is passed on, and nothing is kept.
 
-    Args:
-        name: file below the cache folder; it must hold a :func:`content_key` of all that the text depends on.
-        make: makes the text; what it raises is passed on, and nothing is kept.
+    ``name`` is a file below the cache folder; it must hold a :func:`content_key` of all that the text depends on.
     """
     folder = cache_folder()
     if folder is None:

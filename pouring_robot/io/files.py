@@ -13,19 +13,12 @@ from pouring_robot.io.interrupt import stop_if_heard
 
 
 def write_whole(path: Path | str, content: bytes | str) -> Path:
-    """Write a file so that nobody ever sees half of it.
+    """Write a file, text as UTF-8, so that nobody ever sees half of it, and return its path.
 
-    The content goes to a hidden file beside the target, which then takes the target's name in one step.
-    If anything fails on the way, the hidden file is removed and an older target stays; so it does after a Ctrl-C, even
-    one that a library has swallowed.
+    The content goes to a hidden file beside the target (a symbolic link is followed), which then takes the target's
+    name in one step. If anything fails on the way, the hidden file is removed and an older target stays; so it does
+    after a Ctrl-C, even one that a library has swallowed.
     A pipe or a device (``/dev/stdout``) has no "whole" and is written straight.
-
-    Args:
-        path: the file to write; a symbolic link is followed. Its folder must exist.
-        content: bytes, or text that is written as UTF-8.
-
-    Returns:
-        The path that was given.
 
     Raises:
         OutputError: the folder does not exist, may not be written to, or the target is a folder.
@@ -35,31 +28,23 @@ def write_whole(path: Path | str, content: bytes | str) -> Path:
 
 
 def _put(given: Path, content: bytes | str) -> Path:
-    try:
+    with _told(given):
         target = _target(given)
         if target.exists() and not target.is_file():
             target.write_bytes(_bytes(content))
-            return given
-        with _hidden(target, content) as hidden:
-            hidden.replace(target)
-    except OSError as error:
-        raise OutputError(given, f"{error.strerror or error}; choose a place you may write to") from error
+        else:
+            with _hidden(target, content) as hidden:
+                hidden.replace(target)
     return given
 
 
 def write_together(files: Mapping[Path, bytes | str]) -> list[Path]:
-    """Write several files, all or none; folders that are missing are made.
+    """Write several files, all or none, and return them in order; folders that are missing are made.
 
     Files of a folder that is missing appear with it, in one step, so that even a killed process leaves all or none.
     Elsewhere all are written beside their places before the first is put there, and if anything fails, Ctrl-C
     included, new files are removed and older files are as they were; a process that is killed while it puts them there
     leaves some of them, each whole.
-
-    Args:
-        files: what each file shall hold; put in place in this order.
-
-    Returns:
-        The files, in order.
 
     Raises:
         OutputError: a folder cannot be made or has appeared meanwhile, or as :func:`write_whole`.
@@ -77,13 +62,19 @@ def write_together(files: Mapping[Path, bytes | str]) -> list[Path]:
         with ExitStack() as stack:
             parts = {}
             for path, content in files.items():
-                made += _make_folder(path.parent)
-                parts[path] = stack.enter_context(_hidden(_target(path), content))
+                with _told(path.parent):
+                    missing = [place for place in (path.parent, *path.parent.parents) if not place.exists()]
+                    for folder in reversed(missing):
+                        folder.mkdir()
+                        made.append(folder)
+                with _told(path):
+                    parts[path] = stack.enter_context(_hidden(_target(path), content))
             stop_if_heard()
             for path, hidden in parts.items():
-                before[path] = path.read_bytes() if path.is_file() else None
-                hidden.replace(_target(path))
-    except BaseException as error:
+                with _told(path):
+                    before[path] = path.read_bytes() if path.is_file() else None
+                    hidden.replace(_target(path))
+    except BaseException:
         for path, old in before.items():
             if old is not None:
                 _put(path, old)
@@ -91,8 +82,6 @@ def write_together(files: Mapping[Path, bytes | str]) -> list[Path]:
                 path.unlink(missing_ok=True)
         for folder in reversed(made):
             folder.rmdir()
-        if isinstance(error, OSError):
-            raise OutputError(path, f"{error.strerror or error}; choose a place you may write to") from error
         raise
     return list(files)
 
@@ -110,27 +99,25 @@ def _write_new(folder: Path, files: Mapping[Path, bytes | str]) -> None:
     """Write files into a hidden folder, which then takes the name of the new one in one step."""
     hidden = hidden_name(folder)
     try:
-        try:
+        with _told(folder):
             hidden.mkdir()
             for path, content in files.items():
                 place = hidden / path.absolute().relative_to(folder)
                 place.parent.mkdir(parents=True, exist_ok=True)
                 _write_through(place, content)
             stop_if_heard()
-            hidden.rename(folder)  # unless somebody has put files there meanwhile
-        finally:
-            shutil.rmtree(hidden, ignore_errors=True)
-    except OSError as error:
-        if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
-            raise OutputError(folder, "another run has made it meanwhile; choose another name") from error
-        raise OutputError(folder, f"{error.strerror or error}; choose a place you may write to") from error
+            try:
+                hidden.rename(folder)
+            except OSError as error:
+                if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
+                    raise OutputError(folder, "another run has made it meanwhile; choose another name") from error
+                raise
+    finally:
+        shutil.rmtree(hidden, ignore_errors=True)
 
 
 def copy_folder(source: Path, folder: Path) -> list[Path]:
-    """Copy the files of a folder into a new one, all or none; what Python has compiled in it stays.
-
-    Returns:
-        The new files.
+    """Copy the files of a folder into a new one, all or none, and return them; what Python has compiled in it stays.
 
     Raises:
         OutputError: the folder is there already, or cannot be made.
@@ -141,19 +128,13 @@ def copy_folder(source: Path, folder: Path) -> list[Path]:
     return write_together({folder / path.relative_to(source): path.read_bytes() for path in files})
 
 
-def _make_folder(folder: Path) -> list[Path]:
-    """Make a folder and those above it, and return the new ones from the top; if one cannot be made, make none."""
-    missing = [place for place in (folder, *folder.parents) if not place.exists()]
-    made: list[Path] = []
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Say of an error of the system what could not be written."""
     try:
-        for place in reversed(missing):
-            place.mkdir()
-            made.append(place)
+        yield
     except OSError as error:
-        for place in reversed(made):
-            place.rmdir()
-        raise OutputError(folder, f"{error.strerror or error}; choose a place you may write to") from error
-    return made
+        raise OutputError(path, f"{error.strerror or error}; choose a place you may write to") from error
 
 
 @contextmanager
@@ -198,6 +179,11 @@ def _target(given: Path) -> Path:
     return target
 
 
+def _require_access(place: Path, given: Path) -> None:
+    if not os.access(place, os.W_OK):
+        raise OutputError(given, "permission denied; choose a place you may write to")
+
+
 def check_writable(path: Path | str) -> None:
     """Find out, without touching it, whether a file can be written: before hours of work, not after.
 
@@ -205,13 +191,9 @@ def check_writable(path: Path | str) -> None:
         OutputError: as :func:`write_whole` would.
     """
     given = Path(path)
-    try:
+    with _told(given):
         target = _target(given)
-        place = target if target.exists() and not target.is_file() else target.parent
-        if not os.access(place, os.W_OK):
-            raise OutputError(given, "permission denied; choose a place you may write to")
-    except OSError as error:
-        raise OutputError(given, f"{error.strerror or error}; choose a place you may write to") from error
+        _require_access(target if target.exists() and not target.is_file() else target.parent, given)
 
 
 def check_outputs(paths: Sequence[Path], *, overwrite: bool = True) -> None:
@@ -229,20 +211,17 @@ def check_outputs(paths: Sequence[Path], *, overwrite: bool = True) -> None:
 
 
 def check_folder(folder: Path | str) -> Path:
-    """Find out before the work whether results can be put into a folder, which may not be there yet.
+    """Find out before the work whether results can be put into a folder, which may not be there yet; return its path.
 
     Raises:
         OutputError: they cannot.
     """
     folder = Path(folder)
-    try:
+    with _told(folder):
         if folder.exists() and not folder.is_dir():
             raise OutputError(folder, "it is a file; give a folder")
         place = folder if folder.exists() else folder.absolute().parent
         if not place.is_dir():
             raise OutputError(folder, f"the folder {place} does not exist; make it first")
-        if not os.access(place, os.W_OK):
-            raise OutputError(folder, "permission denied; choose a place you may write to")
-    except OSError as error:
-        raise OutputError(folder, f"{error.strerror or error}; choose a place you may write to") from error
+        _require_access(place, folder)
     return folder

@@ -38,11 +38,7 @@ def heard() -> bool:
 
 
 def stop_if_heard() -> None:
-    """Raise a Ctrl-C that a library took for itself: what that library then gave may be less than all.
-
-    Raises:
-        KeyboardInterrupt: there was one.
-    """
+    """Raise a Ctrl-C (KeyboardInterrupt) that a library took for itself: what that gave may be less than all."""
     if heard():
         raise KeyboardInterrupt
 

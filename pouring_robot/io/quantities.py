@@ -77,7 +77,6 @@ class QuantityTable:
     """A table whose headings were understood.
 
     Attributes:
-        table: the file, with its lines.
         headings: heading in the file of each quantity that was found, by quantity name.
         unknown: headings that are no quantity and were left out.
         numbers: values of each numeric quantity in inner units (m, rad, kg, s, °C), (n,), NaN where a cell is empty.
@@ -101,16 +100,10 @@ class QuantityTable:
 def read_quantities(
     path: Path | str, quantities: Sequence[Quantity], example: str, error: type[TableError] = TableError
 ) -> QuantityTable:
-    """Read a table that holds the given quantities, and maybe columns of the user's own.
+    """Read a table of the given quantities, and maybe of columns of the user's own, as :func:`read_table` does.
 
     Empty cells are missing values, as are the ``nan`` that some programs write for them. A heading unlike every
     known one is a user's own column and left out; one that is nearly a known one is a slip of the pen and refused.
-
-    Args:
-        path: the file, see :func:`pouring_robot.io.tables.read_table`.
-        quantities: what the table may hold.
-        example: a heading such a table has.
-        error: what is raised.
 
     Raises:
         TableError: (or ``error``) the file cannot be read; a heading is misspelt, has no or a wrong unit, or a quantity

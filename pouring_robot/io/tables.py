@@ -23,11 +23,9 @@ class Table:
     """Headings and raw cells of a table. Lines with nothing in them are left out.
 
     Attributes:
-        path: the file.
-        headings: of its columns, blanks around them taken off.
         lines: (n,) line of each row in a CSV or Excel file (the heading is line 1); in Parquet, its row from 1.
         error: what is raised where something is wrong.
-        heading_line: line of the headings; None where headings stand on no line.
+        heading_line: None where headings stand on no line.
         cells: returns the cells of a column, by its index.
     """
 
@@ -77,24 +75,16 @@ class Table:
     def numbers(self, index: int, *, empty: str | None = None) -> NDArray[np.float64]:
         """Return the cells of a column as finite numbers (n,), in the unit of the file.
 
-        Args:
-            index: of the column.
-            empty: what is said of an empty cell; by default that it is not a finite number.
+        ``empty`` is what is said of an empty cell; by default that it is not a finite number.
 
         Raises:
             TableError: a cell is empty or no finite number.
         """
-        values = np.empty(len(self))
-        for row, cell in enumerate(self.cells(index)):
-            try:
-                values[row] = number_in(cell)
-            except (ValueError, OverflowError):
-                values[row] = math.nan
-            if not math.isfinite(values[row]):
-                shown = shown_cell(cell)
-                problem = empty if empty and not shown else f"'{shown}' is not a finite number"
-                raise self.fault(problem, row, self.headings[index])
-        return values
+
+        def problem(cell: str) -> str:
+            return empty if empty and not cell else f"'{cell}' is not a finite number"
+
+        return self._read(index, math.isfinite, problem)
 
     def sparse_numbers(self, index: int, largest: float) -> NDArray[np.float64]:
         """Return the cells of a column as numbers (n,) up to a size, NaN where a cell is empty (or says ``nan``).
@@ -102,32 +92,38 @@ class Table:
         Raises:
             TableError: a cell is no such number.
         """
+        mend = "write a finite one, or leave the cell empty if it is missing"
+        return self._read(
+            index, lambda value: not abs(value) > largest, lambda cell: f"'{cell}' is not a usable number; {mend}"
+        )
+
+    def _read(self, index: int, usable: Callable[[float], bool], problem: Callable[[str], str]) -> NDArray[np.float64]:
         values = np.empty(len(self))
         for row, cell in enumerate(self.cells(index)):
             try:
                 values[row] = number_in(cell)
-                if abs(values[row]) > largest:
+                if not usable(values[row]):
                     raise ValueError
             except (ValueError, OverflowError) as error:
-                problem = f"'{shown_cell(cell)}' is not a usable number; write a finite one, or leave the cell empty "
-                raise self.fault(problem + "if it is missing", row, self.headings[index]) from error
+                shown = "" if cell is None else " ".join(str(cell).split())[:40]
+                raise self.fault(problem(shown), row, self.headings[index]) from error
         return values
 
 
 def read_table(
     path: Path | str, example: str, error: type[TableError] = TableError, *, short_rows: bool = True
 ) -> Table:
-    """Read a table whose first line names its columns.
+    """Read a table whose first line names its columns: CSV (UTF-8, commas), or by its suffix Parquet or Excel.
 
     Args:
-        path: a CSV file (UTF-8, commas), or by its suffix Parquet or Excel (its first sheet).
+        path: the file; of Excel its first sheet is read.
         example: headings such a table may have, to tell a user whose file is empty.
         error: what is raised.
         short_rows: whether cells may be left out at the end of a row; they are empty then.
 
     Raises:
-        TableError: (or the subclass given as ``error``) the file cannot be read, is empty, or a row has more cells
-            than there are headings (or fewer).
+        TableError: (or ``error``) the file cannot be read, is empty, or a row has more cells than there are headings
+            (or fewer).
     """
     path = Path(path)
     if path.suffix.lower() in PARQUET_SUFFIXES:
@@ -154,11 +150,6 @@ def csv_text(headings: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
     stream = io.StringIO()
     csv.writer(stream, lineterminator="\n").writerows([headings, *rows])
     return stream.getvalue()
-
-
-def shown_cell(cell: Any) -> str:
-    """Return a cell as an error message shows it: one short line, "" where it is empty."""
-    return "" if cell is None else " ".join(str(cell).split())[:40]
 
 
 def number_in(cell: Any) -> float:
@@ -217,7 +208,7 @@ def _excel_rows(path: Path, error: type[TableError]) -> _Rows:
     except Exception as problem:  # what a damaged workbook raises depends on the package that opens it
         raise error(path, f"cannot be read as Excel: {problem}") from problem
     rows = [["" if pd.isna(cell) else cell for cell in row] for row in frame.itertuples(index=False)]
-    return [(line, row) for line, row in enumerate(rows, start=1) if any(shown_cell(cell) for cell in row)]
+    return [(line, row) for line, row in enumerate(rows, start=1) if any(str(cell).strip() for cell in row)]
 
 
 def _read_parquet(path: Path, error: type[TableError]) -> Table:

@@ -16,11 +16,7 @@ HOTTEST_SURROUNDINGS_DEGC = 150.0
 
 
 def kelvin(value_degC: float, what: str = "temperature") -> float:
-    """Return a temperature in K.
-
-    Args:
-        value_degC: in °C.
-        what: its name, for the error.
+    """Return a temperature in K of one in °C; ``what`` it is, for the error.
 
     Raises:
         TemperatureError: it lies below absolute zero or is not finite.

@@ -30,8 +30,8 @@ def read_yaml(path: Path | str, error: type[DescriptionError] = DescriptionError
     """Read a YAML file whose top level is a mapping; who reads it again may get the same object, so leave it as it is.
 
     Raises:
-        DescriptionError: (or the subclass given as ``error``) the file is missing, unreadable, not YAML,
-            has a key twice, or is not a mapping; the message names the line.
+        DescriptionError: (or ``error``) the file is missing, unreadable, not YAML, has a key twice, or is not a
+            mapping; the message names the line.
     """
     path = Path(path)
     try:
@@ -43,11 +43,7 @@ def read_yaml(path: Path | str, error: type[DescriptionError] = DescriptionError
 
 
 def parse_yaml(text: str, path: Path, error: type[DescriptionError] = DescriptionError) -> CommentedMap:
-    """Parse the text of such a file, which is or shall be at ``path``.
-
-    Raises:
-        DescriptionError: as :func:`read_yaml`.
-    """
+    """Parse the text of such a file, which is or shall be at ``path``; raises as :func:`read_yaml`."""
     try:
         content = _parsed(text)
     except MarkedYAMLError as problem:
@@ -89,12 +85,9 @@ def _line_of(content: Any, location: Sequence[str | int]) -> int | None:
 
 
 def _in_the_file(content: Any, location: Sequence[str | int], missing: bool) -> list[str | int]:
-    """Return a place as the file has it: without what pydantic says in between of the types that it tried.
+    """Return a place of pydantic's as the file has it: without what it says in between of the types that it tried.
 
-    Args:
-        content: of the file.
-        location: of the error, as pydantic says it.
-        missing: whether its last part is a key that the file does not have.
+    ``missing`` says whether its last part is a key that the file does not have.
     """
     found = list[str | int]()
     for key in location[: len(location) - missing]:
@@ -118,16 +111,13 @@ def _known_keys(model: type[pydantic.BaseModel], location: Sequence[str | int]) 
 
 
 def validate(
-    model: type[FileModel],
-    content: CommentedMap,
-    path: Path | str,
-    error: type[DescriptionError] = DescriptionError,
+    model: type[FileModel], content: CommentedMap, path: Path | str, error: type[DescriptionError] = DescriptionError
 ) -> FileModel:
     """Turn the content of a YAML file into ``model``.
 
     Raises:
-        DescriptionError: (or the subclass given as ``error``) the first thing wrong, with its line, its key and,
-            for a key nobody knows, the nearest known one.
+        DescriptionError: (or ``error``) the first thing wrong, with its line, its key and, for a key nobody knows, the
+            nearest known one.
     """
     try:
         return model.model_validate(content)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import base64
-import datetime
 import functools
 import hashlib
 import math
 import os
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,13 +41,7 @@ class Paragraph:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of texts.
-
-    Attributes:
-        head: its headings.
-        rows: its rows.
-        folded: what stands in its place until it is opened; "" for an open table.
-    """
+    """A table of texts; ``folded`` is what stands in its place until it is opened."""
 
     head: Row
     rows: Sequence[Row]
@@ -113,16 +107,10 @@ def html_page(
 
 def origin(data: Iterable[Path]) -> list[str]:
     """Return when and with what a page was made, and of which files (SHA-256); ``SOURCE_DATE_EPOCH`` sets the time."""
-    stamp = os.environ.get("SOURCE_DATE_EPOCH")
-    now = (
-        datetime.datetime.now(datetime.UTC)
-        if stamp is None
-        else datetime.datetime.fromtimestamp(int(stamp), datetime.UTC)
-    )
-    lines = [f"Made {now:%Y-%m-%d %H:%M} UTC by pouring_robot {__version__}."]
-    return lines + [
-        f"{path}: SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in data if path.is_file()
-    ]
+    stamp = float(os.environ.get("SOURCE_DATE_EPOCH") or time.time())
+    made = f"Made {time.strftime('%Y-%m-%d %H:%M', time.gmtime(stamp))} UTC by pouring_robot {__version__}."
+    hashes = ((path, hashlib.sha256(path.read_bytes()).hexdigest()) for path in data if path.is_file())
+    return [made, *(f"{path}: SHA-256 {digest}" for path, digest in hashes)]
 
 
 @functools.cache

@@ -59,11 +59,9 @@ def png_of(figure: Any) -> bytes:
 
 
 def tell(artist: Any, texts: Iterable[str]) -> None:
-    """Say what each point or bar of an artist is when a reader of the SVG points at it.
+    """Say what each point or bar of an artist is when a reader of the SVG points at it, a text each.
 
-    Args:
-        artist: a line of markers, a scatter, or one patch; points that are not finite are not drawn and have no text.
-        texts: one for each point drawn.
+    The artist is a line of markers, a scatter, or one patch; points that are not finite are not drawn and have no text.
     """
     artist.set_gid(_TELL + base64.urlsafe_b64encode("\n".join(texts).encode()).decode())
 
@@ -86,31 +84,20 @@ def svg_of(figure: Any) -> str:
     for group in root.iter(f"{_SVG}g"):
         words = group.attrib.pop("id", "")
         if words.startswith(_TELL):
-            _put_titles(group, base64.urlsafe_b64decode(words.removeprefix(_TELL)).decode().split("\n"))
+            marks = list(group.iter(f"{_SVG}use")) or group.findall(f"{_SVG}path")
+            texts = base64.urlsafe_b64decode(words.removeprefix(_TELL)).decode().split("\n")
+            for mark, said in zip(marks, texts, strict=False):  # what lies outside its panel is not drawn
+                etree.SubElement(mark, f"{_SVG}title").text = said
         _shorten(group)
-    _trim(root)
+    for element in root.iter():  # two decimals: a hundredth of a point is not seen
+        for name in {"d", "x", "y", "width", "height"} & set(element.attrib):
+            element.set(name, re.sub(r"(\d\.\d\d)\d+", r"\1", element.get(name)))
     text = etree.tostring(root, encoding="unicode")
     for clip in root.iter(f"{_SVG}clipPath"):  # named after places in memory, some of them
         shape = hashlib.md5(etree.tostring(clip[0]), usedforsecurity=False).hexdigest()[:10]
         text = text.replace(clip.get("id"), f"clip{shape}")
     # Black is what the page writes with and white what it writes on, be it bright or dark.
     return re.sub(r"(stroke|fill): #000000", r"\1: currentColor", text).replace("#ffffff", "var(--paper)")
-
-
-def _trim(root: Any) -> None:
-    """Give places two decimals: a hundredth of a point is not seen."""
-    for element in root.iter():
-        for name in ("d", "x", "y", "width", "height"):
-            if name in element.attrib:
-                element.set(name, re.sub(r"(\d\.\d\d)\d+", r"\1", element.get(name)))
-
-
-def _put_titles(group: Any, texts: list[str]) -> None:
-    from lxml import etree
-
-    marks = list(group.iter(f"{_SVG}use")) or group.findall(f"{_SVG}path")
-    for mark, words in zip(marks, texts, strict=False):  # what lies outside its panel is not drawn
-        etree.SubElement(mark, f"{_SVG}title").text = words
 
 
 def _shorten(group: Any) -> None:

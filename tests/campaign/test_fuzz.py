@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.plan import read_plan
-from pouring_robot.checks.check import examine
-from pouring_robot.checks.summary import campaign_metrics
+from pouring_robot.checks.check import campaign_metrics, examine
 from pouring_robot.exceptions import BadInputError
 
 FUZZ = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -10,19 +10,20 @@ import pytest
 
 from pouring_robot.campaign.plan import read_plan
 from pouring_robot.cli.app import main
-from pouring_robot.design.columns import candidate_poses
+from pouring_robot.design.columns import Conditions, candidate_poses
 from pouring_robot.design.compare import compare_with_random, random_visits
-from pouring_robot.design.exchange import CandidateSet, choose
+from pouring_robot.design.exchange import CandidateSet, choose, log_determinants
 from pouring_robot.design.information import (
     covariance,
     index_slopes,
     projected_singular_values,
     telling,
 )
-from pouring_robot.design.planning import Conditions, Planner, PlanRequest, UndeterminedError
+from pouring_robot.design.planning import Planner
 from pouring_robot.design.plots import plot
-from pouring_robot.design.updates import log_determinants
-from pouring_robot.estimation.identifiability import CRITERIA, observability, observability_index
+from pouring_robot.design.request import PlanRequest
+from pouring_robot.design.result import UndeterminedError
+from pouring_robot.estimation.identifiability import CRITERIA, base_parameters, observability, observability_index
 from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -361,6 +362,12 @@ def test_names_the_combinations_that_nothing_determines(robot):
     assert "leg1_s1.ty + leg1_seat_mount.ty" in str(error) and "leg4_s1.ty (without effect)" in str(error)
     rest = {"leg1_s1.ty", "leg1_seat_mount.ty", "leg4_s1.ty"} - set(error.too_many)
     Planner(robot, PlanRequest(parameters=tuple(rest), **SMALL))
+
+
+def test_of_frames_alone_no_parameter_is_to_be_left_out():
+    found = base_parameters(np.diag([0.0, 1.0]), ["frame", "leg1_s1.ty"], lead=["frame"])
+    error = UndeterminedError("a plan", found, {"frame"})
+    assert error.too_many == () and "leave out" not in str(error) and "plan more poses" in str(error)
 
 
 def test_too_few_poses_are_refused(robot):

@@ -8,42 +8,32 @@ from pouring_robot.cli.shared import bundles, options
 from pouring_robot.cli.shared.tables import plain_table
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from rich.console import Console
-
-    from pouring_robot.robot.description.definition import RobotDefinition
-    from pouring_robot.robot.pouring.layout import Layout
-
-
-def _box(robot: RobotDefinition) -> Layout | None:
-    """Return the workspace of the pouring robot; other robots have none."""
-    from pouring_robot.robot.pouring.definition import PouringDefinition
-    from pouring_robot.robot.pouring.layout import load_layout
-
-    return load_layout(robot.layout, robot.layouts_file) if isinstance(robot, PouringDefinition) else None
-
 
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "cyan"}
 
 
 def check(
-    *,
-    file: options.CampaignFile,
-    which: bundles.Which,
-    as_json: options.AsJson = False,
-    png: options.PngFile = None,
+    *, file: options.CampaignFile, which: bundles.Which, as_json: options.AsJson = False, png: options.PngFile = None
 ) -> None:
     """Say what is in a campaign and what is wrong with its data, before any fit; exit code 2 if there is an error."""
     from pouring_robot.campaign.data import Campaign
-    from pouring_robot.checks.check import examine
+    from pouring_robot.checks.check import campaign_metrics, examine
     from pouring_robot.checks.flags import refuse_errors
     from pouring_robot.checks.plots import write_picture
-    from pouring_robot.checks.summary import campaign_metrics
+    from pouring_robot.robot.pouring.definition import PouringDefinition
+    from pouring_robot.robot.pouring.layout import load_layout
 
     definition = which.read().definition
     campaign = Campaign.read(file, definition)
     found = examine(campaign, definition.drawing())
     figures = campaign_metrics(campaign, found)
-    written = [write_picture(campaign, found, _box(definition), png)] if png else []
+    box = None  # of other robots
+    if isinstance(definition, PouringDefinition):
+        box = load_layout(definition.layout, definition.layouts_file)
+    written = [write_picture(campaign, found, box, png)] if png else []
     if as_json:
         options.print_figures(figures, written)
     else:
@@ -57,51 +47,40 @@ def _print_summary(console: Console, figures: dict[str, Any]) -> None:
     sessions = ", ".join(f"{name} ({rows})" for name, rows in list(figures["sessions"].items())[:12])
     console.print(
         f"{figures['file']}: {figures['rows']} rows of {figures['seen']}, {figures['usable_rows']} usable, "
-        f"{figures['distinct_poses']} distinct poses",
-        markup=False,
+        f"{figures['distinct_poses']} distinct poses"
     )
-    console.print(f"sessions (rows): {sessions}", markup=False)
-    _print_ranges(console, figures["ranges"])
-    missing = figures["missing_conditions"]
-    if missing:
-        console.print(f"not recorded, so what depends on it cannot be tested: {', '.join(missing)}", markup=False)
-    misfit = figures["misfit"]
-    if misfit is not None:
-        console.print(_misfit_line(misfit), markup=False)
-    disagree = figures["redundant_drives_disagree_mm"]
-    if disagree is not None:
-        console.print(f"redundant drives of the nominal robot disagree by {disagree:.3g} mm (RMS)", markup=False)
-    for line in _untold_lines(figures["untold_of_the_frames"]):
-        console.print(line, markup=False)
+    console.print(f"sessions (rows): {sessions}")
+    rows = []
+    for name, values in figures["ranges"].items():
+        if not name.startswith("approach"):
+            digits = 4 if values["unit"] == "rad" else 2
+            ends = (f"{values[end]:.{digits}f}" for end in ("least", "largest"))
+            rows.append((name, values["unit"].replace("degC", "°C"), *ends, str(values["missing"] or "")))
+    console.print(plain_table(("column", "unit", "least", "largest", "missing"), rows, (0, 1)))
+    for line in _lines(figures):
+        console.print(line)
     if not figures["flags"]:
         console.print("checks: nothing found")
     for flag in figures["flags"]:
         severity = flag["severity"]
-        console.print(f"{severity}: {flag['message']}", style=_STYLES[severity], markup=False)
-        console.print(f"    → {flag['mend']}", markup=False)
+        console.print(f"{severity}: {flag['message']}", style=_STYLES[severity])
+        console.print(f"    → {flag['mend']}")
 
 
-def _print_ranges(console: Console, ranges: dict[str, Any]) -> None:
-    rows = []
-    for name, values in ranges.items():
-        if name.startswith("approach"):
-            continue
-        digits = 4 if values["unit"] == "rad" else 2
-        ends = ("–" if values[end] is None else f"{values[end]:.{digits}f}" for end in ("least", "largest"))
-        rows.append((name, values["unit"].replace("degC", "°C"), *ends, str(values["missing"] or "")))
-    console.print(plain_table(("column", "unit", "least", "largest", "missing"), rows, (0, 1)))
-
-
-def _untold_lines(untold: list[dict[str, float]]) -> list[str]:
-    """Return what the data do not tell of the frames, one line each: it is held at zero and costs nothing."""
-    spoken = [" ".join(f"{share:+.3g} {name}" for name, share in direction.items()) for direction in untold]
-    return [f"the poses do not tell of the frames: {text.removeprefix('+')}" for text in spoken]
-
-
-def _misfit_line(misfit: dict[str, Any]) -> str:
-    parts = []
-    for what, unit in (("position", "mm"), ("rotation", "mrad")):
-        value, noise = misfit[f"{what}_{unit}"], misfit[f"{what}_noise_{unit}"]
-        if value is not None:
-            parts.append(f"{value:.3g} {unit}" + (f" (noise {noise:.3g})" if noise else ""))
-    return f"against the nominal robot, the two unknown frames fitted: {', '.join(parts)} a component, robust"
+def _lines(figures: dict[str, Any]) -> Iterator[str]:
+    """Yield what is not recorded, how far the nominal robot is off, and what the data do not tell."""
+    if missing := figures["missing_conditions"]:
+        yield f"not recorded, so what depends on it cannot be tested: {', '.join(missing)}"
+    if misfit := figures["misfit"]:
+        parts = []
+        for what, unit in (("position", "mm"), ("rotation", "mrad")):
+            value, noise = misfit[f"{what}_{unit}"], misfit[f"{what}_noise_{unit}"]
+            if value is not None:
+                parts.append(f"{value:.3g} {unit}" + (f" (noise {noise:.3g})" if noise else ""))
+        yield f"against the nominal robot, the two unknown frames fitted: {', '.join(parts)} a component, robust"
+    disagree = figures["redundant_drives_disagree_mm"]
+    if disagree is not None:
+        yield f"redundant drives of the nominal robot disagree by {disagree:.3g} mm (RMS)"
+    for direction in figures["untold_of_the_frames"]:  # held at zero, and costs nothing
+        text = " ".join(f"{share:+.3g} {name}" for name, share in direction.items())
+        yield f"the poses do not tell of the frames: {text.removeprefix('+')}"

@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.cli.shared.tables import plain_table
 from pouring_robot.exceptions import BadInputError
@@ -23,11 +21,11 @@ def plan(
     poses: Annotated[int, options.opt("--poses", "How many poses.", metavar="N")] = 30,
     parameters: Annotated[
         list[str] | None,
-        typer.Option(
+        options.opt(
             "--parameters",
-            metavar="PATTERN",
-            help="What to determine: a set (geometry, centres, axes, dh, all), a group, a name or pattern such as "
+            "What to determine: a set (geometry, centres, axes, dh, all), a group, a name or pattern such as "
             "'leg?_s1.t?'; may be repeated. Default: drives and U-joint centres as far as they can be told apart.",
+            metavar="PATTERN",
         ),
     ] = None,
     criterion: Annotated[str, options.opt("--criterion", "What the plan is best in.", metavar="D|O1..O5")] = "D",
@@ -63,8 +61,9 @@ def plan(
 ) -> None:
     """Choose the poses that determine parameters best, and say how well, before a single measurement."""
     from pouring_robot.design.compare import compare_with_random
-    from pouring_robot.design.planning import Planner, PlanRequest
+    from pouring_robot.design.planning import Planner
     from pouring_robot.design.plots import plot
+    from pouring_robot.design.request import PlanRequest
     from pouring_robot.estimation.noise_level import NoiseLevel
     from pouring_robot.io.files import write_together
     from pouring_robot.robot.tolerances import Tolerances
@@ -106,13 +105,11 @@ def plan(
 def _print_expected(console: Console, figures: dict[str, Any], tip: str) -> None:
     ladle, compared = figures["ladle"], figures["random_plans"]
     sides = ", ".join(f"{axis} {value:.3f}" for axis, value in ladle["rms_by_axis_mm"].items())
-    worst = ladle["worst_at"]
-    at = " ".join(f"{name} {value:.1f}" for name, value in worst.items())
+    at = " ".join(f"{name} {value:.1f}" for name, value in ladle["worst_at"].items())
     console.print(
         f"{tip}, seen by the tracker: known to {ladle['rms_mm']:.4f} mm and {ladle['rms_mrad']:.4f} mrad RMS "
         f"over the workspace ({sides} mm), {ladle['worst_mm']:.4f} mm at worst, at {at}",
         style="bold",
-        markup=False,
         soft_wrap=True,
     )
     console.print(
@@ -123,11 +120,11 @@ def _print_expected(console: Console, figures: dict[str, Any], tip: str) -> None
     indices = ", ".join(f"{name} {value:.4g}" for name, value in figures["indices"].items())
     console.print(f"observability (per mm, mrad; larger is better): {indices}")
     rows = [[p["name"], f"{p['std']:.4g}", p["unit"]] for p in figures["parameters"]]
-    head = ["parameter", "std", "unit"]
-    console.print(plain_table(head, rows[:_SHOWN], left=(0,), title="expected standard deviation", wrap=True))
+    title = "expected standard deviation"
+    console.print(plain_table(("parameter", "std", "unit"), rows[:_SHOWN], title=title, wrap=True))
     if len(rows) > _SHOWN:
         console.print(f"… and {len(rows) - _SHOWN} more (--json has all)")
     if figures["left_out"]:
         left = figures["left_out"]
         named = ", ".join(left[:8]) + (f" and {len(left) - 8} more (--json has all)" if len(left) > 8 else "")
-        console.print(f"left out, because those above show the same: {named}", markup=False)
+        console.print(f"left out, because those above show the same: {named}")

@@ -4,12 +4,14 @@ import math
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.exceptions import BadInputError
 
 Frame = tuple[float, float, float, float, float, float]
+
+
+def _seen(name: str, what: str) -> Any:
+    return options.opt(name, f"{what}: mm, rotation vector in degrees.", metavar="X Y Z RX RY RZ")
 
 
 def simulate(
@@ -28,18 +30,8 @@ def simulate(
     outliers: Annotated[int, options.opt("--outliers", "Rows with a gross error.", metavar="N", min=0)] = 0,
     outlier_mm: Annotated[float, options.opt("--outlier-mm", "Size of a gross error.")] = 5.0,
     lost: Annotated[float, options.opt("--lost", "Share of measured cells left empty.", metavar="SHARE")] = 0.0,
-    tracker_frame: Annotated[
-        Frame | None,
-        typer.Option(
-            metavar="X Y Z RX RY RZ", help="Fixed platform seen from the tracker: mm, rotation vector in degrees."
-        ),
-    ] = None,
-    target_frame: Annotated[
-        Frame | None,
-        typer.Option(
-            metavar="X Y Z RX RY RZ", help="Target seen from the moving platform: mm, rotation vector in degrees."
-        ),
-    ] = None,
+    tracker_frame: Annotated[Frame | None, _seen("--tracker-frame", "Fixed platform seen from the tracker")] = None,
+    target_frame: Annotated[Frame | None, _seen("--target-frame", "Target seen from the moving platform")] = None,
     truth: Annotated[
         Path | None, options.writes("--truth", "Write what was hidden (frames, outliers) as JSON.")
     ] = None,

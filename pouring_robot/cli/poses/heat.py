@@ -27,15 +27,12 @@ if TYPE_CHECKING:
     from pouring_robot.thermal.regression.thermal_model import ThermalModel
 
 
+_SHIFT_TURN = ("translation_mm", "rotation_mrad")
+
+
 @dataclass(frozen=True, eq=False)
 class ThermalLaw:
-    """A thermal-model file at one temperature of the melt.
-
-    Attributes:
-        model: the file.
-        melt_degC: the temperature.
-        heat: the same heat for the full closure, to be compared.
-    """
+    """A thermal-model file at one temperature of the melt, and the same heat for the full closure, to be compared."""
 
     model: ThermalModel
     melt_degC: float  # noqa: N815 - the unit keeps its capital
@@ -55,11 +52,7 @@ class ThermalLaw:
 
 
 def thermal_law(path: Path | None, robot: Robot, heat: HeatSection | None) -> ThermalLaw | None:
-    """Return the thermal model of a file at the temperature of the melt; None without a file.
-
-    Raises:
-        ThermalFileError: the file is wrong.
-    """
+    """Return the thermal model of a file at the temperature of the melt; None without a file."""
     if path is None:
         return None
     from pouring_robot.thermal.regression.thermal_model import ThermalModel
@@ -88,9 +81,11 @@ def sum_figures(law: ThermalLaw | None, robot: Robot, command: Command, full: Lo
     if not isinstance(command, PlatformPose):
         raise BadInputError("a thermal model is for a pose: give --at-mm and --tilt-deg")
     end = full.loops.end_frame or ""
-    parts: dict[str, FloatArray] = {"theory": np.array(command.position_m)}
-    parts["geometry"] = np.asarray(robot.location_of(command).difference(end).translation_m)
-    parts["heat"] = law.moves_m(command)
+    parts: dict[str, FloatArray] = {
+        "theory": np.array(command.position_m),
+        "geometry": np.asarray(robot.location_of(command).difference(end).translation_m),
+        "heat": law.moves_m(command),
+    }
     parts["sum"] = sum(parts.values(), start=np.zeros(3))
     parts["full_closure"] = parts["theory"] + full.difference(end).translation_m
     parts["sum_misses_by"] = parts["sum"] - parts["full_closure"]
@@ -99,14 +94,9 @@ def sum_figures(law: ThermalLaw | None, robot: Robot, command: Command, full: Lo
 
 @dataclass(frozen=True, eq=False)
 class Warmth:
-    """One command's answer, cold or warm.
+    """One command's answer, cold or warm; a cold robot has no heat, and so no temperatures.
 
-    Attributes:
-        robot: the actual robot, warm where it is warm.
-        location: where the ladle should be and where it is.
-        heated: the heat; None for a cold robot, and so are the others.
-        state: temperatures.
-        shares: what geometry and heat do, by frame.
+    ``shares`` are what geometry and heat do, by frame.
     """
 
     robot: Robot
@@ -117,12 +107,7 @@ class Warmth:
 
     @classmethod
     def of(cls, robot: Robot, heated: HeatedRobot | None, command: Command, *, shares: bool = False) -> Warmth:
-        """Find it, and the shares of geometry and heat if they are wanted.
-
-        Raises:
-            NoSolutionError: the robot cannot take the pose, or no temperatures are found.
-            BadInputError: a warm robot is asked for anything but a pose of its platform.
-        """
+        """Find it, and the shares of geometry and heat if they are wanted."""
         if heated is None:
             return cls(robot, robot.location_of(command))
         if not isinstance(command, PlatformPose):
@@ -136,14 +121,23 @@ class Warmth:
         """Return heat and shares, ready for JSON; nothing for a cold robot."""
         if self.heated is None or self.state is None:
             return {}
-        shares = {frame: share_figures(one) for frame, one in self.shares.items()}
-        return {"heat": heat_figures(self.heated, self.state)} | ({"shares": shares} if shares else {})
+        found: dict[str, Any] = {"heat": heat_figures(self.heated, self.state)}
+        if self.shares:
+            found["shares"] = {frame: _share_figures(one) for frame, one in self.shares.items()}
+        return found
 
     def print(self, console: Console) -> None:
-        """Print heat and shares; nothing for a cold robot."""
+        """Print what geometry and heat do alone and together, by how much they do not add up, and how warm it is."""
         if self.heated is None or self.state is None:
             return
-        print_shares(console, self.shares)
+        rows = []
+        for frame, one in self.shares.items():
+            for k, (name, part) in enumerate(_share_figures(one).items()):
+                shift, turn = ([decimals(v, 3, sign=True) for v in part[key]] for key in _SHIFT_TURN)
+                cells = [*shift, f"{part['distance_mm']:.3f}", *turn]
+                rows.append(("" if k else frame, name.replace("_", " "), *cells))
+        head = ("frame", "", "x", "y", "z", "|xyz|", "rx", "ry", "rz")
+        console.print(plain_table(head, rows, (0, 1), title="shares of the error: mm, mrad"))
         lip = list(self.shares.values())[-1]
         missing = float(lip.remainder_m @ lip.remainder_m) ** 0.5
         console.print(
@@ -151,7 +145,22 @@ class Warmth:
             f"{missing / max(lip.together.distance_m, 1e-15):.2%} of its error"
         )
         console.print(heat_line(self.heated, self.state))
-        console.print(settled_line(self.state))
+        console.print(
+            f"temperatures taken where the ladle is, {self.state.turns} times; the last time moved it by "
+            f"{self.state.unsettled_m / MM:.1e} mm{unsettled_words(self.state.unsettled_m)}"
+        )
+
+
+def _share_figures(shares: PoseShares) -> dict[str, Any]:
+    """Return the three shares and what they leave, in mm and mrad, ready for JSON."""
+    from pouring_robot.robot.location_figures import difference_figures
+
+    told: dict[str, Any] = {
+        name: difference_figures(getattr(shares, name)) for name in ("geometry", "heat", "together")
+    }
+    shift, turn = shares.remainder_m / MM, shares.remainder_rad / MRAD
+    left = (shift.tolist(), turn.tolist(), float((shift @ shift) ** 0.5))
+    return told | {"not_the_sum_by": dict(zip((*_SHIFT_TURN, "distance_mm"), left, strict=True))}
 
 
 def heated_of(robot: Robot, heat: HeatSection | None) -> HeatedRobot | None:
@@ -203,14 +212,6 @@ def alone_line(heat: HeatSection) -> str:
     )
 
 
-def settled_line(state: WarmState) -> str:
-    """Return on one line how well temperatures and pose fit each other."""
-    return (
-        f"temperatures taken where the ladle is, {state.turns} times; the last time moved it by "
-        f"{state.unsettled_m / MM:.1e} mm{unsettled_words(state.unsettled_m)}"
-    )
-
-
 def unsettled_words(unsettled_m: float) -> str:
     """Return a warning where temperatures and pose did not settle to 1e-6 mm, or nothing."""
     return "" if unsettled_m <= 1e-6 * MM else ": NOT settled"
@@ -236,38 +237,4 @@ def heat_figures(heated: HeatedRobot, state: WarmState) -> dict[str, Any]:
         "fixed_platform_strain": state.robot.expansion.fixed_platform_strain,
         "temperatures_taken": state.turns,
         "unsettled_mm": state.unsettled_m / MM,
-    }
-
-
-def print_shares(console: Console, shares: dict[str, PoseShares]) -> None:
-    """Print what geometry and heat do alone and together, and by how much they do not add up, frame by frame."""
-    rows = []
-    for frame, one in shares.items():
-        parts = {
-            "geometry": (one.geometry.translation_m, one.geometry.rotation_rad),
-            "heat": (one.heat.translation_m, one.heat.rotation_rad),
-            "together": (one.together.translation_m, one.together.rotation_rad),
-            "not the sum by": (one.remainder_m, one.remainder_rad),
-        }
-        for k, (name, (shift, turn)) in enumerate(parts.items()):
-            size = float(sum(shift**2) ** 0.5)
-            cells = [decimals(v / MM, 3, sign=True) for v in shift] + [f"{size / MM:.3f}"]
-            rows.append((frame if k == 0 else "", name, *cells, *(decimals(v / MRAD, 3, sign=True) for v in turn)))
-    head = ("frame", "", "x", "y", "z", "|xyz|", "rx", "ry", "rz")
-    console.print(plain_table(head, rows, (0, 1), title="shares of the error: mm, mrad"))
-
-
-def share_figures(shares: PoseShares) -> dict[str, Any]:
-    """Return the three shares and what they leave, in mm and mrad, ready for JSON."""
-    from pouring_robot.robot.location_figures import difference_figures
-
-    return {
-        "geometry": difference_figures(shares.geometry),
-        "heat": difference_figures(shares.heat),
-        "together": difference_figures(shares.together),
-        "not_the_sum_by": {
-            "translation_mm": (shares.remainder_m / MM).tolist(),
-            "rotation_mrad": (shares.remainder_rad / MM).tolist(),
-            "distance_mm": float((shares.remainder_m @ shares.remainder_m) ** 0.5) / MM,
-        },
     }

@@ -50,20 +50,19 @@ def path(
         if drawing.html or drawing.png:
             raise BadInputError("--at-once draws nothing; leave out --html and --png, or --at-once")
         options.refuse_conditional(present, "--at-once")
-        _at_once(present, warmth, commanded, drawing.joints, out, as_json)
+        _at_once(present, warmth, commanded, drawing, out, as_json)
         return
     robots, conditions = under.robots(present, commanded, poses)
     heated = warm.heated_of(present, warmth)
-    found: list[warm.Warmth] = []
     figures = []
-    with progress.stage_bars() as show:
-        for (line, command), robot in zip(commanded.items(), robots, strict=True):
-            with bundles.at_line(poses, line):
-                one = warm.Warmth.of(robot, heated and heated.built_as(options.with_melt(robot)), command)
-                found.append(one)
-                if as_json:  # may find a singular pose: before anything is written
-                    figures.append(location_figures(one.location, one.robot.dexterity(one.location)) | one.figures())
-            show("closing", len(found), len(commanded))
+
+    def locate(command: Command, robot: Robot) -> warm.Warmth:
+        one = warm.Warmth.of(robot, heated and heated.built_as(options.with_melt(robot)), command)
+        if as_json:  # may find a singular pose: before anything is written
+            figures.append(location_figures(one.location, one.robot.dexterity(one.location)) | one.figures())
+        return one
+
+    found = bundles.each(commanded, robots, poses, "closing", locate)
     locations = [one.location for one in found]
     notes = places.location_notes(present, drawing.html, drawing.png, model_file=which.model is not None)
     notes += (*conditions, *warm.twice_lines(present, warmth))
@@ -86,14 +85,13 @@ def _at_once(
     robot: Robot,
     heat: HeatSection | None,
     commanded: Mapping[int, Command],
-    joints: Path | None,
+    drawing: bundles.Drawing,
     out: Path | None,
     as_json: bool,
 ) -> None:
     """Say where the ladle is for all poses by the compiled engine."""
     import numpy as np
 
-    from pouring_robot.cli.shared.locations import write_joint_rows
     from pouring_robot.mechanism.poses import MM, MRAD
     from pouring_robot.robot.export.joints import JointRow
     from pouring_robot.robot.pouring.poses import PlatformPose
@@ -117,7 +115,7 @@ def _at_once(
         for pose, (shift, turn, one) in zip(poses, errors, strict=True)
     ]
     written = _write(out, rows)
-    written += write_joint_rows(JointRow.of_many(robot.engine().structure, closed, robot.model), joints)
+    written += drawing.write_joints(lambda: JointRow.of_many(robot.engine().structure, closed, robot.model))
     if as_json:
         options.print_figures({**robot.model.named, "frame": str(lip.frame.values), "poses": rows}, written)
         return
@@ -151,11 +149,14 @@ def _error(shift: Any, turn: Any) -> Row:
 
 
 def _write(out: Path | None, rows: list[Row]) -> list[Path]:
-    from pouring_robot.io.files import write_whole
     from pouring_robot.io.tables import csv_text
 
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    return [write_whole(out, csv_text(names, ([row.get(name) for name in names] for row in rows)))] if out else []
+    names = _names(rows)
+    return options.written(out, lambda: csv_text(names, ([row.get(name) for name in names] for row in rows)))
+
+
+def _names(rows: list[Row]) -> list[str]:
+    return list(dict.fromkeys(name for row in rows for name in row))
 
 
 def _print(robot: Robot, rows: list[Row], notes: list[str], written: list[Path], *, in_file: bool) -> None:
@@ -171,7 +172,7 @@ def _print(robot: Robot, rows: list[Row], notes: list[str], written: list[Path],
     console.print(f"largest error {worst:.3f} mm{verdict}", style="bold")
     if not in_file:
         rows = [{name: value for name, value in row.items() if value != "closed"} for row in rows]
-        names = list(dict.fromkeys(name for row in rows for name in row))
+        names = _names(rows)
 
         def cell(name: str, value: Any) -> str:
             signed = name.startswith("error_") and name != "error_mm"
@@ -184,7 +185,7 @@ def _print(robot: Robot, rows: list[Row], notes: list[str], written: list[Path],
         cells = [[cell(name, row[name]) if name in row else "" for name in names] for row in rows]
         tip = robot.model.loops().working_frame
         beside = "" if robot.model.named.get("layout") else ", beside where it should be"
-        console.print(f"error of {tip}{beside}: mm, mrad", style="italic", markup=False)
-        console.print(few_rows(short, cells, "--out FILE.csv writes all"), markup=False, soft_wrap=True)
+        console.print(f"error of {tip}{beside}: mm, mrad", style="italic")
+        console.print(few_rows(short, cells, "--out FILE.csv writes all"), soft_wrap=True)
     options.print_notes(console, notes)
     options.print_written(console, written)

@@ -40,8 +40,8 @@ def pose(
         options.print_json(figures | warmth.figures() | warm.sum_figures(law, present, command, location))
         return
     console = options.console()
-    console.print(location.headline, style="bold", markup=False)
-    console.print(locations.drives_line(location), markup=False)
+    console.print(location.headline, style="bold")
+    console.print(locations.drives_line(location))
     console.print(locations.location_table(location))
     warmth.print(console)
     warm.print_sum(console, law, present, command, location)

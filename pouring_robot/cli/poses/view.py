@@ -24,14 +24,8 @@ def view(
     commanded: bundles.Commanded,
     which: bundles.Which,
     under: bundles.Under,
-    path: Annotated[
-        Path | None,
-        typer.Option("--path", metavar="POSES.csv", callback=options.there, help="Play the poses of a table."),
-    ] = None,
-    campaign: Annotated[
-        Path | None,
-        typer.Option("--campaign", metavar="FILE", callback=options.there, help="Step through the rows of a campaign."),
-    ] = None,
+    path: Annotated[Path | None, options.reads("--path", "Play the poses of a table.", metavar="POSES.csv")] = None,
+    campaign: Annotated[Path | None, options.reads("--campaign", "Step through the rows of a campaign.")] = None,
     exaggerate: options.Exaggeration = None,
     port: Annotated[int, typer.Option(help="TCP port on the loopback address; 0 takes a free one.")] = 0,
     browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
@@ -87,15 +81,11 @@ def _bench(robot: Robot, commanded: bundles.Commanded, exaggerate: float | None)
 def _path_scene(robot: Robot, path: Path, under: bundles.Under, exaggerate: float | None) -> Scene:
     from pouring_robot.robot.view.scene import pose_scene
 
-    locations, commands = [], under.read_commands(robot, path)
+    commands = under.read_commands(robot, path)
     robots, notes = under.robots(robot, commands, path)
     options.print_notes(options.console(), notes)
-    with progress.stage_bars() as show:
-        for (line, command), standing in zip(commands.items(), robots, strict=True):
-            with bundles.at_line(path, line):
-                locations.append(standing.location_of(command))
-            show("closing", len(locations), len(commands))
-    return pose_scene(locations, exaggerate)
+    found = bundles.each(commands, robots, path, "closing", lambda command, standing: standing.location_of(command))
+    return pose_scene(found, exaggerate)
 
 
 def _campaign_scene(file: Path, which: bundles.Which) -> Scene:

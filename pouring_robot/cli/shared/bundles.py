@@ -5,22 +5,25 @@ from __future__ import annotations
 import contextlib
 import functools
 import inspect
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
 
 import typer
 
-from pouring_robot.cli.shared import options
+from pouring_robot.cli.shared import options, progress
 from pouring_robot.exceptions import BadInputError, NoSolutionError, PathPoseError
 
 if TYPE_CHECKING:
     from pouring_robot.effects.under import RobotUnderConditions
+    from pouring_robot.robot.export.joints import JointRow
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.location import Location
     from pouring_robot.robot.model import RobotModel
     from pouring_robot.robot.robot import Command, Robot
+
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True)
@@ -67,11 +70,7 @@ class Commanded:
         return self != Commanded()
 
     def of(self, robot: Robot) -> Command:
-        """Return the command as this robot takes it.
-
-        Raises:
-            BadInputError: the options say nothing, contradict each other, or are no command of this robot.
-        """
+        """Return the command as this robot takes it."""
         import numpy as np
 
         from pouring_robot.mechanism.poses import MM
@@ -104,24 +103,15 @@ class Under:
     condition: options.Conditions = None
 
     def read_commands(self, robot: Robot, path: Path) -> Mapping[int, Command]:
-        """Return the commands of a table, by the line they stand on; conditions may stand beside them.
-
-        Raises:
-            TableError: the file is wrong.
-        """
+        """Return the commands of a table, by the line they stand on; conditions may stand beside them."""
         from pouring_robot.campaign.columns import condition_headings
 
         return robot.read_commands(path, condition_headings(robot.model.definition))
 
     def of(self, robot: Robot, beside: Path | Mapping[str, Any] | None = None) -> RobotUnderConditions | None:
-        """Return a robot under its conditions; None: nothing of it depends on any.
+        """Return a robot under its conditions, some maybe ``beside``: in a table of commands, or by heading.
 
-        Args:
-            robot: as built.
-            beside: table of commands with conditions beside them, or these by heading.
-
-        Raises:
-            BadInputError: a condition is none, is given twice, or nothing depends on it.
+        None: nothing of it depends on any.
         """
         if not robot.model.conditional:
             if self.condition:
@@ -147,14 +137,7 @@ class Under:
     ) -> tuple[list[Robot], tuple[str, ...]]:
         """Return the robot as it stands at each command, and what one should know of the conditions.
 
-        Args:
-            robot: as built.
-            commands: by the line of their table.
-            poses: that table, if they are from one.
-
-        Raises:
-            BadInputError: as :meth:`of`, or a condition is missing.
-            NoSolutionError: a command has no answer.
+        Commands are by the line of their table ``poses``, if they are from one.
         """
         import numpy as np
 
@@ -179,6 +162,19 @@ def at_line(path: Path | None, line: int) -> Iterator[None]:
         raise PathPoseError(path, line, error) from error
 
 
+def each(
+    commands: Mapping[int, Command], robots: Iterable[Robot], path: Path | None, stage: str, find: Callable[..., Found]
+) -> list[Found]:
+    """Return what is found for each command and the robot at it; an error names the line of their table."""
+    found: list[Found] = []
+    with progress.stage_bars() as show:
+        for (line, command), robot in zip(commands.items(), robots, strict=True):
+            with at_line(path, line):
+                found.append(find(command, robot))
+            show(stage, len(found), len(commands))
+    return found
+
+
 @dataclass(frozen=True)
 class Melt:
     """How warm it is."""
@@ -188,25 +184,15 @@ class Melt:
     steady: options.Steady = False
     after_min: options.AfterMin = None
 
-    @property
-    def left_out(self) -> bool:
-        """Whether the heat that a model file tells of is left out."""
-        return False
-
     def of(self, robot: Robot) -> HeatSection | None:
-        """Return how warm this robot is, over what its model file says; None: cold.
-
-        Raises:
-            BadInputError: options contradict each other, a value is impossible, or no melt warms this robot.
-        """
+        """Return how warm this robot is, over what its model file says; None: cold."""
         from pouring_robot.robot.heat_section import HeatSection
 
         if self.steady and self.after_min is not None:
             raise BadInputError("give --steady or --after-min, not both")
-        values: dict[str, Any] = {"melt_degC": self.melt_degC, "ambient_degC": self.ambient_degC}
-        values["after_min"] = self.after_min
-        given = {name: value for name, value in values.items() if value is not None}
-        if self.left_out:
+        names = ("melt_degC", "ambient_degC", "after_min")
+        given: dict[str, Any] = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        if isinstance(self, Heat) and self.cold:
             if given or self.steady:
                 raise BadInputError("--cold leaves heat out; give it alone, or leave it out")
             return None
@@ -224,11 +210,6 @@ class Heat(Melt):
 
     cold: options.Cold = False
 
-    @property
-    def left_out(self) -> bool:
-        """Whether the heat that a model file tells of is left out."""
-        return self.cold
-
 
 @dataclass(frozen=True)
 class Drawing:
@@ -242,9 +223,17 @@ class Drawing:
     def write(self, locations: list[Location], model: RobotModel, *, warm: bool) -> list[Path]:
         """Write what was asked for, and return the files."""
         from pouring_robot.cli.shared import locations as places
+        from pouring_robot.robot.export.joints import JointRow
 
         written = places.write_drawings(locations, self.html, self.png, self.exaggerate, warm=warm)
-        return written + places.write_joints(locations, model, self.joints)
+        offsets = model.drive_offset_values()
+        return written + self.write_joints(lambda: [JointRow.of(one.actual, offsets) for one in locations])
+
+    def write_joints(self, rows: Callable[[], Sequence[JointRow]]) -> list[Path]:
+        """Write the joint values of the robot as built, for the exported tree, if they were asked for."""
+        from pouring_robot.robot.export.joints import joints_text
+
+        return options.written(self.joints, lambda: joints_text(rows(), self.joints or Path()))
 
 
 def group_of(about: str, commands: Iterable[Callable[..., None]]) -> typer.Typer:

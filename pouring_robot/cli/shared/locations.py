@@ -10,13 +10,10 @@ from rich.table import Table
 from pouring_robot.cli.shared.options import print_notes
 from pouring_robot.cli.shared.tables import plain_table
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.io.files import write_whole
 from pouring_robot.mechanism.jacobians import AxisWeakness, Dexterity
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.robot.export.joints import JointRow, joints_text
 from pouring_robot.robot.location import LadleLocation, Location, drive_words
 from pouring_robot.robot.location_figures import decimals, rotation_deg
-from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import Robot
 
 
@@ -39,15 +36,11 @@ def location_table(location: Location) -> Table:
             ["", "error", *_cells(translation, sign=True), *_cells(rotation, sign=True)],
         ]
     head = ("frame", "", "x", "y", "z", "rx", "ry", "rz")
-    table = plain_table(head, rows, (0, 1), title=f"{_seen_from(location)}: mm, deg; errors: mm, mrad")
+    seen = "the fixed platform" if isinstance(location, LadleLocation) else location.loops.base_frame
+    table = plain_table(head, rows, (0, 1), title=f"in {seen}'s frame: mm, deg; errors: mm, mrad")
     for row in table.rows[2::3]:
         row.style = "bold"
     return table
-
-
-def _seen_from(location: Location) -> str:
-    seen = "the fixed platform" if isinstance(location, LadleLocation) else location.loops.base_frame
-    return f"in {seen}'s frame"
 
 
 def drives_line(location: Location) -> str:
@@ -74,8 +67,21 @@ def print_closure_note(
     console: Console, location: Location, dexterity: Dexterity, weakness: AxisWeakness | None, notes: Sequence[str]
 ) -> None:
     """Say what the closure found besides the pose: fit of the parts, rank, load, reach, sideways weakness."""
+    nominal, actual = location.nominal, location.actual
     if location.loops.loops:
-        _print_loops(console, location)
+        console.print(
+            f"closure: rank {nominal.rank} nominal, {actual.rank} as built; left open {actual.gap_m * 1e6:.3f} µm and "
+            f"{actual.gap_rad / MRAD:.3f} mrad after {actual.iterations} iterations"
+        )
+        if actual.rank > nominal.rank:
+            console.print(
+                f"  the chains over-constrain the platform: {actual.rank - nominal.rank} equations more than rigid "
+                "parts could meet, so the joints are forced by what is left open"
+            )
+        console.print(
+            f"internal load: up to {actual.internal_force_n:.1f} N and {actual.internal_torque_nm:.1f} Nm in a chain "
+            "(by the assumed joint stiffness)"
+        )
     if weakness is not None:
         console.print(
             f"sideways: {weakness.m_per_rad:.1f} mm at the lip per mrad of axis tilt, at the worst axis "
@@ -87,8 +93,7 @@ def print_closure_note(
         limits = f"reach: '{limiting.joint}' limits, {limiting.relative_margin:.0%} of its range left"
     console.print(
         f"{limits}; condition {dexterity.condition:.1f}, {dexterity.distance:.3f} from a {dexterity.singularity} "
-        "singularity",
-        markup=False,
+        "singularity"
     )
     print_notes(console, notes)
     if isinstance(location, LadleLocation) and not location.in_workspace:
@@ -99,53 +104,10 @@ def print_closure_note(
         console.print(f"note: the pose is outside the workspace box: {', '.join(beyond)}")
 
 
-def _print_loops(console: Console, location: Location) -> None:
-    nominal, actual = location.nominal, location.actual
-    console.print(
-        f"closure: rank {nominal.rank} nominal, {actual.rank} as built; left open {actual.gap_m * 1e6:.3f} µm and "
-        f"{actual.gap_rad / MRAD:.3f} mrad after {actual.iterations} iterations"
-    )
-    if actual.rank > nominal.rank:
-        console.print(
-            f"  the chains over-constrain the platform: {actual.rank - nominal.rank} equations more than rigid parts "
-            "could meet, so the joints are forced by what is left open"
-        )
-    console.print(
-        f"internal load: up to {actual.internal_force_n:.1f} N and {actual.internal_torque_nm:.1f} Nm in a chain "
-        "(by the assumed joint stiffness)"
-    )
-
-
-def write_joints(locations: Sequence[Location], model: RobotModel, file: Path | None) -> list[Path]:
-    """Write the joint values of the robot as built, for the exported tree, and return what was written.
-
-    Raises:
-        BadInputError: the file's name ends in neither .csv nor .json.
-        OutputError: it cannot be written.
-    """
-    offsets = model.drive_offset_values()
-    return write_joint_rows([JointRow.of(one.actual, offsets) for one in locations] if file else [], file)
-
-
-def write_joint_rows(rows: Sequence[JointRow], file: Path | None) -> list[Path]:
-    """Write a table of joint values and return what was written."""
-    return [write_whole(file, joints_text(rows, file))] if file else []
-
-
 def write_drawings(
-    locations: Sequence[Location],
-    html: Path | None,
-    png: Path | None,
-    exaggerate: float | None,
-    *,
-    warm: bool = False,
+    locations: Sequence[Location], html: Path | None, png: Path | None, exaggerate: float | None, *, warm: bool = False
 ) -> list[Path]:
-    """Write the page and the picture that were asked for, and return what was written.
-
-    Raises:
-        BadInputError: the exaggeration factor is not positive, or given without a drawing.
-        OutputError: a file cannot be written.
-    """
+    """Write the page and the picture that were asked for, and return what was written."""
     if not (html or png):
         if exaggerate is not None:
             raise BadInputError("--exaggerate enlarges the errors of a drawing; ask for one with --html or --png")

@@ -92,9 +92,7 @@ def argument(metavar: str, help: str) -> Any:
 def results_folder(*files: str, what: str = "") -> Any:
     """Return the option ``--out`` of a folder to write files into; those that are there are only so replaced.
 
-    Args:
-        files: their names, as far as they are known before the work.
-        what: more that is written, in words.
+    ``files`` are known before the work; ``what`` more is written, in words.
     """
 
     def fresh(folder: Path | None) -> Path | None:
@@ -116,11 +114,7 @@ def is_output(annotation: Any) -> bool:
 
 
 def refuse_present(files: Iterable[Path]) -> None:
-    """Find out before the work whether the outputs can be written, and replace nothing without ``--overwrite``.
-
-    Raises:
-        OutputError: one of the places cannot be written to or is taken, or two outputs have the same place.
-    """
+    """Find out before the work whether the outputs can be written, and replace nothing without ``--overwrite``."""
     from pouring_robot.io.files import check_outputs
 
     check_outputs(list(files), overwrite=_OVERWRITE.get())
@@ -179,11 +173,7 @@ Quiet = Annotated[
 
 
 def with_melt(robot: Robot) -> PouringRobot:
-    """Return a robot whose melt warms it.
-
-    Raises:
-        BadInputError: it is another than the pouring robot.
-    """
+    """Return a robot whose melt warms it, and refuse any other than the pouring robot."""
     from pouring_robot.robot.pouring_robot import PouringRobot
 
     if isinstance(robot, PouringRobot):
@@ -196,11 +186,7 @@ def with_melt(robot: Robot) -> PouringRobot:
 
 
 def refuse_conditional(robot: Robot, option: str) -> None:
-    """Refuse an option that takes one robot for all poses, where effects depend on conditions.
-
-    Raises:
-        BadInputError: the model has such effects.
-    """
+    """Refuse an option that takes one robot for all poses, where effects depend on conditions."""
     if robot.model.conditional:
         effects = ", ".join(robot.model.conditional)
         raise BadInputError(
@@ -209,11 +195,7 @@ def refuse_conditional(robot: Robot, option: str) -> None:
 
 
 def model_of(model: Path | None, robot: Path | None, layout: str | None = None) -> RobotModel:
-    """Return the model of a model file, or the drawing of a robot file or of a layout.
-
-    Raises:
-        BadInputError: more than one is given, or a file is wrong.
-    """
+    """Return the model of a model file, or the drawing of a robot file or of a layout."""
     from pouring_robot.robot.model import RobotModel
 
     given = [name for name, value in (("--model", model), ("--robot", robot), ("--layout", layout)) if value]
@@ -225,10 +207,7 @@ def model_of(model: Path | None, robot: Path | None, layout: str | None = None) 
 
 
 def say_left_out(model: RobotModel, file: Path | str | None, *, warm: bool = False, under: bool = False) -> None:
-    """Say on standard error what a command leaves out of a model: heat, and effects that depend on conditions.
-
-    A drawing (no file) has neither.
-    """
+    """Say on standard error what a command leaves out of a model file: heat, and effects that depend on conditions."""
     for line in () if _QUIET.get() else model.left_out("this command", str(file), warm=warm, under=under):
         print(f"note: {line}", file=sys.stderr)
 
@@ -244,6 +223,13 @@ def print_figures(figures: Mapping[str, Any], written: Iterable[Path] = ()) -> N
     print_json({**figures, "written": [str(path) for path in written]})
 
 
+def written(path: Path | None, text: Callable[[], str]) -> list[Path]:
+    """Write a file that was asked for, if one was, and return it."""
+    from pouring_robot.io.files import write_whole
+
+    return [] if path is None else [write_whole(path, text())]
+
+
 def is_quiet() -> bool:
     """Return whether nothing but errors and JSON is to be printed."""
     return _QUIET.get()
@@ -254,23 +240,23 @@ def console() -> Console:
     from rich.console import Console
 
     # A figure must never be cut: on a narrow terminal long rows wrap instead.
-    return Console(width=max(Console().width, 120), highlight=False, soft_wrap=False, quiet=_QUIET.get())
+    return Console(width=max(Console().width, 120), markup=False, highlight=False, quiet=_QUIET.get())
 
 
 def print_notes(console: Console, notes: Iterable[str]) -> None:
     """Print notes, one line each."""
     for note in notes:
-        console.print(f"note: {note}", markup=False)
+        console.print(f"note: {note}")
 
 
 def print_written(console: Console, written: Iterable[Path]) -> None:
     """Say which files were written, one line each."""
     for path in written:
-        console.print(f"wrote {path}", markup=False)
+        console.print(f"wrote {path}")
 
 
 def print_indented(console: Console, line: str, by: int = 2) -> None:
     """Print a line indented, and as far as it wraps too."""
     space = " " * by
     folded = textwrap.fill(line, console.width, initial_indent=space, subsequent_indent=space, break_on_hyphens=False)
-    console.print(folded, markup=False)
+    console.print(folded)

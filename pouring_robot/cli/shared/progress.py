@@ -19,11 +19,7 @@ _WIDEST = 60
 def time_left(done: float, total: float | None, elapsed_s: float, since_s: float) -> str:
     """Return how long it may take yet, counted down between steps too; nothing before the first step.
 
-    Args:
-        done: steps done.
-        total: steps in all; None if they cannot be counted.
-        elapsed_s: since the start.
-        since_s: since the last step was done.
+    ``total`` is None if steps cannot be counted; ``since_s`` is the time since the last one was done.
     """
     if not done or not total or done >= total:
         return ""
@@ -35,12 +31,7 @@ def time_left(done: float, total: float | None, elapsed_s: float, since_s: float
 def stage_bars(*, ticking: bool = True) -> Iterator[Progress]:
     """Show a bar a stage with the time gone and left, and take them away at the end.
 
-    Args:
-        ticking: whether the time goes on between steps, by a thread of its own.
-
-    Yields:
-        A function that is told the name of a stage, the number of its steps done and their number in all, 0 if nobody
-        can say.
+    Yields what is told of each step; with ``ticking`` the time goes on between steps, by a thread of its own.
     """
     from rich import progress
     from rich.console import Console

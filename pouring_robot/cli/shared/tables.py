@@ -24,14 +24,10 @@ def plain_table(
     title: str | None = None,
     wrap: bool = False,
 ) -> Table:
-    """Return a table of plain texts without a frame.
+    """Return a table of plain texts without a frame; cells at the end of a row may be left out.
 
-    Args:
-        head: headings.
-        rows: one text a column; cells at the end may be left out.
-        left: columns set to the left; the others, figures, to the right.
-        title: above it.
-        wrap: whether long cells may go on in the next line.
+    Columns in ``left`` are set to the left, the others, figures, to the right; ``wrap`` lets long cells go on in the
+    next line.
     """
     from rich.table import Table
 
@@ -49,7 +45,7 @@ def print_blocks(console: Console, blocks: Iterable[Block]) -> None:
 
     for block in blocks:
         if isinstance(block, Heading | Paragraph):
-            console.print(block.text, style="bold" if isinstance(block, Heading) else "", markup=False)
+            console.print(block.text, style="bold" if isinstance(block, Heading) else "")
         elif isinstance(block, Table):
             console.print(plain_table(block.head, block.rows, block.left))
         elif isinstance(block, Lines):
@@ -58,14 +54,9 @@ def print_blocks(console: Console, blocks: Iterable[Block]) -> None:
 
 
 def few_rows(head: Sequence[str], rows: Sequence[Sequence[str]], where: str) -> str:
-    """Return a table of figures as text, all set to the right, and of a long one its beginning.
+    """Return a table of figures as text, all set to the right; of a long one its beginning, and where the others are.
 
     Text and no rich table: that would take twice as long to set as thousands of poses take to close.
-
-    Args:
-        head: headings.
-        rows: one text a column.
-        where: the others are, in words.
     """
     shown = [head, *rows[: _MOST_ROWS if len(rows) > _MOST_ROWS else None]]
     widths = [max(map(len, column)) for column in zip(*shown, strict=True)]
