@@ -42,9 +42,10 @@ def _matrix(row: FloatArray) -> FloatArray:
 
 def _turned(structure: StarStructure, chain: int, site: int, errors: FloatArray) -> FloatArray:
     """Return displacements (n, 6) of a site as matrices, in the axes of the structure, whose joints move along z."""
-    per_chain = structure.joint_count + 1
-    at = site if site < len(structure.joint_names[chain]) else structure.joint_count
-    axes = structure.site_axes[chain * per_chain + at]
+    joint_count = structure.star.revolute.shape[1]
+    per_chain = joint_count + 1
+    at = site if site < len(structure.joint_names[chain]) else joint_count
+    axes = structure.star.site_axes[chain * per_chain + at].reshape(3, 3)
     return homogeneous(np.concatenate([errors[:, :3] @ axes, errors[:, 3:] @ axes], axis=1))
 
 

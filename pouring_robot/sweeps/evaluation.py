@@ -59,7 +59,7 @@ class OpenBranch:
             placement_errors: of the joints that the error map names, shape (robots, joints, 6), in m and rad.
             drive_errors: shape (robots, drives), in m and rad.
         """
-        chains, joints = self._structure.chain_count, self._structure.joint_count
+        chains, joints = self._structure.star.revolute.shape
         errors = placement_errors.reshape(len(placement_errors), chains, joints + 1, 6)
         beside = np.zeros((len(errors), chains, joints))
         for drive, place in enumerate(self._drives):

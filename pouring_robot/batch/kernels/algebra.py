@@ -64,6 +64,30 @@ def sine_cosine(angle: float) -> tuple[float, float]:
 
 
 @compiled
+def plus(a: Triple, b: Triple) -> Triple:
+    """Return a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@compiled
+def minus(a: Triple, b: Triple) -> Triple:
+    """Return a - b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@compiled
+def scaled(s: float, a: Triple) -> Triple:
+    """Return s a."""
+    return s * a[0], s * a[1], s * a[2]
+
+
+@compiled
+def combined(a: Triple, s: float, b: Triple, t: float, c: Triple) -> Triple:
+    """Return a + s b + t c."""
+    return a[0] + s * b[0] + t * c[0], a[1] + s * b[1] + t * c[1], a[2] + s * b[2] + t * c[2]
+
+
+@compiled
 def cross(a: Triple, b: Triple) -> Triple:
     """Return a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
@@ -183,17 +207,7 @@ def residual_wrench(v: Triple, w: Triple, kt: float, kr: float) -> tuple[Triple,
     wv = cross(w, v)
     u, q = cross(w, wv), cross(v, wv)
     k = 2.0 * c1 * dot(w, v)
-    force = (
-        kt * (v[0] - 0.5 * wv[0] + c * u[0]),
-        kt * (v[1] - 0.5 * wv[1] + c * u[1]),
-        kt * (v[2] - 0.5 * wv[2] + c * u[2]),
-    )
-    torque = (
-        kr * w[0] + kt * (c * q[0] + k * u[0]),
-        kr * w[1] + kt * (c * q[1] + k * u[1]),
-        kr * w[2] + kt * (c * q[2] + k * u[2]),
-    )
-    return force, torque
+    return scaled(kt, combined(v, -0.5, wv, c, u)), combined(scaled(kr, w), kt * c, q, kt * k, u)
 
 
 @compiled

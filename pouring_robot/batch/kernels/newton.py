@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-from pouring_robot.batch.kernels.algebra import cross
+from pouring_robot.batch.kernels.algebra import cross, dot, minus
 from pouring_robot.batch.kernels.compiler import compiled
 from pouring_robot.batch.kernels.hessian import factorise, solve_platform
-from pouring_robot.batch.kernels.loops import FORCE, ORIGIN_B, TORQUE, triple_at
-from pouring_robot.batch.kernels.workspace import Room, evaluate_room, keep_state, move, step_back
+from pouring_robot.batch.kernels.loops import evaluate, joint_twist, keep_state, move, step_back, three
+from pouring_robot.batch.kernels.workspace import FORCE, ORIGIN_B, TORQUE, Room
 from pouring_robot.batch.structure import Star
 from pouring_robot.mechanism.arrays import FloatArray
 
@@ -37,7 +37,7 @@ def close_one(star: Star, room: Room, options: FloatArray, max_iterations: int) 
     first, stale, exact, factored, reused, to_floor = True, True, False, False, False, False
     for iteration in range(1, max_iterations + 1):
         if stale:
-            trial, residual = evaluate_room(star, room)
+            trial, residual = evaluate(star, room)
             if first:
                 energy, largest, first = trial, residual, False
             stale = False
@@ -54,7 +54,7 @@ def close_one(star: Star, room: Room, options: FloatArray, max_iterations: int) 
                 length = step
                 keep_state(room)
             move(star, room, 1.0 if to_floor else scale)
-            trial, residual = evaluate_room(star, room)
+            trial, residual = evaluate(star, room)
             # Round-off of the energy: near the minimum it may rise by a few last digits.
             accepted = trial <= energy * (1.0 + 1e-12) + 1e-18
         short = length < step_tolerance and scale == 1.0 and not to_floor
@@ -91,27 +91,17 @@ def solve_step(star: Star, room: Room) -> float:
     for c in range(6):
         step[c] = 0.0
     for i in range(star.revolute.shape[0]):
-        force, torque = triple_at(room.gaps, i, FORCE), triple_at(room.gaps, i, TORQUE)
-        bx, by, bz = triple_at(room.gaps, i, ORIGIN_B)
-        moment = cross((bx - room.platform[9], by - room.platform[10], bz - room.platform[11]), force)
+        force, torque = three(room.gaps[i], FORCE), three(room.gaps[i], TORQUE)
+        b = three(room.gaps[i], ORIGIN_B)
+        moment = cross(minus(b, three(room.platform, 9)), force)
         for c in range(3):
             step[c] -= force[c]
             step[3 + c] -= torque[c] + moment[c]
         for n in range(places):
-            k = star.passive[i, n]
             downhill = 0.0
-            if k >= 0:
-                axis = (room.frames[i, k, 0], room.frames[i, k, 1], room.frames[i, k, 2])
-                if star.revolute[i, k]:
-                    arm = (bx - room.frames[i, k, 3], by - room.frames[i, k, 4], bz - room.frames[i, k, 5])
-                    lever = cross(arm, force)
-                    downhill = (
-                        axis[0] * (torque[0] + lever[0])
-                        + axis[1] * (torque[1] + lever[1])
-                        + axis[2] * (torque[2] + lever[2])
-                    )
-                else:
-                    downhill = axis[0] * force[0] + axis[1] * force[1] + axis[2] * force[2]
+            if star.passive[i, n] >= 0:
+                linear, angular = joint_twist(star, room, i, star.passive[i, n], b)
+                downhill = dot(linear, force) + dot(angular, torque)
             for m in range(n):
                 downhill -= room.factor[i, n * places + m] * room.joint_step[i, m]
             room.joint_step[i, n] = downhill

@@ -6,111 +6,75 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pouring_robot.batch.kernels.compiler import compiled
-from pouring_robot.batch.kernels.loops import GAPS_WIDTH, evaluate, move_platform
-from pouring_robot.batch.structure import Star
+from pouring_robot.batch.structure import ByteArray, CountArray, IntArray, Star
 from pouring_robot.mechanism.arrays import FloatArray
+
+# Where things stand in a row of ``gaps``. All vectors are in base axes; the residual's parts v and w are those of log6
+# turned from frame b into base axes.
+ORIGIN_B = 0  # origin of frame b
+GAP = 3  # origin of b minus origin of a
+TURN = 6  # w
+SHIFT = 9  # v
+FORCE = 12
+TORQUE = 15  # about the origin of b
+AXES_A = 18  # rotation of frame a
+_GAPS_WIDTH = 27
 
 
 class Room(NamedTuple):
-    """Working arrays of one thread; see :mod:`pouring_robot.batch.kernels.loops` for the first ones.
+    """Working arrays of one thread, for C chains of J joints with P passive places."""
 
-    Attributes:
-        joints: joint values, m or rad, (C J,); ``before`` the ones before the step.
-        platform: (12,); ``platform_before`` the one before the step.
-        columns: joint twists of the passive places about the chain's reference point, (C, 6 P).
-        stiff: W times the columns, (C, 6 P).
-        factor: unit lower triangle and inverse diagonal of each chain's L D L^T, (C, P P).
-        coupling: L^-1 times the chain's coupling to the platform, about the platform's origin, (C, 6 P).
-        schur: Cholesky factor of the platform's Schur complement, lower triangle with inverse diagonal, (36,).
-        step: of the platform, (6,); ``joint_step`` of the passive places, (C, P).
-        matrix: W of one chain, (36,).
-        blocks: (6, 9).
-    """
+    sites: FloatArray  # present placements, as in ``Star``, (C, J + 2, 12)
+    joints: FloatArray  # values chain by chain, m or rad, (C J,)
+    circle: FloatArray  # their sines, then their cosines, (2 C J,)
+    before: FloatArray  # joints before the step, (C J,)
+    platform: FloatArray  # rotation and position of the end frame in the base frame, (12,)
+    platform_before: FloatArray  # before the step, (12,)
+    frames: FloatArray  # z axis (the joint's own), origin and x axis of each joint's placement, in base axes, (C, J, 9)
+    gaps: FloatArray  # what ``evaluate`` finds about each loop, by the offsets above, (C, 27)
+    columns: FloatArray  # joint twists of the passive places about the chain's reference point, (C, 6 P)
+    stiff: FloatArray  # W times the columns, (C, 6 P)
+    factor: FloatArray  # unit lower triangle and inverse diagonal of each chain's L D L^T, (C, P P)
+    coupling: FloatArray  # L^-1 times the chain's coupling to the platform, about the platform's origin, (C, 6 P)
+    schur: FloatArray  # Cholesky factor of the platform's Schur complement, lower, with inverse diagonal, (36,)
+    step: FloatArray  # of the platform, (6,)
+    joint_step: FloatArray  # of the passive places, (C, P)
+    matrix: FloatArray  # W of one chain, (36,)
+    blocks: FloatArray  # (6, 9)
+    # Of G, whose letters are those of ``transfer``:
+    unit: FloatArray  # u, one row of six an output, (36,)
+    multipliers: FloatArray  # lambda of the present chain, P an output, (6 P,)
+    front: FloatArray  # the matrix in front of J, column by column, (36,)
+    through: FloatArray  # ``E + L``, one row of six an output, (36,)
+    answer: FloatArray  # ``front J`` of the present site, column by column, (36,)
 
-    sites: FloatArray
+
+class Samples(NamedTuple):
+    """Where n samples start, as in ``BatchStart``, and their errors, as in ``SiteErrors``."""
+
+    position: FloatArray
+    rotation: FloatArray
     joints: FloatArray
-    circle: FloatArray
-    before: FloatArray
-    platform: FloatArray
-    platform_before: FloatArray
-    frames: FloatArray
-    gaps: FloatArray
-    columns: FloatArray
-    stiff: FloatArray
-    factor: FloatArray
-    coupling: FloatArray
-    schur: FloatArray
-    step: FloatArray
-    joint_step: FloatArray
-    matrix: FloatArray
-    blocks: FloatArray
+    errors: FloatArray
+    site: IntArray
+
+
+class Closures(NamedTuple):
+    """What is written of n samples, as in ``BatchClosure``."""
+
+    position: FloatArray
+    rotation: FloatArray
+    joints: FloatArray
+    residual: FloatArray
+    iterations: CountArray
+    status: ByteArray
 
 
 def make_room(star: Star) -> Room:
     """Return working arrays for a star; its sites are those without errors."""
     chains, joints = star.revolute.shape
     places = len(star.passive_count)
-    return Room(
-        star.placements.copy(),
-        np.zeros(chains * joints),
-        np.zeros(2 * chains * joints),
-        np.zeros(chains * joints),
-        np.zeros(12),
-        np.zeros(12),
-        np.zeros((chains, joints, 9)),
-        np.zeros((chains, GAPS_WIDTH)),
-        np.zeros((chains, 6 * places)),
-        np.zeros((chains, 6 * places)),
-        np.zeros((chains, places * places)),
-        np.zeros((chains, 6 * places)),
-        np.zeros(36),
-        np.zeros(6),
-        np.zeros((chains, places)),
-        np.zeros(36),
-        np.zeros((6, 9)),
-    )
-
-
-@compiled
-def evaluate_room(star: Star, room: Room) -> tuple[float, float]:
-    """Evaluate the present state; see :func:`~pouring_robot.batch.kernels.loops.evaluate`."""
-    return evaluate(
-        room.sites,
-        star.revolute,
-        star.stiffness,
-        room.joints,
-        room.circle,
-        room.platform,
-        room.frames,
-        room.gaps,
-    )
-
-
-@compiled
-def keep_state(room: Room) -> None:
-    """Keep the present state, to step back to."""
-    for c in range(12):
-        room.platform_before[c] = room.platform[c]
-    for at in range(room.joints.size):
-        room.before[at] = room.joints[at]
-
-
-@compiled
-def move(star: Star, room: Room, scale: float) -> None:
-    """Move by a share of the step."""
-    move_platform(room.platform, room.step, scale)
-    joints = star.revolute.shape[1]
-    for i in range(star.revolute.shape[0]):
-        for n in range(len(star.passive_count)):
-            if star.passive[i, n] >= 0:
-                room.joints[i * joints + star.passive[i, n]] += scale * room.joint_step[i, n]
-
-
-@compiled
-def step_back(room: Room) -> None:
-    """Return to the state before the step."""
-    for c in range(12):
-        room.platform[c] = room.platform_before[c]
-    for at in range(room.joints.size):
-        room.joints[at] = room.before[at]
+    count, six = chains * joints, (chains, 6 * places)
+    shapes = (count, 2 * count, count, 12, 12, (chains, joints, 9), (chains, _GAPS_WIDTH), six, six)
+    more = ((chains, places * places), six, 36, 6, (chains, places), 36, (6, 9), 36, 6 * places, 36, 36, 36)
+    return Room(star.placements.copy(), *(np.zeros(shape) for shape in (*shapes, *more)))
