@@ -153,10 +153,7 @@ class CompiledEngine(Engine):
     ) -> BatchTransfer:
         """Return G of open branches: each column moves the platform as its own chain alone would carry it.
 
-        Args:
-            joints: joint values, held, in m and rad, shape (n, chains, joints).
-            parameters: as in :meth:`transfer`.
-            errors: the placement errors of the samples.
+        Joints (n, chains, joints), in m and rad, are held; parameters and errors as in :meth:`transfer`.
 
         Raises:
             UnknownJointError: a parameter names a joint that is in no chain.

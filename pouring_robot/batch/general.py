@@ -31,11 +31,7 @@ class GeneralStructure(Structure):
 
 
 class GeneralEngine(Engine):
-    """Closes any mechanism for many samples, one after the other.
-
-    Args:
-        mechanism: the mechanism; samples may displace its joints further.
-        options: when a closure counts as found.
+    """Closes any mechanism, whose joints samples may displace further, for many samples, one after the other.
 
     Raises:
         BadInputError: the mechanism names no end frame.

@@ -94,11 +94,7 @@ class SiteErrors:
 
     @classmethod
     def one_each(cls, site: IntArray, error: FloatArray) -> SiteErrors:
-        """Displace one site a sample, for one-at-a-time studies.
-
-        Args:
-            site: number of the site, see :meth:`~pouring_robot.batch.structure.Structure.site`, shape (n,).
-            error: translation in m and rotation vector in rad, shape (n, 6).
+        """Displace one site a sample (n,) by its error (n, 6), m and rad, for one-at-a-time studies.
 
         Raises:
             BadInputError: the shapes do not fit.

@@ -28,9 +28,7 @@ _AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 def change_joints(urdf: str, kinds: Mapping[str, str]) -> str:
     """Return the URDF with joints of other kinds; spherical ones, which URDF does not know, turn about one axis yet.
 
-    Args:
-        urdf: the URDF's text.
-        kinds: a :data:`JointKind`, or ``floating``, by joint.
+    Kinds are :data:`JointKind` or ``floating``, by joint.
 
     Raises:
         UnknownJointError: the URDF has no such joint.
@@ -90,19 +88,12 @@ def make_spherical(model: pin.Model, names: set[str]) -> pin.Model:
 
 @dataclass(frozen=True)
 class Mimic:
-    """A joint that follows another: its value is ``ratio`` times the leader's plus ``offset`` (m or rad).
+    """A joint that follows another: its value is ``ratio`` times the leader's plus ``offset`` (m or rad)."""
 
-    Attributes:
-        joint: the follower.
-        leader: what it follows, itself free to move.
-        ratio: of the two values.
-        offset: in m or rad.
-    """
-
-    joint: str
-    leader: str
-    ratio: float
-    offset: float
+    joint: str  # the follower
+    leader: str  # what it follows, itself free to move
+    ratio: float  # of the two values
+    offset: float  # in m or rad
 
 
 def read_mimics(urdf: str) -> tuple[Mimic, ...]:

@@ -70,15 +70,10 @@ def pose_figures(pose: pin.SE3) -> dict[str, list[float]]:
 
 @dataclass(frozen=True)
 class PlacementError:
-    """How far a joint is from where it should be, both parts in the joint's nominal frame.
+    """How far a joint is from where it should be, both parts in the joint's nominal frame."""
 
-    Attributes:
-        translation_m: shift of the joint's origin, m.
-        rotation_rad: rotation vector (axis times angle), rad.
-    """
-
-    translation_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    rotation_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    translation_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # shift of the joint's origin, m
+    rotation_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)  # rotation vector (axis times angle), rad
 
     def __post_init__(self) -> None:
         """Refuse what is not three finite numbers each.

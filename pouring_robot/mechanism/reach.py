@@ -9,21 +9,13 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 
 @dataclass(frozen=True)
 class JointReach:
-    """How one joint stands within its limits at a pose.
+    """How one joint stands within its limits at a pose."""
 
-    Attributes:
-        joint: its name.
-        unit: ``m`` or ``rad``, of the three values.
-        value: where it stands.
-        lower: lower limit.
-        upper: upper limit.
-    """
-
-    joint: str
-    unit: Literal["m", "rad"]
-    value: float
-    lower: float
-    upper: float
+    joint: str  # its name
+    unit: Literal["m", "rad"]  # ``m`` or ``rad``, of the three values
+    value: float  # where it stands
+    lower: float  # lower limit
+    upper: float  # upper limit
 
     @property
     def margin(self) -> float:

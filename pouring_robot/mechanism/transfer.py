@@ -50,20 +50,14 @@ _IDLE = 1e-7
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TransferMatrix(Result):
-    """G with its labels.
+    """G with its labels."""
 
-    Attributes:
-        frame: the observed frame.
-        parameters: one a column.
-        matrix: shape (6, n): displacement of the frame's origin in m, rotation vector in rad, in base axes, per unit
-            of each parameter.
-        joints: velocity of every joint column per unit of each parameter, shape (nv, n).
-    """
-
-    frame: str
-    parameters: tuple[LocalParameter, ...]
+    frame: str  # the observed frame
+    parameters: tuple[LocalParameter, ...]  # one a column
+    # shape (6, n): displacement of the frame's origin in m, rotation vector in rad, in base axes, per unit of each
+    # parameter
     matrix: FloatArray
-    joints: FloatArray
+    joints: FloatArray  # velocity of every joint column per unit of each parameter, shape (nv, n)
 
     def __post_init__(self) -> None:
         lock_fields(self, "matrix", "joints")
@@ -160,14 +154,9 @@ class _Observer:
 
     def joint_twists(self) -> FloatArray:
         """Return the frame's twist against the base per joint velocity; (6, nv)."""
-        columns = np.zeros((6, self._model.nv))
-        for frame, sign in ((self.frame, 1.0), (self.base, -1.0)):
-            joint = self._model.frames[self.mechanism.frame_id(frame)].parentJoint
-            for support in list(self._model.supports[joint])[1:]:
-                first = self._model.idx_vs[support]
-                block = slice(first, first + self._model.nvs[support])
-                columns[:, block] += sign * self.data.J[:, block]
-        return self.from_world(columns)
+        ids = (self.mechanism.frame_id(name) for name in (self.frame, self.base))
+        tip, base = (pin.getFrameJacobian(self._model, self.data, k, pin.WORLD) for k in ids)
+        return self.from_world(tip - base)
 
     def direct_twists(self, parameters: Sequence[LocalParameter], placed: PlacedTwists) -> FloatArray:
         """Return the frame's twist per parameter with all joints held; (6, n)."""

@@ -66,15 +66,10 @@ class JointPlacement(StrictModel):
 
 
 class DriveOffset(StrictModel):
-    """By how much a drive stands beyond its command: one of the two, as the drive is a length or an angle.
+    """By how much a drive stands beyond its command: one of the two, as the drive is a length or an angle."""
 
-    Attributes:
-        offset_mm: of a leg.
-        offset_mrad: of the tilt drive.
-    """
-
-    offset_mm: float | None = None
-    offset_mrad: float | None = None
+    offset_mm: float | None = None  # of a leg
+    offset_mrad: float | None = None  # of the tilt drive
 
     @pydantic.model_validator(mode="after")
     def _one(self) -> DriveOffset:
@@ -288,12 +283,7 @@ class RobotModel(StrictModel):
         return {drive: offset.to_si() for drive, offset in self.drive_offsets.items()}
 
     def displaced(self, placements: Mapping[str, pin.SE3], drives: Mapping[str, float]) -> RobotModel:
-        """Return the robot with joints displaced further and drives standing further beyond their commands.
-
-        Args:
-            placements: the pose of the new placement in the present one, by joint.
-            drives: what is added to offsets, in m and rad, by joint.
-        """
+        """Return the robot with joints displaced further, by poses in their present placements, and drives (m, rad)."""
         joints = dict(self.joint_placements)
         for joint, moved in placements.items():
             joints[joint] = JointPlacement.from_se3(joints[joint].to_se3() * moved if joint in joints else moved)

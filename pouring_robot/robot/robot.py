@@ -94,10 +94,7 @@ class Robot:
         return cls(as_it_stands(model, f"{cls.__name__}.load"))
 
     def built_as(self, model: RobotModel) -> Self:
-        """Return the same drawing built with the geometric errors of another model; the drawing's side is shared.
-
-        Args:
-            model: of the same robot or layout; only its joint placements and drive offsets count.
+        """Return the same drawing, which is shared, with the joint placements and drive offsets of another model of it.
 
         Raises:
             BadInputError: it names a joint or drive that the robot does not have.

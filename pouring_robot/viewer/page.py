@@ -12,16 +12,9 @@ from pouring_robot.viewer.scene import Scene, legend
 
 
 def write_html(scene: Scene, path: Path | str) -> Path:
-    """Write a scene as a self-contained meshcat page, with a time bar where it has several steps.
+    """Write a scene as a self-contained meshcat page, with a time bar where it has several steps; whole or not at all.
 
     The viewer's script takes 0.9 MB of it, the robot about 1 MB, and each hundred steps some 0.2 MB.
-
-    Args:
-        scene: what to show.
-        path: the file; written whole or not at all.
-
-    Returns:
-        The path.
 
     Raises:
         OutputError: the file cannot be written.

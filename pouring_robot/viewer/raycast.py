@@ -24,19 +24,12 @@ _GOLDEN_SECTION = 0.618033988749895
 
 @dataclass(frozen=True)
 class View:
-    """How a camera's picture is laid out in samples.
+    """How a camera's picture is laid out in samples."""
 
-    Attributes:
-        camera: where it looks from.
-        columns: samples from the left to the right edge.
-        rows: samples from the upper to the lower edge.
-        middle: column at which the camera's target appears.
-    """
-
-    camera: Camera
-    columns: int
-    rows: int
-    middle: float
+    camera: Camera  # where it looks from
+    columns: int  # samples from the left to the right edge
+    rows: int  # samples from the upper to the lower edge
+    middle: float  # column at which the camera's target appears
 
     @property
     def _focal(self) -> float:
@@ -74,21 +67,13 @@ class View:
 
 @dataclass(frozen=True)
 class Hits:
-    """What the rays met; arrays of shape (rows, columns) or (rows, columns, 3).
+    """What the rays met; arrays of shape (rows, columns) or (rows, columns, 3)."""
 
-    Attributes:
-        depth: distance from the eye, m; very large where nothing was met.
-        part: number of the solid, -1 where nothing was met.
-        normal: unit normal that faces the eye, world axes; zero where nothing was met.
-        colour: colour of the solid without light, 0 to 1.
-        plane: distance of the eye from the surface's plane at the point, m; zero where nothing was met.
-    """
-
-    depth: Floats
-    part: npt.NDArray[np.int32]
-    normal: Floats
-    colour: Floats
-    plane: Floats
+    depth: Floats  # distance from the eye, m; very large where nothing was met
+    part: npt.NDArray[np.int32]  # number of the solid, -1 where nothing was met
+    normal: Floats  # unit normal that faces the eye, world axes; zero where nothing was met
+    colour: Floats  # colour of the solid without light, 0 to 1
+    plane: Floats  # distance of the eye from the surface's plane at the point, m; zero where nothing was met
 
     @property
     def mask(self) -> Mask:
@@ -97,13 +82,7 @@ class Hits:
 
     def every(self, step: int) -> Hits:
         """Return every ``step``-th hit in both directions."""
-        return Hits(
-            self.depth[::step, ::step],
-            self.part[::step, ::step],
-            self.normal[::step, ::step],
-            self.colour[::step, ::step],
-            self.plane[::step, ::step],
-        )
+        return Hits(**{name: array[::step, ::step] for name, array in vars(self).items()})
 
 
 class Layer:

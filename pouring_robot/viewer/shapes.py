@@ -24,19 +24,12 @@ _ROUND_SECTIONS = 40
 
 @dataclass(frozen=True)
 class Shape:
-    """A surface of triangles in its own frame.
+    """A surface of triangles in its own frame."""
 
-    Attributes:
-        vertices: shape (v, 3), m; doubled along creases so that each copy has one normal.
-        normals: shape (v, 3), unit, outward where the triangles are wound counter-clockwise.
-        faces: shape (f, 3), rows of vertex numbers.
-        edges: shape (e, 2, 3), m: both ends of every crease and border.
-    """
-
-    vertices: Vertices
-    normals: Vertices
-    faces: Faces
-    edges: Vertices
+    vertices: Vertices  # shape (v, 3), m; doubled along creases so that each copy has one normal
+    normals: Vertices  # shape (v, 3), unit, outward where the triangles are wound counter-clockwise
+    faces: Faces  # shape (f, 3), rows of vertex numbers
+    edges: Vertices  # shape (e, 2, 3), m: both ends of every crease and border
 
 
 def visual_model(model: pin.Model, urdf_text: str, package_dirs: Sequence[Path | str] = ()) -> pin.GeometryModel:

@@ -32,27 +32,16 @@ _SAME_PLACE = 1e-4
 
 @dataclass(frozen=True)
 class Solid:
-    """One body of a picture.
+    """One body of a picture."""
 
-    Attributes:
-        group: the robot or the arrows it belongs to.
-        name: unique within the group.
-        link: the link it hangs on; empty for arrows.
-        shape: its triangles in its own frame, m.
-        pose_world_to_solid: homogeneous matrix, shape (4, 4), m.
-        colour: red, green, blue, 0 to 1.
-        opacity: 1 is solid.
-        on_top: drawn in front of everything else.
-    """
-
-    group: str
-    name: str
-    link: str
-    shape: Shape
-    pose_world_to_solid: Vector
-    colour: Colour
-    opacity: float = 1.0
-    on_top: bool = False
+    group: str  # the robot or the arrows it belongs to
+    name: str  # unique within the group
+    link: str  # the link it hangs on; empty for arrows
+    shape: Shape  # its triangles in its own frame, m
+    pose_world_to_solid: Vector  # homogeneous matrix, shape (4, 4), m
+    colour: Colour  # red, green, blue, 0 to 1
+    opacity: float = 1.0  # 1 is solid
+    on_top: bool = False  # drawn in front of everything else
 
     def vertices_in_world(self) -> Vector:
         """Return the vertices in the world frame, shape (v, 3), m."""
@@ -77,11 +66,7 @@ def enlarged(bodies: Vector, reference: Vector, factor: float) -> Vector:
 
 
 def solids(scene: Scene, step: int | None = None) -> tuple[Solid, ...]:
-    """Return every solid of one step: robots in their order, then arrows; of several states only the first.
-
-    Args:
-        scene: what to show.
-        step: which; None takes the first to be shown.
+    """Return every solid of a step, by default the first shown: robots, then arrows; of several states only the first.
 
     Raises:
         DescriptionError: a visual of a robot cannot be drawn.

@@ -120,42 +120,26 @@ def log_wrench_derivative(residual: FloatArray, stiff_residual: FloatArray, jlog
 
 @dataclass(frozen=True)
 class EnergyState:
-    """Energy and first derivatives at one configuration, over all velocity columns of the model.
+    """Energy and first derivatives at one configuration, over all velocity columns of the model."""
 
-    Attributes:
-        configuration: shape (nq,).
-        energy: in J.
-        elastic: its part in the loops, in J.
-        residual: e of each loop, shape (loops, 6), m and rad (3d loops: last three zero).
-        jacobian: de/dq, shape (loops, 6, nv).
-        wrench: K e of each loop, shape (loops, 6), in N and Nm.
-        gradient: dE/dq, shape (nv,).
-        jlog: d e / d(relative twist in frame b), shape (loops, 6, 6).
-    """
-
-    configuration: FloatArray
-    energy: float
-    elastic: float
-    residual: FloatArray
-    jacobian: FloatArray
-    wrench: FloatArray
-    gradient: FloatArray
-    jlog: FloatArray
+    configuration: FloatArray  # shape (nq,)
+    energy: float  # in J
+    elastic: float  # its part in the loops, in J
+    residual: FloatArray  # e of each loop, shape (loops, 6), m and rad (3d loops: last three zero)
+    jacobian: FloatArray  # de/dq, shape (loops, 6, nv)
+    wrench: FloatArray  # K e of each loop, shape (loops, 6), in N and Nm
+    gradient: FloatArray  # dE/dq, shape (nv,)
+    jlog: FloatArray  # d e / d(relative twist in frame b), shape (loops, 6, 6)
 
 
 @dataclass(frozen=True)
 class TwistColumns:
-    """Twists that displace the tree at some place, in world coordinates, as each loop feels them.
+    """Twists that displace the tree at some place, in world coordinates, as each loop feels them."""
 
-    Attributes:
-        on_a: twist of what carries frame a of each loop, zero where it is not displaced, shape (loops, 6, n).
-        on_b: the same for frame b.
-        depth: how deep in the tree each twist acts, shape (n,): a joint's placement at the number of frames
-            before it, its motion half a step later.
-    """
-
-    on_a: FloatArray
-    on_b: FloatArray
+    on_a: FloatArray  # twist of what carries frame a of each loop, zero where it is not displaced, shape (loops, 6, n)
+    on_b: FloatArray  # the same for frame b
+    # how deep in the tree each twist acts, shape (n,): a joint's placement at the number of frames before it, its
+    # motion half a step later
     depth: FloatArray
 
     def precedes(self, joints: TwistColumns) -> FloatArray:
@@ -168,12 +152,7 @@ def _dual(left: FloatArray, form: FloatArray, right: FloatArray) -> FloatArray:
 
 
 class ClosureEnergy:
-    """The closure energy of a mechanism, evaluated with Pinocchio. Holds workspace: one object a thread.
-
-    Args:
-        mechanism: the closed-chain mechanism.
-        loads: weight and yielding drives.
-    """
+    """The closure energy of a mechanism under loads, evaluated with Pinocchio. Holds workspace: one object a thread."""
 
     def __init__(self, mechanism: ClosedChainMechanism, loads: Loads = NO_LOADS) -> None:
         self.mechanism, self.loads = mechanism, loads
@@ -261,12 +240,7 @@ class ClosureEnergy:
         return not self.loads.gravity
 
     def evaluate(self, configuration: FloatArray, commanded: FloatArray | None = None) -> EnergyState:
-        """Return energy and first derivatives at a configuration.
-
-        Args:
-            configuration: shape (nq,).
-            commanded: configuration that holds the commanded drives, shape (nq,); needed when drives yield.
-        """
+        """Return energy and derivatives at a configuration (nq,); if drives yield, from the commanded one (nq,)."""
         model, data = self.model, self.data
         pin.computeJointJacobians(model, data, configuration)
         for constraint, workspace in zip(self._constraints, self._constraint_data, strict=True):
@@ -316,14 +290,10 @@ class ClosureEnergy:
         return np.asarray(0.5 * (hessian + hessian.T))
 
     def gradient_derivative(self, state: EnergyState, columns: TwistColumns) -> FloatArray:
-        """Return how the loops' part of the gradient changes when twists displace the tree; shape (nv, n).
+        """Return how the loops' part of the gradient changes when n twists displace the tree; shape (nv, n).
 
         Valid at the state's configuration, where :meth:`evaluate` was last called. Springs and weight are not
         in it.
-
-        Args:
-            state: energy and first derivatives.
-            columns: n twists, each of a joint or of a placement somewhere on the tree.
         """
         joints = self.joint_columns()
         if not self._anchor_data:

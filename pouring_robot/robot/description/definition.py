@@ -36,7 +36,7 @@ from pouring_robot.mechanism.loops import LoopsFile, load_loops
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.description.robot_file import DriveEntry, RobotFile
-from pouring_robot.robot.description.urdf import carriers, meshes_from, reach, read_text
+from pouring_robot.robot.description.urdf import carriers, meshes_from, parsed, reach, read_text
 
 if TYPE_CHECKING:
     from pouring_robot.batch import BatchStart
@@ -67,27 +67,16 @@ ROTATIONS, SLIDES = "rotations", "slides"
 
 @dataclass(frozen=True)
 class Drive:
-    """One drive.
+    """One drive."""
 
-    Attributes:
-        joint: the URDF joint that it moves.
-        column: name of its campaign column, without unit.
-        unit: of the joint, ``m`` or ``rad``.
-        command: kind of the commanded quantity, which decides the units of its column.
-        factor: by how much the joint moves (SI) for a command of one (SI).
-        zero: value of the joint at a command of zero, in m or rad.
-        symbol: short name in tables and parameters.
-        words: name in sentences.
-    """
-
-    joint: str
-    column: str
-    unit: Literal["m", "rad"]
-    command: Literal["length", "angle"]
-    factor: float = 1.0
-    zero: float = 0.0
-    symbol: str = ""
-    words: str = ""
+    joint: str  # the URDF joint that it moves
+    column: str  # name of its campaign column, without unit
+    unit: Literal["m", "rad"]  # of the joint, ``m`` or ``rad``
+    command: Literal["length", "angle"]  # kind of the commanded quantity, which decides the units of its column
+    factor: float = 1.0  # by how much the joint moves (SI) for a command of one (SI)
+    zero: float = 0.0  # value of the joint at a command of zero, in m or rad
+    symbol: str = ""  # short name in tables and parameters
+    words: str = ""  # name in sentences
 
     def value(self, command: FloatArray) -> FloatArray:
         """Return the joint's value for commands, in m or rad; same shape."""
@@ -99,11 +88,7 @@ class Drive:
 
 
 class RobotDefinition:
-    """A robot of the drawing: everything that holds for all machines built after it.
-
-    Args:
-        file: the robot file.
-        path: where it lies; the paths in it are relative to its folder.
+    """A robot of the drawing, by its file and path: everything that holds for all machines built after it.
 
     Raises:
         DescriptionError: the URDF or the loops file is wrong, or a joint in the file is none of the URDF's.
@@ -116,7 +101,7 @@ class RobotDefinition:
         self._kinds = {name: kind for name, kind in loops.joint_types.items() if kind != "spherical"}
         left = {name: kind for name, kind in loops.joint_types.items() if kind == "spherical"}
         self.loops = loops.model_copy(update={"joint_types": left})
-        root = self._root()
+        root = parsed(self.urdf(), self.source)
         kinds = {str(joint.get("name")): str(joint.get("type")) for joint in root.iterfind("joint")}
         self._links = tuple(str(link.get("name")) for link in root.iterfind("link"))
         self.drives = tuple(self._drive(entry, kinds) for entry in file.drives)
@@ -179,12 +164,6 @@ class RobotDefinition:
             first = problem.errors(include_url=False)[0]
             raise DescriptionError(self.path, first["msg"].removeprefix("Value error, ")) from problem
 
-    def _root(self) -> etree._Element:
-        try:
-            return etree.fromstring(self.urdf().encode())
-        except etree.XMLSyntaxError as problem:
-            raise DescriptionError(self.source, f"line {problem.lineno}: {problem.msg}") from problem
-
     def _check_home(self, root: etree._Element) -> None:
         """Refuse a home beyond a joint's limits."""
         for joint in root.iterfind("joint"):
@@ -220,15 +199,14 @@ class RobotDefinition:
             what = "is not a joint of the robot" if kind is None else f"is {kind}; a drive slides or turns"
             near = closest(entry.joint, kinds) if kind is None else ""
             raise DescriptionError(self.path, f"drive '{entry.joint}' {what}{near}")
-        column, zero = entry.column or entry.joint, entry.zero
+        turns, factor = kind != "prismatic", entry.ratio
         if entry.mm_per_turn is not None:
-            if kind != "prismatic":
+            if turns:
                 raise DescriptionError(self.path, f"drive '{entry.joint}' turns, so it has no mm_per_turn")
             factor = entry.mm_per_turn * MM / (2.0 * math.pi)
-            return Drive(entry.joint, column, "m", "angle", factor, zero, column, column)
-        if kind == "prismatic":
-            return Drive(entry.joint, column, "m", "length", entry.ratio, zero, column, column)
-        return Drive(entry.joint, column, "rad", "angle", entry.ratio, zero, column, column)
+        column = entry.column or entry.joint
+        command: Literal["length", "angle"] = "angle" if turns or entry.mm_per_turn is not None else "length"
+        return Drive(entry.joint, column, "rad" if turns else "m", command, factor, entry.zero, column, column)
 
     @property
     def source(self) -> Path:
@@ -252,12 +230,11 @@ class RobotDefinition:
 
             drawn = run_xacro(self.source, self.file.mappings)
         if self._kinds:
+            parsed(drawn, self.source)
             try:
                 drawn = change_joints(drawn, self._kinds)
             except UnknownJointError as problem:
                 raise DescriptionError(self.path, f"joint_types: {problem}") from problem
-            except etree.XMLSyntaxError as problem:
-                raise DescriptionError(self.source, f"line {problem.lineno}: {problem.msg}") from problem
         return meshes_from(drawn, self.source.parent)
 
     @functools.cached_property
@@ -275,7 +252,7 @@ class RobotDefinition:
         said = self.file.model_dump(mode="json", exclude_defaults=True, exclude={"xacro", "mappings", "joint_types"})
         own = self.loops.model_dump(mode="json", exclude_defaults=True, exclude={"mechanism", "drives"})
         stream = io.StringIO()
-        YAML().dump({**said, "urdf": f"{self._root().get('name', 'robot')}.urdf", **own}, stream)
+        YAML().dump({**said, "urdf": f"{parsed(self.urdf()).get('name', 'robot')}.urdf", **own}, stream)
         return {"robot.yaml": stream.getvalue().encode()}
 
     @property
@@ -297,11 +274,7 @@ class RobotDefinition:
         return ClosedChainMechanism(self.urdf(), self.loops, self.path)
 
     def drawing(self, mechanism: ClosedChainMechanism | None = None) -> Drawing:
-        """Return what closes the robot of the drawing for drive values.
-
-        Args:
-            mechanism: that of the drawing, if it is at hand.
-        """
+        """Return what closes the robot of the drawing, or of its mechanism if that is at hand, for drive values."""
         return self._drawing_of(mechanism) if mechanism else self._drawing
 
     @functools.cached_property

@@ -39,12 +39,9 @@ class Drawing(Protocol):
 
 
 class HomeDrawing:
-    """Closes any robot, from a home configuration outwards.
+    """Closes any robot, from home joint values (m, rad; zero where not named) outwards.
 
-    Args:
-        mechanism: of the drawing.
-        home: joint values (m, rad) near which it closes; joints that are not named stand at zero.
-        options: when a pose of the drawing counts as closed; on the way there loops may be open as those with errors.
+    On the way there loops may be open as those with errors, at the end as far as the options say.
     """
 
     def __init__(self, mechanism: ClosedChainMechanism, home: Mapping[str, float], options: ClosureOptions) -> None:

@@ -20,7 +20,7 @@ from pouring_robot.mechanism.loops import LoopsFile, load_loops
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.rendering import run_xacro
 from pouring_robot.robot.description.robot_file import FORMAT, TAKEN, RobotFile
-from pouring_robot.robot.description.urdf import read_text
+from pouring_robot.robot.description.urdf import parsed, read_text
 
 _DRIVABLE = ("revolute", "continuous", "prismatic")
 _TOOLS = ("tool0", "tcp", "tool", "flange", "ee", "end_effector")  # usual names of the last frame, the likeliest first
@@ -33,10 +33,7 @@ class _Tree:
     """Links and joints of a URDF."""
 
     def __init__(self, path: Path, text: str) -> None:
-        try:
-            self.root = etree.fromstring(text.encode())
-        except etree.XMLSyntaxError as error:
-            raise DescriptionError(path, f"line {error.lineno}: {error.msg}") from error
+        self.root = parsed(text, path)
         joints = [joint for joint in self.root.iterfind("joint") if joint.get("type")]
         if self.root.tag != "robot" or not joints:
             raise DescriptionError(path, "is no URDF with joints; give the URDF, or a file whose name ends in .xacro")
@@ -99,11 +96,7 @@ def _link(joint: etree._Element, end: str) -> str:
 
 
 def first_robot(urdf: Path, path: Path) -> tuple[str, RobotDefinition]:
-    """Return the text of a robot file that is to be written for a URDF, and the robot that it will load as.
-
-    Args:
-        urdf: the URDF or xacro.
-        path: of the robot file.
+    """Return the text of a robot file that is to stand at ``path`` for a URDF or xacro, and the robot it loads as.
 
     Raises:
         DescriptionError: as :func:`first_robot_file`, or the robot cannot be loaded, for instance for its meshes.
@@ -113,14 +106,10 @@ def first_robot(urdf: Path, path: Path) -> tuple[str, RobotDefinition]:
 
 
 def first_robot_file(urdf: Path, beside: Path) -> str:
-    """Return the text of a robot file for a URDF or a xacro.
+    """Return the text of a robot file for a URDF or a xacro, with paths relative to the folder in which it is to stand.
 
     Loops are taken over from a Gepetto ``robot.yaml`` that lies beside it (see :func:`loops_beside`); else links at
     which branches end together in the zero pose are proposed in a comment.
-
-    Args:
-        urdf: the file.
-        beside: the folder in which the robot file is to stand; paths in it are relative to that.
 
     Raises:
         DescriptionError: the URDF cannot be read, Pinocchio cannot build it, or nothing moves in it.

@@ -22,12 +22,7 @@ _lock = threading.Lock()
 
 
 def run_xacro(path: Path, arguments: Mapping[str, str], also: Iterable[Path] = ()) -> str:
-    """Return what xacro makes of a file; safe to call from several threads.
-
-    Args:
-        path: the file, which may be a stranger's: see :mod:`pouring_robot.robot.description.strangers`.
-        arguments: its mappings.
-        also: files that it may read wherever they are.
+    """Return what xacro makes of a file, which may be a stranger's (see ``strangers``), with its mappings; thread-safe.
 
     Raises:
         DescriptionError: the file, or one it includes, is wrong; names the one at fault.

@@ -20,17 +20,37 @@ from pouring_robot.robot.description.strangers import readable
 MESH_PACKAGE = "package://pouring_robot_description/meshes"
 
 
-def description_folder() -> Path:
-    """Return the folder of the shipped description: inside an installed package, beside it in a checkout.
+def shipped_folder(name: str, holds: str, words: str) -> Path:
+    """Return a folder that comes with the package and holds a file: inside an installed one, beside it in a checkout.
 
     Raises:
-        DescriptionError: neither is there.
+        DescriptionError: it is not there.
     """
-    here = Path(__file__).resolve().parents[2]
-    for folder in (here / "robot_description", here.parent / "robot_description"):
-        if (folder / "urdf" / "pouring_robot.urdf.xacro").is_file():
+    package = Path(__file__).resolve().parents[2]
+    for folder in (package / name, package.parent / name):
+        if (folder / holds).is_file():
             return folder
-    raise DescriptionError(here / "robot_description", "the robot description is missing; reinstall pouring_robot")
+    raise DescriptionError(package / name, f"{words} missing; reinstall pouring_robot")
+
+
+def description_folder() -> Path:
+    """Return the folder of the shipped description; raises DescriptionError where it is missing."""
+    return shipped_folder("robot_description", "urdf/pouring_robot.urdf.xacro", "the robot description is")
+
+
+def parsed(urdf: str, source: Path | str = "URDF") -> etree._Element:
+    """Return the root of a URDF; raises DescriptionError of its source where the text is not readable XML."""
+    try:
+        return etree.fromstring(urdf.encode())
+    except etree.XMLSyntaxError as error:
+        raise DescriptionError(source, f"line {error.lineno}: {error.msg}") from error
+
+
+def xml_text(root: etree._Element, *, indented: bool = False) -> str:
+    """Return an XML text, which ends with a line; indented where it was made element by element."""
+    if indented:
+        etree.indent(root)
+    return str(etree.tostring(root, encoding="unicode")) + "\n"
 
 
 def read_text(path: Path) -> str:
@@ -47,12 +67,7 @@ def read_text(path: Path) -> str:
 
 
 def reach(urdf: str, values: Mapping[str, float]) -> float:
-    """Return the length of the longest way from the root to a link, every part stretched out, in m.
-
-    Args:
-        urdf: of the robot.
-        values: of sliding joints, in m: they are part of the way; the others count as nothing.
-    """
+    """Return the longest way from the root to a link, stretched out, in m; slides count with their values (m)."""
     root = etree.fromstring(urdf.encode())
     steps: dict[str, list[tuple[str, float]]] = {}
     for joint in root.iterfind("joint"):
@@ -95,17 +110,13 @@ def perturb_urdf(urdf: str, placements: Mapping[str, PlacementError], source: Pa
         UnknownJointError: the URDF has no joint of that name.
         DescriptionError: the URDF is not readable XML, or a joint's origin is not six numbers.
     """
-    try:
-        root = etree.fromstring(urdf.encode())
-    except etree.XMLSyntaxError as error:
-        raise DescriptionError(source, f"line {error.lineno}: {error.msg}") from error
+    root = parsed(urdf, source)
     joints = {joint.get("name", ""): joint for joint in root.iterfind("joint")}
     for name, placement in placements.items():
         if name not in joints:
             raise UnknownJointError(name, joints)
         _displace(joints[name], placement, source)
-    text: str = etree.tostring(root, encoding="unicode")
-    return text + "\n"
+    return xml_text(root)
 
 
 def with_mesh_files(urdf: str) -> str:
@@ -121,30 +132,19 @@ def meshes_from(urdf: str, folder: Path) -> str:
     """
     if "<mesh" not in urdf:
         return urdf
-    try:
-        root = etree.fromstring(urdf.encode())
-    except etree.XMLSyntaxError as error:
-        raise DescriptionError("URDF", f"line {error.lineno}: {error.msg}") from error
+    root = parsed(urdf)
     for mesh in root.iter("mesh"):
         address = mesh.get("filename", "")
         if "://" not in address or address.startswith("file://"):
             mesh.set("filename", str(readable(address.removeprefix("file://"), folder)))
-    return str(etree.tostring(root, encoding="unicode")) + "\n"
+    return xml_text(root)
 
 
 def write_urdf(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = None) -> Path:
-    """Write a URDF and its meshes into a folder, all or nothing.
+    """Write a URDF with its meshes, and further files ``beside`` it, into a folder, all or nothing; return its path.
 
     Mesh addresses become relative (``meshes/…``), which readers resolve from the URDF's own folder, so that
     the folder can be moved or sent away.
-
-    Args:
-        urdf: as :func:`perturb_urdf` gives it.
-        folder: made if it is not there.
-        beside: further files to write with it, by name.
-
-    Returns:
-        The URDF's path, ``<robot name>.urdf``.
 
     Raises:
         DescriptionError: the URDF is not readable XML, or a mesh is missing.
@@ -160,10 +160,7 @@ def urdf_files(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
     Raises:
         DescriptionError: the URDF is not readable XML, or a mesh is missing.
     """
-    try:
-        root = etree.fromstring(urdf.encode())
-    except etree.XMLSyntaxError as error:
-        raise DescriptionError("URDF", f"line {error.lineno}: {error.msg}") from error
+    root = parsed(urdf)
     files: dict[Path, bytes | str] = {}
     for mesh in root.iter("mesh"):
         if (mesh.get("filename") or "").startswith("package://") and not mesh.get("filename").startswith(MESH_PACKAGE):
@@ -178,7 +175,7 @@ def urdf_files(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
     _keep_for_mujoco(root)
     files |= {folder / name: content for name, content in (beside or {}).items()}
     # No XML declaration: some readers pass the text on as a string, which must not declare an encoding.
-    files[folder / f"{root.get('name', 'robot')}.urdf"] = etree.tostring(root, encoding="unicode").encode() + b"\n"
+    files[folder / f"{root.get('name', 'robot')}.urdf"] = xml_text(root).encode()
     return files
 
 

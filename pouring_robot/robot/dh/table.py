@@ -33,12 +33,7 @@ from pouring_robot.robot.dh.parameters import (
 
 
 class DHTable:
-    """The DH parameters of all chains, in order: chain by chain, transform by transform, a, α, d, θ.
-
-    Args:
-        chains: the chains, as :func:`~pouring_robot.robot.dh.derivation.dh_chain` gives them.
-        drives: names of the driven joints.
-    """
+    """The DH parameters of all chains, in order: chain by chain, transform by transform, a, α, d, θ."""
 
     def __init__(self, chains: Sequence[DHChain], drives: Collection[str]) -> None:
         self._chains = {chain.number: chain for chain in chains}
@@ -126,15 +121,9 @@ class DHTable:
         return self._chains[chain].poses(values, self._error_arrays(errors)[chain])
 
     def placement_errors(self, errors: Mapping[str, float]) -> dict[str, PlacementError]:
-        """Return the displaced joint placements that equal given DH errors, exactly and for all joint values.
+        """Return the displaced joint placements that equal DH errors (m, rad), exactly and for all joint values.
 
         An error of a joint variable or drive is included: it displaces the joint along or about its own axis.
-
-        Args:
-            errors: errors by parameter name, in m and rad.
-
-        Returns:
-            Displacements as ``description.perturb_urdf`` takes them, of the displaced joints only.
 
         Raises:
             UnknownParameterError: there is no parameter of a name.
@@ -188,13 +177,9 @@ class DHTable:
         return result
 
     def twist_matrix(self, parameters: Sequence[DHParameter] | None = None) -> FloatArray:
-        """Return the linear map from small DH errors of the nominal robot to the displacements of :attr:`joints`.
+        """Return the linear map (6 · joints, parameters) from small DH errors to displacements of :attr:`joints`.
 
-        Args:
-            parameters: columns; default :meth:`selection`.
-
-        Returns:
-            Shape (6 · joints, parameters), in m or rad per m or rad; rows are tx ty tz rx ry rz of each joint.
+        In m or rad per m or rad; rows are tx ty tz rx ry rz of each joint, columns by default :meth:`selection`.
         """
         columns = self.selection() if parameters is None else parameters
         matrix = np.zeros((len(self._sites), 6, len(columns)))

@@ -9,7 +9,7 @@ import trimesh
 from lxml import etree
 
 from pouring_robot.exceptions import DescriptionError
-from pouring_robot.robot.description.urdf import urdf_files
+from pouring_robot.robot.description.urdf import urdf_files, xml_text
 from pouring_robot.robot.export.assembly import Assembly
 from pouring_robot.robot.export.closed import ClosedRobot
 from pouring_robot.robot.export.contacts import joined_or_touching, srdf
@@ -87,7 +87,7 @@ def _absolute(urdf: bytes | str, folder: Path) -> bytes:
     for mesh in root.iter("mesh"):
         if "://" not in mesh.get("filename"):
             mesh.set("filename", str((folder / mesh.get("filename")).resolve()))
-    return bytes(etree.tostring(root, encoding="utf-8")) + b"\n"
+    return xml_text(root).encode()
 
 
 def _model_config(name: str) -> str:
@@ -95,5 +95,4 @@ def _model_config(name: str) -> str:
     for tag, value in (("name", name), ("version", "1.0"), ("sdf", f"{name}.sdf")):
         etree.SubElement(root, tag).text = value
     root.find("sdf").set("version", "1.9")
-    etree.indent(root)
-    return str(etree.tostring(root, encoding="unicode")) + "\n"
+    return xml_text(root, indented=True)

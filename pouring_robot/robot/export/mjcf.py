@@ -19,6 +19,7 @@ from lxml import etree
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.mechanism.loops import LoopSpec
+from pouring_robot.robot.description.urdf import xml_text
 from pouring_robot.robot.export.assembly import Assembly, Body, Joint, Shape
 from pouring_robot.robot.export.closed import ClosedRobot
 
@@ -35,12 +36,7 @@ def text(values: Iterable[float]) -> str:
 
 
 def mjcf(closed: ClosedRobot, assembly: Assembly, touching: Iterable[tuple[str, str]] = ()) -> str:
-    """Return the robot as MJCF; meshes are OBJ files in ``meshes``.
-
-    Args:
-        closed: the closed robot.
-        assembly: its bodies.
-        touching: pairs of bodies whose contacts are left out.
+    """Return the robot as MJCF, without contacts of pairs that touch; meshes are OBJ files in ``meshes``.
 
     Raises:
         DescriptionError: a moving body has no mass, which MuJoCo refuses.
@@ -75,8 +71,7 @@ def mjcf(closed: ClosedRobot, assembly: Assembly, touching: Iterable[tuple[str, 
         _servo(actuators, joint)
     key = etree.SubElement(etree.SubElement(root, "keyframe"), "key", name="closed")
     key.set("ctrl", text(joint.value for joint in assembly.servos))
-    etree.indent(root)
-    return str(etree.tostring(root, encoding="unicode")) + "\n"
+    return xml_text(root, indented=True)
 
 
 def _mobilities(closed: ClosedRobot, assembly: Assembly) -> dict[str, tuple[float, float]]:

@@ -12,6 +12,7 @@ import pinocchio as pin
 from lxml import etree
 
 from pouring_robot.mechanism.loops import LoopSpec
+from pouring_robot.robot.description.urdf import xml_text
 from pouring_robot.robot.export.assembly import Assembly, Body, Joint, Shape
 from pouring_robot.robot.export.mjcf import text
 
@@ -52,8 +53,7 @@ def sdf(assembly: Assembly, loops: Literal["joints", "bushings"] = "joints") -> 
         else:
             kind = "fixed" if loop.type == "6d" else "ball"
             _joint(model, f"{loop.name}_loop", kind, _called(loop.frame_a, assembly), _carrier(loop.frame_b, assembly))
-    etree.indent(root)
-    return str(etree.tostring(root, encoding="unicode")) + "\n"
+    return xml_text(root, indented=True)
 
 
 def mimic_notes(mimics: Mapping[tuple[str, str], float]) -> list[str]:

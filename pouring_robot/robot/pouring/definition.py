@@ -34,11 +34,7 @@ THERMOMETERS = ("melt", *LEGS, "platform")
 
 
 class PouringDefinition(RobotDefinition):
-    """The pouring robot of one layout.
-
-    Args:
-        layout: name of a layout in the dimensions file.
-        layouts_file: dimensions file; by default the shipped one.
+    """The pouring robot of one layout of a dimensions file, by default the shipped one.
 
     Raises:
         DescriptionError: the description or the dimensions file is broken.

@@ -59,11 +59,7 @@ def chain_joints(
 
 
 class FourUPUKinematics:
-    """Closed-form kinematics of the nominal mechanism.
-
-    Args:
-        nominal: the mechanism without errors; its joint placements are the only source of geometry.
-    """
+    """Closed-form kinematics of the nominal mechanism, whose joint placements are the only source of geometry."""
 
     def __init__(self, nominal: ClosedChainMechanism) -> None:
         self.mechanism = nominal
@@ -91,10 +87,7 @@ class FourUPUKinematics:
         return chain_joints(self.fixed_centres_m, self.moving_centres_m, positions_m, tilts_rad)
 
     def commands(self, poses: FloatArray) -> BatchCommand:
-        """Run the nominal inverse kinematics for many poses; joint limits are not looked at.
-
-        Args:
-            poses: x, y, z in m and the tilt in rad, shape (n, 4).
+        """Run the nominal inverse kinematics for poses (n, 4): x, y, z in m, tilt in rad; joint limits do not count.
 
         Raises:
             BadInputError: the array has another shape.

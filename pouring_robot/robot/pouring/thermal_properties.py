@@ -120,29 +120,17 @@ class ExpansionProperties(StrictModel):
 
 
 class ThermalProperties(StrictModel):
-    """All properties of the thermal model, each with unit, source and note.
+    """All properties of the thermal model, each with unit, source and note."""
 
-    Attributes:
-        melt: the source.
-        ambient: where the heat goes.
-        steel: of legs, platforms and shell.
-        insulation: of lining and cladding.
-        ladle: its wall.
-        moving_platform: its cladding.
-        truss: its shield.
-        contact: of nut and U joints.
-        expansion: reference temperature.
-    """
-
-    melt: MeltProperties
-    ambient: AmbientProperties
-    steel: SteelProperties
-    insulation: InsulationProperties
-    ladle: LadleProperties
-    moving_platform: MovingPlatformProperties
-    truss: TrussProperties = TrussProperties()
-    contact: ContactProperties
-    expansion: ExpansionProperties
+    melt: MeltProperties  # the source
+    ambient: AmbientProperties  # where the heat goes
+    steel: SteelProperties  # of legs, platforms and shell
+    insulation: InsulationProperties  # of lining and cladding
+    ladle: LadleProperties  # its wall
+    moving_platform: MovingPlatformProperties  # its cladding
+    truss: TrussProperties = TrussProperties()  # its shield
+    contact: ContactProperties  # of nut and U joints
+    expansion: ExpansionProperties  # reference temperature
 
 
 def shipped_thermal_file() -> Path:
