@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.batch.interface import Engine
+from pouring_robot.batch.kernels.loops import Closures, Samples, make_room
 from pouring_robot.batch.kernels.samples import carry_samples, close_samples
 from pouring_robot.batch.kernels.transfer import Columns, branch_samples, transfer_samples
-from pouring_robot.batch.kernels.workspace import Closures, Samples, make_room
 from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
 from pouring_robot.batch.structure import ByteArray, StarStructure, fixed
 from pouring_robot.exceptions import BadInputError, UnknownJointError
@@ -31,12 +31,9 @@ _NOT_CONVERGED, _MODE_ENDS = STATUS_NAMES.index("not converged"), STATUS_NAMES.i
 
 
 class CompiledEngine(Engine):
-    """Closes a star mechanism, or places a serial arm, for many samples. Safe to use from several threads.
+    """Closes a star mechanism, or places a serial arm, for many samples, on threads. Safe to use from several threads.
 
-    Args:
-        mechanism: the mechanism; samples may displace its joints further.
-        threads: how many threads share the work; by default one a core. Results do not depend on it.
-        options: when a closure counts as found.
+    Results do not depend on their number, by default one a core.
 
     Raises:
         UnsupportedMechanismError: the mechanism is no star of serial chains.
@@ -44,10 +41,7 @@ class CompiledEngine(Engine):
     """
 
     def __init__(
-        self,
-        mechanism: ClosedChainMechanism,
-        threads: int | None = None,
-        options: ClosureOptions = DEFAULT_OPTIONS,
+        self, mechanism: ClosedChainMechanism, threads: int | None = None, options: ClosureOptions = DEFAULT_OPTIONS
     ) -> None:
         if threads is not None and threads < 1:
             raise BadInputError(f"the number of threads must be positive, not {threads}")

@@ -240,11 +240,7 @@ class BatchTransfer:
 
 
 def shaped(array: FloatArray, shape: tuple[int, ...], name: str) -> FloatArray:
-    """Return an array as the kernels take it.
-
-    Raises:
-        BadInputError: it has another shape.
-    """
+    """Return an array as the kernels take it; raises BadInputError where it has another shape."""
     array = fixed(array)
     if array.shape != shape:
         raise BadInputError(f"{name} must have the shape {shape}, not {array.shape}")

@@ -93,11 +93,7 @@ class StarStructure(Structure):
 
     @classmethod
     def from_mechanism(cls, mechanism: ClosedChainMechanism) -> StarStructure:
-        """Read a mechanism.
-
-        Raises:
-            UnsupportedMechanismError: the mechanism is no star.
-        """
+        """Read a mechanism; raises UnsupportedMechanismError where the mechanism is no star."""
         chains = _chains(mechanism) if mechanism.anchors else [_serial_chain(mechanism)]
         every = {j for chain in chains for j in chain.joints}
         for mimic in mechanism.mimics:
@@ -148,16 +144,6 @@ class StarStructure(Structure):
     def is_serial(self) -> bool:
         """Whether no loop is closed: the drives carry the end frame."""
         return not self.mechanism.anchors
-
-    @property
-    def chain_count(self) -> int:
-        """Number of chains, C."""
-        return int(self.star.revolute.shape[0])
-
-    @property
-    def joint_count(self) -> int:
-        """Joints of the longest chain, J."""
-        return int(self.star.revolute.shape[1])
 
     def joint_values(self, joints: FloatArray) -> dict[str, FloatArray]:
         """Return the values of joints by name, as the base class, from joints by chain (n, chains, joints)."""

@@ -291,11 +291,7 @@ class ClosedChainMechanism:
         return end.placement.actInv(wanted.placement)
 
     def frame_id(self, name: str) -> int:
-        """Return Pinocchio's index of a frame.
-
-        Raises:
-            UnknownFrameError: there is no such frame.
-        """
+        """Return Pinocchio's index of a frame; raises UnknownFrameError where there is no such frame."""
         if not self.shared_model.existFrame(name):
             raise UnknownFrameError(name, (frame.name for frame in self.shared_model.frames))
         return self._frame_named(name)
@@ -310,11 +306,7 @@ class ClosedChainMechanism:
         return self.placement_on_end(str(self.loops.working_frame))
 
     def joint_id(self, name: str) -> int:
-        """Return Pinocchio's index of a moving joint.
-
-        Raises:
-            UnknownJointError: there is no such joint.
-        """
+        """Return Pinocchio's index of a moving joint; raises UnknownJointError where there is no such joint."""
         if not self.shared_model.existJointName(name):
             raise UnknownJointError(name, list(self.shared_model.names)[1:])
         return int(self.shared_model.getJointId(name))
@@ -366,11 +358,9 @@ class ClosedChainMechanism:
         return result
 
     def with_mimics(self, configuration: FloatArray, values: Mapping[str, float]) -> FloatArray:
-        """Return a configuration with joints that mimic others where their leaders put them; shape (nq,).
+        """Return a configuration (nq,) with joints that mimic others where their leaders put them.
 
-        Args:
-            configuration: shape (nq,).
-            values: of joints in it (m or rad) that may stand more than a turn away: a configuration does not say so.
+        Joint values in it (m, rad) may stand more than a turn away, which a configuration does not say.
         """
         if not self.mimics:
             return configuration

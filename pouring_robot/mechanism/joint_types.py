@@ -11,14 +11,7 @@ from lxml import etree
 from pouring_robot.exceptions import BadInputError, UnknownJointError
 
 JointKind = Literal[
-    "fixed",
-    "spherical",
-    "universal_xy",
-    "universal_xz",
-    "universal_yx",
-    "universal_yz",
-    "universal_zx",
-    "universal_zy",
+    "fixed", "spherical", "universal_xy", "universal_xz", "universal_yx", "universal_yz", "universal_zx", "universal_zy"
 ]
 """What a joint may be changed to. A universal joint turns about two axes of its placement, the first one first, in two
 joints ``<name>_X`` and ``<name>_Y`` (or Z)."""

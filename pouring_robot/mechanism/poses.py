@@ -76,11 +76,7 @@ class PlacementError:
     rotation_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)  # rotation vector (axis times angle), rad
 
     def __post_init__(self) -> None:
-        """Refuse what is not three finite numbers each.
-
-        Raises:
-            ValueError: a part is not three finite numbers.
-        """
+        """Refuse what is not three finite numbers each; raises ValueError where a part is not three finite numbers."""
         for name, part in (("translation_m", self.translation_m), ("rotation_rad", self.rotation_rad)):
             if len(part) != 3 or not all(math.isfinite(v) for v in part):
                 raise ValueError(f"{name} must be three finite numbers, not {part}")

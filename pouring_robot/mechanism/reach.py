@@ -1,9 +1,10 @@
 """How joints stand within their limits."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from pouring_robot.exceptions import UnreachablePoseError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 
 
@@ -37,3 +38,10 @@ def joint_reach(mechanism: ClosedChainMechanism, values: Mapping[str, float]) ->
     moving = [name for name in values if name in limits and name not in locked and limits[name][0] < limits[name][1]]
     reaches = [JointReach(name, mechanism.unit_of(name), values[name], *limits[name]) for name in moving]
     return tuple(sorted(reaches, key=lambda reach: reach.relative_margin))
+
+
+def refuse_beyond(reaches: Sequence[JointReach]) -> None:
+    """Refuse joints beyond their limits; raises UnreachablePoseError, which names the one that is furthest."""
+    for worst in reaches[:1]:
+        if worst.margin < 0.0:
+            raise UnreachablePoseError(worst.joint, worst.value, worst.lower, worst.upper, worst.unit)

@@ -88,11 +88,7 @@ class HeatSection(StrictModel):
             ) from problem
 
     def with_values(self, **values: Any) -> HeatSection:
-        """Return the section with some values replaced.
-
-        Raises:
-            BadInputError: a value is impossible; names it.
-        """
+        """Return the section with some values replaced; raises BadInputError where a value is impossible; names it."""
         try:
             return HeatSection.model_validate(self.model_dump() | values)
         except pydantic.ValidationError as problem:

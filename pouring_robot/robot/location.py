@@ -46,11 +46,7 @@ class Location(Result):
         return self.nominal.mechanism.loops
 
     def poses(self, frame: str) -> tuple[pin.SE3, pin.SE3]:
-        """Return nominal and actual pose of a frame in the base.
-
-        Raises:
-            UnknownFrameError: there is no such frame.
-        """
+        """Return nominal and actual pose of a frame in the base; raises UnknownFrameError where there is none."""
         base = self.loops.base_frame
         return self.nominal.pose(base, frame), self.actual.pose(base, frame)
 
@@ -140,20 +136,11 @@ def drive_words(mechanism: ClosedChainMechanism, drives: Mapping[str, float]) ->
 
 
 def error_dataset(
-    loops: LoopsFile,
-    status: NDArray[np.str_],
-    nominal: FloatArray,
-    actual: FloatArray,
-    coordinates: Mapping[str, Any],
+    loops: LoopsFile, status: NDArray[np.str_], nominal: FloatArray, actual: FloatArray, coordinates: Mapping[str, Any]
 ) -> xr.Dataset:
     """Return nominal and actual poses, (n, frames, 3, 4) each, as a dataset with their differences.
 
-    Args:
-        loops: names the frames.
-        status: of each pose; what is not closed is NaN.
-        nominal: by the drawing.
-        actual: as built.
-        coordinates: what was commanded.
+    ``status`` says of each pose whether it is closed, otherwise it is NaN; ``coordinates`` what was commanded.
     """
     import xarray as xr
 

@@ -258,13 +258,9 @@ class RobotModel(StrictModel):
     def left_out(
         self, who: str, name: str = "the model", *, warm: bool = False, under: bool = False
     ) -> tuple[str, ...]:
-        """Return, in a line each, what a robot that is taken as it stands leaves out of the model.
+        """Return, in a line each, what ``who`` takes the robot as it stands leaves out of the model called ``name``.
 
-        Args:
-            who: takes the robot, for the lines.
-            name: of the model, likewise.
-            warm: whether the heat section is cared for.
-            under: whether effects that depend on conditions are.
+        Nothing is said of heat and of effects that depend on conditions where they are cared for (``warm``, ``under``).
         """
         lines = []
         if self.heat is not None and not warm:

@@ -38,22 +38,14 @@ if TYPE_CHECKING:
 
 
 class PouringRobot(Robot):
-    """The pouring robot: a :class:`Robot` that is commanded by poses.
-
-    Args:
-        model: the robot as built; without one, the drawing of the default layout.
-        loads: weight and yielding drives of the actual robot.
-        options: when a closure counts as found.
+    """The pouring robot (default: the drawing of the default layout): a :class:`Robot` that is commanded by poses.
 
     Raises:
         BadInputError: the model names a joint or drive that the robot does not have, or is one of another robot.
     """
 
     def __init__(
-        self,
-        model: RobotModel | None = None,
-        loads: Loads = NO_LOADS,
-        options: ClosureOptions = DEFAULT_OPTIONS,
+        self, model: RobotModel | None = None, loads: Loads = NO_LOADS, options: ClosureOptions = DEFAULT_OPTIONS
     ) -> None:
         super().__init__(model, loads, options)
         if not isinstance(self.drawing, FourUPUKinematics):

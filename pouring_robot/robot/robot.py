@@ -21,14 +21,14 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError, UnreachableTargetError
+from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachableTargetError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
 from pouring_robot.mechanism.jacobians import AxisWeakness, Dexterity, dexterity, drive_jacobians
 from pouring_robot.mechanism.parameters import LocalParameter
-from pouring_robot.mechanism.reach import JointReach, joint_reach
+from pouring_robot.mechanism.reach import JointReach, joint_reach, refuse_beyond
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.inverse import REACHED, Reached, Target, bring
 from pouring_robot.robot.location import OUT_OF_REACH, Location, error_dataset, frames_of
@@ -57,22 +57,16 @@ def as_it_stands(model: RobotModel | Path | str | None, who: str) -> RobotModel:
 
 
 class Robot:
-    """The robot of the drawing and as built. Holds solver workspace: one object a thread.
+    """The robot of the drawing and as built (default: the pouring robot's drawing). One object a thread.
 
-    Args:
-        model: the robot as built; without one, the drawing of the pouring robot's default layout.
-        loads: weight and yielding drives of the actual robot.
-        options: when a closure counts as found.
+    ``loads``, weight and yielding drives, act on the actual robot; ``options`` say when a closure counts as found.
 
     Raises:
         BadInputError: the model names a joint or drive that the robot does not have.
     """
 
     def __init__(
-        self,
-        model: RobotModel | None = None,
-        loads: Loads = NO_LOADS,
-        options: ClosureOptions = DEFAULT_OPTIONS,
+        self, model: RobotModel | None = None, loads: Loads = NO_LOADS, options: ClosureOptions = DEFAULT_OPTIONS
     ) -> None:
         self.model = model or RobotModel()
         self.model.check_errors()
@@ -200,11 +194,7 @@ class Robot:
         return ()
 
     def read_commands(self, path: Path, beside: Iterable[str] = ()) -> Mapping[int, Command]:
-        """Read commands from a table, by the line they stand on; see :mod:`pouring_robot.robot.pose_table`.
-
-        Args:
-            path: the table.
-            beside: headings of columns that may stand there and are left to others.
+        """Read commands by line from a table, in which headings ``beside`` may stand; see ``robot.pose_table``.
 
         Raises:
             TableError: the file is wrong.
@@ -212,11 +202,7 @@ class Robot:
         return read_command_lines(path, self.model.definition)
 
     def pose_command(self, position_m: FloatArray, turn_rad: FloatArray | None) -> Command:
-        """Return the command that asks for a pose of the end body.
-
-        Args:
-            position_m: of its origin in the base, shape (3,), in m.
-            turn_rad: rotation vector of its axes, shape (3,), in rad; None: not said.
+        """Return the command for a place, (3,), in m, and a rotation vector, (3,), in rad, if said, of the end body.
 
         Raises:
             BadInputError: the robot cannot be asked for such a pose.
@@ -311,7 +297,7 @@ class Robot:
                     if size < nearest:
                         nearest, refusal = size, UnreachableTargetError(found.left)
                     continue
-                self._refuse_beyond_limits(found.drives, found.result.within(fit))
+                refuse_beyond(self._reach(found.drives, found.result.within(fit)))
             except NoSolutionError as problem:
                 refusal = problem
                 continue
@@ -357,15 +343,10 @@ class Robot:
     def _reach(self, drives: FloatArray, nominal: ClosureResult) -> tuple[JointReach, ...]:
         return joint_reach(self.nominal_solver.mechanism, nominal.joint_values | self._named(drives))
 
-    def _refuse_beyond_limits(self, drives: FloatArray, nominal: ClosureResult) -> None:
-        for worst in self._reach(drives, nominal)[:1]:
-            if worst.margin < 0.0:
-                raise UnreachablePoseError(worst.joint, worst.value, worst.lower, worst.upper, worst.unit)
-
     def _located(self, drives: FloatArray, nominal: ClosureResult) -> Location:
-        self._refuse_beyond_limits(drives, nominal)
-        actual = self.close_actual(drives, nominal.configuration)
-        return Location(self._named(drives), nominal, actual, self._reach(drives, nominal))
+        reach = self._reach(drives, nominal)
+        refuse_beyond(reach)
+        return Location(self._named(drives), nominal, self.close_actual(drives, nominal.configuration), reach)
 
     def dexterity(self, location: Location) -> Dexterity:
         """Return condition and distance to singularity of the actual robot at a location."""
@@ -391,10 +372,7 @@ class Robot:
         return float(np.linalg.norm(np.array(joints) - end, axis=1).mean())
 
     def transfer(
-        self,
-        command: Command,
-        parameters: str | Sequence[str | LocalParameter] = "geometry",
-        frame: str | None = None,
+        self, command: Command, parameters: str | Sequence[str | LocalParameter] = "geometry", frame: str | None = None
     ) -> xr.DataArray:
         """Return G of the robot as built at one command: how each local parameter moves a frame.
 

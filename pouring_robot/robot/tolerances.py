@@ -75,11 +75,7 @@ class Tolerances(StrictModel):
 
     @classmethod
     def of(cls, robot: RobotDefinition) -> Tolerances:
-        """Return those of a robot: its own, or the shipped ones.
-
-        Raises:
-            DescriptionError: as :meth:`load`.
-        """
+        """Return those of a robot: its own, or the shipped ones; raises DescriptionError as :meth:`load`."""
         return cls.load(robot.tolerances_file)
 
     def std(self, parameters: Sequence[GeometricParameter], robot: RobotDefinition) -> FloatArray:

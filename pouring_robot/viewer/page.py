@@ -24,13 +24,9 @@ def write_html(scene: Scene, path: Path | str) -> Path:
 
 
 def page(scene: Scene, *, live: bool = False, bench: dict[str, Any] | None = None) -> str:
-    """Return the page of a scene as HTML.
+    """Return the page of a scene as HTML, with the sliders of a bench; ``live`` says that a program serves it.
 
-    Args:
-        scene: what to show.
-        live: whether a program serves it (:func:`pouring_robot.viewer.serve`), whose end the page then tells.
-        bench: what sliders the page has, as :class:`pouring_robot.viewer.live.Bench` says. The page may reach nothing
-            but the program that serves it: its content policy forbids it.
+    Its content policy lets it reach nothing but that program.
 
     Raises:
         DescriptionError: a visual of a robot cannot be drawn.

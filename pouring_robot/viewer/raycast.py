@@ -136,12 +136,9 @@ class Layer:
         return Hits(*places, plane.reshape(shape))
 
     def daylight(self, directions: Floats, hits: Hits, reach_m: float) -> tuple[Floats, Floats]:
-        """Return how open each point is to its surroundings and how much key light reaches it, 0 to 1.
+        """Return how open hits of rays are to their surroundings and how much key light reaches them, 0 to 1.
 
-        Args:
-            directions: the rays that gave the hits.
-            hits: where they ended.
-            reach_m: a wall farther away than this darkens nothing, m.
+        A wall farther away than the reach, in m, darkens nothing.
         """
         mask = hits.mask
         normal = hits.normal[mask]
@@ -174,17 +171,9 @@ def key_light(camera: Camera) -> Floats:
 
 
 def lit_colours(camera: Camera, directions: Floats, hits: Hits, open_: Floats, lit: Floats) -> Floats:
-    """Return the colours of the hits under key light, fill light and sky.
+    """Return the colours (rows, columns, 3), 0 to 1, of the hits of rays under key light, fill light and sky.
 
-    Args:
-        camera: the lights stand where they suit it.
-        directions: the rays that gave the hits.
-        hits: what to light.
-        open_: share of the surroundings each point sees, shape (rows, columns).
-        lit: share of the key light that reaches each point, shape (rows, columns).
-
-    Returns:
-        Red, green and blue, 0 to 1, shape (rows, columns, 3); zero where nothing was met.
+    ``open_`` and ``lit`` are shares of surroundings and key light that each point sees; zero where nothing was met.
     """
     right, up, forward = camera.axes().astype(np.float32)
     key, fill = key_light(camera), np.float32(0.1) * up - np.float32(0.85) * right - np.float32(0.5) * forward

@@ -1,9 +1,10 @@
 """Triangles of a robot's visual geometry, whatever the URDF made them of."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import coal
 import numpy as np
@@ -33,12 +34,7 @@ class Shape:
 
 
 def visual_model(model: pin.Model, urdf_text: str, package_dirs: Sequence[Path | str] = ()) -> pin.GeometryModel:
-    """Return the visual geometry of a robot.
-
-    Args:
-        model: model built from the same URDF text, or one whose links carry the same names.
-        urdf_text: the URDF itself, not a path.
-        package_dirs: folders in which ``package://`` addresses of meshes are looked up.
+    """Return the visual geometry of a URDF text for a model of it; ``package://`` addresses are looked up in folders.
 
     Raises:
         DescriptionError: the URDF does not parse, or a mesh is not found.
@@ -59,13 +55,13 @@ def shape_of(item: pin.GeometryObject) -> Shape:
     geometry = item.geometry
     match geometry:
         case coal.Box():
-            return _box(tuple(2.0 * geometry.halfSide))
+            return _made(_box, *(2.0 * geometry.halfSide).tolist())
         case coal.Cylinder():
             return cylinder(geometry.radius, 2.0 * geometry.halfLength)
         case coal.Capsule():
-            return _capsule(geometry.radius, 2.0 * geometry.halfLength)
+            return _made(trimesh.creation.capsule, 2.0 * geometry.halfLength, geometry.radius)
         case coal.Sphere():
-            return _sphere(geometry.radius)
+            return _made(trimesh.creation.icosphere, 3, geometry.radius)
         case coal.BVHModelBase():
             return _from_mesh(geometry)
     raise DescriptionError(
@@ -79,22 +75,16 @@ def cylinder(radius: float, length: float) -> Shape:
     return smooth(trimesh.creation.cylinder(radius, length, sections=_ROUND_SECTIONS))
 
 
+def _box(*sides: float) -> Any:
+    return trimesh.creation.box(sides)
+
+
 @lru_cache(maxsize=256)
-def _box(extents: tuple[float, float, float]) -> Shape:
-    return smooth(trimesh.creation.box(extents))
-
-
-@lru_cache(maxsize=64)
-def _capsule(radius: float, length: float) -> Shape:
-    body = trimesh.creation.capsule(height=length, radius=radius)
-    # Releases of trimesh put the origin of a capsule in different places.
+def _made(make: Callable[..., Any], *sizes: float) -> Shape:
+    """Return the shape of a solid that trimesh makes, its middle in the origin: releases put a capsule's elsewhere."""
+    body = make(*sizes)
     body.apply_translation(-body.bounds.mean(axis=0))
     return smooth(body)
-
-
-@lru_cache(maxsize=64)
-def _sphere(radius: float) -> Shape:
-    return smooth(trimesh.creation.icosphere(subdivisions=3, radius=radius))
 
 
 _MESHES: dict[bytes, Shape] = {}

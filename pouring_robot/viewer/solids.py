@@ -8,16 +8,7 @@ import trimesh
 
 from pouring_robot.mechanism.arrays import evenly
 from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors
-from pouring_robot.viewer.scene import (
-    SKY_TOP,
-    Camera,
-    Colour,
-    Scene,
-    SceneArrows,
-    SceneRobot,
-    Vector,
-    at_step,
-)
+from pouring_robot.viewer.scene import SKY_TOP, Camera, Colour, Scene, SceneArrows, SceneRobot, Vector, at_step
 from pouring_robot.viewer.shapes import Shape, cylinder, shape_of, smooth
 
 _DIRECTION = (0.60, -1.0, 0.50)
@@ -83,10 +74,7 @@ def solids(scene: Scene, step: int | None = None) -> tuple[Solid, ...]:
 def camera_on(scene: Scene, direction: Sequence[float] = _DIRECTION, vertical_view_deg: float = 30.0) -> Camera:
     """Return a camera that shows the robots, without the links in the background, as large as will fit.
 
-    Args:
-        scene: what to look at; its own camera plays no part.
-        direction: from the mechanism towards the camera, in the world frame; any length.
-        vertical_view_deg: angle between the lower and the upper edge of the picture, degrees.
+    It stands in a direction (any length) of the world from the mechanism; the scene's own camera plays no part.
 
     Raises:
         DescriptionError: a visual of a robot cannot be drawn.

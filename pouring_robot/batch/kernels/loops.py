@@ -1,9 +1,14 @@
-"""Compiled: where the chains end, how far the loops are open, and the energy of that; moves of all that.
+"""Compiled: where the chains end, how far the loops are open, and the energy of that; the arrays of all kernels.
 
-The arrays are those of :class:`~pouring_robot.batch.kernels.workspace.Room`.
+The working arrays, one room a thread, are made outside, so that kernels allocate nothing.
 """
 
 from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
 
 from pouring_robot.batch.kernels.algebra import (
     Rotation,
@@ -18,15 +23,82 @@ from pouring_robot.batch.kernels.algebra import (
     residual_wrench,
     rotation_from_vector,
     scaled,
-    sine_cosine,
     turn,
     turn_back,
     turn_between,
 )
 from pouring_robot.batch.kernels.compiler import compiled
-from pouring_robot.batch.kernels.workspace import AXES_A, FORCE, GAP, ORIGIN_B, SHIFT, TORQUE, TURN, Room
-from pouring_robot.batch.structure import Star
+from pouring_robot.batch.structure import ByteArray, CountArray, IntArray, Star
 from pouring_robot.mechanism.arrays import FloatArray
+
+# Where things stand in a row of ``gaps``. All vectors are in base axes; the residual's parts v and w are those of log6
+# turned from frame b into base axes.
+ORIGIN_B = 0  # origin of frame b
+GAP = 3  # origin of b minus origin of a
+TURN = 6  # w
+SHIFT = 9  # v
+FORCE = 12
+TORQUE = 15  # about the origin of b
+AXES_A = 18  # rotation of frame a
+_GAPS_WIDTH = 27
+
+
+class Room(NamedTuple):
+    """Working arrays of one thread, for C chains of J joints with P passive places."""
+
+    sites: FloatArray  # present placements, as in ``Star``, (C, J + 2, 12)
+    joints: FloatArray  # values chain by chain, m or rad, (C J,)
+    before: FloatArray  # joints before the step, (C J,)
+    platform: FloatArray  # rotation and position of the end frame in the base frame, (12,)
+    platform_before: FloatArray  # before the step, (12,)
+    frames: FloatArray  # z axis (the joint's own), origin and x axis of each joint's placement, in base axes, (C, J, 9)
+    gaps: FloatArray  # what ``evaluate`` finds about each loop, by the offsets above, (C, 27)
+    columns: FloatArray  # joint twists of the passive places about the chain's reference point, (C, 6 P)
+    stiff: FloatArray  # W times the columns, (C, 6 P)
+    factor: FloatArray  # unit lower triangle and inverse diagonal of each chain's L D L^T, (C, P P)
+    coupling: FloatArray  # L^-1 times the chain's coupling to the platform, about the platform's origin, (C, 6 P)
+    schur: FloatArray  # Cholesky factor of the platform's Schur complement, lower, with inverse diagonal, (36,)
+    step: FloatArray  # of the platform, (6,)
+    joint_step: FloatArray  # of the passive places, (C, P)
+    matrix: FloatArray  # W of one chain, (36,)
+    blocks: FloatArray  # (6, 9)
+    # Of G, whose letters are those of ``transfer``:
+    unit: FloatArray  # u, one row of six an output, (36,)
+    multipliers: FloatArray  # lambda of the present chain, P an output, (6 P,)
+    front: FloatArray  # the matrix in front of J, column by column, (36,)
+    through: FloatArray  # ``E + L``, one row of six an output, (36,)
+    answer: FloatArray  # ``front J`` of the present site, column by column, (36,)
+
+
+class Samples(NamedTuple):
+    """Where n samples start, as in ``BatchStart``, and their errors, as in ``SiteErrors``."""
+
+    position: FloatArray
+    rotation: FloatArray
+    joints: FloatArray
+    errors: FloatArray
+    site: IntArray
+
+
+class Closures(NamedTuple):
+    """What is written of n samples, as in ``BatchClosure``."""
+
+    position: FloatArray
+    rotation: FloatArray
+    joints: FloatArray
+    residual: FloatArray
+    iterations: CountArray
+    status: ByteArray
+
+
+def make_room(star: Star) -> Room:
+    """Return working arrays for a star; its sites are those without errors."""
+    chains, joints = star.revolute.shape
+    places = len(star.passive_count)
+    count, six = chains * joints, (chains, 6 * places)
+    shapes = (count, count, 12, 12, (chains, joints, 9), (chains, _GAPS_WIDTH), six, six)
+    more = ((chains, places * places), six, 36, 6, (chains, places), 36, (6, 9), 36, 6 * places, 36, 36, 36)
+    return Room(star.placements.copy(), *(np.zeros(shape) for shape in (*shapes, *more)))
 
 
 @compiled
@@ -49,17 +121,9 @@ def put(row: FloatArray, at: int, a: Triple) -> None:
 
 
 @compiled
-def sines_cosines(room: Room) -> None:
-    """Write sines and cosines of all joint values into ``circle``."""
-    count = room.joints.size
-    for at in range(count):
-        room.circle[at], room.circle[count + at] = sine_cosine(room.joints[at])
-
-
-@compiled
 def carry(star: Star, room: Room, i: int) -> tuple[Rotation, Triple]:
-    """Return rotation and origin of frame a of chain i; reads ``circle``, writes the frames of its joints."""
-    count, joint_count = star.revolute.shape[1], room.joints.size
+    """Return rotation and origin of frame a of chain i; writes the frames of its joints."""
+    count = star.revolute.shape[1]
     r, place = nine(room.sites[i, 0], 0), three(room.sites[i, 0], 9)
     for k in range(count):
         axis = (r[2], r[5], r[8])
@@ -68,7 +132,7 @@ def carry(star: Star, room: Room, i: int) -> tuple[Rotation, Triple]:
         put(room.frames[i, k], 6, (r[0], r[3], r[6]))
         at = i * count + k
         if star.revolute[i, k]:
-            s, c = room.circle[at], room.circle[joint_count + at]
+            s, c = math.sin(room.joints[at]), math.cos(room.joints[at])
             x, y = (c * r[0] + s * r[1], c * r[3] + s * r[4], c * r[6] + s * r[7]), (r[1], r[4], r[7])
             y = (c * y[0] - s * r[0], c * y[1] - s * r[3], c * y[2] - s * r[6])
             r = (x[0], y[0], r[2], x[1], y[1], r[5], x[2], y[2], r[8])
@@ -108,7 +172,6 @@ def evaluate(star: Star, room: Room) -> tuple[float, float]:
     kt, kr = star.stiffness[0], star.stiffness[1]
     energy, largest = 0.0, 0.0
     seat = star.revolute.shape[1] + 1
-    sines_cosines(room)
     r_platform, origin = nine(room.platform, 0), three(room.platform, 9)
     for i in range(star.revolute.shape[0]):
         r_a, a = carry(star, room, i)

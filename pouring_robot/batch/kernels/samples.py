@@ -9,9 +9,19 @@ import math
 
 from pouring_robot.batch.kernels.algebra import dot
 from pouring_robot.batch.kernels.compiler import compiled, outermost
-from pouring_robot.batch.kernels.loops import branch_end, displace, put, residual_of, sines_cosines, three
+from pouring_robot.batch.kernels.loops import (
+    SHIFT,
+    TURN,
+    Closures,
+    Room,
+    Samples,
+    branch_end,
+    displace,
+    put,
+    residual_of,
+    three,
+)
 from pouring_robot.batch.kernels.newton import CLOSED, GAP_TOO_LARGE, NOT_FINITE, close_one
-from pouring_robot.batch.kernels.workspace import SHIFT, TURN, Closures, Room, Samples
 from pouring_robot.batch.structure import Star
 from pouring_robot.mechanism.arrays import FloatArray
 
@@ -144,7 +154,6 @@ def carry_samples(
         load_joints(star, room, samples.joints[row])
         load_drives(star, room, drives[row])
         sound = place_errors(star, room, samples, row, first)
-        sines_cosines(room)
         axes, _, origin = branch_end(star, room, 0)
         put(room.platform, 9, origin)
         for c in range(9):

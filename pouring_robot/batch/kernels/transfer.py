@@ -2,7 +2,7 @@ r"""Compiled: the error-transfer matrix G of many samples.
 
 At the minimum ``dx = -H^-1 dg/dp``. Only the platform's rows are wanted, so H^-1 is applied to the platform's unit
 vectors once (adjoint): the platform part u of the answer is the inverse Schur complement, its joints are
-:math:`\lambda`. In the order of freedoms of :mod:`pouring_robot.batch.kernels.hessian`, a parameter that moves frame a
+:math:`\lambda`. In the order of freedoms of :mod:`pouring_robot.batch.kernels.newton`, a parameter that moves frame a
 with the twist J and stands after the earlier joints m has
 
 .. math:: G = (E^T W + L^T W^T) J, \quad E = u - \sum_{earlier} D_m \lambda_m, \quad L = -\sum_{later} D_m \lambda_m
@@ -20,20 +20,30 @@ from typing import NamedTuple
 
 from pouring_robot.batch.kernels.algebra import Rotation, Triple, combined, cross, minus, plus, product, scaled
 from pouring_robot.batch.kernels.compiler import compiled, outermost
-from pouring_robot.batch.kernels.hessian import chain_columns, factorise, row_times, solve_platform
 from pouring_robot.batch.kernels.loops import (
+    FORCE,
+    ORIGIN_B,
+    TORQUE,
+    Room,
+    Samples,
     arm_of,
     branch_end,
     evaluate,
     joint_twist,
     nine,
     put,
-    sines_cosines,
     three,
 )
-from pouring_robot.batch.kernels.newton import CLOSED, NOT_FINITE, SINGULAR
+from pouring_robot.batch.kernels.newton import (
+    CLOSED,
+    NOT_FINITE,
+    SINGULAR,
+    chain_columns,
+    factorise,
+    row_times,
+    solve_platform,
+)
 from pouring_robot.batch.kernels.samples import load_joints, load_state, place_errors
-from pouring_robot.batch.kernels.workspace import FORCE, ORIGIN_B, TORQUE, Room, Samples
 from pouring_robot.batch.structure import ByteArray, IntArray, Star
 from pouring_robot.mechanism.arrays import FloatArray
 
@@ -253,7 +263,6 @@ def branch_samples(
             fill(matrix[row], math.nan)
             continue
         status[row] = CLOSED
-        sines_cosines(room)
         for i in range(chains):
             r_a, offset, end = branch_end(star, room, i)
             for k in range(count):

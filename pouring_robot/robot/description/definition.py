@@ -16,7 +16,7 @@ from __future__ import annotations
 import functools
 import io
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -116,8 +116,8 @@ class RobotDefinition:
         if file.payload_frame is not None and file.payload_frame not in frames:
             near = closest(file.payload_frame, frames)
             raise DescriptionError(path, f"payload_frame '{file.payload_frame}' is no link of the robot{near}")
-        self._check_home(root)
-        self._check_zeros(root)
+        self._check_home(root.iterfind("joint"))
+        self._check_zeros(root.iterfind("joint"))
         idle = {*carriers(root, self.loops.base_frame)}.intersection(carriers(root, self.loops.end_frame or ""))
         for drive in self.drives:
             if drive.joint in idle:
@@ -164,27 +164,25 @@ class RobotDefinition:
             first = problem.errors(include_url=False)[0]
             raise DescriptionError(self.path, first["msg"].removeprefix("Value error, ")) from problem
 
-    def _check_home(self, root: etree._Element) -> None:
+    def _check_home(self, joints: Iterable[etree._Element]) -> None:
         """Refuse a home beyond a joint's limits."""
-        for joint in root.iterfind("joint"):
-            name, limit = str(joint.get("name")), joint.find("limit")
-            if name in self.file.home and limit is not None and joint.get("type") in ("revolute", "prismatic"):
-                value = self.file.home[name]
-                lower, upper = (float(limit.get(key, "nan")) for key in ("lower", "upper"))
-                if lower < upper and not lower - _LIMIT_SLACK <= value <= upper + _LIMIT_SLACK:
-                    beyond = f"home: '{name}' at {value:g} is beyond its limits {lower:g} to {upper:g} (m, rad)"
-                    raise DescriptionError(self.path, beyond)
+        for joint in joints:
+            name, (lower, upper) = str(joint.get("name")), _limits(joint)
+            value = self.file.home.get(name, lower)
+            bounded = lower < upper and joint.get("type") in ("revolute", "prismatic")
+            if bounded and not lower - _LIMIT_SLACK <= value <= upper + _LIMIT_SLACK:
+                beyond = f"home: '{name}' at {value:g} is beyond its limits {lower:g} to {upper:g} (m, rad)"
+                raise DescriptionError(self.path, beyond)
 
-    def _check_zeros(self, root: etree._Element) -> None:
+    def _check_zeros(self, joints: Iterable[etree._Element]) -> None:
         """Refuse zeros at which no joint stands, which mostly are mm or degrees.
 
         At a command of zero a drive may stand beyond its limits, at a switch, but hardly by more than they are apart; a
         turn is known but for whole ones. A slide without limits stands within the robot's size.
         """
-        limits = {str(joint.get("name")): joint.find("limit") for joint in root.iterfind("joint")}
+        limits = {str(joint.get("name")): _limits(joint) for joint in joints}
         for drive in (drive for drive in self.drives if drive.zero):
-            limit = limits[drive.joint]
-            lower, upper = (0.0 if limit is None else float(limit.get(key, "0")) for key in ("lower", "upper"))
+            lower, upper = limits[drive.joint]
             whole = 2.0 * math.pi if drive.unit == "rad" else 0.0 if lower < upper else self.reach_m
             least, most = min(2.0 * lower - upper, -whole), max(2.0 * upper - lower, whole)
             if not least <= drive.zero <= most:
@@ -394,3 +392,9 @@ class RobotDefinition:
     def travels(self) -> tuple[str, ...]:
         """Names of the columns that say where the base stands, in m."""
         return self.file.travel
+
+
+def _limits(joint: etree._Element) -> tuple[float, float]:
+    """Return the limits of a joint, m or rad; zeros where it says none."""
+    limit = joint.find("limit")
+    return (0.0, 0.0) if limit is None else (float(limit.get("lower", "0")), float(limit.get("upper", "0")))

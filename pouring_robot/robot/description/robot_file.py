@@ -106,9 +106,5 @@ class RobotFile(StrictModel):
 
     @classmethod
     def load(cls, path: Path | str) -> RobotFile:
-        """Read a robot file.
-
-        Raises:
-            DescriptionError: it cannot be read, or a key or value in it is wrong.
-        """
+        """Read a robot file; raises DescriptionError where it cannot be read, or a key or value in it is wrong."""
         return validate(cls, read_yaml(path), path)

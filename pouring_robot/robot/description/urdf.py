@@ -54,11 +54,7 @@ def xml_text(root: etree._Element, *, indented: bool = False) -> str:
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a file of the description.
-
-    Raises:
-        DescriptionError: it cannot be read.
-    """
+    """Return the text of a file of the description; raises DescriptionError where it cannot be read."""
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -96,15 +92,10 @@ def carriers(root: etree._Element, frame: str) -> list[str]:
 
 
 def perturb_urdf(urdf: str, placements: Mapping[str, PlacementError], source: Path | str = "URDF") -> str:
-    """Return the URDF with single joints displaced.
+    """Return the URDF with single joints, by name, displaced; ``source`` is the file that errors name.
 
     Each joint's origin M becomes M · SE3(exp3(rotation_rad), translation_m); all else stays as it is. Numbers
     are written so that reading them gives the same double again: errors of a nanometre survive.
-
-    Args:
-        urdf: the nominal URDF.
-        placements: displacement by joint name.
-        source: the file that it comes from, for what is said of it.
 
     Raises:
         UnknownJointError: the URDF has no joint of that name.

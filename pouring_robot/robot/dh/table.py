@@ -25,11 +25,7 @@ from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.dh.chain import DHChain
 from pouring_robot.robot.dh.derivation import dh_chain
 from pouring_robot.robot.dh.fit import fit_errors
-from pouring_robot.robot.dh.parameters import (
-    DHParameter,
-    UnknownParameterError,
-    chain_parameters,
-)
+from pouring_robot.robot.dh.parameters import DHParameter, UnknownParameterError, chain_parameters
 
 
 class DHTable:
@@ -66,11 +62,7 @@ class DHTable:
         return MappingProxyType(self._chains)
 
     def __getitem__(self, name: str) -> DHParameter:
-        """Return a parameter by name.
-
-        Raises:
-            UnknownParameterError: there is no such parameter.
-        """
+        """Return a parameter by name; raises UnknownParameterError where there is no such parameter."""
         if name not in self._parameters:
             raise UnknownParameterError(name, self._parameters)
         return self._parameters[name]
@@ -80,10 +72,7 @@ class DHTable:
     ) -> tuple[DHParameter, ...]:
         """Return the parameters of these names in the order given, or else all that matter, in table order.
 
-        Args:
-            names: the wanted ones; whatever is named is returned, drop-outs too.
-            chain: only this chain's.
-            drop_outs: without names: whether to include the parameters that drop out.
+        Whatever is named is returned, drop-outs too; ``chain`` leaves out those of others.
 
         Raises:
             UnknownParameterError: there is no parameter of a name.

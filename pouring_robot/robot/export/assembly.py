@@ -84,11 +84,7 @@ class Assembly:
 
     @classmethod
     def of(cls, closed: ClosedRobot) -> Assembly:
-        """Read it off a closed robot.
-
-        Raises:
-            DescriptionError: the URDF has a joint or shape that cannot be written.
-        """
+        """Read it off a closed robot; raises DescriptionError for a joint or shape that cannot be written."""
         root, mechanism = etree.fromstring(closed.urdf.encode()), closed.mechanism
         paint = {
             m.get("name"): m.find("color").get("rgba") for m in root.iter("material") if m.find("color") is not None

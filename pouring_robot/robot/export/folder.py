@@ -22,23 +22,13 @@ FORMATS: tuple[Format, ...] = get_args(Format)
 
 
 def exported_files(
-    closed: ClosedRobot,
-    folder: Path,
-    form: Format = "urdf",
-    *,
-    zero_here: bool = False,
-    absolute_meshes: bool = False,
+    closed: ClosedRobot, folder: Path, form: Format = "urdf", *, zero_here: bool = False, absolute_meshes: bool = False
 ) -> dict[Path, bytes | str]:
-    """Return what an export writes, by path; the description last.
+    """Return what an export of a closed robot into a folder writes, by path; the description last.
 
-    Args:
-        closed: the robot as built, closed at the chosen command.
-        folder: where it will stand.
-        form: what describes it: ``urdf`` (with an SRDF and the file that says how it closes), ``mjcf``, ``sdf`` (loops
-            are joints) or ``drake`` (SDF, loops are bushings).
-        zero_here: whether the URDF's joints count from the command, so that its zero is closed. Without it they have
-            the package's values.
-        absolute_meshes: whether meshes are addressed from the root, for readers that know no folder.
+    It is a URDF with an SRDF and the file that says how it closes, MJCF, SDF whose loops are joints, or for Drake
+    bushings. ``zero_here``: the URDF's joints count from the command, so that its zero is closed, and not as the
+    package's. ``absolute_meshes``: meshes are addressed from the root, for readers that know no folder.
 
     Raises:
         DescriptionError: a mesh is missing, or something has no words in the format.

@@ -25,10 +25,8 @@ _KINDS = {"spherical": "ball"}
 def sdf(assembly: Assembly, loops: Literal["joints", "bushings"] = "joints") -> str:
     """Return the robot as SDF; meshes are OBJ files in ``meshes``.
 
-    Args:
-        assembly: the closed robot.
-        loops: as joints (``fixed`` or ``ball``) for simulators whose joints may close loops; or as linear bushings of
-            the robot's own stiffness for Drake, whose joints make a tree.
+    Loops are joints (``fixed`` or ``ball``) for simulators whose joints may close loops; or linear bushings of the
+    robot's own stiffness for Drake, whose joints make a tree.
     """
     root = etree.Element("sdf", nsmap={"drake": _DRAKE} if loops == "bushings" else None, version="1.9")
     model = etree.SubElement(root, "model", name=assembly.name)

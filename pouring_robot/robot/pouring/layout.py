@@ -22,7 +22,7 @@ from pouring_robot.io.typed_yaml import read_yaml, validate
 from pouring_robot.mechanism.arrays import read_only
 from pouring_robot.robot.description.urdf import description_folder, read_text
 from pouring_robot.robot.pouring import layout_schema
-from pouring_robot.robot.pouring.layout_schema import Angle, Ladle, LayoutEntry, LayoutsFile, Length, Position
+from pouring_robot.robot.pouring.layout_schema import InMetres, InRadians, Ladle, LayoutEntry, LayoutsFile
 
 # YAML 1.1, as xacro reads it; the compiled one where PyYAML has it.
 _XACRO_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -117,8 +117,8 @@ def load_layout(name: str = "paper", layouts_file: Path | None = None) -> Layout
         tilt_lower_rad=tilt[0],
         tilt_upper_rad=tilt[1],
         accuracy_m=entry.workspace.accuracy.metres,
-        fixed_centres_m=entry.fixed_centres.metres,
-        moving_centres_m=entry.moving_centres.metres,
+        fixed_centres_m=read_only(np.array(entry.fixed_centres.metres)),
+        moving_centres_m=read_only(np.array(entry.moving_centres.metres)),
         truss_span_m=entry.truss.span.metres,
         ladle=_ladle(entry.ladle),
     )
@@ -177,9 +177,9 @@ def _refuse_ambiguous(path: Path, ours: object, theirs: object, key: str = "") -
 def _ladle(entry: Ladle) -> LadleDimensions:
     si: dict[str, Any] = {"payload_kg": entry.payload.value, "tare_kg": entry.tare.value, "mesh": entry.mesh.value}
     for name, size in entry:
-        if isinstance(size, Length | Position):
+        if isinstance(size, InMetres):
             si[f"{name}_m"] = size.metres
-        elif isinstance(size, Angle):
+        elif isinstance(size, InRadians):
             si[f"{name}_rad"] = size.radians
     return LadleDimensions(**{field.name: si[field.name] for field in fields(LadleDimensions)})
 

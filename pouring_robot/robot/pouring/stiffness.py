@@ -106,14 +106,7 @@ class PartStiffness:
     def of(
         cls, layout: LayoutEntry, lengths_m: FloatArray, load_N: float, properties: StiffnessProperties | None = None
     ) -> PartStiffness:
-        """Compute it.
-
-        Args:
-            layout: sections of the parts.
-            lengths_m: of the legs, shape (4,).
-            load_N: along a leg, for the bearings.
-            properties: steel, bearings and measured figures.
-        """
+        """Compute it for a layout, lengths of the legs (4,), in m, and a load along a leg, in N, that bearings feel."""
         given = properties or load_stiffness()
         leg, E, G = layout.leg, given.steel.youngs_modulus.value, given.steel.shear_modulus.value
         spindle_m = np.maximum(lengths_m - leg.housing_below.metres, _SHORTEST_SPINDLE_M)

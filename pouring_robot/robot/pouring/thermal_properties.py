@@ -14,7 +14,7 @@ from pouring_robot.exceptions import ThermalFileError
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, ZERO_CELSIUS_K
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.robot.description.urdf import description_folder
-from pouring_robot.robot.pouring.layout_schema import Density, Entry, Size
+from pouring_robot.robot.pouring.layout_schema import Density, Entry, InMetres, Size
 from pouring_robot.robot.pouring.names import LEGS
 
 PARTS = (*LEGS, "platform", "fixed_platform")
@@ -36,15 +36,8 @@ class Temperature(Entry[_Celsius, Literal["degC"]]):
         return self.value + ZERO_CELSIUS_K
 
 
-class Thickness(Entry[_Thickness, Literal["mm", "m"]]):
-    """A thickness; zero means that there is none."""
-
-    @property
-    def metres(self) -> float:
-        """Value in m."""
-        return self.value / self._per_si()
-
-
+Thickness = InMetres[_Thickness, Literal["mm", "m"]]
+"""Zero means that there is none."""
 Emissivity = Entry[_Fraction, Literal["1"]]
 Conductivity = Entry[Size, Literal["W/mK"]]
 FilmCoefficient = Entry[Size, Literal["W/m2K"]]

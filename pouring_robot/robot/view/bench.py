@@ -37,13 +37,7 @@ class Wish(StrictModel):
 
 
 class RobotBench:
-    """A robot that a page moves; the page keeps its state, so several pages may look at one bench.
-
-    Args:
-        robot: the robot as built.
-        location: where it stands at first.
-        exaggeration: how many times errors are drawn larger at first; None chooses.
-    """
+    """A robot, at first at a location, that a page moves; the page keeps its state, so several may look at a bench."""
 
     def __init__(self, robot: Robot, location: Location, exaggeration: float | None = None) -> None:
         """Draw it once; afterwards only its bodies move."""

@@ -84,7 +84,7 @@ class DisplacementField:
             ladle_strain: growth of the ladle per length.
             ladle_from_o: as in :meth:`of`.
         """
-        fixed, moving = layout.fixed_centres.metres, layout.moving_centres.metres
+        fixed, moving = np.array(layout.fixed_centres.metres), np.array(layout.moving_centres.metres)
         shares = np.linspace(0.0, 1.0, _ON_A_LEG)
         parts: list[str] = []
         points, moved = [], []
