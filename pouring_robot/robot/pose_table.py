@@ -31,8 +31,6 @@ def read_pose_lines(path: Path | str, beside: Iterable[str] = ()) -> dict[int, P
 
     Columns ``sample``, which plans have, and ``beside`` may stand there and are left out.
 
-    A column ``sample``, which plans have, is left out.
-
     Raises:
         TableError: the file cannot be read, a column is missing, doubled or unknown, a row has too many cells, or
             a cell is no finite number.

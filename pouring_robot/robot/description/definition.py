@@ -94,6 +94,13 @@ class RobotDefinition:
         DescriptionError: the URDF or the loops file is wrong, or a joint in the file is none of the URDF's.
     """
 
+    inner_joints: frozenset[str] = frozenset()
+    """Joints whose distances from the one before are machined in one part; they have a tolerance of their own."""
+    expected_thermometers: tuple[str, ...] = ()
+    """Those of :attr:`thermometers` that a campaign is missed without: nobody has one on every link."""
+    causes: Causes | None = None
+    """What may go wrong with it, where it says so itself; None: what may go wrong with any robot."""
+
     def __init__(self, file: RobotFile, path: Path) -> None:
         self.file, self.path = file, path
         loops = self._loops()
@@ -144,17 +151,8 @@ class RobotDefinition:
 
     def _loops(self) -> LoopsFile:
         file = self.file
-        own: dict[str, Any] = {
-            "base_frame": file.base_frame,
-            "end_frame": file.end_frame,
-            "tool_frames": file.tool_frames,
-            "cut_joints": file.cut_joints,
-            "locked_joints": file.locked_joints,
-            "joint_types": file.joint_types,
-            "stiffness": file.stiffness,
-            "redundant_drives": file.redundant_drives,
-        }
-        said = {key: value for key, value in own.items() if value}
+        shared = RobotFile.model_fields.keys() & LoopsFile.model_fields.keys() - {"loops", "drives"}
+        said: dict[str, Any] = {key: value for key in shared if (value := getattr(file, key))}
         said["drives"] = tuple(entry.joint for entry in file.drives)
         if isinstance(file.loops, str):
             return load_loops(self.path.parent / file.loops).model_copy(update=said)
@@ -344,11 +342,6 @@ class RobotDefinition:
         return {name: tuple(group for group in groups if group in known) for name, groups in _SETS.items()}
 
     @property
-    def inner_joints(self) -> frozenset[str]:
-        """Joints whose distances from the one before are machined in one part; they have a tolerance of their own."""
-        return frozenset()
-
-    @property
     def tolerances_file(self) -> Path | None:
         """The robot's own tolerances; None: the shipped ones."""
         return None if self.file.tolerances is None else self.path.parent / self.file.tolerances
@@ -374,19 +367,9 @@ class RobotDefinition:
         return tuple(dict.fromkeys((*self._links, *self.groups)))
 
     @property
-    def causes(self) -> Causes | None:
-        """What may go wrong with it, where it says so itself; None: what may go wrong with any robot."""
-        return None
-
-    @property
     def tool_words(self) -> tuple[str, str]:
         """What is carried, and the point of it whose error counts, in sentences."""
         return "the tool", self.loops.working_frame
-
-    @property
-    def expected_thermometers(self) -> tuple[str, ...]:
-        """Those of them that a campaign is missed without: none, as nobody has one on every link."""
-        return ()
 
     @property
     def travels(self) -> tuple[str, ...]:

@@ -163,7 +163,9 @@ def urdf_files(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
             raise DescriptionError(source, f"cannot be read: {error.strerror}") from error
         mesh.set("filename", f"meshes/{source.name}")
     _say_massless(root)
-    _keep_for_mujoco(root)
+    if root.find("mujoco") is None:  # its compiler melts links and drops visuals of a URDF; others pass it over
+        settings = {"fusestatic": "false", "discardvisual": "false", "balanceinertia": "false", "strippath": "false"}
+        etree.SubElement(etree.SubElement(root, "mujoco"), "compiler", settings)
     files |= {folder / name: content for name, content in (beside or {}).items()}
     # No XML declaration: some readers pass the text on as a string, which must not declare an encoding.
     files[folder / f"{root.get('name', 'robot')}.urdf"] = xml_text(root).encode()
@@ -178,13 +180,6 @@ def _say_massless(root: etree._Element) -> None:
             inertial = etree.SubElement(link, "inertial")
             etree.SubElement(inertial, "mass", value="0")
             etree.SubElement(inertial, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
-
-
-def _keep_for_mujoco(root: etree._Element) -> None:
-    """Tell MuJoCo's compiler, which melts links and drops visuals of a URDF, to keep them; others pass it over."""
-    settings = {"fusestatic": "false", "discardvisual": "false", "balanceinertia": "false", "strippath": "false"}
-    if root.find("mujoco") is None:
-        etree.SubElement(etree.SubElement(root, "mujoco"), "compiler", settings)
 
 
 def _displace(joint: etree._Element, placement: PlacementError, source: Path | str) -> None:

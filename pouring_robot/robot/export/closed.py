@@ -68,7 +68,11 @@ class ClosedRobot:
     @functools.cached_property
     def urdf(self) -> str:
         """The tree, the platform standing at the command where the closure puts it."""
-        return perturb_urdf(self.mechanism.urdf, self._carried())
+        model, placed = self.mechanism.shared_model, {}
+        for name in self.mechanism.loops.cut_joints:  # off by the value of the free joint it is in the closure
+            first = model.joints[self.mechanism.joint_id(name)].idx_q
+            placed[name] = PlacementError.from_se3(pin.XYZQUATToSE3(self.result.configuration[first : first + 7]))
+        return perturb_urdf(self.mechanism.urdf, placed)
 
     def urdf_zero_here(self) -> str:
         """Return the tree with the zeros of its joints moved to the command, for viewers that show zeros."""
@@ -91,14 +95,6 @@ class ClosedRobot:
             if mimic is not None:
                 mimic.set("offset", "0")
         return xml_text(root)
-
-    def _carried(self) -> dict[str, PlacementError]:
-        """Return how far each cut joint stands off in the tree: the value of the free joint it is in the closure."""
-        model, placed = self.mechanism.shared_model, {}
-        for name in self.mechanism.loops.cut_joints:
-            first = model.joints[self.mechanism.joint_id(name)].idx_q
-            placed[name] = PlacementError.from_se3(pin.XYZQUATToSE3(self.result.configuration[first : first + 7]))
-        return placed
 
     def over_workspace(self) -> TreeGap | None:
         """Compare the tree with the closed robot over the workspace; None where the tree is all there is.

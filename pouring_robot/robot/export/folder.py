@@ -1,7 +1,6 @@
 """The folder that holds an exported robot: description, meshes in every format, joint values, closed."""
 
 import io
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -48,7 +47,9 @@ def exported_files(
         place = folder / f"joints.{kind}"
         files[place] = joints_text([JointRow.of(closed.result)], place)
     if form != "urdf":
-        _refuse_missing(assembly, files, folder)
+        for missing in (name for name in assembly.meshes if folder / "meshes" / name not in files):
+            problem = f"the mesh {missing} lies in a package that is not here"
+            raise DescriptionError("URDF", f"{problem}; give its file in the URDF, or export urdf")
     match form:
         case "mjcf":
             files[folder / f"{name}.xml"] = mjcf(closed, assembly, pairs)
@@ -59,13 +60,6 @@ def exported_files(
             files[urdf.with_suffix(".srdf")] = srdf(assembly, pairs)
             files[urdf] = _absolute(drawn, folder) if absolute_meshes else drawn
     return files
-
-
-def _refuse_missing(assembly: Assembly, files: Mapping[Path, bytes | str], folder: Path) -> None:
-    for mesh in assembly.meshes:
-        if folder / "meshes" / mesh not in files:
-            problem = f"the mesh {mesh} lies in a package that is not here; give its file in the URDF, or export urdf"
-            raise DescriptionError("URDF", problem)
 
 
 def _bytes(content: Any) -> bytes:

@@ -67,8 +67,11 @@ def mjcf(closed: ClosedRobot, assembly: Assembly, touching: Iterable[tuple[str, 
         etree.SubElement(contact, "exclude", **dict(zip(("body1", "body2"), names, strict=True)))
     _close(etree.SubElement(root, "equality"), welds, assembly)
     actuators = etree.SubElement(root, "actuator")
-    for joint in assembly.servos:
-        _servo(actuators, joint)
+    for joint in assembly.servos:  # each gives its rated force where it is off by what it may yield
+        stiffness = repr(joint.servo_stiffness)
+        servo = etree.SubElement(actuators, "position", name=joint.name, joint=joint.name, kp=stiffness, dampratio="1")
+        if joint.limits:
+            servo.set("ctrlrange", text(joint.limits))
     key = etree.SubElement(etree.SubElement(root, "keyframe"), "key", name="closed")
     key.set("ctrl", text(joint.value for joint in assembly.servos))
     return xml_text(root, indented=True)
@@ -202,12 +205,3 @@ def _close(equality: Any, welds: Mapping[str, _Weld], assembly: Assembly) -> Non
         etree.SubElement(equality, kind, name=loop.name, site1=loop.frame_a, site2=loop.frame_b, **scale, **softness)
     for (follower, leader), ratio in assembly.mimics.items():
         etree.SubElement(equality, "joint", joint1=follower, joint2=leader, polycoef=text((0.0, ratio, 0.0, 0.0, 0.0)))
-
-
-def _servo(actuators: Any, joint: Joint) -> None:
-    """A servo that gives its rated force where it is off by what it may yield."""
-    servo = etree.SubElement(
-        actuators, "position", name=joint.name, joint=joint.name, kp=repr(joint.servo_stiffness), dampratio="1"
-    )
-    if joint.limits:
-        servo.set("ctrlrange", text(joint.limits))

@@ -39,7 +39,9 @@ def sdf(assembly: Assembly, loops: Literal["joints", "bushings"] = "joints") -> 
         else:
             _link(model, body, assembly)
     fixed = _joint(model, "fixed_to_world", "fixed", "world", _called(assembly.base, assembly))
-    fixed.addprevious(etree.Comment(f" zero is where {_commands(assembly)} "))
+    values = {joint.name: joint.value for joint in assembly.joints.values()}
+    commands = ", ".join(f"{name} = {values[name]!r}" for name in assembly.loops.drives)
+    fixed.addprevious(etree.Comment(f" zero is where {commands} "))
     for note in mimic_notes(assembly.mimics):
         fixed.addprevious(etree.Comment(f" {note.replace('--', '- -')} "))
     for joint in assembly.joints.values():
@@ -75,11 +77,6 @@ def _called(name: str, assembly: Assembly) -> str:
 
 def _carrier(name: str, assembly: Assembly) -> str:
     return assembly.joints[name].parent if _is_frame(assembly.bodies[name], assembly) else _called(name, assembly)
-
-
-def _commands(assembly: Assembly) -> str:
-    values = {joint.name: joint.value for joint in assembly.joints.values()}
-    return ", ".join(f"{name} = {values[name]!r}" for name in assembly.loops.drives)
 
 
 def _add(parent: Any, tag: str, value: str) -> Any:

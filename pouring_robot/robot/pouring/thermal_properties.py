@@ -126,15 +126,6 @@ class ThermalProperties(StrictModel):
     expansion: ExpansionProperties  # reference temperature
 
 
-def shipped_thermal_file() -> Path:
-    """Return the properties file that comes with the package.
-
-    Raises:
-        DescriptionError: the robot description is missing from the installation.
-    """
-    return description_folder() / "config" / "thermal.yaml"
-
-
 def load_thermal_properties(path: Path | str | None = None) -> ThermalProperties:
     """Read a file of thermal properties (default: the shipped one).
 
@@ -142,5 +133,5 @@ def load_thermal_properties(path: Path | str | None = None) -> ThermalProperties
         ThermalFileError: the file is missing or wrong (a misspelt key, an emissivity above 1, a temperature below
             absolute zero …); names file, line and key.
     """
-    path = Path(path) if path is not None else shipped_thermal_file()
+    path = Path(path) if path is not None else description_folder() / "config" / "thermal.yaml"
     return validate(ThermalProperties, read_yaml(path, ThermalFileError), path, ThermalFileError)
