@@ -51,6 +51,8 @@ def _composed(first: Mapping[str, pin.SE3], second: Mapping[str, pin.SE3]) -> di
 class ClosedChainMechanism:
     """URDF + loops as one immutable object; everything that moves lives in the solvers built on it.
 
+    What is asked for by name raises UnknownFrameError or UnknownJointError where the robot has none of that name.
+
     Args:
         urdf: the robot as URDF text.
         loops: the declaration of loops and drives.
@@ -273,20 +275,12 @@ class ClosedChainMechanism:
         return {name: len(path) - 1 for name, path in self.joint_paths.items()}
 
     def unit_of(self, joint: str) -> Literal["m", "rad"]:
-        """Return the unit of a one-freedom joint: a length or an angle.
-
-        Raises:
-            UnknownJointError: there is no such joint.
-        """
+        """Return the unit of a one-freedom joint: a length or an angle."""
         kind = self.shared_model.joints[self.joint_id(joint)].shortname()
         return "m" if kind.startswith("JointModelP") and not kind.startswith("JointModelPlanar") else "rad"
 
     def placement_on_end(self, frame: str) -> pin.SE3:
-        """Return where a frame that is rigid on the end body sits in the loops file's ``end_frame``.
-
-        Raises:
-            UnknownFrameError: there is no such frame.
-        """
+        """Return where a frame that is rigid on the end body sits in the loops file's ``end_frame``."""
         end, wanted = (self.shared_model.frames[self.frame_id(name)] for name in (str(self.loops.end_frame), frame))
         return end.placement.actInv(wanted.placement)
 
@@ -298,11 +292,7 @@ class ClosedChainMechanism:
 
     @property
     def T_end_tool(self) -> pin.SE3:  # noqa: N802 - frames as everywhere
-        """Where the frame that counts sits on the body that closes the loops (the pouring lip on the platform).
-
-        Raises:
-            UnknownFrameError: the robot has no such frame.
-        """
+        """Where the frame that counts sits on the body that closes the loops (the pouring lip on the platform)."""
         return self.placement_on_end(str(self.loops.working_frame))
 
     def joint_id(self, name: str) -> int:
@@ -312,11 +302,7 @@ class ClosedChainMechanism:
         return int(self.shared_model.getJointId(name))
 
     def pose_world_to_placement(self, data: pin.Data, joint: str) -> pin.SE3:
-        """Return where the placement of a joint, fixed or moving, stands before its own motion, from frames up to date.
-
-        Raises:
-            UnknownFrameError: there is no such joint.
-        """
+        """Return where the placement of a joint stands before its own motion, from frames of ``data`` up to date."""
         if self.shared_model.existJointName(joint):
             index = self.shared_model.getJointId(joint)
             return data.oMi[self.shared_model.parents[index]] * self.shared_model.jointPlacements[index]

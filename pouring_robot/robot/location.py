@@ -51,11 +51,7 @@ class Location(Result):
         return self.nominal.pose(base, frame), self.actual.pose(base, frame)
 
     def difference(self, frame: str | None = None) -> PoseDifference:
-        """Return actual minus nominal pose of a frame (default: the working frame), in the axes of the base.
-
-        Raises:
-            UnknownFrameError: there is no such frame.
-        """
+        """Return actual minus nominal pose of a frame (default: the working frame), in the axes of the base."""
         return PoseDifference.between(*self.poses(frame or self.loops.working_frame))
 
     @property

@@ -1,8 +1,9 @@
 """The model file: one YAML that says how this robot differs from the drawing.
 
-It names a layout, the placement errors of joints and the offsets of drives. It is kept in the units people write
-(mm, mrad), so that reading and writing again changes no digit; SI values come out of
-:meth:`RobotModel.placement_errors` and :meth:`RobotModel.drive_offset_values`.
+It names a layout, the placement errors of joints and the offsets of drives. It is kept in the units people write (mm,
+mrad), so that reading and writing again changes no digit; SI values come out of :meth:`RobotModel.placement_errors` and
+:meth:`RobotModel.drive_offset_values`. Where a file of the robot's description is broken what needs it raises
+DescriptionError, where there is no such layout UnknownLayoutError.
 """
 
 from __future__ import annotations
@@ -135,11 +136,7 @@ class RobotModel(StrictModel):
 
     @classmethod
     def for_robot(cls, path: Path | str) -> RobotModel:
-        """Return the drawing of a robot, by its robot file.
-
-        Raises:
-            DescriptionError: the file, or one that it names, is wrong.
-        """
+        """Return the drawing of a robot, by its robot file."""
         model = cls(robot=str(Path(path).absolute()))
         model.definition  # noqa: B018 - what is wrong with the file is to be said now
         return model
@@ -227,12 +224,7 @@ class RobotModel(StrictModel):
 
     @property
     def definition(self) -> RobotDefinition:
-        """The robot of the drawing: URDF, loops, drives, names.
-
-        Raises:
-            DescriptionError: a file of the description is broken.
-            UnknownLayoutError: there is no such layout.
-        """
+        """The robot of the drawing: URDF, loops, drives, names."""
         wanted = (self.robot_path, self.layout, self.layouts_path)
         if self._defined is None or self._defined[0] != wanted:
             path, layout = self.robot_path, (self.layout, self.layouts_path)
@@ -326,12 +318,7 @@ class RobotModel(StrictModel):
         return self.definition.loops
 
     def nominal_urdf(self) -> str:
-        """Return the robot of the drawing as URDF.
-
-        Raises:
-            DescriptionError: the description or the dimensions file is broken.
-            UnknownLayoutError: there is no such layout.
-        """
+        """Return the robot of the drawing as URDF."""
         return self.definition.urdf()
 
     def urdf(self) -> str:

@@ -69,11 +69,6 @@ class PouringRobot(Robot):
         Args:
             drives: l1, l2, l3 (m) and theta46 (rad) by joint name: ``leg1_s3``, ``leg2_s3``, ``leg3_s3``, ``leg4_s5``.
             near: a pose to start from; by default the nominal pose for these drives.
-
-        Raises:
-            BadInputError: a drive value is missing or not finite, or a name is no drive.
-            NoSolutionError: no pose has these drive values.
-            UnreachablePoseError: the pose that has them is beyond a joint's limits.
         """
         self.kinematics.check_drives(drives)
         start = near or self.kinematics.forward(drives)
@@ -100,11 +95,6 @@ class PouringRobot(Robot):
             For one pose all that is known of it. For many a dataset with the dimensions ``pose``, ``frame`` and
             ``axis``: nominal and actual positions (m), rotation vectors (rad) and their differences, and a ``status``.
             A pose that has no answer is NaN, its status says why; nothing is raised for it.
-
-        Raises:
-            UnreachablePoseError: a joint of the drawing or of the robot as built would pass its limits.
-            ClosureError: the robot as built cannot take these drive values.
-            BadInputError: an array has another shape or holds a number that is not finite.
         """
         if isinstance(pose, pin.SE3):
             raise BadInputError("an SE3 has six freedoms, the platform four: give PlatformPose.from_se3(pose)")
@@ -165,11 +155,7 @@ class PouringRobot(Robot):
         return (note,) if note else ()
 
     def read_commands(self, path: Path, beside: Iterable[str] = ()) -> dict[int, PlatformPose]:
-        """Read poses from a table, by the line they stand on, as :meth:`Robot.read_commands`.
-
-        Raises:
-            TableError: the file is wrong.
-        """
+        """Read poses from a table, by the line they stand on, as :meth:`Robot.read_commands`."""
         return read_pose_lines(path, beside)
 
     def pose_command(self, position_m: FloatArray, turn_rad: FloatArray | None) -> PlatformPose:

@@ -60,6 +60,8 @@ class Robot:
     """The robot of the drawing and as built (default: the pouring robot's drawing). One object a thread.
 
     ``loads``, weight and yielding drives, act on the actual robot; ``options`` say when a closure counts as found.
+    What takes a command raises BadInputError where it is none of this robot, UnreachablePoseError where a joint of the
+    drawing or of the robot as built would pass its limits, NoSolutionError where no pose answers it.
 
     Raises:
         BadInputError: the model names a joint or drive that the robot does not have.
@@ -88,11 +90,7 @@ class Robot:
         return cls(as_it_stands(model, f"{cls.__name__}.load"))
 
     def built_as(self, model: RobotModel) -> Self:
-        """Return the same drawing, which is shared, with the joint placements and drive offsets of another model of it.
-
-        Raises:
-            BadInputError: it names a joint or drive that the robot does not have.
-        """
+        """Return the same drawing, shared, with the joint placements and drive offsets of another model of it."""
         model.check_errors()
         other = copy.copy(self)
         other.__dict__.pop("unseen_displacements", None)
@@ -162,11 +160,7 @@ class Robot:
         return error_dataset(self.nominal_solver.mechanism.loops, status, nominal, actual, coordinates)
 
     def close(self, drives: FloatArray, start: BatchStart) -> BatchClosure:
-        """Close the robot as built for commanded drives (n, drives), in m and rad, from closed poses of the drawing.
-
-        Raises:
-            BadInputError: the robot carries loads, under which it is closed pose by pose.
-        """
+        """Close the robot as built for commanded drives (n, drives), in m and rad, from closed poses of the drawing."""
         offsets = self.actual_drives(dict.fromkeys(self.nominal_solver.mechanism.loops.drives, 0.0))
         return self.engine().close(drives + np.array(list(offsets.values())), start)
 
@@ -202,11 +196,7 @@ class Robot:
         return read_command_lines(path, self.model.definition)
 
     def pose_command(self, position_m: FloatArray, turn_rad: FloatArray | None) -> Command:
-        """Return the command for a place, (3,), in m, and a rotation vector, (3,), in rad, if said, of the end body.
-
-        Raises:
-            BadInputError: the robot cannot be asked for such a pose.
-        """
+        """Return the command for a place, (3,), in m, and a rotation vector, (3,), in rad, if said, of the end body."""
         return Target(position_m, None if turn_rad is None else pin.exp3(turn_rad))
 
     def command_at(self, values: FloatArray) -> Command:
@@ -219,12 +209,7 @@ class Robot:
         return self.model.definition.command_axes(self.nominal_solver.mechanism)
 
     def location_of(self, command: Command) -> Location:
-        """Return where the robot should be and where it is: at drives, or at a target.
-
-        Raises:
-            BadInputError: it is no command of this robot.
-            NoSolutionError: as those.
-        """
+        """Return where the robot should be and where it is: at drives, or at a target."""
         return self.location_to(command) if isinstance(command, Target) else self.location_at(self.drives_of(command))
 
     def actual_of(self, command: Command) -> ClosureResult:
@@ -232,24 +217,13 @@ class Robot:
         return self.location_of(command).actual
 
     def drives_of(self, command: Command) -> FloatArray:
-        """Return the drive values that a command means, (drives,), in m and rad.
-
-        Raises:
-            BadInputError: it is no command of this robot.
-            NoSolutionError: the drawing does not come there.
-        """
+        """Return the drive values that a command means, (drives,), in m and rad."""
         if isinstance(command, PlatformPose):
             raise BadInputError(f"{self.model.definition.name} is commanded by drive values or a target, not a tilt")
         return self.drives_to(command).drives if isinstance(command, Target) else np.asarray(command, dtype=float)
 
     def location_at(self, drives: Sequence[float] | FloatArray) -> Location:
-        """Return where the robot should be and where it is for one command (drives,), in m and rad.
-
-        Raises:
-            BadInputError: the number of drives is wrong.
-            NoSolutionError: no pose has these drive values.
-            UnreachablePoseError: the pose that has them is beyond a joint's limits.
-        """
+        """Return where the robot should be and where it is for one command (drives,), in m and rad."""
         mechanism = self.nominal_solver.mechanism
         values = np.asarray(drives, dtype=float)
         if values.shape != (len(mechanism.loops.drives),) or not np.isfinite(values).all():
@@ -275,13 +249,7 @@ class Robot:
             ) from problem
 
     def location_to(self, target: Target) -> Location:
-        """Return where the robot is when it is sent to a target: the drives that bring the drawing's end body there.
-
-        Raises:
-            BadInputError: the target does not determine the drives.
-            UnreachablePoseError: a joint would pass its limits.
-            NoSolutionError: the drawing does not come to the target.
-        """
+        """Return where the robot is when it is sent to a target: the drives that bring the drawing's end body there."""
         found = self.drives_to(target)
         return self._located(found.drives, found.result)
 
@@ -330,11 +298,7 @@ class Robot:
         return self.nominal_solver.solve(self._named(drives), start)
 
     def close_actual(self, drives: FloatArray, start: FloatArray) -> ClosureResult:
-        """Close the robot as built for one command (drives,), in m and rad, from a configuration (nq,).
-
-        Raises:
-            ClosureError: it does not close.
-        """
+        """Close the robot as built for one command (drives,), in m and rad, from a configuration (nq,)."""
         return self.actual_solver.solve(self.actual_drives(self._named(drives)), start)
 
     def _named(self, drives: FloatArray) -> dict[str, float]:
@@ -386,7 +350,7 @@ class Robot:
             ``parameter``; the coordinates ``unit`` and ``per`` give the units of a number: ``unit`` per ``per``.
 
         Raises:
-            BadInputError: no parameter has a name, or it is no command of this robot.
+            BadInputError: no parameter has a name, or as all that take a command.
             UnknownFrameError: there is no such frame.
             NoSolutionError: no pose answers the command, or the drives do not determine the frame there.
         """

@@ -44,7 +44,6 @@ def serve(scene: Scene, port: int = 0, bench: Bench | None = None) -> LiveView:
 
     Raises:
         BadInputError: the port is taken or not allowed, or the server does not start.
-        DescriptionError: a visual of a robot cannot be drawn.
     """
     return LiveView(scene, port, bench)
 

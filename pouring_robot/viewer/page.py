@@ -18,7 +18,6 @@ def write_html(scene: Scene, path: Path | str) -> Path:
 
     Raises:
         OutputError: the file cannot be written.
-        DescriptionError: a visual of a robot cannot be drawn.
     """
     return write_whole(path, page(scene))
 
@@ -27,9 +26,6 @@ def page(scene: Scene, *, live: bool = False, bench: dict[str, Any] | None = Non
     """Return the page of a scene as HTML, with the sliders of a bench; ``live`` says that a program serves it.
 
     Its content policy lets it reach nothing but that program.
-
-    Raises:
-        DescriptionError: a visual of a robot cannot be drawn.
     """
     content = page_content(scene) | {"live": live, "bench": bench}
     return (

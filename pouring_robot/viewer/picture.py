@@ -38,7 +38,6 @@ def write_png(scene: Scene, path: Path | str, size: tuple[int, int] = PICTURE_SI
     Raises:
         BadInputError: the size is out of range.
         OutputError: the file cannot be written.
-        DescriptionError: a visual of a robot cannot be drawn.
     """
     buffer = io.BytesIO()
     draw(scene, size).save(buffer, format="PNG")
@@ -53,7 +52,6 @@ def draw(scene: Scene, size: tuple[int, int] = PICTURE_SIZE) -> Image.Image:
 
     Raises:
         BadInputError: the size is out of range.
-        DescriptionError: a visual of a robot cannot be drawn.
     """
     width, height = size
     if not all(_SMALLEST <= side <= _LARGEST for side in size):

@@ -150,7 +150,7 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Everything a picture or a page shows."""
+    """Everything a picture or a page shows; these raise DescriptionError where a visual of a robot cannot be drawn."""
 
     title: str  # one line above the picture
     robots: tuple[SceneRobot, ...]  # the robots; names unique

@@ -57,11 +57,7 @@ def enlarged(bodies: Vector, reference: Vector, factor: float) -> Vector:
 
 
 def solids(scene: Scene, step: int | None = None) -> tuple[Solid, ...]:
-    """Return every solid of a step, by default the first shown: robots, then arrows; of several states only the first.
-
-    Raises:
-        DescriptionError: a visual of a robot cannot be drawn.
-    """
+    """Return every solid of a step (default: the first shown): robots, then arrows; of several states the first."""
     step = scene.first if step is None else step
     thickness = 0.005 * view_height(scene.camera or camera_on(scene))
     choices = [robot.name for robot in scene.robots if robot.choice]
@@ -75,9 +71,6 @@ def camera_on(scene: Scene, direction: Sequence[float] = _DIRECTION, vertical_vi
     """Return a camera that shows the robots, without the links in the background, as large as will fit.
 
     It stands in a direction (any length) of the world from the mechanism; the scene's own camera plays no part.
-
-    Raises:
-        DescriptionError: a visual of a robot cannot be drawn.
     """
     steps = sorted({*evenly(len(scene.steps), _LOOKED_AT).tolist(), scene.first})
     bodies = [body for step in steps for robot in scene.robots for body in robot_solids(scene, robot, step)]

@@ -2,6 +2,8 @@
 
 A URDF is a plain string here. :func:`perturb_urdf` moves single joints in it, which is how every geometric error
 enters a mechanism, and :func:`write_urdf` puts it into a folder with its meshes, so that any other program can load it.
+A text that is not readable XML, a mesh or a folder that is missing, or is where a description may not read, raises
+DescriptionError.
 """
 
 from collections.abc import Mapping
@@ -21,11 +23,7 @@ MESH_PACKAGE = "package://pouring_robot_description/meshes"
 
 
 def shipped_folder(name: str, holds: str, words: str) -> Path:
-    """Return a folder that comes with the package and holds a file: inside an installed one, beside it in a checkout.
-
-    Raises:
-        DescriptionError: it is not there.
-    """
+    """Return a folder that comes with the package and holds a file: in an installed one, beside it in a checkout."""
     package = Path(__file__).resolve().parents[2]
     for folder in (package / name, package.parent / name):
         if (folder / holds).is_file():
@@ -116,11 +114,7 @@ def with_mesh_files(urdf: str) -> str:
 
 
 def meshes_from(urdf: str, folder: Path) -> str:
-    """Return the URDF with the addresses of meshes that are files made absolute.
-
-    Raises:
-        DescriptionError: it is not readable XML, or a mesh lies where a description may not read.
-    """
+    """Return the URDF with the addresses of meshes that are files made absolute."""
     if "<mesh" not in urdf:
         return urdf
     root = parsed(urdf)
@@ -146,11 +140,7 @@ def write_urdf(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
 
 
 def urdf_files(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = None) -> dict[Path, bytes | str]:
-    """Return what :func:`write_urdf` writes, by path; the URDF last.
-
-    Raises:
-        DescriptionError: the URDF is not readable XML, or a mesh is missing.
-    """
+    """Return what :func:`write_urdf` writes, by path; the URDF last."""
     root = parsed(urdf)
     files: dict[Path, bytes | str] = {}
     for mesh in root.iter("mesh"):

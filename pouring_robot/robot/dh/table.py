@@ -29,7 +29,10 @@ from pouring_robot.robot.dh.parameters import DHParameter, UnknownParameterError
 
 
 class DHTable:
-    """The DH parameters of all chains, in order: chain by chain, transform by transform, a, α, d, θ."""
+    """The DH parameters of all chains, in order: chain by chain, transform by transform, a, α, d, θ.
+
+    Names that are none raise UnknownParameterError; errors, joint values and chains that are none BadInputError.
+    """
 
     def __init__(self, chains: Sequence[DHChain], drives: Collection[str]) -> None:
         self._chains = {chain.number: chain for chain in chains}
@@ -73,9 +76,6 @@ class DHTable:
         """Return the parameters of these names in the order given, or else all that matter, in table order.
 
         Whatever is named is returned, drop-outs too; ``chain`` leaves out those of others.
-
-        Raises:
-            UnknownParameterError: there is no parameter of a name.
         """
         if names is not None:
             chosen = [self[name] for name in names]
@@ -95,10 +95,6 @@ class DHTable:
 
         Returns:
             Homogeneous matrices, shape (..., 4, 4).
-
-        Raises:
-            UnknownParameterError: there is no parameter of a name.
-            BadInputError: there is no such chain, the shape is wrong, or a number is not finite.
         """
         values = np.asarray(joint_values, dtype=float)
         if values.shape[-1:] != (5,) or not np.isfinite(values).all():
@@ -113,10 +109,6 @@ class DHTable:
         """Return the displaced joint placements that equal DH errors (m, rad), exactly and for all joint values.
 
         An error of a joint variable or drive is included: it displaces the joint along or about its own axis.
-
-        Raises:
-            UnknownParameterError: there is no parameter of a name.
-            BadInputError: an error is not finite.
         """
         arrays = self._error_arrays(errors)
         touched = {self[name].joint for name, value in errors.items() if value != 0.0}

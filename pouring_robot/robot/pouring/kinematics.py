@@ -111,11 +111,7 @@ class FourUPUKinematics:
         return self.commands(poses).start
 
     def configuration_at(self, drives: FloatArray, /) -> FloatArray:
-        """Return the closed nominal configuration, (nq,), for drive values (4,), in m and rad.
-
-        Raises:
-            NoSolutionError: no pose has these drive values.
-        """
+        """Return the closed nominal configuration, (nq,), for drive values (4,), in m and rad."""
         return self.configuration(self.forward(dict(zip(self.mechanism.loops.drives, drives.tolist(), strict=True))))
 
     def within_limits(self, joints: FloatArray) -> NDArray[np.bool_]:

@@ -3,6 +3,9 @@
 The URDF is the source of the geometry; xacro makes it from the same file. This module checks the
 file before xacro sees it (a misspelt key, a negative size, a NaN is refused with file, line and key). Then
 it reads the few things a URDF cannot hold: the workspace, the ladle's payload, the required accuracy.
+
+A file that is missing or wrong raises DescriptionError, which names file, line and key; a layout that it does not hold
+UnknownLayoutError.
 """
 
 import math
@@ -80,31 +83,18 @@ class Layout:
 
 
 def shipped_layouts_file() -> Path:
-    """Return the dimensions file that comes with the package.
-
-    Raises:
-        DescriptionError: the robot description is missing from the installation.
-    """
+    """Return the dimensions file that comes with the package."""
     return description_folder() / "config" / "layouts.yaml"
 
 
 def layout_names(layouts_file: Path | None = None) -> tuple[str, ...]:
-    """Return the names of the layouts in a dimensions file (default: the shipped one), in the file's order.
-
-    Raises:
-        DescriptionError: the file is missing or wrong; names file, line and key.
-    """
+    """Return the names of the layouts in a dimensions file (default: the shipped one), in the file's order."""
     path = layouts_file or shipped_layouts_file()
     return tuple(_parse(path, read_text(path)).layouts)
 
 
 def load_layout(name: str = "paper", layouts_file: Path | None = None) -> Layout:
-    """Return one layout of a dimensions file (default: the shipped one) in SI units.
-
-    Raises:
-        DescriptionError: the file is missing or wrong; names file, line and key.
-        UnknownLayoutError: the file holds no such layout.
-    """
+    """Return one layout of a dimensions file (default: the shipped one) in SI units."""
     path = layouts_file or shipped_layouts_file()
     entry = check_layout(name, path, read_text(path))
     box = (entry.workspace.x.metres, entry.workspace.y.metres, entry.workspace.z.metres)
@@ -125,12 +115,7 @@ def load_layout(name: str = "paper", layouts_file: Path | None = None) -> Layout
 
 
 def check_layout(name: str, path: Path, text: str) -> LayoutEntry:
-    """Return the checked entry of a layout from the text of a dimensions file.
-
-    Raises:
-        DescriptionError: the text is not a sound dimensions file.
-        UnknownLayoutError: it holds no such layout.
-    """
+    """Return the checked entry of a layout from the text of a dimensions file."""
     layouts = _parse(path, text).layouts
     if name not in layouts:
         raise UnknownLayoutError(name, tuple(layouts), path)

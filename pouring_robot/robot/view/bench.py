@@ -90,12 +90,7 @@ class RobotBench:
         return {"film": film(at_location(self.scene, location)), "values": self._values(location)}
 
     def located(self, robot: Robot, wish: Wish) -> Location:
-        """Return where a robot stands for what a page asks.
-
-        Raises:
-            BadInputError: a slider has no value.
-            NoSolutionError: it cannot stand there.
-        """
+        """Return where a robot stands for what a page asks."""
         return robot.location_of(self.command(robot, wish))
 
     def command(self, robot: Robot, wish: Wish) -> Any:
