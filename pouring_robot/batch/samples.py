@@ -50,7 +50,6 @@ class BatchStart:
         shaped(self.joints, (len(self), *joints), "the start's joints")
 
     def __getitem__(self, samples: IntArray | slice) -> BatchStart:
-        """Return some samples, or the same ones many times, by index."""
         return BatchStart(self.position[samples], self.rotation[samples], self.joints[samples])
 
     def replaced(self, samples: IntArray, closed: BatchClosure) -> BatchStart:
@@ -75,7 +74,6 @@ class BatchCommand:
         return len(self.poses)
 
     def __getitem__(self, samples: IntArray | slice) -> BatchCommand:
-        """Return some samples, or the same ones many times, by index."""
         return BatchCommand(self.poses[samples], self.drives[samples], self.start[samples])
 
 
@@ -116,7 +114,6 @@ class SiteErrors:
         return cls.one_each(parameter // 6, np.asarray(value)[:, None] * np.eye(6)[parameter % 6])
 
     def __getitem__(self, samples: IntArray) -> SiteErrors:
-        """Return the errors of some samples."""
         if self.site.size:
             return SiteErrors(self.errors[samples], self.site[samples])
         return self if len(self.errors) < 2 else SiteErrors(self.errors[samples], self.site)

@@ -102,7 +102,6 @@ class Robot:
         return other
 
     def __repr__(self) -> str:
-        """Return name and number of errors."""
         errors = len(self.model.joint_placements) + len(self.model.drive_offsets)
         return f"<{type(self).__name__}: {' '.join(*self.model.named.items())}, {errors} displaced joints and drives>"
 

@@ -56,7 +56,6 @@ class LiveView:
     """
 
     def __init__(self, scene: Scene, port: int = 0, bench: Bench | None = None) -> None:
-        """Start listening; see :func:`serve`."""
         self._contents = _Contents(scene, bench)
         self._sockets = _listen_on(port)
         self.url = f"http://{LOOPBACK}:{self._sockets[0].getsockname()[1]}/"

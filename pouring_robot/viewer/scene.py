@@ -167,7 +167,6 @@ class Scene:
     background_links: tuple[str, ...] = BACKGROUND_LINKS
 
     def __post_init__(self) -> None:
-        """Refuse an empty scene, a name used twice, a wrong number of steps and a meaningless factor."""
         if not self.robots:
             raise BadInputError("the scene has no robot to draw")
         names = [*(robot.name for robot in self.robots), *(item.name for item in self.arrows)]

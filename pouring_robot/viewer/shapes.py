@@ -13,6 +13,7 @@ import pinocchio as pin
 import trimesh
 
 from pouring_robot.exceptions import DescriptionError
+from pouring_robot.mechanism.arrays import read_only
 
 Vertices = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
@@ -87,22 +88,18 @@ def _made(make: Callable[..., Any], *sizes: float) -> Shape:
     return smooth(body)
 
 
-_MESHES: dict[bytes, Shape] = {}
-"""Shapes of meshes by their content: both robots of a scene load the same files."""
-_MESHES_KEPT = 128
-
-
 def _from_mesh(geometry: coal.BVHModelBase) -> Shape:
     """Return the shape of a mesh that Pinocchio loaded; its scale is already in the vertices."""
     vertices = np.array(geometry.vertices(), dtype=np.float64)
     triangles = map(geometry.tri_indices, range(geometry.num_tris))
-    faces = np.array([[one[0], one[1], one[2]] for one in triangles], dtype=np.int64).reshape(-1, 3)
-    key = vertices.tobytes() + faces.tobytes()
-    if key not in _MESHES:
-        if len(_MESHES) >= _MESHES_KEPT:
-            _MESHES.clear()
-        _MESHES[key] = smooth(trimesh.Trimesh(vertices, faces, process=True))
-    return _MESHES[key]
+    faces = np.array([[one[0], one[1], one[2]] for one in triangles], dtype=np.int64)
+    return _meshed(vertices.tobytes(), faces.tobytes())
+
+
+@lru_cache(maxsize=128)  # by content: both robots of a scene load the same files
+def _meshed(vertices: bytes, faces: bytes) -> Shape:
+    rows = (np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, dtype=np.int64).reshape(-1, 3))
+    return smooth(trimesh.Trimesh(*(array.copy() for array in rows), process=True))
 
 
 def smooth(body: trimesh.Trimesh) -> Shape:
@@ -111,13 +108,6 @@ def smooth(body: trimesh.Trimesh) -> Shape:
     borders = body.edges_unique[np.bincount(body.edges_unique_inverse, minlength=len(body.edges_unique)) == 1]
     lines = np.concatenate([body.face_adjacency_edges[creases].reshape(-1, 2), borders.reshape(-1, 2)])
     split = trimesh.graph.smooth_shade(body, angle=_CREASE_RAD)
-    arrays = (split.vertices, split.vertex_normals, split.faces, body.vertices[lines].reshape(-1, 2, 3))
-    shape = Shape(
-        vertices=np.array(arrays[0], dtype=np.float64),
-        normals=np.array(arrays[1], dtype=np.float64),
-        faces=np.array(arrays[2], dtype=np.int64),
-        edges=np.array(arrays[3], dtype=np.float64),
-    )
-    for array in (shape.vertices, shape.normals, shape.faces, shape.edges):
-        array.setflags(write=False)
-    return shape
+    floats = (split.vertices, split.vertex_normals, body.vertices[lines].reshape(-1, 2, 3))
+    vertices, normals, edges = (read_only(np.array(array, dtype=np.float64)) for array in floats)
+    return Shape(vertices, normals, read_only(np.array(split.faces, dtype=np.int64)), edges)

@@ -141,7 +141,6 @@ class RobotDefinition:
         return cls(RobotFile.load(path), Path(path))
 
     def __repr__(self) -> str:
-        """Return name and drives."""
         return f"<{type(self).__name__}: {self.name}, {len(self.drives)} drives, {len(self.loops.loops)} loops>"
 
     @property

@@ -46,7 +46,6 @@ class HomeDrawing:
     """
 
     def __init__(self, mechanism: ClosedChainMechanism, home: Mapping[str, float], options: ClosureOptions) -> None:
-        """Keep them; the home is closed at first use."""
         self.mechanism, self._home, self._options = mechanism, dict(home), options
         self._known: dict[tuple[int, bytes], BatchStart] = {}
 

@@ -35,7 +35,6 @@ class UnknownParameterError(BadInputError):
     """A DH parameter was named that the table does not hold."""
 
     def __init__(self, name: str, known: Iterable[str]) -> None:
-        """Name the parameter and suggest the nearest known one."""
         self.name, self.known = name, tuple(known)
         near = closest(name, self.known)
         hint = near if near.startswith("; did") else "; names are like 'alpha_e1_56' (m or rad)"

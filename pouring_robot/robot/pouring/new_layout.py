@@ -46,7 +46,10 @@ QUESTIONS = {
 
 @dataclass(frozen=True)
 class NewLayout:
-    """What the owner of a machine says of it: the U joints of each platform stand at the corners of a rectangle."""
+    """What the owner of a machine says of it: the U joints of each platform stand at the corners of a rectangle.
+
+    Sizes that are not above zero, and ranges not from low to high, raise BadInputError.
+    """
 
     name: str  # of the layout
     fixed_mm: Pair  # distances of the upper U-joint centres along x and along y
@@ -60,11 +63,6 @@ class NewLayout:
     stroke_mm: Pair | None = None  # shortest and longest leg; None: what the workspace needs
 
     def __post_init__(self) -> None:
-        """Refuse what is no machine.
-
-        Raises:
-            BadInputError: a size is not above zero, or a range not from low to high.
-        """
         if not self.name.isidentifier():
             raise BadInputError(f"the name '{self.name}' must be one word of letters, digits and _")
         for field in fields(self):

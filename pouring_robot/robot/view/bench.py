@@ -40,7 +40,6 @@ class RobotBench:
     """A robot, at first at a location, that a page moves; the page keeps its state, so several may look at a bench."""
 
     def __init__(self, robot: Robot, location: Location, exaggeration: float | None = None) -> None:
-        """Draw it once; afterwards only its bodies move."""
         self.robot, self.location = robot, location
         words = location.loops.working_frame.replace("_", " ")
         title = f"Where the {words} really is, and what moves it"
