@@ -98,8 +98,8 @@ def _from_mesh(geometry: coal.BVHModelBase) -> Shape:
 
 @lru_cache(maxsize=128)  # by content: both robots of a scene load the same files
 def _meshed(vertices: bytes, faces: bytes) -> Shape:
-    rows = (np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, dtype=np.int64).reshape(-1, 3))
-    return smooth(trimesh.Trimesh(*(array.copy() for array in rows), process=True))
+    places, triangles = np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, dtype=np.int64).reshape(-1, 3)
+    return smooth(trimesh.Trimesh(places.copy(), triangles.copy(), process=True))
 
 
 def smooth(body: trimesh.Trimesh) -> Shape:
