@@ -12,7 +12,7 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 class JointReach:
     """How one joint stands within its limits at a pose."""
 
-    joint: str  # its name
+    joint: str
     unit: Literal["m", "rad"]  # ``m`` or ``rad``, of the three values
     value: float  # where it stands
     lower: float  # lower limit

@@ -58,7 +58,7 @@ class Placements:
 
     # joints whose places count, by part of the machine
     centres: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    tilts: tuple[AxisTilt, ...] = ()  # axes
+    tilts: tuple[AxisTilt, ...] = ()
     # what the joints of a part are called where something unknown displaces them
     centre_words: Mapping[str, str] = field(default_factory=dict)
     # joints whose axes something unknown may tilt together, by words
@@ -97,7 +97,7 @@ class Causes:
     thermometers: tuple[Thermometers, ...]  # in the order they are spoken of
     # which thermometer tells how warm a drive is, by joint
     drive_thermometers: Mapping[str, str] = field(default_factory=dict)
-    words: Words = field(default_factory=Words)  # of the robot
+    words: Words = field(default_factory=Words)
     # of the axes that carry it: what to record and which measurement shows what depends on it, by name
     travel_words: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     own_weight: bool = True  # whether the links' own weight counts among what drives carry

@@ -270,16 +270,13 @@ class RobotDefinition:
 
     def drawing(self, mechanism: ClosedChainMechanism | None = None) -> Drawing:
         """Return what closes the robot of the drawing, or of its mechanism if that is at hand, for drive values."""
-        return self._drawing_of(mechanism) if mechanism else self._drawing
+        from pouring_robot.robot.description.drawing import HomeDrawing
+
+        return HomeDrawing(mechanism, self.file.home, self.drawn_fit) if mechanism else self._drawing
 
     @functools.cached_property
     def _drawing(self) -> Drawing:
-        return self._drawing_of(self.mechanism())
-
-    def _drawing_of(self, mechanism: ClosedChainMechanism) -> Drawing:
-        from pouring_robot.robot.description.drawing import HomeDrawing
-
-        return HomeDrawing(mechanism, self.file.home, self.drawn_fit)
+        return self.drawing(self.mechanism())
 
     def workspace(self, drawing: Drawing, count: int = _WORKSPACE_SAMPLES) -> tuple[FloatArray, BatchStart]:
         """Return up to ``count`` drive values spread over the workspace, (n, drives), in m and rad, and closed poses.

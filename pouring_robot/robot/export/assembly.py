@@ -33,7 +33,7 @@ class Shape:
 class Body:
     """A link where it stands."""
 
-    name: str  # of the link
+    name: str
     pose: pin.SE3  # in the world, m
     inertia: pin.Inertia | None  # in the body's frame; None for a frame without mass
     visuals: tuple[Shape, ...]  # what is drawn
@@ -48,7 +48,7 @@ _YIELDS, _BANDWIDTH = 5e-3, 100.0
 class Joint:
     """A joint of the tree."""
 
-    name: str  # of the joint
+    name: str
     kind: str  # ``revolute`` (``continuous`` too), ``prismatic``, ``spherical`` or ``fixed``
     parent: str  # body that carries it; ``child``: body that it moves
     child: str
@@ -75,7 +75,7 @@ class Joint:
 class Assembly:
     """A closed robot without its cut joints: every chain closes on the platform by a loop."""
 
-    name: str  # of the robot
+    name: str
     bodies: Mapping[str, Body]  # by name, each after the one that carries it
     joints: Mapping[str, Joint]  # by the name of the body that each moves; bodies that nothing carries are not in it
     loops: LoopsFile  # frames (bodies here) that coincide, drives, stiffness

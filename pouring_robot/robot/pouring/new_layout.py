@@ -51,7 +51,7 @@ class NewLayout:
     Sizes that are not above zero, and ranges not from low to high, raise BadInputError.
     """
 
-    name: str  # of the layout
+    name: str
     fixed_mm: Pair  # distances of the upper U-joint centres along x and along y
     moving_mm: Pair  # of the lower ones
     x_mm: Pair  # workspace of the moving platform's origin in the fixed one
