@@ -8,43 +8,32 @@ left out in silence.
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
-from pouring_robot.batch.kernels.samples import close_samples
-from pouring_robot.batch.kernels.serial import carry_samples
-from pouring_robot.batch.kernels.transfer import Columns, branch_samples, make_transfer_room, transfer_samples
-from pouring_robot.batch.kernels.workspace import make_room
-from pouring_robot.batch.samples import (
-    STATUS_NAMES,
-    BatchClosure,
-    BatchStart,
-    BatchTransfer,
-    SiteErrors,
-    no_column,
-    shaped,
-)
-from pouring_robot.batch.structure import StarStructure, fixed
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.batch.interface import Engine
+from pouring_robot.batch.kernels.loops import Closures, Samples, make_room
+from pouring_robot.batch.kernels.samples import carry_samples, close_samples
+from pouring_robot.batch.kernels.transfer import Columns, branch_samples, transfer_samples
+from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
+from pouring_robot.batch.structure import ByteArray, StarStructure, fixed
+from pouring_robot.exceptions import BadInputError, UnknownJointError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.homotopy import Shares, jumps, largest_turn
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions
-from pouring_robot.mechanism.parameters import DriveParameter, LocalParameter, PlacementParameter
+from pouring_robot.mechanism.parameters import GeometricParameter, LocalParameter, PlacementParameter
 
 _SAMPLES_AT_A_TIME = 512
 _NOT_CONVERGED, _MODE_ENDS = STATUS_NAMES.index("not converged"), STATUS_NAMES.index("assembly mode ends")
 
 
-class CompiledEngine:
-    """Closes a star mechanism, or places a serial arm, for many samples. Safe to use from several threads.
+class CompiledEngine(Engine):
+    """Closes a star mechanism, or places a serial arm, for many samples, on threads. Safe to use from several threads.
 
-    Args:
-        mechanism: the mechanism; samples may displace its joints further.
-        threads: how many threads share the work; by default one a core. Results do not depend on it.
-        options: when a closure counts as found.
+    Results do not depend on their number, by default one a core.
 
     Raises:
         UnsupportedMechanismError: the mechanism is no star of serial chains.
@@ -52,24 +41,15 @@ class CompiledEngine:
     """
 
     def __init__(
-        self,
-        mechanism: ClosedChainMechanism,
-        threads: int | None = None,
-        options: ClosureOptions = DEFAULT_OPTIONS,
+        self, mechanism: ClosedChainMechanism, threads: int | None = None, options: ClosureOptions = DEFAULT_OPTIONS
     ) -> None:
-        """Read the mechanism's arrays; kernels are compiled, or read from disk, at first use."""
         if threads is not None and threads < 1:
             raise BadInputError(f"the number of threads must be positive, not {threads}")
-        self.structure = StarStructure.from_mechanism(mechanism)
+        self.structure: StarStructure = StarStructure.from_mechanism(mechanism)
         self.threads = threads or len(os.sched_getaffinity(0))
         self.options = options
         self._largest_turn = largest_turn(mechanism)
         self._smaller = Shares(mechanism, partial(CompiledEngine, threads=threads, options=options), options.most_steps)
-
-    @property
-    def parameters(self) -> tuple[PlacementParameter, ...]:
-        """All placement parameters of the mechanism, six a site."""
-        return self.structure.parameters
 
     def start_at(self, configurations: FloatArray) -> BatchStart:
         """Return Pinocchio configurations, shape (n, nq), as starts."""
@@ -84,85 +64,23 @@ class CompiledEngine:
                 joints[row, i, : len(names)] = [values[name] for name in names]
         return BatchStart(position, rotation, joints)
 
-    def close(
-        self, drives: FloatArray, start: BatchStart, errors: SiteErrors | FloatArray | None = None
-    ) -> BatchClosure:
-        """Close the loops of every sample; see :meth:`~.interface.Engine.close`.
+    def _closed(self, drives: FloatArray, start: BatchStart, placed: SiteErrors) -> BatchClosure:
+        """Close every sample; large errors grow in steps, from none, as in ``closure.ClosureSolver``.
 
-        Of a serial arm nothing but the locked joints of ``start`` counts.
+        Of a serial arm's start nothing but the locked joints counts.
         """
-        star, count = self.structure.star, len(start)
-        drives = shaped(drives, (count, len(star.drives)), "drives")
-        self._check(start)
-        placed = SiteErrors.take(errors, count, self.structure.site_count)
-        return self._grown(drives, start, placed).locked()
-
-    def _close(
-        self, drives: FloatArray, start: BatchStart, placed: SiteErrors, most_open: float | None = None
-    ) -> BatchClosure:
-        """Close every sample straight from its start; loops may stay open by so much (m, rad), or as options say."""
-        star, count = self.structure.star, len(start)
-        result = BatchClosure.empty(count, star.revolute.shape, len(self.structure.mechanism.anchors))
-        status, iterations = np.empty(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
-        options = self.options
-        limits = (options.step_tolerance, options.closed_below, options.left_over, options.round_off)
-        open_by = (options.max_gap_m, options.max_gap_rad) if most_open is None else (most_open, most_open)
-        settings = fixed([*limits, *open_by])
-
-        def carry(first: int, last: int) -> None:
-            carry_samples(
-                star,
-                make_room(star),
-                self.structure.site_axes,
-                first,
-                last,
-                drives,
-                start.joints,
-                placed.errors,
-                placed.site,
-                result.position,
-                result.rotation,
-                result.joints,
-                status,
-            )
-
-        def run(first: int, last: int) -> None:
-            close_samples(
-                star,
-                make_room(star),
-                self.structure.site_axes,
-                first,
-                last,
-                drives,
-                start.position,
-                start.rotation,
-                start.joints,
-                placed.errors,
-                placed.site,
-                settings,
-                options.max_iterations,
-                result.position,
-                result.rotation,
-                result.joints,
-                result.residual,
-                iterations,
-                status,
-            )
-
-        self._share(carry if self.structure.is_serial else run, count)
-        result.status[:], result.iterations[:] = status, iterations
-        return result
-
-    def _grown(self, drives: FloatArray, start: BatchStart, placed: SiteErrors) -> BatchClosure:
-        """Close every sample; large errors grow in steps, from none, as in ``closure.ClosureSolver``."""
+        start.check(self.structure.star.revolute.shape)
+        for i, names in enumerate(self.structure.joint_names):
+            if np.any(np.nan_to_num(start.joints[:, i, len(names) :])):
+                raise BadInputError(f"chain {i + 1} has {len(names)} joints; the start's values beyond them must be 0")
         options = self.options
         own = np.linalg.norm(placed.errors[..., 3:], axis=-1).max(axis=1, initial=0.0) if len(placed.errors) else 0.0
         steps = np.broadcast_to(options.growth_steps(np.fmax(own, self._largest_turn)), len(start))
         if self.structure.is_serial or steps.max(initial=1) == 1:
-            return self._close(drives, start, placed)
+            return self._straight(drives, start, placed)
         result = BatchClosure.empty(len(start), start.joints.shape[1:], len(self.structure.mechanism.anchors))
         straight = np.flatnonzero(steps == 1)
-        result.put(straight, self._close(drives[straight], start[straight], placed[straight]))
+        result.put(straight, self._straight(drives[straight], start[straight], placed[straight]))
         for number in np.unique(steps[steps > 1]).tolist():
             rows = np.flatnonzero(steps == number)
             spent = np.zeros(len(start), dtype=np.int64)
@@ -182,7 +100,7 @@ class CompiledEngine:
         before = np.full(len(start), np.inf)
         for step in range(steps + 1):
             engine = self if step == steps or not self._largest_turn else self._smaller[step / steps]
-            closed = engine._close(
+            closed = engine._straight(
                 drives[rows], start[rows], placed[rows].scaled(step / steps), None if step == steps else np.inf
             )
             spent[rows] += closed.iterations
@@ -196,43 +114,30 @@ class CompiledEngine:
         result.iterations[:] = spent
         return result
 
-    def transfer(
-        self,
-        closed: BatchClosure,
-        parameters: Sequence[LocalParameter] | None = None,
-        errors: SiteErrors | FloatArray | None = None,
+    def _straight(
+        self, drives: FloatArray, start: BatchStart, placed: SiteErrors, most_open: float | None = None
+    ) -> BatchClosure:
+        """Close every sample straight from its start; loops may stay open by so much (m, rad), or as options say."""
+        result = BatchClosure.empty(len(start), start.joints.shape[1:], len(self.structure.mechanism.anchors))
+        samples = Samples(start.position, start.rotation, start.joints, placed.errors, placed.site)
+        written = Closures(*(getattr(result, name) for name in Closures._fields))
+        if self.structure.is_serial:
+            self._share(len(start), carry_samples, samples, drives, written)
+            return result
+        options = self.options
+        limits = (options.step_tolerance, options.closed_below, options.left_over, options.round_off)
+        open_by = (options.max_gap_m, options.max_gap_rad) if most_open is None else (most_open, most_open)
+        settings = fixed([*limits, *open_by])
+        self._share(len(start), close_samples, samples, drives, settings, options.max_iterations, written)
+        return result
+
+    def _transfer(
+        self, closed: BatchClosure, chosen: tuple[GeometricParameter, ...], placed: SiteErrors
     ) -> BatchTransfer:
-        """Return G of closed samples; see :meth:`~.interface.Engine.transfer`."""
-        if self.structure.is_serial:  # it is its only branch
-            found = self.transfer_open_branch(closed.joints, parameters, errors)
-            return replace(found, status=np.where(closed.status == 0, found.status, closed.status))
-        star, count = self.structure.star, len(closed)
-        chosen = self._chosen(parameters)
-        columns = self._columns(chosen)
-        placed, start = SiteErrors.take(errors, count, self.structure.site_count), closed.as_start()
-        matrix, status = np.empty((count, len(chosen), 6)), np.empty(count, dtype=np.int64)
-
-        def run(first: int, last: int) -> None:
-            transfer_samples(
-                star,
-                make_room(star),
-                make_transfer_room(star),
-                self.structure.site_axes,
-                first,
-                last,
-                start.position,
-                start.rotation,
-                start.joints,
-                placed.errors,
-                placed.site,
-                columns,
-                matrix,
-                status,
-            )
-
-        self._share(run, count)
-        all_status = np.where(closed.status == 0, status, closed.status).astype(np.uint8)
-        return BatchTransfer(chosen, np.swapaxes(matrix, 1, 2), all_status)
+        start = closed.as_start()
+        samples = Samples(start.position, start.rotation, start.joints, placed.errors, placed.site)
+        kernel = branch_samples if self.structure.is_serial else transfer_samples  # an arm is its only branch
+        return self._of_kernel(kernel, closed.status, chosen, samples)
 
     def transfer_open_branch(
         self,
@@ -242,77 +147,56 @@ class CompiledEngine:
     ) -> BatchTransfer:
         """Return G of open branches: each column moves the platform as its own chain alone would carry it.
 
-        Args:
-            joints: joint values, held, in m and rad, shape (n, chains, joints).
-            parameters: as in :meth:`transfer`.
-            errors: the placement errors of the samples.
+        Joints (n, chains, joints), in m and rad, are held; parameters and errors as in :meth:`transfer`.
 
         Raises:
             UnknownJointError: a parameter names a joint that is in no chain.
             BadInputError: a parameter is of another kind, or a shape does not fit.
         """
-        star, count = self.structure.star, len(joints)
-        joints = shaped(joints, (count, *star.revolute.shape), "joints")
-        chosen = self._chosen(parameters)
-        columns = self._columns(chosen)
+        count = len(joints)
+        joints = shaped(joints, (count, *self.structure.star.revolute.shape), "'joints'")
         placed = SiteErrors.take(errors, count, self.structure.site_count)
-        matrix, status = np.empty((count, len(chosen), 6)), np.empty(count, dtype=np.int64)
+        samples = Samples(np.zeros((0, 3)), np.zeros((0, 3, 3)), joints, placed.errors, placed.site)
+        return self._of_kernel(branch_samples, np.zeros(count, dtype=np.uint8), self._chosen(parameters), samples)
 
-        def run(first: int, last: int) -> None:
-            branch_samples(
-                star,
-                make_room(star),
-                self.structure.site_axes,
-                first,
-                last,
-                joints,
-                placed.errors,
-                placed.site,
-                columns,
-                matrix,
-                status,
-            )
+    def _of_kernel(
+        self, kernel: Callable[..., None], status: ByteArray, chosen: tuple[GeometricParameter, ...], samples: Samples
+    ) -> BatchTransfer:
+        """Return what a kernel says of G; samples of another status than 0 keep it."""
+        matrix, found = np.empty((len(status), len(chosen), 6)), np.empty_like(status)
+        self._share(len(status), kernel, samples, self._columns(chosen), matrix, found)
+        return BatchTransfer(chosen, np.swapaxes(matrix, 1, 2), np.where(status == 0, found, status))
 
-        self._share(run, count)
-        return BatchTransfer(chosen, np.swapaxes(matrix, 1, 2), status.astype(np.uint8))
-
-    def _check(self, start: BatchStart) -> None:
-        start.check(self.structure.star.revolute.shape)
-        for i, names in enumerate(self.structure.joint_names):
-            if np.any(np.nan_to_num(start.joints[:, i, len(names) :])):
-                raise BadInputError(f"chain {i + 1} has {len(names)} joints; the start's values beyond them must be 0")
-
-    def _chosen(self, parameters: Sequence[LocalParameter] | None) -> tuple[LocalParameter, ...]:
-        return tuple(self.parameters if parameters is None else parameters)
-
-    def _columns(self, parameters: Sequence[LocalParameter]) -> Columns:
+    def _columns(self, parameters: Sequence[GeometricParameter]) -> Columns:
         """Sort the columns by the site that each displaces."""
         structure = self.structure
-        sites = np.full(len(parameters), structure.site_count, dtype=np.int64)
+        sites = np.full(len(parameters), structure.site_count)
         twists = np.zeros((len(parameters), 6))
         drive_names = structure.mechanism.loops.drives
-        drives = np.full(len(drive_names), -1, dtype=np.int64)
+        drives = np.full(len(drive_names), -1)
         for p, parameter in enumerate(parameters):
             if isinstance(parameter, PlacementParameter):
                 sites[p] = structure.site(parameter.joint)
-                twists[p] = (np.reshape(parameter.twist, (2, 3)) @ structure.site_axes[sites[p]]).ravel()
-            elif isinstance(parameter, DriveParameter) and parameter.joint in drive_names:
-                if drives[drive_names.index(parameter.joint)] >= 0:
-                    raise BadInputError(f"parameter '{parameter.name}' stands twice")
-                drives[drive_names.index(parameter.joint)] = p
-            else:
-                raise no_column(parameter)
+                axes = structure.star.site_axes[sites[p]].reshape(3, 3)
+                twists[p] = (np.reshape(parameter.twist, (2, 3)) @ axes).ravel()
+                continue
+            if parameter.joint not in drive_names:
+                raise UnknownJointError(parameter.joint, drive_names)
+            if drives[drive_names.index(parameter.joint)] >= 0:
+                raise BadInputError(f"parameter '{parameter.name}' stands twice")
+            drives[drive_names.index(parameter.joint)] = p
         order = np.argsort(sites, kind="stable")
         start = np.searchsorted(sites[order], np.arange(structure.site_count + 1))
         return Columns(fixed(start, np.int64), fixed(order, np.int64), fixed(twists), fixed(drives, np.int64))
 
-    def _share(self, run: Callable[[int, int], None], count: int) -> None:
-        """Run ranges of samples on the threads; the ranges do not depend on how many there are."""
-        ranges = [(k, min(k + _SAMPLES_AT_A_TIME, count)) for k in range(0, count, _SAMPLES_AT_A_TIME)]
-        if self.threads == 1 or len(ranges) < 2:
-            for first, last in ranges:
-                run(first, last)
-            return
-        with ThreadPoolExecutor(min(self.threads, len(ranges))) as pool:
-            for _ in pool.map(lambda limits: run(*limits), ranges):
+    def _share(self, count: int, kernel: Callable[..., None], *arguments: Any) -> None:
+        """Run a kernel over ranges of samples on the threads; the ranges do not depend on how many there are."""
+        star = self.structure.star
+
+        def run(first: int) -> None:
+            kernel(star, make_room(star), *arguments, first, min(first + _SAMPLES_AT_A_TIME, count))
+
+        starts = range(0, count, _SAMPLES_AT_A_TIME)
+        with ThreadPoolExecutor(self.threads) as pool:
+            for _ in (map if self.threads == 1 or len(starts) < 2 else pool.map)(run, starts):
                 pass

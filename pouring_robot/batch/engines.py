@@ -11,12 +11,7 @@ from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptio
 def engine_for(
     mechanism: ClosedChainMechanism, threads: int | None = None, options: ClosureOptions = DEFAULT_OPTIONS
 ) -> Engine:
-    """Return the fastest engine that takes a mechanism; results do not depend on which it is.
-
-    Args:
-        mechanism: any mechanism that names an end frame.
-        threads: how many threads share the work, where threads can; by default one a core.
-        options: when a closure counts as found.
+    """Return the fastest engine that takes a mechanism with an end frame; results depend on neither it nor its threads.
 
     Raises:
         BadInputError: the mechanism names no end frame, or the number of threads is not positive.

@@ -3,100 +3,44 @@
 It gives what the one-at-a-time solver and G give, and is as fast as they are.
 """
 
-import functools
-from collections.abc import Sequence
-
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.batch.samples import (
-    STATUS_NAMES,
-    BatchClosure,
-    BatchStart,
-    BatchTransfer,
-    SiteErrors,
-    no_column,
-    shaped,
-)
-from pouring_robot.batch.structure import seat_joint
-from pouring_robot.exceptions import BadInputError, ClosureError, SingularPoseError, UnknownJointError
+from pouring_robot.batch.interface import Engine
+from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart, BatchTransfer, SiteErrors
+from pouring_robot.batch.structure import Structure, seat_joint
+from pouring_robot.exceptions import BadInputError, ClosureError, SingularPoseError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.redundancy import disagreement, redundant_drives
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureSolver
-from pouring_robot.mechanism.parameters import (
-    DriveParameter,
-    LocalParameter,
-    PlacementParameter,
-    placement_parameters,
-)
+from pouring_robot.mechanism.parameters import GeometricParameter
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 
 _CLOSED, _NOT_FINITE, _SINGULAR = (STATUS_NAMES.index(name) for name in ("closed", "not finite", "singular"))
 
 
-class GeneralStructure:
-    """The sites of any mechanism: moving joints that stand between base, end and loops, and the loops' seats.
-
-    Args:
-        mechanism: the mechanism; names an end frame.
-
-    Raises:
-        BadInputError: the mechanism names no end frame.
-    """
-
-    def __init__(self, mechanism: ClosedChainMechanism) -> None:
-        if mechanism.loops.end_frame is None:
-            raise BadInputError("the loops file names no end_frame; name the frame whose pose is wanted")
-        self.mechanism = mechanism
-        self.site_joints = _site_joints(mechanism)
-
-    @property
-    def site_count(self) -> int:
-        """Number of sites."""
-        return len(self.site_joints)
-
-    @functools.cached_property
-    def parameters(self) -> tuple[PlacementParameter, ...]:
-        """All placement parameters, six a site."""
-        return placement_parameters(self.site_joints)
+class GeneralStructure(Structure):
+    """The sites of any mechanism: moving joints that stand between base, end and loops, and the loops' seats."""
 
     def joint_values(self, joints: FloatArray) -> dict[str, FloatArray]:
-        """Return the values of joints of one coordinate, (n,) in m or rad, by name, from configurations (n, nq)."""
+        """Return the values of joints by name, as the base class, from configurations (n, nq)."""
         model = self.mechanism.shared_model
         single = (j for j in range(1, model.njoints) if model.nqs[j] == 1)
         return {str(model.names[j]): joints[:, model.idx_qs[j]] for j in single}
 
-    def site(self, joint: str) -> int:
-        """Return the number of the site that displaces a joint's placement.
 
-        Raises:
-            UnknownJointError: no site displaces it.
-        """
-        if joint not in self.site_joints:
-            raise UnknownJointError(joint, self.site_joints)
-        return self.site_joints.index(joint)
-
-
-class GeneralEngine:
-    """Closes any mechanism for many samples, one after the other.
-
-    Args:
-        mechanism: the mechanism; samples may displace its joints further.
-        options: when a closure counts as found.
+class GeneralEngine(Engine):
+    """Closes any mechanism, whose joints samples may displace further, for many samples, one after the other.
 
     Raises:
         BadInputError: the mechanism names no end frame.
     """
 
     def __init__(self, mechanism: ClosedChainMechanism, options: ClosureOptions = DEFAULT_OPTIONS) -> None:
-        self.structure = GeneralStructure(mechanism)
-        self.options = options
-
-    @property
-    def parameters(self) -> tuple[PlacementParameter, ...]:
-        """All placement parameters of the mechanism, six a site."""
-        return self.structure.parameters
+        if mechanism.loops.end_frame is None:
+            raise BadInputError("the loops file names no end_frame; name the frame whose pose is wanted")
+        self.structure, self.options = GeneralStructure(mechanism, _site_joints(mechanism)), options
 
     def start_at(self, configurations: FloatArray) -> BatchStart:
         """Return Pinocchio configurations, shape (n, nq), as starts."""
@@ -105,27 +49,19 @@ class GeneralEngine:
         rotation = np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)
         return BatchStart(position, rotation, configurations)
 
-    def close(
-        self, drives: FloatArray, start: BatchStart, errors: SiteErrors | FloatArray | None = None
-    ) -> BatchClosure:
-        """Close the loops of every sample; see :meth:`~.interface.Engine.close`."""
+    def _closed(self, drives: FloatArray, start: BatchStart, placed: SiteErrors) -> BatchClosure:
         mechanism, count = self.structure.mechanism, len(start)
-        names = mechanism.loops.drives
-        drives = shaped(drives, (count, len(names)), "drives")
         start.check((mechanism.shared_model.nq,))
-        solvers = _Solvers(self.structure, SiteErrors.take(errors, count, self.structure.site_count), self.options)
-        redundant = redundant_drives(mechanism)
+        solvers, redundant = _Solvers(self.structure, placed, self.options), redundant_drives(mechanism)
         result = BatchClosure.empty(count, (mechanism.shared_model.nq,), len(mechanism.anchors), redundant)
-        for array in (result.position, result.rotation, result.joints, result.residual, result.disagreement):
-            array.fill(np.nan)
-        result.iterations.fill(0)
         for row in range(count):
             solver = solvers.of(row)
             if solver is None or not np.isfinite(drives[row]).all() or not np.isfinite(start.joints[row]).all():
                 result.status[row] = _NOT_FINITE
                 continue
             try:
-                closed = solver.solve(dict(zip(names, drives[row].tolist(), strict=True)), start.joints[row])
+                named = dict(zip(mechanism.loops.drives, drives[row].tolist(), strict=True))
+                closed = solver.solve(named, start.joints[row])
             except ClosureError as problem:
                 result.status[row] = STATUS_NAMES.index(problem.status)
                 result.iterations[row] = problem.iterations
@@ -136,22 +72,14 @@ class GeneralEngine:
             result.iterations[row], result.status[row] = closed.iterations, _CLOSED
             if redundant:
                 result.disagreement[row], _ = disagreement(solver, closed)
-        return result.locked()
+        return result
 
-    def transfer(
-        self,
-        closed: BatchClosure,
-        parameters: Sequence[LocalParameter] | None = None,
-        errors: SiteErrors | FloatArray | None = None,
+    def _transfer(
+        self, closed: BatchClosure, chosen: tuple[GeometricParameter, ...], placed: SiteErrors
     ) -> BatchTransfer:
-        """Return G of closed samples; see :meth:`~.interface.Engine.transfer`."""
-        count, chosen = len(closed), tuple(self.parameters if parameters is None else parameters)
-        for parameter in chosen:
-            if not isinstance(parameter, PlacementParameter | DriveParameter):
-                raise no_column(parameter)
-        solvers = _Solvers(self.structure, SiteErrors.take(errors, count, self.structure.site_count), self.options)
-        matrix, status = np.full((count, 6, len(chosen)), np.nan), closed.status.copy()
-        redundant = np.full((count, closed.disagreement.shape[1], len(chosen)), np.nan)
+        solvers = _Solvers(self.structure, placed, self.options)
+        matrix, status = np.full((len(closed), 6, len(chosen)), np.nan), closed.status.copy()
+        redundant = np.full((len(closed), closed.disagreement.shape[1], len(chosen)), np.nan)
         for row in np.flatnonzero(closed.status == _CLOSED).tolist():
             solver = solvers.of(row)
             if solver is None:
@@ -170,7 +98,7 @@ class GeneralEngine:
 class _Solvers:
     """The solver of each sample: the mechanism's own, or one of the mechanism displaced by the sample's errors."""
 
-    def __init__(self, structure: GeneralStructure, placed: SiteErrors, options: ClosureOptions) -> None:
+    def __init__(self, structure: Structure, placed: SiteErrors, options: ClosureOptions) -> None:
         self._structure, self._placed, self._options = structure, placed, options
         self._common: ClosureSolver | None = None
         if not len(placed.errors):

@@ -16,15 +16,10 @@ from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptio
 def closed_home(
     mechanism: ClosedChainMechanism, home: Mapping[str, float], options: ClosureOptions = DEFAULT_OPTIONS
 ) -> ClosureResult:
-    """Return a closed configuration at or near given joint values.
+    """Return a closed configuration at or near given joint values, by name in m or rad.
 
     Drives stand where ``home`` says, and passive joints start there; joints that are not named start at zero. Where
     the loops do not close with all drives so, those that are not named give way.
-
-    Args:
-        mechanism: the mechanism.
-        home: joint values by name, m or rad.
-        options: when a closure counts as found.
 
     Raises:
         UnknownJointError: a name is no joint.

@@ -1,58 +1,28 @@
 """What every batch engine offers, whatever the robot's topology: type against this."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Protocol
 
-from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors
+from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
+from pouring_robot.batch.structure import Structure
+from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureOptions
-from pouring_robot.mechanism.parameters import LocalParameter, PlacementParameter
+from pouring_robot.mechanism.parameters import DriveParameter, GeometricParameter, LocalParameter, PlacementParameter
 
 
-class Structure(Protocol):
-    """Where samples may displace a mechanism: its sites, one a joint placement."""
-
-    @property
-    def mechanism(self) -> ClosedChainMechanism:
-        """The mechanism that the samples displace."""
-
-    @property
-    def site_joints(self) -> tuple[str, ...]:
-        """Joint whose placement each site displaces; a site's number is its index. Empty: a site that is not used."""
-
-    @property
-    def site_count(self) -> int:
-        """Number of sites."""
-
-    @property
-    def parameters(self) -> tuple[PlacementParameter, ...]:
-        """All placement parameters, six a site that is used."""
-
-    def joint_values(self, joints: FloatArray) -> dict[str, FloatArray]:
-        """Return the values of joints of one coordinate, (n,) each in m or rad, by name, from the engine's joints."""
-
-    def site(self, joint: str) -> int:
-        """Return the number of the site that displaces a joint's placement.
-
-        Raises:
-            UnknownJointError: no site displaces it.
-        """
-
-
-class Engine(Protocol):
+class Engine(ABC):
     """Closures and transfer matrices of many samples. Which engine does it changes nothing but the time it takes."""
 
-    options: ClosureOptions
-
-    @property
-    def structure(self) -> Structure:
-        """The mechanism and its sites."""
+    structure: Structure  # the mechanism and its sites
+    options: ClosureOptions  # when a closure counts as found
 
     @property
     def parameters(self) -> tuple[PlacementParameter, ...]:
-        """All placement parameters of the mechanism."""
+        """All placement parameters of the mechanism, six a site that is used."""
+        return self.structure.parameters
 
+    @abstractmethod
     def start_at(self, configurations: FloatArray) -> BatchStart:
         """Return Pinocchio configurations, shape (n, nq), as starts."""
 
@@ -71,6 +41,11 @@ class Engine(Protocol):
         Raises:
             BadInputError: a shape does not fit.
         """
+        drives = shaped(drives, (len(start), len(self.structure.mechanism.loops.drives)), "'drives'")
+        return self._closed(drives, start, SiteErrors.take(errors, len(start), self.structure.site_count)).locked()
+
+    @abstractmethod
+    def _closed(self, drives: FloatArray, start: BatchStart, placed: SiteErrors) -> BatchClosure: ...
 
     def transfer(
         self,
@@ -89,3 +64,22 @@ class Engine(Protocol):
             UnknownJointError: a parameter names a joint that the engine does not displace.
             BadInputError: a parameter is of another kind, or a shape does not fit.
         """
+        placed = SiteErrors.take(errors, len(closed), self.structure.site_count)
+        return self._transfer(closed, self._chosen(parameters), placed)
+
+    @abstractmethod
+    def _transfer(
+        self, closed: BatchClosure, chosen: tuple[GeometricParameter, ...], placed: SiteErrors
+    ) -> BatchTransfer: ...
+
+    def _chosen(self, parameters: Sequence[LocalParameter] | None) -> tuple[GeometricParameter, ...]:
+        """Return the columns of G that are wanted."""
+        chosen: list[GeometricParameter] = []
+        for parameter in self.parameters if parameters is None else parameters:
+            if not isinstance(parameter, PlacementParameter | DriveParameter):
+                raise BadInputError(
+                    f"the batch engine has no column for '{parameter.name}'; it takes placement errors and drives: "
+                    "use closed_chain_transfer for the others"
+                )
+            chosen.append(parameter)
+        return tuple(chosen)

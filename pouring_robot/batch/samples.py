@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.batch.structure import IntArray, fixed
+from pouring_robot.batch.structure import ByteArray, CountArray, IntArray, fixed
 from pouring_robot.exceptions import BadInputError, BatchClosureError
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.parameters import LocalParameter
@@ -21,18 +21,14 @@ ends in a fold before errors are whole, no pose is continuous with it, and none 
 class BatchStart:
     """Where closures start. What an engine does not need of it may be NaN.
 
-    Attributes:
-        position: origin of the end frame in the base frame, in m, shape (n, 3).
-        rotation: axes of the end frame in the base frame, shape (n, 3, 3).
-        joints: the joints as its engine takes them, n first. A star's engine: values by chain, from base to tip, in m
-            and rad, shape (n, chains, joints); the general engine: Pinocchio's configurations, shape (n, nq).
-
     Raises:
         BadInputError: the arrays do not fit each other.
     """
 
-    position: FloatArray
-    rotation: FloatArray
+    position: FloatArray  # origin of the end frame in the base frame, in m, shape (n, 3)
+    rotation: FloatArray  # axes of the end frame in the base frame, shape (n, 3, 3)
+    # the joints as its engine takes them, n first. A star's engine: values by chain, from base to tip, in m and rad,
+    # shape (n, chains, joints); the general engine: Pinocchio's configurations, shape (n, nq).
     joints: FloatArray
 
     def __post_init__(self) -> None:
@@ -51,12 +47,9 @@ class BatchStart:
 
     def check(self, joints: tuple[int, ...]) -> None:
         """Raise BadInputError unless the joints of a sample have that shape."""
-        expected = (len(self), *joints)
-        if self.joints.shape != expected:
-            raise BadInputError(f"the start's joints must have the shape {expected}, not {self.joints.shape}")
+        shaped(self.joints, (len(self), *joints), "the start's joints")
 
     def __getitem__(self, samples: IntArray | slice) -> BatchStart:
-        """Return some samples, or the same ones many times, by index."""
         return BatchStart(self.position[samples], self.rotation[samples], self.joints[samples])
 
     def replaced(self, samples: IntArray, closed: BatchClosure) -> BatchStart:
@@ -69,24 +62,18 @@ class BatchStart:
 
 @dataclass(frozen=True, eq=False)
 class BatchCommand:
-    """What the controller commands.
+    """What the controller commands."""
 
-    Attributes:
-        poses: what it is asked for, number by number in m and rad, shape (n, k): x, y, z and the tilt of the pouring
-            robot's platform, drive values of another robot.
-        drives: nominal drive values, m or rad, shape (n, drives).
-        start: the closed nominal robot.
-    """
-
+    # what it is asked for, number by number in m and rad, shape (n, k): x, y, z and the tilt of the pouring robot's
+    # platform, drive values of another robot
     poses: FloatArray
-    drives: FloatArray
-    start: BatchStart
+    drives: FloatArray  # nominal drive values, m or rad, shape (n, drives)
+    start: BatchStart  # the closed nominal robot
 
     def __len__(self) -> int:
         return len(self.poses)
 
     def __getitem__(self, samples: IntArray | slice) -> BatchCommand:
-        """Return some samples, or the same ones many times, by index."""
         return BatchCommand(self.poses[samples], self.drives[samples], self.start[samples])
 
 
@@ -105,11 +92,7 @@ class SiteErrors:
 
     @classmethod
     def one_each(cls, site: IntArray, error: FloatArray) -> SiteErrors:
-        """Displace one site a sample, for one-at-a-time studies.
-
-        Args:
-            site: number of the site (see :meth:`~pouring_robot.batch.structure.StarStructure.site`), shape (n,).
-            error: translation in m and rotation vector in rad, shape (n, 6).
+        """Displace one site a sample (n,) by its error (n, 6), m and rad, for one-at-a-time studies.
 
         Raises:
             BadInputError: the shapes do not fit.
@@ -121,27 +104,16 @@ class SiteErrors:
 
     @classmethod
     def one_parameter_each(cls, parameter: IntArray, value: FloatArray) -> SiteErrors:
-        """Set one of the engine's placement parameters a sample.
-
-        Args:
-            parameter: its column in :attr:`~pouring_robot.batch.compiled.CompiledEngine.parameters`, shape (n,).
-            value: in m or rad, shape (n,).
+        """Set one of the engine's placement parameters a sample: its column (n,), and its value (n,) in m or rad.
 
         Raises:
             BadInputError: the shapes do not fit.
         """
         parameter = np.asarray(parameter, dtype=np.int64)
-        value = np.asarray(value, dtype=float)
-        if parameter.ndim != 1 or value.shape != parameter.shape:
-            raise BadInputError(
-                f"parameter and value must be lists of one length, not {parameter.shape}, {value.shape}"
-            )
-        error = np.zeros((len(parameter), 6))
-        error[np.arange(len(parameter)), parameter % 6] = value
-        return cls.one_each(parameter // 6, error)
+        shaped(value, parameter.shape, "the values")
+        return cls.one_each(parameter // 6, np.asarray(value)[:, None] * np.eye(6)[parameter % 6])
 
     def __getitem__(self, samples: IntArray) -> SiteErrors:
-        """Return the errors of some samples."""
         if self.site.size:
             return SiteErrors(self.errors[samples], self.site[samples])
         return self if len(self.errors) < 2 else SiteErrors(self.errors[samples], self.site)
@@ -181,41 +153,28 @@ class BatchClosure:
     """Closed poses of many samples; a sample that failed holds NaN and a status that is not 0.
 
     The engine's results are read-only.
-
-    Attributes:
-        position: origin of the end frame in the base frame, in m, shape (n, 3).
-        rotation: axes of the end frame in the base frame, shape (n, 3, 3).
-        joints: the joints as in :class:`BatchStart`.
-        residual: what is left open in each loop, log6, in m and rad, shape (n, loops, 6).
-        iterations: Newton steps taken, shape (n,).
-        status: 0 closed, 1 not converged, 2 left open too far, 3 input not finite, 5 the mode ends, shape (n,).
-        disagreement: what r redundant drives disagree by, in m, shape (n, r).
     """
 
-    position: FloatArray
-    rotation: FloatArray
-    joints: FloatArray
-    residual: FloatArray
-    iterations: NDArray[np.int32]
-    status: NDArray[np.uint8]
+    position: FloatArray  # origin of the end frame in the base frame, in m, shape (n, 3)
+    rotation: FloatArray  # axes of the end frame in the base frame, shape (n, 3, 3)
+    joints: FloatArray  # the joints as in :class:`BatchStart`
+    residual: FloatArray  # what is left open in each loop, log6, in m and rad, shape (n, loops, 6)
+    iterations: CountArray  # Newton steps taken, shape (n,)
+    status: ByteArray  # 0 closed, 1 not converged, 2 left open too far, 3 input not finite, 5 the mode ends, shape (n,)
+    # what r redundant drives disagree by, in m, shape (n, r)
     disagreement: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @classmethod
     def empty(cls, count: int, joints: tuple[int, ...], loops: int, redundant: int = 0) -> BatchClosure:
         """Return room for ``count`` samples with joints of that shape, so many loops and redundant drives."""
-        return cls(
-            np.empty((count, 3)),
-            np.empty((count, 3, 3)),
-            np.empty((count, *joints)),
-            np.empty((count, loops, 6)),
-            np.empty(count, dtype=np.int32),
-            np.empty(count, dtype=np.uint8),
-            np.empty((count, redundant)),
-        )
+        shapes = (3,), (3, 3), joints, (loops, 6), (redundant,)
+        position, rotation, values, residual, apart = (np.full((count, *shape), np.nan) for shape in shapes)
+        iterations, status = np.zeros(count, dtype=np.int32), np.zeros(count, dtype=np.uint8)
+        return cls(position, rotation, values, residual, iterations, status, apart)
 
     def locked(self) -> BatchClosure:
         """Return the same, locked against writing."""
-        lock_fields(self, "position", "rotation", "joints", "residual", "iterations", "status", "disagreement")
+        lock_fields(self, *(one.name for one in fields(self)))
         return self
 
     def __len__(self) -> int:
@@ -270,7 +229,7 @@ class BatchTransfer:
 
     parameters: tuple[LocalParameter, ...]
     matrix: FloatArray
-    status: NDArray[np.uint8]
+    status: ByteArray
     disagreement: FloatArray | None = None
 
     def __post_init__(self) -> None:
@@ -278,20 +237,8 @@ class BatchTransfer:
 
 
 def shaped(array: FloatArray, shape: tuple[int, ...], name: str) -> FloatArray:
-    """Return an array as the kernels take it.
-
-    Raises:
-        BadInputError: it has another shape.
-    """
+    """Return an array as the kernels take it; raises BadInputError where it has another shape."""
     array = fixed(array)
     if array.shape != shape:
-        raise BadInputError(f"'{name}' must have the shape {shape}, not {array.shape}")
+        raise BadInputError(f"{name} must have the shape {shape}, not {array.shape}")
     return array
-
-
-def no_column(parameter: LocalParameter) -> BadInputError:
-    """Return the error of a parameter that no engine has a column of G for."""
-    return BadInputError(
-        f"the batch engine has no column for '{parameter.name}'; it takes placement errors and drives: "
-        "use closed_chain_transfer for the others"
-    )

@@ -9,6 +9,7 @@ placements on both sides, so a kernel needs to know one kind of revolute and one
 from __future__ import annotations
 
 import functools
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -24,6 +25,8 @@ from pouring_robot.mechanism.parameters import PlacementParameter, placement_par
 
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+CountArray = NDArray[np.int32]
+ByteArray = NDArray[np.uint8]
 
 _FREE_BODY_FREEDOMS = 6
 
@@ -32,61 +35,72 @@ class Star(NamedTuple):
     """What the kernels see. C chains of at most J joints, at most P passive ones each.
 
     Shorter chains end in joints that do nothing. Lengths of the tuples are known to the compiler.
-
-    Attributes:
-        placements: row-major rotation and translation of the J joint placements, the tip and the seat of each chain,
-            shape (C, J + 2, 12).
-        revolute: shape (C, J).
-        passive: joint in each passive place, -1 for an empty place, shape (C, P).
-        place: passive place of each joint, -1 if it is not passive, shape (C, J).
-        drives: chain and joint of each drive, shape (drives, 2).
-        stiffness: of a closure in N/m and Nm/rad, shape (2,).
-        joint_count: J entries of no meaning.
-        passive_count: P entries of no meaning.
     """
 
-    placements: FloatArray
-    revolute: BoolArray
-    passive: IntArray
-    place: IntArray
-    drives: IntArray
-    stiffness: FloatArray
-    joint_count: tuple[int, ...]
-    passive_count: tuple[int, ...]
+    placements: FloatArray  # row-major rotation and translation of J joint placements, tip and seat, (C, J + 2, 12)
+    site_axes: FloatArray  # turn of each site's frame that puts the joint's axis on z, row by row, (C (J + 1), 9)
+    revolute: BoolArray  # (C, J)
+    passive: IntArray  # joint in each passive place, -1 for an empty place, (C, P)
+    place: IntArray  # passive place of each joint, -1 if it is not passive, (C, J)
+    drives: IntArray  # chain and joint of each drive, (drives, 2)
+    stiffness: FloatArray  # of a closure in N/m and Nm/rad, (2,)
+    passive_count: tuple[int, ...]  # P entries of no meaning
 
 
 @dataclass(frozen=True)
-class StarStructure:
-    """A star mechanism with its names.
+class Structure(ABC):
+    """Where samples may displace a mechanism: its sites, one a joint placement.
 
     Attributes:
-        mechanism: where it was read from.
-        star: the arrays.
-        joint_names: names of each chain's joints from base to tip.
-        site_joints: joint whose placement a site displaces, chain by chain: the J joints, then the seat; empty
-            where a chain is shorter, and in place of a serial arm's seat. A site's number is its index here.
-        site_axes: turn of each site's frame that puts the joint's axis on z, shape (sites, 3, 3).
+        mechanism: that the samples displace.
+        site_joints: joint whose placement each site displaces; a site's number is its index. Empty: a site not used.
     """
 
     mechanism: ClosedChainMechanism
-    star: Star
-    joint_names: tuple[tuple[str, ...], ...]
     site_joints: tuple[str, ...]
-    site_axes: FloatArray
+
+    @property
+    def site_count(self) -> int:
+        """Number of sites."""
+        return len(self.site_joints)
+
+    @functools.cached_property
+    def parameters(self) -> tuple[PlacementParameter, ...]:
+        """All placement parameters, six a site that is used, in the order of the columns of placement errors."""
+        return placement_parameters(filter(None, self.site_joints))
+
+    @abstractmethod
+    def joint_values(self, joints: FloatArray) -> dict[str, FloatArray]:
+        """Return the values of joints of one coordinate, (n,) each in m or rad, by name, from the engine's joints."""
+
+    def site(self, joint: str) -> int:
+        """Return the number of the site that displaces a joint's placement.
+
+        Raises:
+            UnknownJointError: no site displaces it.
+        """
+        if joint not in self.site_joints or not joint:
+            raise UnknownJointError(joint, filter(None, self.site_joints))
+        return self.site_joints.index(joint)
+
+
+@dataclass(frozen=True)
+class StarStructure(Structure):
+    """A star mechanism with its names; sites go chain by chain: J joints, then the seat (empty for a serial arm)."""
+
+    star: Star  # the arrays
+    joint_names: tuple[tuple[str, ...], ...]  # names of each chain's joints from base to tip
 
     @classmethod
     def from_mechanism(cls, mechanism: ClosedChainMechanism) -> StarStructure:
-        """Read a mechanism.
-
-        Raises:
-            UnsupportedMechanismError: the mechanism is no star.
-        """
+        """Read a mechanism; raises UnsupportedMechanismError where the mechanism is no star."""
         chains = _chains(mechanism) if mechanism.anchors else [_serial_chain(mechanism)]
         every = {j for chain in chains for j in chain.joints}
         for mimic in mechanism.mimics:
             if mechanism.joint_id(mimic.joint) in every:
                 raise UnsupportedMechanismError(f"joint '{mimic.joint}' mimics '{mimic.leader}'")
-        joints = max(len(chain.joints) for chain in chains)
+        model, joints = mechanism.shared_model, max(len(chain.joints) for chain in chains)
+        base = model.frames[mechanism.frame_id(mechanism.loops.base_frame)].placement
         placements = np.tile(np.r_[np.eye(3).ravel(), np.zeros(3)], (len(chains), joints + 2, 1))
         axes = np.tile(np.eye(3), (len(chains), joints + 1, 1, 1))
         revolute = np.zeros((len(chains), joints), dtype=bool)
@@ -94,7 +108,8 @@ class StarStructure:
             length = len(chain.joints)
             turns, revolute[i, :length] = _turns(mechanism, chain.joints)
             axes[i, :length] = turns
-            for k, placement in enumerate(_chain_placements(mechanism, chain)):
+            first, *others = (model.jointPlacements[j] for j in chain.joints)
+            for k, placement in enumerate([base.actInv(first), *others, chain.tip]):
                 before = np.eye(3) if k == 0 else turns[k - 1]
                 after = turns[k] if k < length else np.eye(3)
                 at = k if k < length else joints  # the tip stands behind the joints that do nothing
@@ -102,21 +117,24 @@ class StarStructure:
                 placements[i, at] = np.r_[turned.ravel(), before.T @ placement.translation]
             placements[i, joints + 1] = np.r_[chain.seat.rotation.ravel(), chain.seat.translation]
         drives, passive = _roles(mechanism, [chain.joints for chain in chains])
+        place = np.full((len(chains), joints), -1)
+        for i, number in np.argwhere(passive >= 0):
+            place[i, passive[i, number]] = number
         star = Star(
             placements=fixed(placements),
+            site_axes=fixed(axes.reshape(-1, 9)),
             revolute=fixed(revolute, np.bool_),
             passive=fixed(passive, np.int64),
-            place=fixed(_places(passive, joints), np.int64),
+            place=fixed(place, np.int64),
             drives=fixed(drives, np.int64),
             stiffness=fixed(np.array(mechanism.loops.stiffness_si)),
-            joint_count=(0,) * joints,
             passive_count=(0,) * passive.shape[1],
         )
-        names = tuple(tuple(mechanism.shared_model.names[j] for j in chain.joints) for chain in chains)
+        names = tuple(tuple(model.names[j] for j in chain.joints) for chain in chains)
         sites = (
             (*own, *[""] * (joints - len(own)), chain.seat_joint) for own, chain in zip(names, chains, strict=True)
         )
-        return cls(mechanism, star, names, sum(sites, ()), fixed(axes.reshape(-1, 3, 3)))
+        return cls(mechanism, sum(sites, ()), star, names)
 
     def __reduce__(self) -> tuple[Callable[[ClosedChainMechanism], StarStructure], tuple[ClosedChainMechanism]]:
         """Pickle as the mechanism: the arrays come back as they were made."""
@@ -127,39 +145,9 @@ class StarStructure:
         """Whether no loop is closed: the drives carry the end frame."""
         return not self.mechanism.anchors
 
-    @property
-    def chain_count(self) -> int:
-        """Number of chains, C."""
-        return int(self.star.revolute.shape[0])
-
-    @property
-    def joint_count(self) -> int:
-        """Joints of the longest chain, J."""
-        return int(self.star.revolute.shape[1])
-
-    @property
-    def site_count(self) -> int:
-        """Number of sites: J + 1 for each chain."""
-        return len(self.site_joints)
-
-    @functools.cached_property
-    def parameters(self) -> tuple[PlacementParameter, ...]:
-        """All placement parameters, six a site, in the order of the columns of placement errors."""
-        return placement_parameters(name for name in self.site_joints if name)
-
     def joint_values(self, joints: FloatArray) -> dict[str, FloatArray]:
-        """Return the values of joints, (n,) each in m or rad, by name, from joints by chain (n, chains, joints)."""
+        """Return the values of joints by name, as the base class, from joints by chain (n, chains, joints)."""
         return {name: joints[:, i, k] for i, names in enumerate(self.joint_names) for k, name in enumerate(names)}
-
-    def site(self, joint: str) -> int:
-        """Return the number of the site that displaces a joint's placement.
-
-        Raises:
-            UnknownJointError: no site displaces it: it is not a joint of a chain, nor a seat.
-        """
-        if joint not in self.site_joints or not joint:
-            raise UnknownJointError(joint, filter(None, self.site_joints))
-        return self.site_joints.index(joint)
 
 
 def fixed(array: ArrayLike, kind: type[np.float64] | type[np.int64] | type[np.bool_] = np.float64) -> NDArray[Any]:
@@ -256,15 +244,6 @@ def _roles(mechanism: ClosedChainMechanism, chains: list[list[int]]) -> tuple[In
     return drives, passive
 
 
-def _places(passive: IntArray, joints: int) -> IntArray:
-    place = np.full((passive.shape[0], joints), -1, dtype=np.int64)
-    for i, row in enumerate(passive.tolist()):
-        for number, joint in enumerate(row):
-            if joint >= 0:
-                place[i, joint] = number
-    return place
-
-
 def _turns(mechanism: ClosedChainMechanism, chain: list[int]) -> tuple[FloatArray, BoolArray]:
     """Return for each joint a rotation that puts z on its axis, shape (joints, 3, 3), and whether it is revolute."""
     model = mechanism.shared_model
@@ -288,14 +267,6 @@ def _turn_to(axis: FloatArray) -> FloatArray:
     first = np.cross(helper, unit)
     first /= np.linalg.norm(first)
     return np.stack([first, np.cross(unit, first), unit], axis=1)
-
-
-def _chain_placements(mechanism: ClosedChainMechanism, chain: _Chain) -> list[pin.SE3]:
-    """Return the placements along a chain: of its joints, the first one in the base frame, and of frame a."""
-    model = mechanism.shared_model
-    base = model.frames[mechanism.frame_id(mechanism.loops.base_frame)].placement
-    first = base.actInv(model.jointPlacements[chain.joints[0]])
-    return [first, *(model.jointPlacements[j] for j in chain.joints[1:]), chain.tip]
 
 
 def _end_frame(mechanism: ClosedChainMechanism) -> int:

@@ -34,8 +34,7 @@ def export(
     from pouring_robot.robot.export.closed import ClosedRobot
     from pouring_robot.robot.export.folder import exported_files
     from pouring_robot.robot.export.sdf import mimic_notes
-    from pouring_robot.robot.pouring.ladle_mesh import stale_mesh_note
-    from pouring_robot.robot.pouring.layout import load_layout
+    from pouring_robot.robot.pouring.layout import load_layout, stale_mesh_note
     from pouring_robot.robot.pouring_robot import robot_of
 
     built = which.read()

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownFrameError, UnknownJointError, closest
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.joint_types import Mimic
 from pouring_robot.mechanism.loops import LoopsFile, LoopStiffness
 from pouring_robot.mechanism.pinocchio_model import displace_model, tree_of
 
@@ -34,19 +33,12 @@ GRAVITY_M_S2 = 9.80665
 
 @dataclass(frozen=True)
 class LoopAnchor:
-    """Where one loop is closed: two frames, each rigidly on a joint of the tree.
+    """Where one loop is closed: two frames, each rigidly on a joint of the tree."""
 
-    Attributes:
-        name: name of the loop.
-        kind: ``6d`` or ``3d``.
-        joint_a: Pinocchio index of the joint that carries frame a; likewise ``joint_b``.
-        placement_a: pose of frame a in ``joint_a``; likewise ``placement_b``.
-    """
-
-    name: str
-    kind: str
-    joint_a: int
-    placement_a: pin.SE3
+    name: str  # name of the loop
+    kind: str  # ``6d`` or ``3d``
+    joint_a: int  # Pinocchio index of the joint that carries frame a; likewise ``joint_b``
+    placement_a: pin.SE3  # pose of frame a in ``joint_a``; likewise ``placement_b``
     joint_b: int
     placement_b: pin.SE3
 
@@ -59,6 +51,8 @@ def _composed(first: Mapping[str, pin.SE3], second: Mapping[str, pin.SE3]) -> di
 class ClosedChainMechanism:
     """URDF + loops as one immutable object; everything that moves lives in the solvers built on it.
 
+    What is asked for by name raises UnknownFrameError or UnknownJointError where the robot has none of that name.
+
     Args:
         urdf: the robot as URDF text.
         loops: the declaration of loops and drives.
@@ -66,6 +60,14 @@ class ClosedChainMechanism:
         displacements: joints, fixed or moving, that stand off from where the URDF puts them: the pose of the actual
             placement in the URDF's.
         built_in: displacements from the drawing that the URDF holds already, which closures of large ones must know.
+
+    Attributes:
+        urdf: the URDF text, before any displacement.
+        tree_urdf: the same with cut joints floating and ``joint_types`` applied; spherical joints turn about one axis.
+        loops: the declaration of loops and drives.
+        mimics: joints that follow others.
+        anchors: where each loop is closed.
+        shared_model: Pinocchio's model itself, for solvers of this package: read it, never change it.
 
     Raises:
         DescriptionError: Pinocchio cannot build the URDF, or the loops name absent frames or joints.
@@ -80,31 +82,28 @@ class ClosedChainMechanism:
         displacements: Mapping[str, pin.SE3] = MappingProxyType({}),
         built_in: Mapping[str, pin.SE3] = MappingProxyType({}),
     ) -> None:
-        self._urdf, self._loops, self._source = urdf, loops, Path(source)
+        self.urdf, self.loops, self._source = urdf, loops, Path(source)
         self._workspace = threading.local()
-        self._model, self._displacements, self._built_in = self._build(), dict(displacements), dict(built_in)
+        self.shared_model, self._displacements, self._built_in = self._build(), dict(displacements), dict(built_in)
         for name in displacements:
             self.require_placement(name)
-        displace_model(self._model, displacements)
-        self._anchors = self._find_anchors()
-        for name in (loops.base_frame, *((loops.end_frame,) if loops.end_frame else ()), *loops.tool_frames):
+        displace_model(self.shared_model, displacements)
+        self.anchors = self._find_anchors()
+        for name in (loops.base_frame, *loops.reported_frames):
             self._frame_id(name, f"'{name}' is not a frame of the robot")
         self._drive_ids = tuple(self._joint_id(name) for name in loops.drives)
         self._locked_ids = tuple(self._joint_id(name) for name in loops.locked_joints)
         for name, joint in zip(loops.drives, self._drive_ids, strict=True):
-            if self._model.joints[joint].nv != 1:
+            if self.shared_model.joints[joint].nv != 1:
                 raise DescriptionError(self._source, f"drive '{name}' must have one freedom")
         self._check_mimics()
 
     def __reduce__(self) -> tuple[type[ClosedChainMechanism], tuple[Any, ...]]:
         """Pickle as what it was built from: Pinocchio's constraint models cannot be pickled."""
-        return type(self), (self._urdf, self._loops, self._source, self._displacements, self._built_in)
+        return type(self), (self.urdf, self.loops, self._source, self._displacements, self._built_in)
 
     def displaced(self, displacements: Mapping[str, pin.SE3]) -> ClosedChainMechanism:
-        """Return the mechanism with joints displaced further; ten times faster than building it from a URDF.
-
-        Args:
-            displacements: the pose of the new placement in the present one, by joint, fixed or moving.
+        """Return the mechanism with joints displaced further by poses in their placements; faster than a new one.
 
         Raises:
             UnknownJointError: there is no such joint.
@@ -112,13 +111,18 @@ class ClosedChainMechanism:
         """
         for name in displacements:
             self.require_placement(name)
-        other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__)  # names, indices and workspaces do not depend on where joints stand
-        other._model = self._model.copy()
-        displace_model(other._model, displacements)
-        other._anchors = other._find_anchors()
+        other = self._twin()
+        other.shared_model = self.shared_model.copy()
+        displace_model(other.shared_model, displacements)
+        other.anchors = other._find_anchors()
         other._displacements = _composed(self._displacements, displacements)
         return other
+
+    def _twin(self) -> ClosedChainMechanism:
+        """Return a copy: names, indices and workspaces depend neither on where joints stand nor on stiffness."""
+        twin = object.__new__(type(self))
+        twin.__dict__.update(self.__dict__)
+        return twin
 
     @property
     def errors(self) -> dict[str, pin.SE3]:
@@ -127,15 +131,14 @@ class ClosedChainMechanism:
 
     def with_stiffness(self, stiffness: LoopStiffness) -> ClosedChainMechanism:
         """Return the mechanism with other stiffness of its closures; where joints stand does not depend on it."""
-        other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__)
-        other._loops = self._loops.model_copy(update={"stiffness": stiffness})
+        other = self._twin()
+        other.loops = self.loops.model_copy(update={"stiffness": stiffness})
         return other
 
     def with_drives(self, drives: tuple[str, ...]) -> ClosedChainMechanism:
         """Return the mechanism with other drives, or none: what is driven no longer is found by the closure."""
-        loops = self._loops.model_copy(update={"drives": drives})
-        return type(self)(self._urdf, loops, self._source, self._displacements, self._built_in)
+        loops = self.loops.model_copy(update={"drives": drives})
+        return type(self)(self.urdf, loops, self._source, self._displacements, self._built_in)
 
     def require_placement(self, joint: str) -> None:
         """Refuse a joint that cannot be displaced.
@@ -152,7 +155,7 @@ class ClosedChainMechanism:
             )
 
     def _build(self) -> pin.Model:
-        self._tree_urdf, self._mimics, model = tree_of(self._urdf, self._loops, self._source)
+        self.tree_urdf, self.mimics, model = tree_of(self.urdf, self.loops, self._source)
         model.gravity.linear = np.array([0.0, 0.0, -GRAVITY_M_S2])
         unsaid = model.lowerPositionLimit >= model.upperPositionLimit  # 0 and 0 is what a URDF has that leaves them out
         model.lowerPositionLimit = np.where(unsaid, -np.inf, model.lowerPositionLimit)
@@ -160,86 +163,59 @@ class ClosedChainMechanism:
         return model
 
     def _check_mimics(self) -> None:
-        for mimic in self._mimics:
+        for mimic in self.mimics:
             if any(len(self.joint_columns.get(name, ())) != 1 for name in (mimic.joint, mimic.leader)):
                 problem = f"joint '{mimic.joint}' mimics '{mimic.leader}': both must be joints of one freedom"
                 raise DescriptionError(f"URDF of {self._source}", problem)
-            if mimic.joint in self._loops.drives:
+            if mimic.joint in self.loops.drives:
                 raise DescriptionError(
                     self._source, f"drive '{mimic.joint}' mimics '{mimic.leader}' in the URDF; drive that one instead"
                 )
 
     def _frame_id(self, name: str, problem: str) -> int:
-        if not self._model.existFrame(name):
-            known = [frame.name for frame in self._model.frames]
+        if not self.shared_model.existFrame(name):
+            known = [frame.name for frame in self.shared_model.frames]
             raise DescriptionError(self._source, problem + closest(name, known))
         return self._frame_named(name)
 
     def _frame_named(self, name: str) -> int:
-        bodies = self._model.existFrame(name, pin.FrameType.BODY)  # a joint may be called as a link is; the link counts
-        return int(self._model.getFrameId(name, pin.FrameType.BODY) if bodies else self._model.getFrameId(name))
+        bodies = self.shared_model.existFrame(
+            name, pin.FrameType.BODY
+        )  # a joint may be called as a link is; the link counts
+        return int(
+            self.shared_model.getFrameId(name, pin.FrameType.BODY) if bodies else self.shared_model.getFrameId(name)
+        )
 
     def _joint_id(self, name: str) -> int:
-        if not self._model.existJointName(name):
-            known = list(self._model.names)[1:]
+        if not self.shared_model.existJointName(name):
+            known = list(self.shared_model.names)[1:]
             raise DescriptionError(self._source, f"'{name}' is not a moving joint of the robot{closest(name, known)}")
-        return int(self._model.getJointId(name))
+        return int(self.shared_model.getJointId(name))
 
     def _find_anchors(self) -> tuple[LoopAnchor, ...]:
-        return tuple(self._anchor(i) for i in range(len(self._loops.loops)))
-
-    def _anchor(self, index: int) -> LoopAnchor:
-        loop = self._loops.loops[index]
-        a, b = (
-            self._model.frames[self._frame_id(name, f"loop '{loop.name}' names the absent frame '{name}'")]
-            for name in (loop.frame_a, loop.frame_b)
-        )
-        return LoopAnchor(loop.name, loop.type, a.parentJoint, a.placement, b.parentJoint, b.placement)
-
-    @property
-    def urdf(self) -> str:
-        """The URDF text the mechanism was built from, before any displacement."""
-        return self._urdf
-
-    @property
-    def tree_urdf(self) -> str:
-        """The same with cut joints floating and ``joint_types`` applied; spherical joints turn about one axis in it."""
-        return self._tree_urdf
-
-    @property
-    def mimics(self) -> tuple[Mimic, ...]:
-        """Joints that follow others."""
-        return self._mimics
-
-    @property
-    def loops(self) -> LoopsFile:
-        """The declaration of loops and drives."""
-        return self._loops
-
-    @property
-    def anchors(self) -> tuple[LoopAnchor, ...]:
-        """Where each loop is closed."""
-        return self._anchors
-
-    @property
-    def shared_model(self) -> pin.Model:
-        """Pinocchio's model itself, for solvers of this package: read it, never change it."""
-        return self._model
+        anchors = []
+        for loop in self.loops.loops:
+            a, b = (
+                self.shared_model.frames[self._frame_id(name, f"loop '{loop.name}' names the absent frame '{name}'")]
+                for name in (loop.frame_a, loop.frame_b)
+            )
+            anchors.append(LoopAnchor(loop.name, loop.type, a.parentJoint, a.placement, b.parentJoint, b.placement))
+        return tuple(anchors)
 
     def thread_data(self) -> pin.Data:
         """Return this thread's workspace for Pinocchio's algorithms; the next call may overwrite what it holds."""
         if not hasattr(self._workspace, "data"):
-            self._workspace.data = self._model.createData()
+            self._workspace.data = self.shared_model.createData()
         return self._workspace.data
 
     def copy_model(self) -> pin.Model:
         """Return a copy of the Pinocchio model, free to change."""
-        return self._model.copy()
+        return self.shared_model.copy()
 
     @functools.cached_property
     def joint_columns(self) -> dict[str, range]:
         """Velocity indices of every moving joint by name."""
-        model = self._model
+        model = self.shared_model
         return {
             str(model.names[j]): range(model.idx_vs[j], model.idx_vs[j] + model.nvs[j]) for j in range(1, model.njoints)
         }
@@ -247,12 +223,12 @@ class ClosedChainMechanism:
     @functools.cached_property
     def drive_columns(self) -> IndexArray:
         """Velocity indices of the drives, in the order of the loops file."""
-        return np.array([self._model.idx_vs[j] for j in self._drive_ids], dtype=np.intp)
+        return np.array([self.shared_model.idx_vs[j] for j in self._drive_ids], dtype=np.intp)
 
     @functools.cached_property
     def passive_columns(self) -> IndexArray:
         """Velocity indices that closure has to find: neither driven nor locked, nor following another joint."""
-        fixed = {*self._drive_ids, *self._locked_ids, *(self.joint_id(mimic.joint) for mimic in self._mimics)}
+        fixed = {*self._drive_ids, *self._locked_ids, *(self.joint_id(mimic.joint) for mimic in self.mimics)}
         free = (own for j, own in enumerate(self.joint_columns.values(), start=1) if j not in fixed)
         return np.array([column for own in free for column in own], dtype=np.intp)
 
@@ -264,8 +240,8 @@ class ClosedChainMechanism:
     @functools.cached_property
     def coupling(self) -> FloatArray:
         """How all joints move with those that lead, shape (nv, nv): the unit matrix, but for what mimics others."""
-        coupling = np.eye(self._model.nv)
-        for mimic in self._mimics:
+        coupling = np.eye(self.shared_model.nv)
+        for mimic in self.mimics:
             follower, leader = (self.joint_columns[name].start for name in (mimic.joint, mimic.leader))
             coupling[follower, follower], coupling[follower, leader] = 0.0, mimic.ratio
         return coupling
@@ -286,7 +262,7 @@ class ClosedChainMechanism:
         paths: list[tuple[str, ...]] = []
         joints: dict[str, tuple[str, ...]] = {}
         others: dict[str, tuple[str, ...]] = {}
-        for i, frame in enumerate(self._model.frames):  # Pinocchio lists a frame after its parent
+        for i, frame in enumerate(self.shared_model.frames):  # Pinocchio lists a frame after its parent
             before = paths[frame.parentFrame] if i else ()
             is_joint = frame.type in (pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT)
             paths.append((*before, frame.name) if is_joint else before)
@@ -299,77 +275,49 @@ class ClosedChainMechanism:
         return {name: len(path) - 1 for name, path in self.joint_paths.items()}
 
     def unit_of(self, joint: str) -> Literal["m", "rad"]:
-        """Return the unit of a one-freedom joint: a length or an angle.
-
-        Raises:
-            UnknownJointError: there is no such joint.
-        """
-        kind = self._model.joints[self.joint_id(joint)].shortname()
+        """Return the unit of a one-freedom joint: a length or an angle."""
+        kind = self.shared_model.joints[self.joint_id(joint)].shortname()
         return "m" if kind.startswith("JointModelP") and not kind.startswith("JointModelPlanar") else "rad"
 
     def placement_on_end(self, frame: str) -> pin.SE3:
-        """Return where a frame that is rigid on the end body sits in the loops file's ``end_frame``.
-
-        Raises:
-            UnknownFrameError: there is no such frame.
-        """
-        end, wanted = (self._model.frames[self.frame_id(name)] for name in (str(self._loops.end_frame), frame))
+        """Return where a frame that is rigid on the end body sits in the loops file's ``end_frame``."""
+        end, wanted = (self.shared_model.frames[self.frame_id(name)] for name in (str(self.loops.end_frame), frame))
         return end.placement.actInv(wanted.placement)
 
     def frame_id(self, name: str) -> int:
-        """Return Pinocchio's index of a frame.
-
-        Raises:
-            UnknownFrameError: there is no such frame.
-        """
-        if not self._model.existFrame(name):
-            raise UnknownFrameError(name, (frame.name for frame in self._model.frames))
+        """Return Pinocchio's index of a frame; raises UnknownFrameError where there is no such frame."""
+        if not self.shared_model.existFrame(name):
+            raise UnknownFrameError(name, (frame.name for frame in self.shared_model.frames))
         return self._frame_named(name)
 
     @property
     def T_end_tool(self) -> pin.SE3:  # noqa: N802 - frames as everywhere
-        """Where the frame that counts sits on the body that closes the loops (the pouring lip on the platform).
-
-        Raises:
-            UnknownFrameError: the robot has no such frame.
-        """
-        return self.placement_on_end(str(self._loops.working_frame))
+        """Where the frame that counts sits on the body that closes the loops (the pouring lip on the platform)."""
+        return self.placement_on_end(str(self.loops.working_frame))
 
     def joint_id(self, name: str) -> int:
-        """Return Pinocchio's index of a moving joint.
-
-        Raises:
-            UnknownJointError: there is no such joint.
-        """
-        if not self._model.existJointName(name):
-            raise UnknownJointError(name, list(self._model.names)[1:])
-        return int(self._model.getJointId(name))
+        """Return Pinocchio's index of a moving joint; raises UnknownJointError where there is no such joint."""
+        if not self.shared_model.existJointName(name):
+            raise UnknownJointError(name, list(self.shared_model.names)[1:])
+        return int(self.shared_model.getJointId(name))
 
     def pose_world_to_placement(self, data: pin.Data, joint: str) -> pin.SE3:
-        """Return where the placement of a joint, fixed or moving, stands: before the joint's own motion.
-
-        Args:
-            data: Pinocchio's workspace with frame placements up to date.
-            joint: its name.
-
-        Raises:
-            UnknownFrameError: there is no such joint.
-        """
-        if self._model.existJointName(joint):
-            index = self._model.getJointId(joint)
-            return data.oMi[self._model.parents[index]] * self._model.jointPlacements[index]
+        """Return where the placement of a joint stands before its own motion, from frames of ``data`` up to date."""
+        if self.shared_model.existJointName(joint):
+            index = self.shared_model.getJointId(joint)
+            return data.oMi[self.shared_model.parents[index]] * self.shared_model.jointPlacements[index]
         return data.oMf[self.frame_id(joint)]
 
     def pose_base_to_end(self, configuration: FloatArray) -> pin.SE3:
         """Return the pose of the end frame in the base frame at a configuration, shape (nq,)."""
         data = self.thread_data()
-        pin.framesForwardKinematics(self._model, data, configuration)
-        base, end = (data.oMf[self.frame_id(str(n))] for n in (self._loops.base_frame, self._loops.end_frame))
+        pin.framesForwardKinematics(self.shared_model, data, configuration)
+        base, end = (data.oMf[self.frame_id(str(n))] for n in (self.loops.base_frame, self.loops.end_frame))
         return base.actInv(end)
 
     def neutral_configuration(self) -> FloatArray:
         """Return the configuration with every joint at zero; shape (nq,)."""
-        return np.asarray(pin.neutral(self._model), dtype=float)
+        return np.asarray(pin.neutral(self.shared_model), dtype=float)
 
     def with_joint_values(self, configuration: FloatArray, values: Mapping[str, float]) -> FloatArray:
         """Return a copy of a configuration with the given one-freedom joints set (m or rad); shape (nq,).
@@ -380,10 +328,12 @@ class ClosedChainMechanism:
                 one freedom.
         """
         result = np.array(configuration, dtype=float)
-        if result.shape != (self._model.nq,):
-            raise BadInputError(f"a configuration of this robot has shape ({self._model.nq},), not {result.shape}")
+        if result.shape != (self.shared_model.nq,):
+            raise BadInputError(
+                f"a configuration of this robot has shape ({self.shared_model.nq},), not {result.shape}"
+            )
         for name, value in values.items():
-            joint = self._model.joints[self.joint_id(name)]
+            joint = self.shared_model.joints[self.joint_id(name)]
             if not np.isfinite(value):
                 raise BadInputError(f"joint '{name}': the value must be a finite number, not {value}")
             if joint.nv != 1:
@@ -394,26 +344,24 @@ class ClosedChainMechanism:
         return result
 
     def with_mimics(self, configuration: FloatArray, values: Mapping[str, float]) -> FloatArray:
-        """Return a configuration with joints that mimic others where their leaders put them; shape (nq,).
+        """Return a configuration (nq,) with joints that mimic others where their leaders put them.
 
-        Args:
-            configuration: shape (nq,).
-            values: of joints in it (m or rad) that may stand more than a turn away: a configuration does not say so.
+        Joint values in it (m, rad) may stand more than a turn away, which a configuration does not say.
         """
-        if not self._mimics:
+        if not self.mimics:
             return configuration
         values = self.joint_values(configuration) | dict(values)
-        followed = {m.joint: m.ratio * values[m.leader] + m.offset for m in self._mimics}
+        followed = {m.joint: m.ratio * values[m.leader] + m.offset for m in self.mimics}
         return self.with_joint_values(configuration, followed)
 
     def followed(self, offsets: Mapping[str, float]) -> dict[str, float]:
         """Return offsets of joints (m or rad) with those of the joints that mimic them, as their leaders move them."""
-        return {**offsets, **{m.joint: m.ratio * offsets[m.leader] for m in self._mimics if m.leader in offsets}}
+        return {**offsets, **{m.joint: m.ratio * offsets[m.leader] for m in self.mimics if m.leader in offsets}}
 
     def joint_values(self, configuration: FloatArray) -> dict[str, float]:
         """Return the value of every one-freedom joint by name, in m or rad."""
         values = {}
-        for name, joint in zip(list(self._model.names)[1:], list(self._model.joints)[1:], strict=True):
+        for name, joint in zip(list(self.shared_model.names)[1:], list(self.shared_model.joints)[1:], strict=True):
             stored = configuration[joint.idx_q : joint.idx_q + joint.nq]
             if joint.nv == 1:
                 values[name] = float(stored[0] if joint.nq == 1 else np.arctan2(stored[1], stored[0]))
@@ -421,7 +369,7 @@ class ClosedChainMechanism:
 
     def joint_limits(self) -> dict[str, tuple[float, float]]:
         """Return lower and upper limit of every one-freedom joint with limits, in m or rad."""
-        lower, upper = self._model.lowerPositionLimit, self._model.upperPositionLimit
-        named = zip(list(self._model.names)[1:], list(self._model.joints)[1:], strict=True)
+        lower, upper = self.shared_model.lowerPositionLimit, self.shared_model.upperPositionLimit
+        named = zip(list(self.shared_model.names)[1:], list(self.shared_model.joints)[1:], strict=True)
         edges = {name: (float(lower[joint.idx_q]), float(upper[joint.idx_q])) for name, joint in named if joint.nq == 1}
         return {name: pair for name, pair in edges.items() if np.isfinite(pair).all()}

@@ -38,42 +38,26 @@ class DriveJacobians:
 
 @dataclass(frozen=True)
 class Dexterity:
-    """How well the drives command the end body; lengths and angles compared through ``length_m``.
+    """How well the drives command the end body; lengths and angles compared through ``length_m``."""
 
-    Attributes:
-        condition: condition number of the scaled Jacobian (1 is best).
-        singularity: the nearer kind; ``serial``: the platform loses a freedom, ``parallel``: it gains one.
-        distance: smallest factor between task and drive motion, or its inverse, whichever is smaller; zero is
-            singular.
-        length_m: characteristic length by which angles were scaled, in m.
-    """
-
-    condition: float
+    condition: float  # condition number of the scaled Jacobian (1 is best)
+    # the nearer kind; ``serial``: the platform loses a freedom, ``parallel``: it gains one
     singularity: Literal["serial", "parallel"]
+    # smallest factor between task and drive motion, or its inverse, whichever is smaller; zero is singular
     distance: float
-    length_m: float
+    length_m: float  # characteristic length by which angles were scaled, in m
 
 
 @dataclass(frozen=True)
 class AxisWeakness:
-    """How far one tilted joint axis moves a frame sideways (along y of the base frame), at the worst joint.
+    """How far one tilted joint axis moves a frame sideways (along y of the base frame), at the worst joint."""
 
-    Attributes:
-        parameter: the placement parameter that moves it most, such as ``leg1_s2.rz``.
-        m_per_rad: what it does, in m per rad (the same number in mm per mrad); never negative.
-    """
-
-    parameter: str
-    m_per_rad: float
+    parameter: str  # the placement parameter that moves it most, such as ``leg1_s2.rz``.
+    m_per_rad: float  # what it does, in m per rad (the same number in mm per mrad); never negative
 
 
 def axis_weakness(solver: ClosureSolver, result: ClosureResult, frame: str) -> AxisWeakness:
-    """Return the largest sideways entry of the error-transfer matrix over all axis tilts of the chains.
-
-    Args:
-        solver: the solver that found ``result`` (its loads count).
-        result: the closed configuration.
-        frame: the observed frame.
+    """Return the largest sideways entry of a frame's G over all axis tilts of the chains, at a closure of the solver.
 
     Raises:
         SingularPoseError: the drives do not determine the platform here.
@@ -88,11 +72,7 @@ def axis_weakness(solver: ClosureSolver, result: ClosureResult, frame: str) -> A
 
 
 def drive_jacobians(solver: ClosureSolver, result: ClosureResult) -> DriveJacobians:
-    """Return the exact Jacobians at a closed configuration.
-
-    Args:
-        solver: the solver that found ``result`` (its loads count).
-        result: the closed configuration.
+    """Return the exact Jacobians at a closed configuration that the solver, whose loads count, found.
 
     Raises:
         SingularPoseError: the free joints are not determined by the drives here.

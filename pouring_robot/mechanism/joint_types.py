@@ -11,14 +11,7 @@ from lxml import etree
 from pouring_robot.exceptions import BadInputError, UnknownJointError
 
 JointKind = Literal[
-    "fixed",
-    "spherical",
-    "universal_xy",
-    "universal_xz",
-    "universal_yx",
-    "universal_yz",
-    "universal_zx",
-    "universal_zy",
+    "fixed", "spherical", "universal_xy", "universal_xz", "universal_yx", "universal_yz", "universal_zx", "universal_zy"
 ]
 """What a joint may be changed to. A universal joint turns about two axes of its placement, the first one first, in two
 joints ``<name>_X`` and ``<name>_Y`` (or Z)."""
@@ -28,9 +21,7 @@ _AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 def change_joints(urdf: str, kinds: Mapping[str, str]) -> str:
     """Return the URDF with joints of other kinds; spherical ones, which URDF does not know, turn about one axis yet.
 
-    Args:
-        urdf: the URDF's text.
-        kinds: a :data:`JointKind`, or ``floating``, by joint.
+    Kinds are :data:`JointKind` or ``floating``, by joint.
 
     Raises:
         UnknownJointError: the URDF has no such joint.
@@ -90,19 +81,12 @@ def make_spherical(model: pin.Model, names: set[str]) -> pin.Model:
 
 @dataclass(frozen=True)
 class Mimic:
-    """A joint that follows another: its value is ``ratio`` times the leader's plus ``offset`` (m or rad).
+    """A joint that follows another: its value is ``ratio`` times the leader's plus ``offset`` (m or rad)."""
 
-    Attributes:
-        joint: the follower.
-        leader: what it follows, itself free to move.
-        ratio: of the two values.
-        offset: in m or rad.
-    """
-
-    joint: str
-    leader: str
-    ratio: float
-    offset: float
+    joint: str  # the follower
+    leader: str  # what it follows, itself free to move
+    ratio: float  # of the two values
+    offset: float  # in m or rad
 
 
 def read_mimics(urdf: str) -> tuple[Mimic, ...]:

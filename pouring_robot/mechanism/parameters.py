@@ -21,32 +21,20 @@ Twist = tuple[float, float, float, float, float, float]
 
 @dataclass(frozen=True)
 class PlacementParameter:
-    """Displaces the placement of one joint, fixed or moving, before the joint's own motion.
+    """Displaces the placement of one joint, fixed or moving, before the joint's own motion."""
 
-    Attributes:
-        name: ``<joint>.<component>``, such as ``elbow.tx``.
-        unit: ``m`` or ``rad``.
-        joint: the URDF joint that is displaced.
-        twist: displacement per unit, (linear, angular) in the joint's present placement, m and rad.
-    """
-
-    name: str
-    unit: str
-    joint: str
-    twist: Twist
+    name: str  # ``<joint>.<component>``, such as ``elbow.tx``.
+    unit: str  # ``m`` or ``rad``
+    joint: str  # the URDF joint that is displaced
+    twist: Twist  # displacement per unit, (linear, angular) in the joint's present placement, m and rad
 
 
 @dataclass(frozen=True)
 class DriveParameter:
-    """Error of a commanded drive value: the drive stands at command plus error.
+    """Error of a commanded drive value: the drive stands at command plus error."""
 
-    Attributes:
-        joint: the driven joint.
-        unit: ``m`` or ``rad``.
-    """
-
-    joint: str
-    unit: str
+    joint: str  # the driven joint
+    unit: str  # ``m`` or ``rad``
 
     @property
     def name(self) -> str:
@@ -56,15 +44,10 @@ class DriveParameter:
 
 @dataclass(frozen=True)
 class StiffnessParameter:
-    """Stiffness of a yielding drive, in N/m or Nm/rad.
+    """Stiffness of a yielding drive, in N/m or Nm/rad."""
 
-    Attributes:
-        joint: the yielding drive.
-        unit: ``N/m`` or ``Nm/rad``.
-    """
-
-    joint: str
-    unit: str
+    joint: str  # the yielding drive
+    unit: str  # ``N/m`` or ``Nm/rad``
 
     @property
     def name(self) -> str:
@@ -82,15 +65,10 @@ class PayloadParameter:
 
 @dataclass(frozen=True)
 class FrameParameter:
-    """Displaces a whole frame: the mechanism's base, or the observed frame on the end body, in its own axes.
+    """Displaces a whole frame: the mechanism's base, or the observed frame on the end body, in its own axes."""
 
-    Attributes:
-        side: ``base`` or ``tool``.
-        component: one of :data:`COMPONENTS`.
-    """
-
-    side: Literal["base", "tool"]
-    component: str
+    side: Literal["base", "tool"]  # ``base`` or ``tool``
+    component: str  # one of :data:`COMPONENTS`
 
     @property
     def name(self) -> str:

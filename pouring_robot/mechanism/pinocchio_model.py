@@ -30,12 +30,7 @@ class Tree(NamedTuple):
 
 
 def tree_of(urdf: str, loops: LoopsFile, source: Path) -> Tree:
-    """Return the tree of a URDF text; the model is the caller's own.
-
-    Args:
-        urdf: the text.
-        loops: which joints are cut, or of another kind than the URDF says.
-        source: whose URDF it is, for what is said of it.
+    """Return the tree of a URDF text with joints as loops want them; the model is the caller's own.
 
     Raises:
         DescriptionError: a joint is absent, the text is no URDF, or Pinocchio cannot build it: says why in its
@@ -92,12 +87,7 @@ def _heard(words: list[str]) -> Iterator[None]:
 
 
 def displace_model(model: pin.Model, displacements: Mapping[str, pin.SE3]) -> None:
-    """Displace joints, fixed and moving, with all they carry, in place.
-
-    Args:
-        model: Pinocchio's model of a URDF; lists every frame after its parent.
-        displacements: the pose of the actual placement in the present one, by joint.
-    """
+    """Displace joints, fixed and moving, with all they carry, by poses in their present placements, in place."""
     before = [frame.placement.copy() for frame in model.frames]
     moved = [False] * len(before)  # frames that no longer stand where they stood on their joint
     for i in range(1, len(before)):

@@ -70,22 +70,12 @@ def pose_figures(pose: pin.SE3) -> dict[str, list[float]]:
 
 @dataclass(frozen=True)
 class PlacementError:
-    """How far a joint is from where it should be, both parts in the joint's nominal frame.
+    """How far a joint is from where it should be, in its nominal frame; ValueError where that is not finite numbers."""
 
-    Attributes:
-        translation_m: shift of the joint's origin, m.
-        rotation_rad: rotation vector (axis times angle), rad.
-    """
-
-    translation_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    rotation_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    translation_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # shift of the joint's origin, m
+    rotation_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)  # rotation vector (axis times angle), rad
 
     def __post_init__(self) -> None:
-        """Refuse what is not three finite numbers each.
-
-        Raises:
-            ValueError: a part is not three finite numbers.
-        """
         for name, part in (("translation_m", self.translation_m), ("rotation_rad", self.rotation_rad)):
             if len(part) != 3 or not all(math.isfinite(v) for v in part):
                 raise ValueError(f"{name} must be three finite numbers, not {part}")

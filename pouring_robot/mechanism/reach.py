@@ -1,29 +1,22 @@
 """How joints stand within their limits."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from pouring_robot.exceptions import UnreachablePoseError
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 
 
 @dataclass(frozen=True)
 class JointReach:
-    """How one joint stands within its limits at a pose.
-
-    Attributes:
-        joint: its name.
-        unit: ``m`` or ``rad``, of the three values.
-        value: where it stands.
-        lower: lower limit.
-        upper: upper limit.
-    """
+    """How one joint stands within its limits at a pose."""
 
     joint: str
-    unit: Literal["m", "rad"]
-    value: float
-    lower: float
-    upper: float
+    unit: Literal["m", "rad"]  # ``m`` or ``rad``, of the three values
+    value: float  # where it stands
+    lower: float  # lower limit
+    upper: float  # upper limit
 
     @property
     def margin(self) -> float:
@@ -45,3 +38,10 @@ def joint_reach(mechanism: ClosedChainMechanism, values: Mapping[str, float]) ->
     moving = [name for name in values if name in limits and name not in locked and limits[name][0] < limits[name][1]]
     reaches = [JointReach(name, mechanism.unit_of(name), values[name], *limits[name]) for name in moving]
     return tuple(sorted(reaches, key=lambda reach: reach.relative_margin))
+
+
+def refuse_beyond(reaches: Sequence[JointReach]) -> None:
+    """Refuse joints beyond their limits; raises UnreachablePoseError, which names the one that is furthest."""
+    for worst in reaches[:1]:
+        if worst.margin < 0.0:
+            raise UnreachablePoseError(worst.joint, worst.value, worst.lower, worst.upper, worst.unit)

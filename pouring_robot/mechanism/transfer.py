@@ -50,20 +50,14 @@ _IDLE = 1e-7
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TransferMatrix(Result):
-    """G with its labels.
+    """G with its labels."""
 
-    Attributes:
-        frame: the observed frame.
-        parameters: one a column.
-        matrix: shape (6, n): displacement of the frame's origin in m, rotation vector in rad, in base axes, per unit
-            of each parameter.
-        joints: velocity of every joint column per unit of each parameter, shape (nv, n).
-    """
-
-    frame: str
-    parameters: tuple[LocalParameter, ...]
+    frame: str  # the observed frame
+    parameters: tuple[LocalParameter, ...]  # one a column
+    # shape (6, n): displacement of the frame's origin in m, rotation vector in rad, in base axes, per unit of each
+    # parameter
     matrix: FloatArray
-    joints: FloatArray
+    joints: FloatArray  # velocity of every joint column per unit of each parameter, shape (nv, n)
 
     def __post_init__(self) -> None:
         lock_fields(self, "matrix", "joints")
@@ -103,10 +97,7 @@ class TransferMatrix(Result):
 
 
 def closed_chain_transfer(
-    solver: ClosureSolver,
-    result: ClosureResult,
-    parameters: Sequence[LocalParameter],
-    frame: str | None = None,
+    solver: ClosureSolver, result: ClosureResult, parameters: Sequence[LocalParameter], frame: str | None = None
 ) -> TransferMatrix:
     """Return G of the closed mechanism at a closed configuration.
 
@@ -129,9 +120,9 @@ def closed_chain_transfer(
     state = energy.evaluate(result.configuration, result.commanded)
     hessian = energy.hessian(state)
     placed = PlacedTwists(solver.mechanism, observer.data, parameters)
-    gradient_change = _gradient_change(solver, result, state, hessian, parameters, placed)
+    motion, gradient_change = _imposed(solver, result, state, hessian, parameters, placed)
     twists = observer.joint_twists()
-    motion = _rigid_motion(solver, parameters) - _answer(energy, hessian, gradient_change, twists)
+    motion -= _answer(energy, hessian, gradient_change, twists)
     matrix = twists @ motion + observer.direct_twists(parameters, placed)
     return TransferMatrix(observer.frame, tuple(parameters), matrix, motion)
 
@@ -160,14 +151,9 @@ class _Observer:
 
     def joint_twists(self) -> FloatArray:
         """Return the frame's twist against the base per joint velocity; (6, nv)."""
-        columns = np.zeros((6, self._model.nv))
-        for frame, sign in ((self.frame, 1.0), (self.base, -1.0)):
-            joint = self._model.frames[self.mechanism.frame_id(frame)].parentJoint
-            for support in list(self._model.supports[joint])[1:]:
-                first = self._model.idx_vs[support]
-                block = slice(first, first + self._model.nvs[support])
-                columns[:, block] += sign * self.data.J[:, block]
-        return self.from_world(columns)
+        ids = (self.mechanism.frame_id(name) for name in (self.frame, self.base))
+        tip, base = (pin.getFrameJacobian(self._model, self.data, k, pin.WORLD) for k in ids)
+        return self.from_world(tip - base)
 
     def direct_twists(self, parameters: Sequence[LocalParameter], placed: PlacedTwists) -> FloatArray:
         """Return the frame's twist per parameter with all joints held; (6, n)."""
@@ -184,66 +170,44 @@ class _Observer:
         return twists
 
 
-def _rigid_motion(solver: ClosureSolver, parameters: Sequence[LocalParameter]) -> FloatArray:
-    """Return the motion of rigid drives that parameters impose; (nv, n)."""
-    energy = solver.energy
-    motion = np.zeros((energy.model.nv, len(parameters)))
-    for k, parameter in enumerate(parameters):
-        if isinstance(parameter, DriveParameter):
-            column = _drive_column(solver, parameter.joint)
-            if energy.springs[column] == 0.0:
-                motion[:, k] = solver.mechanism.coupling[:, column]
-        elif isinstance(parameter, StiffnessParameter):
-            if energy.springs[_drive_column(solver, parameter.joint)] == 0.0:
-                raise BadInputError(f"drive '{parameter.joint}' is rigid in this model; give it a stiffness first")
-        elif isinstance(parameter, PayloadParameter) and not energy.loads.gravity:
-            raise BadInputError("the payload's mass has no effect without gravity; switch gravity on in the loads")
-    return motion
-
-
-def _drive_column(solver: ClosureSolver, joint: str) -> int:
-    drives = solver.mechanism.loops.drives
-    if joint not in drives:
-        raise UnknownJointError(joint, drives)
-    return int(solver.energy.model.idx_vs[solver.mechanism.joint_id(joint)])
-
-
-def _gradient_change(
+def _imposed(
     solver: ClosureSolver,
     result: ClosureResult,
     state: EnergyState,
     hessian: FloatArray,
     parameters: Sequence[LocalParameter],
     placed: PlacedTwists,
-) -> FloatArray:
-    """Return the derivative of the energy's gradient by the parameters, joints held where they are; (nv, n)."""
-    energy = solver.energy
-    change = energy.gradient_derivative(state, placed.columns())
-    if energy.loads.gravity:
-        change += Weight(energy, result.configuration).placement_derivative(parameters)
+) -> tuple[FloatArray, FloatArray]:
+    """Return what parameters do by themselves, (nv, n) each: motion of rigid drives, and change of the gradient."""
+    energy, drives = solver.energy, solver.mechanism.loops.drives
+    motion, change = np.zeros((energy.model.nv, len(parameters))), energy.gradient_derivative(state, placed.columns())
+    weight = Weight(energy, result.configuration) if energy.loads.gravity else None
+    if weight:
+        change += weight.placement_derivative(parameters)
     for k, parameter in enumerate(parameters):
-        if isinstance(parameter, DriveParameter):
-            column = _drive_column(solver, parameter.joint)
+        if isinstance(parameter, PayloadParameter):
+            if weight is None:
+                raise BadInputError("the payload's mass has no effect without gravity; switch gravity on in the loads")
+            change[:, k] = weight.payload_derivative()
+        elif isinstance(parameter, DriveParameter | StiffnessParameter):
+            if parameter.joint not in drives:
+                raise UnknownJointError(parameter.joint, drives)
+            column = solver.mechanism.joint_columns[parameter.joint].start
             spring = energy.springs[column]
-            # A yielding drive is pulled towards its command; a rigid one moves, and everything with it.
-            moved = solver.mechanism.coupling[:, column]
-            change[:, k] = -spring * np.eye(energy.model.nv)[column] if spring else hessian @ moved
-        elif isinstance(parameter, StiffnessParameter):
-            column = _drive_column(solver, parameter.joint)
-            change[column, k] = pin.difference(energy.model, result.commanded, result.configuration)[column]
-        elif isinstance(parameter, PayloadParameter):
-            change[:, k] = Weight(energy, result.configuration).payload_derivative()
-    return change
+            if isinstance(parameter, StiffnessParameter):
+                if not spring:
+                    raise BadInputError(f"drive '{parameter.joint}' is rigid in this model; give it a stiffness first")
+                change[column, k] = pin.difference(energy.model, result.commanded, result.configuration)[column]
+            elif spring:  # a yielding drive is pulled towards its command
+                change[column, k] = -spring
+            else:  # a rigid one moves, and everything with it
+                motion[:, k] = solver.mechanism.coupling[:, column]
+                change[:, k] = hessian @ motion[:, k]
+    return motion, change
 
 
 def _answer(energy: ClosureEnergy, hessian: FloatArray, gradient_change: FloatArray, twists: FloatArray) -> FloatArray:
     """Return how the joints answer a change of the gradient, (nv, n), where idle freedoms do not show in ``twists``.
-
-    Args:
-        energy: closure energy with its loads.
-        hessian: of the energy, (nv, nv).
-        gradient_change: (nv, n).
-        twists: the observed frame's twist per joint velocity, (6, nv).
 
     Raises:
         SingularPoseError: a freedom that nothing holds moves the frame, or a parameter pushes at it.

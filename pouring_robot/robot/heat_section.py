@@ -38,22 +38,17 @@ Minutes = Annotated[float, pydantic.AfterValidator(_minutes)]
 
 
 class HeatSection(StrictModel):
-    """What makes a robot warm.
+    """What makes a robot warm."""
 
-    Attributes:
-        melt_degC: temperature of the melt; left out: that of the properties.
-        ambient_degC: temperature of the surroundings; left out: that of the properties.
-        after_min: how long the melt has been there, everything being as warm as the surroundings before and the pose
-            held; left out: until nothing changes any more (steady).
-        measured_degC: measured mean temperature of parts (``leg1`` … ``leg4``, ``platform``, ``fixed_platform``);
-            it takes the place of the computed one.
-        properties: values that replace those of the shipped ``thermal.yaml``, by section and name, in its units.
-    """
-
-    melt_degC: Celsius | None = None
-    ambient_degC: Surroundings | None = None
+    melt_degC: Celsius | None = None  # temperature of the melt; left out: that of the properties
+    ambient_degC: Surroundings | None = None  # temperature of the surroundings; left out: that of the properties
+    # how long the melt has been there, everything being as warm as the surroundings before and the pose held; left out:
+    # until nothing changes any more (steady)
     after_min: Minutes | None = None
+    # measured mean temperature of parts (``leg1`` … ``leg4``, ``platform``, ``fixed_platform``); it takes the place of
+    # the computed one
     measured_degC: dict[str, Celsius] = pydantic.Field(default_factory=dict)
+    # values that replace those of the shipped ``thermal.yaml``, by section and name, in its units.
     properties: dict[str, dict[str, float]] = pydantic.Field(default_factory=dict)
 
     @pydantic.model_validator(mode="after")
@@ -93,11 +88,7 @@ class HeatSection(StrictModel):
             ) from problem
 
     def with_values(self, **values: Any) -> HeatSection:
-        """Return the section with some values replaced.
-
-        Raises:
-            BadInputError: a value is impossible; names it.
-        """
+        """Return the section with some values replaced; raises BadInputError where a value is impossible; names it."""
         try:
             return HeatSection.model_validate(self.model_dump() | values)
         except pydantic.ValidationError as problem:

@@ -28,17 +28,11 @@ Close = Callable[[FloatArray, FloatArray], ClosureResult]
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Where a frame of the end body is wanted, in the base.
+    """Where a frame of the end body is wanted, in the base."""
 
-    Attributes:
-        position_m: of its origin, shape (3,), in m.
-        rotation: of its axes, shape (3, 3); None: any.
-        frame: the frame; None: the end frame.
-    """
-
-    position_m: FloatArray
-    rotation: FloatArray | None = None
-    frame: str | None = None
+    position_m: FloatArray  # of its origin, shape (3,), in m
+    rotation: FloatArray | None = None  # of its axes, shape (3, 3); None: any
+    frame: str | None = None  # the frame; None: the end frame
 
     def left(self, pose: pin.SE3) -> FloatArray:
         """Return a pose minus the target, (6,): displacement in m and rotation vector in rad, in the base's axes."""
@@ -48,21 +42,13 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class Reached:
-    """Where Newton ended.
+    """Where Newton ended."""
 
-    Attributes:
-        drives: drive values to command, shape (drives,), in m and rad.
-        result: the robot closed with them.
-        left: what is missing, as :meth:`Target.left`.
-        ranks: how many freedoms the drives command here: of the place, and of the attitude beside it.
-        settled: whether the last step moved nothing any more.
-    """
-
-    drives: FloatArray
-    result: ClosureResult
-    left: FloatArray
-    ranks: tuple[int, int]
-    settled: bool
+    drives: FloatArray  # drive values to command, shape (drives,), in m and rad
+    result: ClosureResult  # the robot closed with them
+    left: FloatArray  # what is missing, as :meth:`Target.left`.
+    ranks: tuple[int, int]  # how many freedoms the drives command here: of the place, and of the attitude beside it
+    settled: bool  # whether the last step moved nothing any more
 
 
 def bring(

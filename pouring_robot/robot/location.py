@@ -5,49 +5,40 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError
+from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
+from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
 from pouring_robot.mechanism.reach import JointReach
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.report.result import Result
-from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.poses import PlatformPose
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from pouring_robot.batch import BatchClosure, BatchStart
-    from pouring_robot.batch.samples import BatchCommand
 
 OUT_OF_REACH = "out of reach"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Location(Result):
-    """Nominal and actual pose of any robot for one command. Locations compare by identity.
+    """Nominal and actual pose of any robot for one command. Locations compare by identity."""
 
-    Attributes:
-        drives: drive values that are commanded, in m and rad.
-        nominal: the closed robot of the drawing.
-        actual: the closed robot as built at the same commands; its drives stand at command plus their offsets.
-        reach: every joint of the drawing that has limits, the most limiting first.
-    """
-
-    drives: dict[str, float]
-    nominal: ClosureResult
+    drives: dict[str, float]  # drive values that are commanded, in m and rad
+    nominal: ClosureResult  # the closed robot of the drawing
+    # the closed robot as built at the same commands; its drives stand at command plus their offsets
     actual: ClosureResult
-    reach: tuple[JointReach, ...]
+    reach: tuple[JointReach, ...]  # every joint of the drawing that has limits, the most limiting first
 
     @property
     def loops(self) -> LoopsFile:
@@ -55,20 +46,12 @@ class Location(Result):
         return self.nominal.mechanism.loops
 
     def poses(self, frame: str) -> tuple[pin.SE3, pin.SE3]:
-        """Return nominal and actual pose of a frame in the base.
-
-        Raises:
-            UnknownFrameError: there is no such frame.
-        """
+        """Return nominal and actual pose of a frame in the base; raises UnknownFrameError where there is none."""
         base = self.loops.base_frame
         return self.nominal.pose(base, frame), self.actual.pose(base, frame)
 
     def difference(self, frame: str | None = None) -> PoseDifference:
-        """Return actual minus nominal pose of a frame (default: the working frame), in the axes of the base.
-
-        Raises:
-            UnknownFrameError: there is no such frame.
-        """
+        """Return actual minus nominal pose of a frame (default: the working frame), in the axes of the base."""
         return PoseDifference.between(*self.poses(frame or self.loops.working_frame))
 
     @property
@@ -148,64 +131,12 @@ def drive_words(mechanism: ClosedChainMechanism, drives: Mapping[str, float]) ->
     ]
 
 
-class LocatingRobot(Protocol):
-    """What :func:`located` needs of a robot."""
-
-    kinematics: FourUPUKinematics
-    nominal_solver: ClosureSolver
-    actual_solver: ClosureSolver
-
-    def close(self, drives: FloatArray, start: BatchStart, /) -> BatchClosure:
-        """Close the robot as built for commanded drives from closed poses of the drawing."""
-
-    def locate(self, pose: PlatformPose, /) -> LadleLocation:
-        """Return where the ladle should be and where it is."""
-
-
-def located(robot: LocatingRobot, poses: ArrayLike | Sequence[PlatformPose]) -> xr.Dataset:
-    """Return where the ladle should be and where it is for many poses; see :meth:`PouringRobot.locate`."""
-    commanded = as_poses(poses)
-    if not _needs_the_solver(robot):
-        command = robot.kinematics.commands(commanded)
-        return path_dataset(robot, command, robot.close(command.drives, command.start))
-    status, nominal, actual = _one_at_a_time(robot, commanded)
-    return error_dataset(robot.nominal_solver.mechanism.loops, status, nominal, actual, _commanded(commanded))
-
-
-def _commanded(poses: FloatArray) -> dict[str, Any]:
-    return {
-        "commanded_position": (("pose", "axis"), poses[:, :3], {"units": "m"}),
-        "commanded_tilt": ("pose", poses[:, 3], {"units": "rad"}),
-    }
-
-
-def path_dataset(robot: LocatingRobot, command: BatchCommand, closed: BatchClosure) -> xr.Dataset:
-    """Return where the ladle should be and where it is from commands and the closures of the robot as built."""
-    from pouring_robot.batch.samples import STATUS_NAMES
-
-    reachable = robot.kinematics.within_limits(command.start.joints)
-    reachable &= ~closed.closed | robot.kinematics.within_limits(closed.joints)
-    status = np.where(reachable, np.array(STATUS_NAMES)[closed.status], OUT_OF_REACH)
-    nominal = frames_of(robot.nominal_solver.mechanism, command.start.position, command.start.rotation)
-    actual = frames_of(robot.actual_solver.mechanism, closed.position, closed.rotation)
-    return error_dataset(robot.nominal_solver.mechanism.loops, status, nominal, actual, _commanded(command.poses))
-
-
 def error_dataset(
-    loops: LoopsFile,
-    status: NDArray[np.str_],
-    nominal: FloatArray,
-    actual: FloatArray,
-    coordinates: Mapping[str, Any],
+    loops: LoopsFile, status: NDArray[np.str_], nominal: FloatArray, actual: FloatArray, coordinates: Mapping[str, Any]
 ) -> xr.Dataset:
     """Return nominal and actual poses, (n, frames, 3, 4) each, as a dataset with their differences.
 
-    Args:
-        loops: names the frames.
-        status: of each pose; what is not closed is NaN.
-        nominal: by the drawing.
-        actual: as built.
-        coordinates: what was commanded.
+    ``status`` says of each pose whether it is closed, otherwise it is NaN; ``coordinates`` what was commanded.
     """
     import xarray as xr
 
@@ -248,11 +179,6 @@ def as_poses(poses: ArrayLike | Sequence[PlatformPose]) -> FloatArray:
     return array
 
 
-def _needs_the_solver(robot: LocatingRobot) -> bool:
-    loads = robot.actual_solver.energy.loads
-    return loads.gravity or bool(loads.drive_stiffness)
-
-
 def frames_of(mechanism: ClosedChainMechanism, position: FloatArray, rotation: FloatArray) -> FloatArray:
     """Return the reported frames, all fixed to the end body, shape (n, frames, 3, 4), from the end frame's pose."""
     model, loops = mechanism.shared_model, mechanism.loops
@@ -260,20 +186,3 @@ def frames_of(mechanism: ClosedChainMechanism, position: FloatArray, rotation: F
     T_end_frame = np.array([end.actInv(placement).homogeneous for placement in placements])
     T_base_end = np.concatenate([rotation, position[:, :, None]], axis=2)
     return np.asarray(T_base_end[:, None] @ T_end_frame)
-
-
-def _one_at_a_time(robot: LocatingRobot, poses: FloatArray) -> tuple[NDArray[np.str_], FloatArray, FloatArray]:
-    """Return status (n,), nominal and actual poses (n, frames, 3, 4), for a robot under load."""
-    from pouring_robot.batch.samples import STATUS_NAMES
-
-    frames = robot.nominal_solver.mechanism.loops.reported_frames
-    both, status = np.full((2, len(poses), len(frames), 3, 4), np.nan), []
-    for k, (x, y, z, tilt) in enumerate(poses.tolist()):
-        try:
-            location = robot.locate(PlatformPose((x, y, z), tilt))
-        except NoSolutionError as problem:
-            status.append(OUT_OF_REACH if isinstance(problem, UnreachablePoseError) else STATUS_NAMES[1])
-            continue
-        both[:, k] = np.array([[pose.homogeneous[:3] for pose in location.poses(f)] for f in frames]).swapaxes(0, 1)
-        status.append(STATUS_NAMES[0])
-    return np.array(status), both[0], both[1]

@@ -101,7 +101,9 @@ def _limit_figures(location: Location) -> Figures:
 
 def location_figures(location: Location, dexterity: Dexterity, weakness: AxisWeakness | None = None) -> Figures:
     """Return everything known of one location, ready for JSON; units are in the names."""
-    sideways = {} if weakness is None else {"sideways": sideways_figures(weakness)}
+    sideways = {}
+    if weakness is not None:  # how far the most harmful axis tilt moves the pouring lip along y
+        sideways["sideways"] = {"mm_per_mrad": weakness.m_per_rad, "axis_tilt": weakness.parameter}
     return {
         **_command_figures(location),
         "drives": joint_figures(location.nominal.mechanism, location.drives),
@@ -124,11 +126,6 @@ def location_figures(location: Location, dexterity: Dexterity, weakness: AxisWea
         },
         **sideways,
     }
-
-
-def sideways_figures(weakness: AxisWeakness) -> Figures:
-    """Return how far the most harmful axis tilt moves the pouring lip along y."""
-    return {"mm_per_mrad": weakness.m_per_rad, "axis_tilt": weakness.parameter}
 
 
 def decimals(value: float, digits: int, *, sign: bool = False) -> str:

@@ -1,8 +1,9 @@
 """The model file: one YAML that says how this robot differs from the drawing.
 
-It names a layout, the placement errors of joints and the offsets of drives. It is kept in the units people write
-(mm, mrad), so that reading and writing again changes no digit; SI values come out of
-:meth:`RobotModel.placement_errors` and :meth:`RobotModel.drive_offset_values`.
+It names a layout, the placement errors of joints and the offsets of drives. It is kept in the units people write (mm,
+mrad), so that reading and writing again changes no digit; SI values come out of :meth:`RobotModel.placement_errors` and
+:meth:`RobotModel.drive_offset_values`. Where a file of the robot's description is broken what needs it raises
+DescriptionError, where there is no such layout UnknownLayoutError.
 """
 
 from __future__ import annotations
@@ -66,15 +67,10 @@ class JointPlacement(StrictModel):
 
 
 class DriveOffset(StrictModel):
-    """By how much a drive stands beyond its command: one of the two, as the drive is a length or an angle.
+    """By how much a drive stands beyond its command: one of the two, as the drive is a length or an angle."""
 
-    Attributes:
-        offset_mm: of a leg.
-        offset_mrad: of the tilt drive.
-    """
-
-    offset_mm: float | None = None
-    offset_mrad: float | None = None
+    offset_mm: float | None = None  # of a leg
+    offset_mrad: float | None = None  # of the tilt drive
 
     @pydantic.model_validator(mode="after")
     def _one(self) -> DriveOffset:
@@ -140,11 +136,7 @@ class RobotModel(StrictModel):
 
     @classmethod
     def for_robot(cls, path: Path | str) -> RobotModel:
-        """Return the drawing of a robot, by its robot file.
-
-        Raises:
-            DescriptionError: the file, or one that it names, is wrong.
-        """
+        """Return the drawing of a robot, by its robot file."""
         model = cls(robot=str(Path(path).absolute()))
         model.definition  # noqa: B018 - what is wrong with the file is to be said now
         return model
@@ -232,12 +224,7 @@ class RobotModel(StrictModel):
 
     @property
     def definition(self) -> RobotDefinition:
-        """The robot of the drawing: URDF, loops, drives, names.
-
-        Raises:
-            DescriptionError: a file of the description is broken.
-            UnknownLayoutError: there is no such layout.
-        """
+        """The robot of the drawing: URDF, loops, drives, names."""
         wanted = (self.robot_path, self.layout, self.layouts_path)
         if self._defined is None or self._defined[0] != wanted:
             path, layout = self.robot_path, (self.layout, self.layouts_path)
@@ -263,13 +250,9 @@ class RobotModel(StrictModel):
     def left_out(
         self, who: str, name: str = "the model", *, warm: bool = False, under: bool = False
     ) -> tuple[str, ...]:
-        """Return, in a line each, what a robot that is taken as it stands leaves out of the model.
+        """Return, in a line each, what ``who`` takes the robot as it stands leaves out of the model called ``name``.
 
-        Args:
-            who: takes the robot, for the lines.
-            name: of the model, likewise.
-            warm: whether the heat section is cared for.
-            under: whether effects that depend on conditions are.
+        Nothing is said of heat and of effects that depend on conditions where they are cared for (``warm``, ``under``).
         """
         lines = []
         if self.heat is not None and not warm:
@@ -288,12 +271,7 @@ class RobotModel(StrictModel):
         return {drive: offset.to_si() for drive, offset in self.drive_offsets.items()}
 
     def displaced(self, placements: Mapping[str, pin.SE3], drives: Mapping[str, float]) -> RobotModel:
-        """Return the robot with joints displaced further and drives standing further beyond their commands.
-
-        Args:
-            placements: the pose of the new placement in the present one, by joint.
-            drives: what is added to offsets, in m and rad, by joint.
-        """
+        """Return the robot with joints displaced further, by poses in their present placements, and drives (m, rad)."""
         joints = dict(self.joint_placements)
         for joint, moved in placements.items():
             joints[joint] = JointPlacement.from_se3(joints[joint].to_se3() * moved if joint in joints else moved)
@@ -340,12 +318,7 @@ class RobotModel(StrictModel):
         return self.definition.loops
 
     def nominal_urdf(self) -> str:
-        """Return the robot of the drawing as URDF.
-
-        Raises:
-            DescriptionError: the description or the dimensions file is broken.
-            UnknownLayoutError: there is no such layout.
-        """
+        """Return the robot of the drawing as URDF."""
         return self.definition.urdf()
 
     def urdf(self) -> str:

@@ -20,21 +20,13 @@ from pouring_robot.robot.dh.parameters import DHParameter
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number that may be wrong.
+    """One number that may be wrong."""
 
-    Attributes:
-        name: as in files and on the command line.
-        chain: number of the chain it lies in; 0 in a robot whose chains have no numbers.
-        part: the part of the machine it is measured on.
-        local: the same as a local parameter, for the error-transfer matrix.
-        dh: the number of the DH table that it is an error of, if it is one.
-    """
-
-    name: str
-    chain: int
-    part: str
-    local: GeometricParameter
-    dh: DHParameter | None = None
+    name: str  # as in files and on the command line
+    chain: int  # number of the chain it lies in; 0 in a robot whose chains have no numbers
+    part: str  # the part of the machine it is measured on
+    local: GeometricParameter  # the same as a local parameter, for the error-transfer matrix
+    dh: DHParameter | None = None  # the number of the DH table that it is an error of, if it is one
 
     @property
     def unit(self) -> str:
@@ -51,26 +43,15 @@ class Parameter:
 
 @dataclass(frozen=True)
 class ParameterGroup:
-    """Parameters that one physical cause moves together: kept or dropped together by calibration.
+    """Parameters that one physical cause moves together: kept or dropped together by calibration."""
 
-    Attributes:
-        name: short.
-        meaning: what it is on the machine.
-        parameters: its parameters.
-    """
-
-    name: str
-    meaning: str
-    parameters: tuple[GeometricParameter, ...]
+    name: str  # short
+    meaning: str  # what it is on the machine
+    parameters: tuple[GeometricParameter, ...]  # its parameters
 
 
 class ParameterCatalogue:
-    """Everything that can be wrong with the geometry of a robot, by name: DH table, joint placements, drives.
-
-    Args:
-        definition: the robot.
-        nominal: its mechanism of the drawing, if it is at hand.
-    """
+    """Everything that can be wrong with the geometry of a robot, by name: DH table, joint placements, drives."""
 
     def __init__(self, definition: RobotDefinition, nominal: ClosedChainMechanism | None = None) -> None:
         nominal = nominal or definition.mechanism()

@@ -27,16 +27,9 @@ def read_poses(path: Path | str) -> list[PlatformPose]:
 
 
 def read_pose_lines(path: Path | str, beside: Iterable[str] = ()) -> dict[int, PlatformPose]:
-    """Read commanded poses: columns x, y, z (``_mm`` or ``_m``) and tilt (``_deg``, ``_rad`` or ``_mrad``).
+    """Read commanded poses by line: columns x, y, z (``_mm`` or ``_m``) and tilt (``_deg``, ``_rad`` or ``_mrad``).
 
-    A column ``sample``, which plans have, is left out.
-
-    Args:
-        path: the table.
-        beside: headings of columns that may stand there and are left to others.
-
-    Returns:
-        The poses in the file's order, by the line they stand on.
+    Columns ``sample``, which plans have, and ``beside`` may stand there and are left out.
 
     Raises:
         TableError: the file cannot be read, a column is missing, doubled or unknown, a row has too many cells, or

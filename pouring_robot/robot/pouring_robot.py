@@ -9,24 +9,24 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.batch import STATUS_NAMES
+from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult
 from pouring_robot.mechanism.jacobians import AxisWeakness, DriveJacobians, axis_weakness, drive_jacobians
 from pouring_robot.robot.description.urdf import read_text
-from pouring_robot.robot.location import LadleLocation, Location, located
+from pouring_robot.robot.location import OUT_OF_REACH, LadleLocation, Location, as_poses, error_dataset, frames_of
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pose_table import read_pose_lines
 from pouring_robot.robot.pouring.kinematics import TASK_ROWS, FourUPUKinematics
-from pouring_robot.robot.pouring.ladle_mesh import stale_mesh_note
-from pouring_robot.robot.pouring.layout import Layout, check_layout, load_layout, shipped_layouts_file
+from pouring_robot.robot.pouring.layout import Layout, check_layout, load_layout, shipped_layouts_file, stale_mesh_note
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import Command, Robot, as_it_stands
@@ -34,24 +34,18 @@ from pouring_robot.robot.robot import Command, Robot, as_it_stands
 if TYPE_CHECKING:
     import xarray as xr
 
+    from pouring_robot.batch import BatchClosure, BatchCommand
+
 
 class PouringRobot(Robot):
-    """The pouring robot: a :class:`Robot` that is commanded by poses.
-
-    Args:
-        model: the robot as built; without one, the drawing of the default layout.
-        loads: weight and yielding drives of the actual robot.
-        options: when a closure counts as found.
+    """The pouring robot (default: the drawing of the default layout): a :class:`Robot` that is commanded by poses.
 
     Raises:
         BadInputError: the model names a joint or drive that the robot does not have, or is one of another robot.
     """
 
     def __init__(
-        self,
-        model: RobotModel | None = None,
-        loads: Loads = NO_LOADS,
-        options: ClosureOptions = DEFAULT_OPTIONS,
+        self, model: RobotModel | None = None, loads: Loads = NO_LOADS, options: ClosureOptions = DEFAULT_OPTIONS
     ) -> None:
         super().__init__(model, loads, options)
         if not isinstance(self.drawing, FourUPUKinematics):
@@ -75,11 +69,6 @@ class PouringRobot(Robot):
         Args:
             drives: l1, l2, l3 (m) and theta46 (rad) by joint name: ``leg1_s3``, ``leg2_s3``, ``leg3_s3``, ``leg4_s5``.
             near: a pose to start from; by default the nominal pose for these drives.
-
-        Raises:
-            BadInputError: a drive value is missing or not finite, or a name is no drive.
-            NoSolutionError: no pose has these drive values.
-            UnreachablePoseError: the pose that has them is beyond a joint's limits.
         """
         self.kinematics.check_drives(drives)
         start = near or self.kinematics.forward(drives)
@@ -106,16 +95,11 @@ class PouringRobot(Robot):
             For one pose all that is known of it. For many a dataset with the dimensions ``pose``, ``frame`` and
             ``axis``: nominal and actual positions (m), rotation vectors (rad) and their differences, and a ``status``.
             A pose that has no answer is NaN, its status says why; nothing is raised for it.
-
-        Raises:
-            UnreachablePoseError: a joint of the drawing or of the robot as built would pass its limits.
-            ClosureError: the robot as built cannot take these drive values.
-            BadInputError: an array has another shape or holds a number that is not finite.
         """
         if isinstance(pose, pin.SE3):
             raise BadInputError("an SE3 has six freedoms, the platform four: give PlatformPose.from_se3(pose)")
         if not isinstance(pose, PlatformPose):
-            return located(self, pose)
+            return self._located_many(as_poses(pose))
         drives = self.kinematics.inverse(pose)
         start = self.kinematics.configuration(pose)
         outside_m, outside_rad = self.outside_workspace(pose)
@@ -128,6 +112,33 @@ class PouringRobot(Robot):
             outside_workspace_m=outside_m,
             outside_workspace_rad=outside_rad,
         )
+
+    def _located_many(self, poses: FloatArray) -> xr.Dataset:
+        loads = self.actual_solver.energy.loads
+        if not loads.gravity and not loads.drive_stiffness:
+            command = self.kinematics.commands(poses)
+            return self.path_dataset(command, self.close(command.drives, command.start))
+        loops, status = self.nominal_solver.mechanism.loops, []
+        both = np.full((2, len(poses), len(loops.reported_frames), 3, 4), np.nan)
+        for k, pose in enumerate(poses):
+            try:
+                location = self.locate(self.command_at(pose))
+            except NoSolutionError as problem:
+                status.append(OUT_OF_REACH if isinstance(problem, UnreachablePoseError) else STATUS_NAMES[1])
+                continue
+            status.append(STATUS_NAMES[0])
+            for i, frame in enumerate(loops.reported_frames):
+                both[:, k, i] = [found.homogeneous[:3] for found in location.poses(frame)]
+        return error_dataset(loops, np.array(status), both[0], both[1], _commanded(poses))
+
+    def path_dataset(self, command: BatchCommand, closed: BatchClosure) -> xr.Dataset:
+        """Return where the ladle should be and where it is from commands and the closures of the robot as built."""
+        within, nominal = self.kinematics.within_limits, self.nominal_solver.mechanism
+        reachable = within(command.start.joints) & (~closed.closed | within(closed.joints))
+        status = np.where(reachable, np.array(STATUS_NAMES)[closed.status], OUT_OF_REACH)
+        wanted = frames_of(nominal, command.start.position, command.start.rotation)
+        actual = frames_of(self.actual_solver.mechanism, closed.position, closed.rotation)
+        return error_dataset(nominal.loops, status, wanted, actual, _commanded(command.poses))
 
     def _located(self, drives: FloatArray, nominal: ClosureResult) -> LadleLocation:
         return self.locate(self.kinematics.forward(self._named(drives)))
@@ -144,11 +155,7 @@ class PouringRobot(Robot):
         return (note,) if note else ()
 
     def read_commands(self, path: Path, beside: Iterable[str] = ()) -> dict[int, PlatformPose]:
-        """Read poses from a table, by the line they stand on, as :meth:`Robot.read_commands`.
-
-        Raises:
-            TableError: the file is wrong.
-        """
+        """Read poses from a table, by the line they stand on, as :meth:`Robot.read_commands`."""
         return read_pose_lines(path, beside)
 
     def pose_command(self, position_m: FloatArray, turn_rad: FloatArray | None) -> PlatformPose:
@@ -156,13 +163,11 @@ class PouringRobot(Robot):
         turn = np.zeros(3) if turn_rad is None else turn_rad
         if turn[0] or turn[2]:
             raise BadInputError("the platform turns about y only: give a tilt")
-        x, y, z, tilt = (float(value) for value in (*position_m, turn[1]))
-        return PlatformPose((x, y, z), tilt)
+        return self.command_at(np.append(position_m, turn[1]))
 
     def location_in_the_middle(self) -> LadleLocation:
         """Return where the ladle should be and where it is in the middle of the workspace box."""
-        x, y, z, tilt = np.mean(self.layout.box, axis=0).tolist()
-        return self.locate(PlatformPose((x, y, z), tilt))
+        return self.locate(self.command_at(np.mean(self.layout.box, axis=0)))
 
     def command_at(self, values: FloatArray) -> PlatformPose:
         """Return the pose of x, y, z in m and the tilt in rad, (4,)."""
@@ -209,19 +214,23 @@ class PouringRobot(Robot):
         return axis_weakness(self.actual_solver, location.actual, location.loops.working_frame)
 
 
+def _commanded(poses: FloatArray) -> dict[str, Any]:
+    return {
+        "commanded_position": (("pose", "axis"), poses[:, :3], {"units": "m"}),
+        "commanded_tilt": ("pose", poses[:, 3], {"units": "rad"}),
+    }
+
+
 def robot_of(model: RobotModel) -> Robot:
     """Return the robot of a model, whichever it is."""
     return Robot(model) if model.robot else PouringRobot(model)
 
 
 def load_robot(model: RobotModel | Path | str | None = None) -> PouringRobot:
-    """Load a robot from a model, a model file, or (default) the drawing of the default layout.
+    """Load a robot from a model, its file, or (default) the drawing of the default layout.
 
     The robot stands cold and without effects that depend on conditions: where the model tells of them, a warning says
     so. ``HeatedRobot(robot, robot.model.heat)`` cares for the heat, ``robots_under`` for the effects.
-
-    Args:
-        model: a model, or the path of its file.
 
     Raises:
         ModelFileError: the model file is wrong.

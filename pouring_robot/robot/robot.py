@@ -21,14 +21,14 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError, UnreachableTargetError
+from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachableTargetError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
 from pouring_robot.mechanism.jacobians import AxisWeakness, Dexterity, dexterity, drive_jacobians
 from pouring_robot.mechanism.parameters import LocalParameter
-from pouring_robot.mechanism.reach import JointReach, joint_reach
+from pouring_robot.mechanism.reach import JointReach, joint_reach, refuse_beyond
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.inverse import REACHED, Reached, Target, bring
 from pouring_robot.robot.location import OUT_OF_REACH, Location, error_dataset, frames_of
@@ -57,22 +57,18 @@ def as_it_stands(model: RobotModel | Path | str | None, who: str) -> RobotModel:
 
 
 class Robot:
-    """The robot of the drawing and as built. Holds solver workspace: one object a thread.
+    """The robot of the drawing and as built (default: the pouring robot's drawing). One object a thread.
 
-    Args:
-        model: the robot as built; without one, the drawing of the pouring robot's default layout.
-        loads: weight and yielding drives of the actual robot.
-        options: when a closure counts as found.
+    ``loads``, weight and yielding drives, act on the actual robot; ``options`` say when a closure counts as found.
+    What takes a command raises BadInputError where it is none of this robot, UnreachablePoseError where a joint of the
+    drawing or of the robot as built would pass its limits, NoSolutionError where no pose answers it.
 
     Raises:
         BadInputError: the model names a joint or drive that the robot does not have.
     """
 
     def __init__(
-        self,
-        model: RobotModel | None = None,
-        loads: Loads = NO_LOADS,
-        options: ClosureOptions = DEFAULT_OPTIONS,
+        self, model: RobotModel | None = None, loads: Loads = NO_LOADS, options: ClosureOptions = DEFAULT_OPTIONS
     ) -> None:
         self.model = model or RobotModel()
         self.model.check_errors()
@@ -94,14 +90,7 @@ class Robot:
         return cls(as_it_stands(model, f"{cls.__name__}.load"))
 
     def built_as(self, model: RobotModel) -> Self:
-        """Return the same drawing built with the geometric errors of another model; the drawing's side is shared.
-
-        Args:
-            model: of the same robot or layout; only its joint placements and drive offsets count.
-
-        Raises:
-            BadInputError: it names a joint or drive that the robot does not have.
-        """
+        """Return the same drawing, shared, with the joint placements and drive offsets of another model of it."""
         model.check_errors()
         other = copy.copy(self)
         other.__dict__.pop("unseen_displacements", None)
@@ -113,7 +102,6 @@ class Robot:
         return other
 
     def __repr__(self) -> str:
-        """Return name and number of errors."""
         errors = len(self.model.joint_placements) + len(self.model.drive_offsets)
         return f"<{type(self).__name__}: {' '.join(*self.model.named.items())}, {errors} displaced joints and drives>"
 
@@ -171,11 +159,7 @@ class Robot:
         return error_dataset(self.nominal_solver.mechanism.loops, status, nominal, actual, coordinates)
 
     def close(self, drives: FloatArray, start: BatchStart) -> BatchClosure:
-        """Close the robot as built for commanded drives (n, drives), in m and rad, from closed poses of the drawing.
-
-        Raises:
-            BadInputError: the robot carries loads, under which it is closed pose by pose.
-        """
+        """Close the robot as built for commanded drives (n, drives), in m and rad, from closed poses of the drawing."""
         offsets = self.actual_drives(dict.fromkeys(self.nominal_solver.mechanism.loops.drives, 0.0))
         return self.engine().close(drives + np.array(list(offsets.values())), start)
 
@@ -203,11 +187,7 @@ class Robot:
         return ()
 
     def read_commands(self, path: Path, beside: Iterable[str] = ()) -> Mapping[int, Command]:
-        """Read commands from a table, by the line they stand on; see :mod:`pouring_robot.robot.pose_table`.
-
-        Args:
-            path: the table.
-            beside: headings of columns that may stand there and are left to others.
+        """Read commands by line from a table, in which headings ``beside`` may stand; see ``robot.pose_table``.
 
         Raises:
             TableError: the file is wrong.
@@ -215,15 +195,7 @@ class Robot:
         return read_command_lines(path, self.model.definition)
 
     def pose_command(self, position_m: FloatArray, turn_rad: FloatArray | None) -> Command:
-        """Return the command that asks for a pose of the end body.
-
-        Args:
-            position_m: of its origin in the base, shape (3,), in m.
-            turn_rad: rotation vector of its axes, shape (3,), in rad; None: not said.
-
-        Raises:
-            BadInputError: the robot cannot be asked for such a pose.
-        """
+        """Return the command for a place, (3,), in m, and a rotation vector, (3,), in rad, if said, of the end body."""
         return Target(position_m, None if turn_rad is None else pin.exp3(turn_rad))
 
     def command_at(self, values: FloatArray) -> Command:
@@ -236,12 +208,7 @@ class Robot:
         return self.model.definition.command_axes(self.nominal_solver.mechanism)
 
     def location_of(self, command: Command) -> Location:
-        """Return where the robot should be and where it is: at drives, or at a target.
-
-        Raises:
-            BadInputError: it is no command of this robot.
-            NoSolutionError: as those.
-        """
+        """Return where the robot should be and where it is: at drives, or at a target."""
         return self.location_to(command) if isinstance(command, Target) else self.location_at(self.drives_of(command))
 
     def actual_of(self, command: Command) -> ClosureResult:
@@ -249,24 +216,13 @@ class Robot:
         return self.location_of(command).actual
 
     def drives_of(self, command: Command) -> FloatArray:
-        """Return the drive values that a command means, (drives,), in m and rad.
-
-        Raises:
-            BadInputError: it is no command of this robot.
-            NoSolutionError: the drawing does not come there.
-        """
+        """Return the drive values that a command means, (drives,), in m and rad."""
         if isinstance(command, PlatformPose):
             raise BadInputError(f"{self.model.definition.name} is commanded by drive values or a target, not a tilt")
         return self.drives_to(command).drives if isinstance(command, Target) else np.asarray(command, dtype=float)
 
     def location_at(self, drives: Sequence[float] | FloatArray) -> Location:
-        """Return where the robot should be and where it is for one command (drives,), in m and rad.
-
-        Raises:
-            BadInputError: the number of drives is wrong.
-            NoSolutionError: no pose has these drive values.
-            UnreachablePoseError: the pose that has them is beyond a joint's limits.
-        """
+        """Return where the robot should be and where it is for one command (drives,), in m and rad."""
         mechanism = self.nominal_solver.mechanism
         values = np.asarray(drives, dtype=float)
         if values.shape != (len(mechanism.loops.drives),) or not np.isfinite(values).all():
@@ -292,13 +248,7 @@ class Robot:
             ) from problem
 
     def location_to(self, target: Target) -> Location:
-        """Return where the robot is when it is sent to a target: the drives that bring the drawing's end body there.
-
-        Raises:
-            BadInputError: the target does not determine the drives.
-            UnreachablePoseError: a joint would pass its limits.
-            NoSolutionError: the drawing does not come to the target.
-        """
+        """Return where the robot is when it is sent to a target: the drives that bring the drawing's end body there."""
         found = self.drives_to(target)
         return self._located(found.drives, found.result)
 
@@ -314,7 +264,7 @@ class Robot:
                     if size < nearest:
                         nearest, refusal = size, UnreachableTargetError(found.left)
                     continue
-                self._refuse_beyond_limits(found.drives, found.result.within(fit))
+                refuse_beyond(self._reach(found.drives, found.result.within(fit)))
             except NoSolutionError as problem:
                 refusal = problem
                 continue
@@ -347,11 +297,7 @@ class Robot:
         return self.nominal_solver.solve(self._named(drives), start)
 
     def close_actual(self, drives: FloatArray, start: FloatArray) -> ClosureResult:
-        """Close the robot as built for one command (drives,), in m and rad, from a configuration (nq,).
-
-        Raises:
-            ClosureError: it does not close.
-        """
+        """Close the robot as built for one command (drives,), in m and rad, from a configuration (nq,)."""
         return self.actual_solver.solve(self.actual_drives(self._named(drives)), start)
 
     def _named(self, drives: FloatArray) -> dict[str, float]:
@@ -360,15 +306,10 @@ class Robot:
     def _reach(self, drives: FloatArray, nominal: ClosureResult) -> tuple[JointReach, ...]:
         return joint_reach(self.nominal_solver.mechanism, nominal.joint_values | self._named(drives))
 
-    def _refuse_beyond_limits(self, drives: FloatArray, nominal: ClosureResult) -> None:
-        for worst in self._reach(drives, nominal)[:1]:
-            if worst.margin < 0.0:
-                raise UnreachablePoseError(worst.joint, worst.value, worst.lower, worst.upper, worst.unit)
-
     def _located(self, drives: FloatArray, nominal: ClosureResult) -> Location:
-        self._refuse_beyond_limits(drives, nominal)
-        actual = self.close_actual(drives, nominal.configuration)
-        return Location(self._named(drives), nominal, actual, self._reach(drives, nominal))
+        reach = self._reach(drives, nominal)
+        refuse_beyond(reach)
+        return Location(self._named(drives), nominal, self.close_actual(drives, nominal.configuration), reach)
 
     def dexterity(self, location: Location) -> Dexterity:
         """Return condition and distance to singularity of the actual robot at a location."""
@@ -394,10 +335,7 @@ class Robot:
         return float(np.linalg.norm(np.array(joints) - end, axis=1).mean())
 
     def transfer(
-        self,
-        command: Command,
-        parameters: str | Sequence[str | LocalParameter] = "geometry",
-        frame: str | None = None,
+        self, command: Command, parameters: str | Sequence[str | LocalParameter] = "geometry", frame: str | None = None
     ) -> xr.DataArray:
         """Return G of the robot as built at one command: how each local parameter moves a frame.
 
@@ -411,7 +349,7 @@ class Robot:
             ``parameter``; the coordinates ``unit`` and ``per`` give the units of a number: ``unit`` per ``per``.
 
         Raises:
-            BadInputError: no parameter has a name, or it is no command of this robot.
+            BadInputError: no parameter has a name, or as all that take a command.
             UnknownFrameError: there is no such frame.
             NoSolutionError: no pose answers the command, or the drives do not determine the frame there.
         """

@@ -22,17 +22,11 @@ Kind = Literal["leg_drive_offset", "tilt_drive_offset", "joint_centre", "joint_a
 
 
 class Tolerance(StrictModel):
-    """Size of one kind of parameter.
+    """Size of one kind of parameter."""
 
-    Attributes:
-        std: standard deviation, in ``unit``.
-        unit: mm or mrad.
-        source: where the figure comes from.
-    """
-
-    std: Annotated[float, pydantic.Field(gt=0.0, le=100.0)]
-    unit: Literal["mm", "mrad"]
-    source: str
+    std: Annotated[float, pydantic.Field(gt=0.0, le=100.0)]  # standard deviation, in ``unit``
+    unit: Literal["mm", "mrad"]  # mm or mrad
+    source: str  # where the figure comes from
 
     def to_si(self) -> float:
         """Return the standard deviation in m or rad."""
@@ -55,33 +49,20 @@ Angle = Annotated[Tolerance, _in("mrad")]
 
 
 class Kinds(StrictModel):
-    """A tolerance for each kind of parameter.
+    """A tolerance for each kind of parameter."""
 
-    Attributes:
-        leg_drive_offset: zero of a leg's drive.
-        tilt_drive_offset: zero of the tilt drive.
-        joint_centre: place of a U joint on its platform.
-        joint_axis: direction of an axis.
-        inner_offset: distances inside a leg and its U joints.
-    """
-
-    leg_drive_offset: Length
-    tilt_drive_offset: Angle
-    joint_centre: Length
-    joint_axis: Angle
-    inner_offset: Length
+    leg_drive_offset: Length  # zero of a leg's drive
+    tilt_drive_offset: Angle  # zero of the tilt drive
+    joint_centre: Length  # place of a U joint on its platform
+    joint_axis: Angle  # direction of an axis
+    inner_offset: Length  # distances inside a leg and its U joints
 
 
 class Tolerances(StrictModel):
-    """The tolerances file.
+    """The tolerances file."""
 
-    Attributes:
-        format: kind and version of the file.
-        kinds: one tolerance a kind.
-    """
-
-    format: Literal["pouring_robot/tolerances/1"] = "pouring_robot/tolerances/1"
-    kinds: Kinds
+    format: Literal["pouring_robot/tolerances/1"] = "pouring_robot/tolerances/1"  # kind and version of the file
+    kinds: Kinds  # one tolerance a kind
 
     @classmethod
     def load(cls, path: Path | str | None = None) -> Tolerances:
@@ -94,11 +75,7 @@ class Tolerances(StrictModel):
 
     @classmethod
     def of(cls, robot: RobotDefinition) -> Tolerances:
-        """Return those of a robot: its own, or the shipped ones.
-
-        Raises:
-            DescriptionError: as :meth:`load`.
-        """
+        """Return those of a robot: its own, or the shipped ones; raises DescriptionError as :meth:`load`."""
         return cls.load(robot.tolerances_file)
 
     def std(self, parameters: Sequence[GeometricParameter], robot: RobotDefinition) -> FloatArray:
@@ -108,12 +85,7 @@ class Tolerances(StrictModel):
 
 
 def kind_of(parameter: GeometricParameter, inner_joints: Collection[str]) -> Kind:
-    """Return what kind of error a parameter is. A DH error is of the kind of the placement it displaces.
-
-    Args:
-        parameter: of a robot.
-        inner_joints: its joints whose distances are machined in one part.
-    """
+    """Return what kind of error a parameter is; a DH error is of the kind of the placement it displaces."""
     if isinstance(parameter, DriveParameter):
         return "leg_drive_offset" if parameter.unit == "m" else "tilt_drive_offset"
     if parameter.unit == "rad":

@@ -56,7 +56,7 @@ class OpenBranch:
 
         Placement errors are of the joints that the error map names, (robots, joints, 6), drive errors (robots, drives).
         """
-        chains, joints = self._structure.chain_count, self._structure.joint_count
+        chains, joints = self._structure.star.revolute.shape
         errors = placement_errors.reshape(len(placement_errors), chains, joints + 1, 6)
         beside = np.zeros((len(errors), chains, joints))
         for drive, place in enumerate(self._drives):
@@ -78,12 +78,12 @@ class OpenBranch:
         Joints are (poses, joints); errors of its sites, the seat last, (robots, joints + 1, 6), and what its joints
         stand beside their values, (robots, joints).
         """
-        star, sites = self._structure.star, self._structure.joint_count + 1
+        star, sites = self._structure.star, self._structure.star.revolute.shape[1] + 1
         names = self._structure.joint_names[chain]
 
         def displaced(site: int) -> FloatArray:
             """Return a site's displaced placement, (robots, 4, 4); joints of the structure move along z."""
-            axes = self._structure.site_axes[chain * sites + (site if site >= 0 else sites - 1)]
+            axes = star.site_axes[chain * sites + (site if site >= 0 else sites - 1)].reshape(3, 3)
             turned = placement_errors[:, site if site >= 0 else len(names)].reshape(-1, 2, 3) @ axes
             return np.asarray(_matrix(star.placements[chain, site]) @ homogeneous(turned.reshape(-1, 6)))
 

@@ -38,19 +38,12 @@ class Bench(Protocol):
 
 
 def serve(scene: Scene, port: int = 0, bench: Bench | None = None) -> LiveView:
-    """Show a scene in the browser for as long as the returned view is open.
+    """Show a scene in the browser for as long as the returned view is open; use that in a ``with`` statement.
 
-    Args:
-        scene: what to show.
-        port: TCP port on the loopback address; 0 takes a free one.
-        bench: what its sliders move; None: it has none.
-
-    Returns:
-        The view; use it in a ``with`` statement. After that nothing listens and no thread is left.
+    It listens on a port of the loopback address (0: a free one); its sliders, if any, move the bench.
 
     Raises:
         BadInputError: the port is taken or not allowed, or the server does not start.
-        DescriptionError: a visual of a robot cannot be drawn.
     """
     return LiveView(scene, port, bench)
 
@@ -63,7 +56,6 @@ class LiveView:
     """
 
     def __init__(self, scene: Scene, port: int = 0, bench: Bench | None = None) -> None:
-        """Start listening; see :func:`serve`."""
         self._contents = _Contents(scene, bench)
         self._sockets = _listen_on(port)
         self.url = f"http://{LOOPBACK}:{self._sockets[0].getsockname()[1]}/"
@@ -79,11 +71,7 @@ class LiveView:
             self._give_up()
 
     def _give_up(self) -> None:
-        """Leave nothing behind of a view that did not start.
-
-        Raises:
-            BadInputError: always; it says why.
-        """
+        """Leave nothing behind of a view that did not start; always raises BadInputError, which says why."""
         self.close()
         for one in self._sockets:
             one.close()
@@ -122,15 +110,11 @@ class LiveView:
             self._started.set()  # whoever waits for the start need not wait any longer
 
     async def _listen(self) -> None:
-        options = {"contents": self._contents}
         # A browser's request for an icon is no news for a terminal, so nothing is logged.
-        application = tornado.web.Application(log_function=lambda handler: None)
+        application = tornado.web.Application(log_function=lambda handler: None, contents=self._contents)
         # Asked for under any other name, the server knows nothing: a page from elsewhere whose name was made
         # to point at this machine gets no answer.
-        application.add_handlers(
-            r"127\.0\.0\.1|localhost",
-            [(r"/(?:static/)?", _Page, options), (r"/bench", _Words, options)],
-        )
+        application.add_handlers(r"127\.0\.0\.1|localhost", [(r"/(?:static/)?", _Page), (r"/bench", _Words)])
         server = tornado.httpserver.HTTPServer(application)
         server.add_sockets(self._sockets)
         self._started.set()
@@ -166,27 +150,22 @@ class _Contents:
 class _Page(tornado.web.RequestHandler):
     """The page itself."""
 
-    def initialize(self, contents: _Contents) -> None:
-        self.contents = contents
-
     def get(self) -> None:
         self.set_header("Cache-Control", "no-store")
-        self.write(self.contents.page)
+        self.write(self.settings["contents"].page)
 
 
 class _Words(tornado.websocket.WebSocketHandler):
     """What the page asks and hears; tornado itself refuses pages of other origins."""
 
-    def initialize(self, contents: _Contents) -> None:
-        self.contents = contents
-
     def open(self, *args: Any, **kwargs: Any) -> None:
         self.set_nodelay(True)
-        self.contents.clients.add(self)
+        self.settings["contents"].clients.add(self)
 
     def on_message(self, message: str | bytes) -> None:
-        if self.contents.bench is not None:
-            self.write_message(json.dumps(self.contents.bench.answer(json.loads(message)), allow_nan=False))
+        bench = self.settings["contents"].bench
+        if bench is not None:
+            self.write_message(json.dumps(bench.answer(json.loads(message)), allow_nan=False))
 
     def on_close(self) -> None:
-        self.contents.clients.discard(self)
+        self.settings["contents"].clients.discard(self)

@@ -35,11 +35,7 @@ _STILL = 1e-12
 
 
 def page_content(scene: Scene) -> Content:
-    """Return everything that the script of a page draws.
-
-    Raises:
-        DescriptionError: a visual of a robot cannot be drawn.
-    """
+    """Return everything that the script of a page draws."""
     shapes: list[Shape] = []
     robots = [_robot(scene, robot, shapes) for robot in scene.robots]
     camera = scene.camera or camera_on(scene)

@@ -12,35 +12,20 @@ from pouring_robot.viewer.scene import Scene, legend
 
 
 def write_html(scene: Scene, path: Path | str) -> Path:
-    """Write a scene as a self-contained meshcat page, with a time bar where it has several steps.
+    """Write a scene as a self-contained meshcat page, with a time bar where it has several steps; whole or not at all.
 
     The viewer's script takes 0.9 MB of it, the robot about 1 MB, and each hundred steps some 0.2 MB.
 
-    Args:
-        scene: what to show.
-        path: the file; written whole or not at all.
-
-    Returns:
-        The path.
-
     Raises:
         OutputError: the file cannot be written.
-        DescriptionError: a visual of a robot cannot be drawn.
     """
     return write_whole(path, page(scene))
 
 
 def page(scene: Scene, *, live: bool = False, bench: dict[str, Any] | None = None) -> str:
-    """Return the page of a scene as HTML.
+    """Return the page of a scene as HTML, with the sliders of a bench; ``live`` says that a program serves it.
 
-    Args:
-        scene: what to show.
-        live: whether a program serves it (:func:`pouring_robot.viewer.serve`), whose end the page then tells.
-        bench: what sliders the page has, as :class:`pouring_robot.viewer.live.Bench` says. The page may reach nothing
-            but the program that serves it: its content policy forbids it.
-
-    Raises:
-        DescriptionError: a visual of a robot cannot be drawn.
+    Its content policy lets it reach nothing but that program.
     """
     content = page_content(scene) | {"live": live, "bench": bench}
     return (

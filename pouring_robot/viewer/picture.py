@@ -33,20 +33,11 @@ _TOUCHING_M = 1e-4
 
 
 def write_png(scene: Scene, path: Path | str, size: tuple[int, int] = PICTURE_SIZE) -> Path:
-    """Write a scene as a PNG picture.
-
-    Args:
-        scene: what to show.
-        path: the file; written whole or not at all.
-        size: width and height, pixels.
-
-    Returns:
-        The path.
+    """Write a scene as a PNG picture of a width and height in pixels, whole or not at all; return the path.
 
     Raises:
         BadInputError: the size is out of range.
         OutputError: the file cannot be written.
-        DescriptionError: a visual of a robot cannot be drawn.
     """
     buffer = io.BytesIO()
     draw(scene, size).save(buffer, format="PNG")
@@ -54,18 +45,13 @@ def write_png(scene: Scene, path: Path | str, size: tuple[int, int] = PICTURE_SI
 
 
 def draw(scene: Scene, size: tuple[int, int] = PICTURE_SIZE) -> Image.Image:
-    """Return the picture of a scene, title, legend and table included.
+    """Return the picture of a scene, of a width and height in pixels, title, legend and table included.
 
     Solid bodies are shaded; of each translucent robot the surface nearest to the eye is laid over them; arrows come
     last.
 
-    Args:
-        scene: what to show.
-        size: width and height, pixels.
-
     Raises:
         BadInputError: the size is out of range.
-        DescriptionError: a visual of a robot cannot be drawn.
     """
     width, height = size
     if not all(_SMALLEST <= side <= _LARGEST for side in size):

@@ -24,19 +24,12 @@ _GOLDEN_SECTION = 0.618033988749895
 
 @dataclass(frozen=True)
 class View:
-    """How a camera's picture is laid out in samples.
+    """How a camera's picture is laid out in samples."""
 
-    Attributes:
-        camera: where it looks from.
-        columns: samples from the left to the right edge.
-        rows: samples from the upper to the lower edge.
-        middle: column at which the camera's target appears.
-    """
-
-    camera: Camera
-    columns: int
-    rows: int
-    middle: float
+    camera: Camera  # where it looks from
+    columns: int  # samples from the left to the right edge
+    rows: int  # samples from the upper to the lower edge
+    middle: float  # column at which the camera's target appears
 
     @property
     def _focal(self) -> float:
@@ -74,21 +67,13 @@ class View:
 
 @dataclass(frozen=True)
 class Hits:
-    """What the rays met; arrays of shape (rows, columns) or (rows, columns, 3).
+    """What the rays met; arrays of shape (rows, columns) or (rows, columns, 3)."""
 
-    Attributes:
-        depth: distance from the eye, m; very large where nothing was met.
-        part: number of the solid, -1 where nothing was met.
-        normal: unit normal that faces the eye, world axes; zero where nothing was met.
-        colour: colour of the solid without light, 0 to 1.
-        plane: distance of the eye from the surface's plane at the point, m; zero where nothing was met.
-    """
-
-    depth: Floats
-    part: npt.NDArray[np.int32]
-    normal: Floats
-    colour: Floats
-    plane: Floats
+    depth: Floats  # distance from the eye, m; very large where nothing was met
+    part: npt.NDArray[np.int32]  # number of the solid, -1 where nothing was met
+    normal: Floats  # unit normal that faces the eye, world axes; zero where nothing was met
+    colour: Floats  # colour of the solid without light, 0 to 1
+    plane: Floats  # distance of the eye from the surface's plane at the point, m; zero where nothing was met
 
     @property
     def mask(self) -> Mask:
@@ -97,13 +82,7 @@ class Hits:
 
     def every(self, step: int) -> Hits:
         """Return every ``step``-th hit in both directions."""
-        return Hits(
-            self.depth[::step, ::step],
-            self.part[::step, ::step],
-            self.normal[::step, ::step],
-            self.colour[::step, ::step],
-            self.plane[::step, ::step],
-        )
+        return Hits(**{name: array[::step, ::step] for name, array in vars(self).items()})
 
 
 class Layer:
@@ -157,12 +136,9 @@ class Layer:
         return Hits(*places, plane.reshape(shape))
 
     def daylight(self, directions: Floats, hits: Hits, reach_m: float) -> tuple[Floats, Floats]:
-        """Return how open each point is to its surroundings and how much key light reaches it, 0 to 1.
+        """Return how open hits of rays are to their surroundings and how much key light reaches them, 0 to 1.
 
-        Args:
-            directions: the rays that gave the hits.
-            hits: where they ended.
-            reach_m: a wall farther away than this darkens nothing, m.
+        A wall farther away than the reach, in m, darkens nothing.
         """
         mask = hits.mask
         normal = hits.normal[mask]
@@ -195,17 +171,9 @@ def key_light(camera: Camera) -> Floats:
 
 
 def lit_colours(camera: Camera, directions: Floats, hits: Hits, open_: Floats, lit: Floats) -> Floats:
-    """Return the colours of the hits under key light, fill light and sky.
+    """Return the colours (rows, columns, 3), 0 to 1, of the hits of rays under key light, fill light and sky.
 
-    Args:
-        camera: the lights stand where they suit it.
-        directions: the rays that gave the hits.
-        hits: what to light.
-        open_: share of the surroundings each point sees, shape (rows, columns).
-        lit: share of the key light that reaches each point, shape (rows, columns).
-
-    Returns:
-        Red, green and blue, 0 to 1, shape (rows, columns, 3); zero where nothing was met.
+    ``open_`` and ``lit`` are shares of surroundings and key light that each point sees; zero where nothing was met.
     """
     right, up, forward = camera.axes().astype(np.float32)
     key, fill = key_light(camera), np.float32(0.1) * up - np.float32(0.85) * right - np.float32(0.5) * forward

@@ -34,30 +34,20 @@ ARROW_RED: Colour = (0.86, 0.10, 0.10)
 
 @dataclass(frozen=True, eq=False)
 class SceneRobot:
-    """One robot, at every step of the scene or, if there is one entry only, in the same place throughout.
+    """One robot, at every step of the scene or, if there is one entry only, in the same place throughout."""
 
-    Attributes:
-        name: what the legend calls it; unique in the scene.
-        visual: its visual geometry, from :func:`pouring_robot.viewer.visual_model`.
-        bodies: where the bodies stand that the visuals hang on (their ``parentJoint``), shape (k, bodies, 4, 4), m.
-        reference: where the same bodies would stand without error, likewise; the difference is what the scene
-            enlarges. None: nothing is enlarged.
-        colours: of every visual, shape (k, visuals, 3), 0 to 1; None keeps ``tint``.
-        opacity: 1 is solid; below 1 the robot is drawn translucent.
-        tint: colour of every part; None keeps the colours of the URDF.
-        label: a few words for the legend after the name.
-        choice: it is one of several states, of which a page shows one at a time, the first to begin with.
-    """
-
-    name: str
-    visual: pin.GeometryModel
+    name: str  # what the legend calls it; unique in the scene
+    visual: pin.GeometryModel  # its visual geometry, from :func:`pouring_robot.viewer.visual_model`.
+    # where the bodies stand that the visuals hang on (their ``parentJoint``), shape (k, bodies, 4, 4), m
     bodies: Vector
+    # where the same bodies would stand without error, likewise; the difference is what the scene enlarges. None:
+    # nothing is enlarged.
     reference: Vector | None = None
-    colours: Vector | None = None
-    opacity: float = 1.0
-    tint: Colour | None = None
-    label: str = ""
-    choice: bool = False
+    colours: Vector | None = None  # of every visual, shape (k, visuals, 3), 0 to 1; None keeps ``tint``
+    opacity: float = 1.0  # 1 is solid; below 1 the robot is drawn translucent
+    tint: Colour | None = None  # colour of every part; None keeps the colours of the URDF
+    label: str = ""  # a few words for the legend after the name
+    choice: bool = False  # it is one of several states, of which a page shows one at a time, the first to begin with
 
     def __post_init__(self) -> None:
         _check_name(self.name)
@@ -80,23 +70,14 @@ class SceneRobot:
 
 @dataclass(frozen=True, eq=False)
 class SceneArrows:
-    """Arrows that are drawn in front of everything, at every step or the same throughout; one alone says its length.
+    """Arrows that are drawn in front of everything, at every step or the same throughout; one alone says its length."""
 
-    Attributes:
-        name: unique in the scene.
-        starts_m: tails in the world, shape (k, arrows, 3), m.
-        vectors_m: true lengths and directions, likewise; they are drawn enlarged.
-        colour: red, green, blue, 0 to 1.
-        label: a few words for the legend after the name.
-        shown_with: the state (a robot with ``choice``) that they belong to; "" for all.
-    """
-
-    name: str
-    starts_m: Vector
-    vectors_m: Vector
-    colour: Colour = ARROW_RED
-    label: str = ""
-    shown_with: str = ""
+    name: str  # unique in the scene
+    starts_m: Vector  # tails in the world, shape (k, arrows, 3), m
+    vectors_m: Vector  # true lengths and directions, likewise; they are drawn enlarged
+    colour: Colour = ARROW_RED  # red, green, blue, 0 to 1
+    label: str = ""  # a few words for the legend after the name
+    shown_with: str = ""  # the state (a robot with ``choice``) that they belong to; "" for all
 
     def __post_init__(self) -> None:
         _check_name(self.name)
@@ -108,32 +89,20 @@ class SceneArrows:
 
 @dataclass(frozen=True)
 class Step:
-    """One moment, or one row, of what a scene shows.
+    """One moment, or one row, of what a scene shows."""
 
-    Attributes:
-        label: a few words; "" where there is one step only.
-        caption: rows of a small table, each (what, figure with its unit).
-    """
-
-    label: str = ""
-    caption: tuple[tuple[str, str], ...] = ()
+    label: str = ""  # a few words; "" where there is one step only
+    caption: tuple[tuple[str, str], ...] = ()  # rows of a small table, each (what, figure with its unit)
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A figure over all steps.
+    """A figure over all steps."""
 
-    Attributes:
-        name: what it is.
-        unit: of its values; curves of one unit have one scale.
-        values: shape (k,).
-        colour: red, green, blue, 0 to 1.
-    """
-
-    name: str
-    unit: str
-    values: Vector
-    colour: Colour = ARROW_RED
+    name: str  # what it is
+    unit: str  # of its values; curves of one unit have one scale
+    values: Vector  # shape (k,)
+    colour: Colour = ARROW_RED  # red, green, blue, 0 to 1
 
 
 @dataclass(frozen=True)
@@ -155,17 +124,11 @@ class ColourScale:
 
 @dataclass(frozen=True)
 class Camera:
-    """A perspective camera; the world's z axis points up in the picture.
+    """A perspective camera; the world's z axis points up in the picture."""
 
-    Attributes:
-        eye_m: where it stands in the world, shape (3,), m.
-        target_m: what it looks at (and what a live view turns about), shape (3,), m.
-        vertical_view_deg: angle between the lower and the upper edge of the picture, degrees.
-    """
-
-    eye_m: Vector
-    target_m: Vector
-    vertical_view_deg: float = 30.0
+    eye_m: Vector  # where it stands in the world, shape (3,), m
+    target_m: Vector  # what it looks at (and what a live view turns about), shape (3,), m
+    vertical_view_deg: float = 30.0  # angle between the lower and the upper edge of the picture, degrees
 
     def __post_init__(self) -> None:
         for field in ("eye_m", "target_m"):
@@ -187,39 +150,23 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Everything a picture or a page shows.
+    """Everything a picture or a page shows; these raise DescriptionError where a visual of a robot cannot be drawn."""
 
-    Attributes:
-        title: one line above the picture.
-        robots: the robots; names unique.
-        arrows: error arrows.
-        steps: what is shown one after the other; a picture shows the step ``first``.
-        at: where the steps lie on their axis, increasing, shape (k,); None numbers them from 1.
-        axis: what that axis is, with its unit; "" where steps follow no order, and a page has a button for each.
-        curves: figures over the steps.
-        scale: what colours mean.
-        first: the step that is shown first.
-        exaggeration: how many times the differences between the robots are drawn larger than they are.
-        camera: None looks at the mechanism (:func:`pouring_robot.viewer.camera_on`).
-        background_links: links far larger than the mechanism. They are drawn pale, and the camera does not
-            try to show them whole.
-    """
-
-    title: str
-    robots: tuple[SceneRobot, ...]
-    arrows: tuple[SceneArrows, ...] = ()
-    steps: tuple[Step, ...] = (Step(),)
-    at: Vector | None = None
-    axis: str = ""
-    curves: tuple[Curve, ...] = ()
-    scale: ColourScale | None = None
-    first: int = 0
-    exaggeration: float = 1.0
-    camera: Camera | None = None
+    title: str  # one line above the picture
+    robots: tuple[SceneRobot, ...]  # the robots; names unique
+    arrows: tuple[SceneArrows, ...] = ()  # error arrows
+    steps: tuple[Step, ...] = (Step(),)  # what is shown one after the other; a picture shows the step ``first``
+    at: Vector | None = None  # where the steps lie on their axis, increasing, shape (k,); None numbers them from 1
+    axis: str = ""  # what that axis is, with its unit; "" where steps follow no order, and a page has a button for each
+    curves: tuple[Curve, ...] = ()  # figures over the steps
+    scale: ColourScale | None = None  # what colours mean
+    first: int = 0  # the step that is shown first
+    exaggeration: float = 1.0  # how many times the differences between the robots are drawn larger than they are
+    camera: Camera | None = None  # None looks at the mechanism (:func:`pouring_robot.viewer.camera_on`).
+    # links far larger than the mechanism. They are drawn pale, and the camera does not try to show them whole.
     background_links: tuple[str, ...] = BACKGROUND_LINKS
 
     def __post_init__(self) -> None:
-        """Refuse an empty scene, a name used twice, a wrong number of steps and a meaningless factor."""
         if not self.robots:
             raise BadInputError("the scene has no robot to draw")
         names = [*(robot.name for robot in self.robots), *(item.name for item in self.arrows)]
@@ -255,23 +202,14 @@ def exaggeration_text(scene: Scene) -> str:
 
 @dataclass(frozen=True)
 class LegendEntry:
-    """One line of the legend.
+    """One line of the legend."""
 
-    Attributes:
-        name: the robot or the arrows it stands for.
-        words: what it says.
-        colour: colour of the sign before the words.
-        opacity: opacity of that sign.
-        is_arrow: whether the sign is an arrow.
-        choice: it is one of several, of which one is seen at a time.
-    """
-
-    name: str
-    words: str
-    colour: Colour
-    opacity: float
-    is_arrow: bool = False
-    choice: bool = False
+    name: str  # the robot or the arrows it stands for
+    words: str  # what it says
+    colour: Colour  # colour of the sign before the words
+    opacity: float  # opacity of that sign
+    is_arrow: bool = False  # whether the sign is an arrow
+    choice: bool = False  # it is one of several, of which one is seen at a time
 
 
 def legend(scene: Scene) -> tuple[LegendEntry, ...]:

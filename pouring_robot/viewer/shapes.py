@@ -1,9 +1,10 @@
 """Triangles of a robot's visual geometry, whatever the URDF made them of."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import coal
 import numpy as np
@@ -12,6 +13,7 @@ import pinocchio as pin
 import trimesh
 
 from pouring_robot.exceptions import DescriptionError
+from pouring_robot.mechanism.arrays import read_only
 
 Vertices = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
@@ -24,28 +26,16 @@ _ROUND_SECTIONS = 40
 
 @dataclass(frozen=True)
 class Shape:
-    """A surface of triangles in its own frame.
+    """A surface of triangles in its own frame."""
 
-    Attributes:
-        vertices: shape (v, 3), m; doubled along creases so that each copy has one normal.
-        normals: shape (v, 3), unit, outward where the triangles are wound counter-clockwise.
-        faces: shape (f, 3), rows of vertex numbers.
-        edges: shape (e, 2, 3), m: both ends of every crease and border.
-    """
-
-    vertices: Vertices
-    normals: Vertices
-    faces: Faces
-    edges: Vertices
+    vertices: Vertices  # shape (v, 3), m; doubled along creases so that each copy has one normal
+    normals: Vertices  # shape (v, 3), unit, outward where the triangles are wound counter-clockwise
+    faces: Faces  # shape (f, 3), rows of vertex numbers
+    edges: Vertices  # shape (e, 2, 3), m: both ends of every crease and border
 
 
 def visual_model(model: pin.Model, urdf_text: str, package_dirs: Sequence[Path | str] = ()) -> pin.GeometryModel:
-    """Return the visual geometry of a robot.
-
-    Args:
-        model: model built from the same URDF text, or one whose links carry the same names.
-        urdf_text: the URDF itself, not a path.
-        package_dirs: folders in which ``package://`` addresses of meshes are looked up.
+    """Return the visual geometry of a URDF text for a model of it; ``package://`` addresses are looked up in folders.
 
     Raises:
         DescriptionError: the URDF does not parse, or a mesh is not found.
@@ -66,13 +56,13 @@ def shape_of(item: pin.GeometryObject) -> Shape:
     geometry = item.geometry
     match geometry:
         case coal.Box():
-            return _box(tuple(2.0 * geometry.halfSide))
+            return _made(_box, *(2.0 * geometry.halfSide).tolist())
         case coal.Cylinder():
             return cylinder(geometry.radius, 2.0 * geometry.halfLength)
         case coal.Capsule():
-            return _capsule(geometry.radius, 2.0 * geometry.halfLength)
+            return _made(trimesh.creation.capsule, 2.0 * geometry.halfLength, geometry.radius)
         case coal.Sphere():
-            return _sphere(geometry.radius)
+            return _made(trimesh.creation.icosphere, 3, geometry.radius)
         case coal.BVHModelBase():
             return _from_mesh(geometry)
     raise DescriptionError(
@@ -86,40 +76,30 @@ def cylinder(radius: float, length: float) -> Shape:
     return smooth(trimesh.creation.cylinder(radius, length, sections=_ROUND_SECTIONS))
 
 
+def _box(*sides: float) -> Any:
+    return trimesh.creation.box(sides)
+
+
 @lru_cache(maxsize=256)
-def _box(extents: tuple[float, float, float]) -> Shape:
-    return smooth(trimesh.creation.box(extents))
-
-
-@lru_cache(maxsize=64)
-def _capsule(radius: float, length: float) -> Shape:
-    body = trimesh.creation.capsule(height=length, radius=radius)
-    # Releases of trimesh put the origin of a capsule in different places.
+def _made(make: Callable[..., Any], *sizes: float) -> Shape:
+    """Return the shape of a solid that trimesh makes, its middle in the origin: releases put a capsule's elsewhere."""
+    body = make(*sizes)
     body.apply_translation(-body.bounds.mean(axis=0))
     return smooth(body)
-
-
-@lru_cache(maxsize=64)
-def _sphere(radius: float) -> Shape:
-    return smooth(trimesh.creation.icosphere(subdivisions=3, radius=radius))
-
-
-_MESHES: dict[bytes, Shape] = {}
-"""Shapes of meshes by their content: both robots of a scene load the same files."""
-_MESHES_KEPT = 128
 
 
 def _from_mesh(geometry: coal.BVHModelBase) -> Shape:
     """Return the shape of a mesh that Pinocchio loaded; its scale is already in the vertices."""
     vertices = np.array(geometry.vertices(), dtype=np.float64)
     triangles = map(geometry.tri_indices, range(geometry.num_tris))
-    faces = np.array([[one[0], one[1], one[2]] for one in triangles], dtype=np.int64).reshape(-1, 3)
-    key = vertices.tobytes() + faces.tobytes()
-    if key not in _MESHES:
-        if len(_MESHES) >= _MESHES_KEPT:
-            _MESHES.clear()
-        _MESHES[key] = smooth(trimesh.Trimesh(vertices, faces, process=True))
-    return _MESHES[key]
+    faces = np.array([[one[0], one[1], one[2]] for one in triangles], dtype=np.int64)
+    return _meshed(vertices.tobytes(), faces.tobytes())
+
+
+@lru_cache(maxsize=128)  # by content: both robots of a scene load the same files
+def _meshed(vertices: bytes, faces: bytes) -> Shape:
+    places, triangles = np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, dtype=np.int64).reshape(-1, 3)
+    return smooth(trimesh.Trimesh(places.copy(), triangles.copy(), process=True))
 
 
 def smooth(body: trimesh.Trimesh) -> Shape:
@@ -128,13 +108,6 @@ def smooth(body: trimesh.Trimesh) -> Shape:
     borders = body.edges_unique[np.bincount(body.edges_unique_inverse, minlength=len(body.edges_unique)) == 1]
     lines = np.concatenate([body.face_adjacency_edges[creases].reshape(-1, 2), borders.reshape(-1, 2)])
     split = trimesh.graph.smooth_shade(body, angle=_CREASE_RAD)
-    arrays = (split.vertices, split.vertex_normals, split.faces, body.vertices[lines].reshape(-1, 2, 3))
-    shape = Shape(
-        vertices=np.array(arrays[0], dtype=np.float64),
-        normals=np.array(arrays[1], dtype=np.float64),
-        faces=np.array(arrays[2], dtype=np.int64),
-        edges=np.array(arrays[3], dtype=np.float64),
-    )
-    for array in (shape.vertices, shape.normals, shape.faces, shape.edges):
-        array.setflags(write=False)
-    return shape
+    floats = (split.vertices, split.vertex_normals, body.vertices[lines].reshape(-1, 2, 3))
+    vertices, normals, edges = (read_only(np.array(array, dtype=np.float64)) for array in floats)
+    return Shape(vertices, normals, read_only(np.array(split.faces, dtype=np.int64)), edges)

@@ -8,16 +8,7 @@ import trimesh
 
 from pouring_robot.mechanism.arrays import evenly
 from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors
-from pouring_robot.viewer.scene import (
-    SKY_TOP,
-    Camera,
-    Colour,
-    Scene,
-    SceneArrows,
-    SceneRobot,
-    Vector,
-    at_step,
-)
+from pouring_robot.viewer.scene import SKY_TOP, Camera, Colour, Scene, SceneArrows, SceneRobot, Vector, at_step
 from pouring_robot.viewer.shapes import Shape, cylinder, shape_of, smooth
 
 _DIRECTION = (0.60, -1.0, 0.50)
@@ -32,27 +23,16 @@ _SAME_PLACE = 1e-4
 
 @dataclass(frozen=True)
 class Solid:
-    """One body of a picture.
+    """One body of a picture."""
 
-    Attributes:
-        group: the robot or the arrows it belongs to.
-        name: unique within the group.
-        link: the link it hangs on; empty for arrows.
-        shape: its triangles in its own frame, m.
-        pose_world_to_solid: homogeneous matrix, shape (4, 4), m.
-        colour: red, green, blue, 0 to 1.
-        opacity: 1 is solid.
-        on_top: drawn in front of everything else.
-    """
-
-    group: str
-    name: str
-    link: str
-    shape: Shape
-    pose_world_to_solid: Vector
-    colour: Colour
-    opacity: float = 1.0
-    on_top: bool = False
+    group: str  # the robot or the arrows it belongs to
+    name: str  # unique within the group
+    link: str  # the link it hangs on; empty for arrows
+    shape: Shape  # its triangles in its own frame, m
+    pose_world_to_solid: Vector  # homogeneous matrix, shape (4, 4), m
+    colour: Colour  # red, green, blue, 0 to 1
+    opacity: float = 1.0  # 1 is solid
+    on_top: bool = False  # drawn in front of everything else
 
     def vertices_in_world(self) -> Vector:
         """Return the vertices in the world frame, shape (v, 3), m."""
@@ -77,15 +57,7 @@ def enlarged(bodies: Vector, reference: Vector, factor: float) -> Vector:
 
 
 def solids(scene: Scene, step: int | None = None) -> tuple[Solid, ...]:
-    """Return every solid of one step: robots in their order, then arrows; of several states only the first.
-
-    Args:
-        scene: what to show.
-        step: which; None takes the first to be shown.
-
-    Raises:
-        DescriptionError: a visual of a robot cannot be drawn.
-    """
+    """Return every solid of a step (default: the first shown): robots, then arrows; of several states the first."""
     step = scene.first if step is None else step
     thickness = 0.005 * view_height(scene.camera or camera_on(scene))
     choices = [robot.name for robot in scene.robots if robot.choice]
@@ -98,13 +70,7 @@ def solids(scene: Scene, step: int | None = None) -> tuple[Solid, ...]:
 def camera_on(scene: Scene, direction: Sequence[float] = _DIRECTION, vertical_view_deg: float = 30.0) -> Camera:
     """Return a camera that shows the robots, without the links in the background, as large as will fit.
 
-    Args:
-        scene: what to look at; its own camera plays no part.
-        direction: from the mechanism towards the camera, in the world frame; any length.
-        vertical_view_deg: angle between the lower and the upper edge of the picture, degrees.
-
-    Raises:
-        DescriptionError: a visual of a robot cannot be drawn.
+    It stands in a direction (any length) of the world from the mechanism; the scene's own camera plays no part.
     """
     steps = sorted({*evenly(len(scene.steps), _LOOKED_AT).tolist(), scene.first})
     bodies = [body for step in steps for robot in scene.robots for body in robot_solids(scene, robot, step)]

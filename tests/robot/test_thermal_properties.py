@@ -4,12 +4,9 @@ import pytest
 
 from pouring_robot.exceptions import TemperatureError, ThermalFileError
 from pouring_robot.io.temperatures import REFERENCE_DEGC, kelvin
+from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.pouring.layout import load_layout
-from pouring_robot.robot.pouring.thermal_properties import (
-    ThermalProperties,
-    load_thermal_properties,
-    shipped_thermal_file,
-)
+from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, load_thermal_properties
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 
 PAPER = {
@@ -52,7 +49,7 @@ def test_every_assumption_is_explained():
 )
 def test_a_wrong_file_is_refused_in_one_line(tmp_path, old, new, says):
     path = tmp_path / "thermal.yaml"
-    text = shipped_thermal_file().read_text(encoding="utf-8")
+    text = (description_folder() / "config" / "thermal.yaml").read_text(encoding="utf-8")
     assert old in text
     path.write_text(text.replace(old, new, 1), encoding="utf-8")
     with pytest.raises(ThermalFileError) as caught:

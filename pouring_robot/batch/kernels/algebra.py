@@ -1,4 +1,4 @@
-r"""Scalar building blocks of the compiled kernels: sine and cosine, rotations, and the residual's stiffness.
+r"""Scalar building blocks of the compiled kernels: rotations, and the residual's stiffness.
 
 A loop's residual is ``e = log6(M) = (v, w)`` with :math:`v = V(w)^{-1} t`, its energy
 :math:`E = \tfrac12 k_t |v|^2 + \tfrac12 k_r |w|^2`. With :math:`c(x) = (1 - \tfrac\theta2 \cot\tfrac\theta2) / x`,
@@ -23,18 +23,8 @@ import math
 from pouring_robot.batch.kernels.compiler import compiled
 from pouring_robot.mechanism.arrays import FloatArray
 
-# pi/2 in two parts; the first has zeros at the end, so that its small multiples are exact.
-_HALF_PI_HIGH = float.fromhex("0x1.921fb54400000p+0")
-_HALF_PI_LOW = 6.077100506506192e-11
-_TWO_OVER_PI = 2.0 / math.pi
-_MOST_TURNS = 1.0e6
-_ROUNDER = 1.5 * 2.0**52  # a number added to this and taken off again is rounded to an integer
 _SERIES_BELOW = 0.25  # of theta^2: the terms left out are below 1e-16 of the sum
 
-_S3, _S5, _S7, _S9 = (-1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0, 1.0 / 362880.0)
-_S11, _S13, _S15 = (-1.0 / 39916800.0, 1.0 / 6227020800.0, -1.0 / 1307674368000.0)
-_C4, _C6, _C8, _C10 = (1.0 / 24.0, -1.0 / 720.0, 1.0 / 40320.0, -1.0 / 3628800.0)
-_C12, _C14, _C16 = (1.0 / 479001600.0, -1.0 / 87178291200.0, 1.0 / 20922789888000.0)
 # c(x) = sum |B_2n| / (2n)! x^(n-1), with the Bernoulli numbers B_2n.
 _B0, _B1, _B2, _B3 = (1.0 / 12.0, 1.0 / 720.0, 1.0 / 30240.0, 1.0 / 1209600.0)
 _B4, _B5, _B6, _B7 = (1.0 / 47900160.0, 691.0 / 1307674368000.0, 1.0 / 74724249600.0, 3617.0 / 10670622842880000.0)
@@ -44,23 +34,27 @@ Rotation = tuple[float, float, float, float, float, float, float, float, float]
 
 
 @compiled
-def sine_cosine(angle: float) -> tuple[float, float]:
-    """Return sine and cosine of an angle in rad, to the last digit or two; NaN beyond a million quarter turns.
+def plus(a: Triple, b: Triple) -> Triple:
+    """Return a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
-    Taylor series on -pi/4...pi/4, without branches, so that a loop over joints becomes vector instructions.
-    """
-    turns = (angle * _TWO_OVER_PI + _ROUNDER) - _ROUNDER
-    r = (angle - turns * _HALF_PI_HIGH) - turns * _HALF_PI_LOW
-    r = r if abs(turns) < _MOST_TURNS else math.nan
-    x = r * r
-    tail = _S5 + x * (_S7 + x * (_S9 + x * (_S11 + x * (_S13 + x * _S15))))
-    s = r + r * x * (_S3 + x * tail)
-    tail = _C4 + x * (_C6 + x * (_C8 + x * (_C10 + x * (_C12 + x * (_C14 + x * _C16)))))
-    c = 1.0 - (0.5 * x - x * x * tail)
-    quarter = turns - 4.0 * math.floor(0.25 * turns)
-    odd = (quarter == 1.0) | (quarter == 3.0)
-    sine, cosine = (c if odd else s), (s if odd else c)
-    return (-sine if quarter >= 2.0 else sine), (-cosine if (quarter == 1.0) | (quarter == 2.0) else cosine)
+
+@compiled
+def minus(a: Triple, b: Triple) -> Triple:
+    """Return a - b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@compiled
+def scaled(s: float, a: Triple) -> Triple:
+    """Return s a."""
+    return s * a[0], s * a[1], s * a[2]
+
+
+@compiled
+def combined(a: Triple, s: float, b: Triple, t: float, c: Triple) -> Triple:
+    """Return a + s b + t c."""
+    return a[0] + s * b[0] + t * c[0], a[1] + s * b[1] + t * c[1], a[2] + s * b[2] + t * c[2]
 
 
 @compiled
@@ -115,10 +109,8 @@ def product(a: Rotation, b: Rotation) -> Rotation:
 def rotation_from_vector(w: Triple) -> Rotation:
     """Return exp3 of a rotation vector in rad: I + sin(t)/t [w] + (1 - cos t)/t^2 [w]^2."""
     x = dot(w, w)
-    if x < _SERIES_BELOW:
-        s = 1.0 + x * (_S3 + x * (_S5 + x * (_S7 + x * (_S9 + x * (_S11 + x * _S13)))))
-        c = 0.5 - x * (_C4 + x * (_C6 + x * (_C8 + x * (_C10 + x * (_C12 + x * _C14)))))
-    else:
+    s, c = 1.0, 0.5
+    if x > 0.0:
         angle = math.sqrt(x)
         s, c = math.sin(angle) / angle, 2.0 * math.sin(0.5 * angle) ** 2 / x
     cxy, cxz, cyz = c * w[0] * w[1], c * w[0] * w[2], c * w[1] * w[2]
@@ -148,12 +140,8 @@ def turn_between(a: Rotation, b: Rotation) -> Triple:
     sz = 0.5 * (a[0] * b[3] - a[3] * b[0] + a[1] * b[4] - a[4] * b[1] + a[2] * b[5] - a[5] * b[2])
     trace = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
     cosine = 0.5 * (trace + a[6] * b[6] + a[7] * b[7] + a[8] * b[8] - 1.0)
-    x = sx * sx + sy * sy + sz * sz
-    if x < 0.01 and cosine > 0.0:  # asin(s) / s
-        k = 1.0 + x * (1 / 6 + x * (3 / 40 + x * (5 / 112 + x * (35 / 1152 + x * (63 / 2816 + x * 231 / 13312)))))
-    else:
-        sine = math.sqrt(x)
-        k = math.atan2(sine, cosine) / max(sine, 1e-9)
+    sine = math.sqrt(sx * sx + sy * sy + sz * sz)
+    k = math.atan2(sine, cosine) / max(sine, 1e-300)
     return k * sx, k * sy, k * sz
 
 
@@ -183,17 +171,7 @@ def residual_wrench(v: Triple, w: Triple, kt: float, kr: float) -> tuple[Triple,
     wv = cross(w, v)
     u, q = cross(w, wv), cross(v, wv)
     k = 2.0 * c1 * dot(w, v)
-    force = (
-        kt * (v[0] - 0.5 * wv[0] + c * u[0]),
-        kt * (v[1] - 0.5 * wv[1] + c * u[1]),
-        kt * (v[2] - 0.5 * wv[2] + c * u[2]),
-    )
-    torque = (
-        kr * w[0] + kt * (c * q[0] + k * u[0]),
-        kr * w[1] + kt * (c * q[1] + k * u[1]),
-        kr * w[2] + kt * (c * q[2] + k * u[2]),
-    )
-    return force, torque
+    return scaled(kt, combined(v, -0.5, wv, c, u)), combined(scaled(kr, w), kt * c, q, kt * k, u)
 
 
 @compiled

@@ -1,35 +1,38 @@
-"""Compiled: where the chains end, how far the loops are open, and the energy of that.
+"""Compiled: where the chains end, how far the loops are open, and the energy of that; the arrays of all kernels.
 
-Layout of the working arrays, C chains of J joints with P passive places:
-
-- ``sites`` (C, J + 2, 12): present placements, as in :class:`~pouring_robot.batch.structure.Star`.
-- ``joints`` (C J,): joint values chain by chain, m or rad; ``circle`` (2 C J,): their sines, then their cosines.
-- ``platform`` (12,): rotation and position of the end frame in the base frame.
-- ``frames`` (C, J, 9): z axis (the joint's own), origin and x axis of each joint's placement, in base axes.
-- ``gaps`` (C, 27): what :func:`evaluate` finds about each loop, by the offsets below. All vectors in base axes; the
-  residual's parts v and w are those of log6 turned from frame b into base axes.
+The working arrays, one room a thread, are made outside, so that kernels allocate nothing.
 """
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
+import numpy as np
+
 from pouring_robot.batch.kernels.algebra import (
     Rotation,
     Triple,
+    combined,
     cross,
     dot,
     log_coefficients,
+    minus,
+    plus,
     product,
     residual_wrench,
     rotation_from_vector,
-    sine_cosine,
+    scaled,
     turn,
     turn_back,
     turn_between,
 )
 from pouring_robot.batch.kernels.compiler import compiled
-from pouring_robot.batch.structure import BoolArray
+from pouring_robot.batch.structure import ByteArray, CountArray, IntArray, Star
 from pouring_robot.mechanism.arrays import FloatArray
 
+# Where things stand in a row of ``gaps``. All vectors are in base axes; the residual's parts v and w are those of log6
+# turned from frame b into base axes.
 ORIGIN_B = 0  # origin of frame b
 GAP = 3  # origin of b minus origin of a
 TURN = 6  # w
@@ -37,140 +40,155 @@ SHIFT = 9  # v
 FORCE = 12
 TORQUE = 15  # about the origin of b
 AXES_A = 18  # rotation of frame a
-GAPS_WIDTH = 27
+_GAPS_WIDTH = 27
+
+
+class Room(NamedTuple):
+    """Working arrays of one thread, for C chains of J joints with P passive places."""
+
+    sites: FloatArray  # present placements, as in ``Star``, (C, J + 2, 12)
+    joints: FloatArray  # values chain by chain, m or rad, (C J,)
+    before: FloatArray  # joints before the step, (C J,)
+    platform: FloatArray  # rotation and position of the end frame in the base frame, (12,)
+    platform_before: FloatArray  # before the step, (12,)
+    frames: FloatArray  # z axis (the joint's own), origin and x axis of each joint's placement, in base axes, (C, J, 9)
+    gaps: FloatArray  # what ``evaluate`` finds about each loop, by the offsets above, (C, 27)
+    columns: FloatArray  # joint twists of the passive places about the chain's reference point, (C, 6 P)
+    stiff: FloatArray  # W times the columns, (C, 6 P)
+    factor: FloatArray  # unit lower triangle and inverse diagonal of each chain's L D L^T, (C, P P)
+    coupling: FloatArray  # L^-1 times the chain's coupling to the platform, about the platform's origin, (C, 6 P)
+    schur: FloatArray  # Cholesky factor of the platform's Schur complement, lower, with inverse diagonal, (36,)
+    step: FloatArray  # of the platform, (6,)
+    joint_step: FloatArray  # of the passive places, (C, P)
+    matrix: FloatArray  # W of one chain, (36,)
+    blocks: FloatArray  # (6, 9)
+    # Of G, whose letters are those of ``transfer``:
+    unit: FloatArray  # u, one row of six an output, (36,)
+    multipliers: FloatArray  # lambda of the present chain, P an output, (6 P,)
+    front: FloatArray  # the matrix in front of J, column by column, (36,)
+    through: FloatArray  # ``E + L``, one row of six an output, (36,)
+    answer: FloatArray  # ``front J`` of the present site, column by column, (36,)
+
+
+class Samples(NamedTuple):
+    """Where n samples start, as in ``BatchStart``, and their errors, as in ``SiteErrors``."""
+
+    position: FloatArray
+    rotation: FloatArray
+    joints: FloatArray
+    errors: FloatArray
+    site: IntArray
+
+
+class Closures(NamedTuple):
+    """What is written of n samples, as in ``BatchClosure``."""
+
+    position: FloatArray
+    rotation: FloatArray
+    joints: FloatArray
+    residual: FloatArray
+    iterations: CountArray
+    status: ByteArray
+
+
+def make_room(star: Star) -> Room:
+    """Return working arrays for a star; its sites are those without errors."""
+    chains, joints = star.revolute.shape
+    places = len(star.passive_count)
+    count, six = chains * joints, (chains, 6 * places)
+    shapes = (count, count, 12, 12, (chains, joints, 9), (chains, _GAPS_WIDTH), six, six)
+    more = ((chains, places * places), six, 36, 6, (chains, places), 36, (6, 9), 36, 6 * places, 36, 36, 36)
+    return Room(star.placements.copy(), *(np.zeros(shape) for shape in (*shapes, *more)))
 
 
 @compiled
-def rotation_at(array: FloatArray, i: int, k: int) -> Rotation:
-    """Return the rotation stored at ``array[i, k]``."""
-    return (
-        array[i, k, 0],
-        array[i, k, 1],
-        array[i, k, 2],
-        array[i, k, 3],
-        array[i, k, 4],
-        array[i, k, 5],
-        array[i, k, 6],
-        array[i, k, 7],
-        array[i, k, 8],
-    )
+def three(row: FloatArray, at: int) -> Triple:
+    """Return three neighbouring numbers."""
+    return row[at], row[at + 1], row[at + 2]
 
 
 @compiled
-def platform_rotation(platform: FloatArray) -> Rotation:
-    """Return the rotation part of a pose (12,)."""
-    return (
-        platform[0],
-        platform[1],
-        platform[2],
-        platform[3],
-        platform[4],
-        platform[5],
-        platform[6],
-        platform[7],
-        platform[8],
-    )
+def nine(row: FloatArray, at: int) -> Rotation:
+    """Return nine neighbouring numbers, a rotation."""
+    a, b, c = three(row, at), three(row, at + 3), three(row, at + 6)
+    return a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]
 
 
 @compiled
-def triple_at(array: FloatArray, i: int, start: int) -> Triple:
-    """Return three neighbouring numbers of row i."""
-    return array[i, start], array[i, start + 1], array[i, start + 2]
+def put(row: FloatArray, at: int, a: Triple) -> None:
+    """Store three neighbouring numbers."""
+    row[at], row[at + 1], row[at + 2] = a
 
 
 @compiled
-def put(array: FloatArray, i: int, start: int, a: Triple) -> None:
-    """Store three neighbouring numbers in row i."""
-    array[i, start], array[i, start + 1], array[i, start + 2] = a
-
-
-@compiled
-def sines_cosines(joints: FloatArray, circle: FloatArray) -> None:
-    """Write the sines of all joint values, then their cosines, into ``circle`` (2 C J,)."""
-    count = joints.size
-    for at in range(count):
-        circle[at], circle[count + at] = sine_cosine(joints[at])
-
-
-@compiled
-def carry(
-    sites: FloatArray, revolute: BoolArray, joints: FloatArray, circle: FloatArray, frames: FloatArray, i: int
-) -> tuple[Rotation, Triple]:
-    """Return rotation and origin of frame a of chain i; writes the frames of its joints.
-
-    ``circle`` holds sine and cosine of all joints, see :func:`sines_cosines`.
-    """
-    count, joint_count = revolute.shape[1], joints.size
-    r = rotation_at(sites, i, 0)
-    x, y, z = sites[i, 0, 9], sites[i, 0, 10], sites[i, 0, 11]
+def carry(star: Star, room: Room, i: int) -> tuple[Rotation, Triple]:
+    """Return rotation and origin of frame a of chain i; writes the frames of its joints."""
+    count = star.revolute.shape[1]
+    r, place = nine(room.sites[i, 0], 0), three(room.sites[i, 0], 9)
     for k in range(count):
-        frames[i, k, 0], frames[i, k, 1], frames[i, k, 2] = r[2], r[5], r[8]
-        frames[i, k, 3], frames[i, k, 4], frames[i, k, 5] = x, y, z
-        frames[i, k, 6], frames[i, k, 7], frames[i, k, 8] = r[0], r[3], r[6]
+        axis = (r[2], r[5], r[8])
+        put(room.frames[i, k], 0, axis)
+        put(room.frames[i, k], 3, place)
+        put(room.frames[i, k], 6, (r[0], r[3], r[6]))
         at = i * count + k
-        if revolute[i, k]:
-            s, c = circle[at], circle[joint_count + at]
-            r = (
-                c * r[0] + s * r[1],
-                c * r[1] - s * r[0],
-                r[2],
-                c * r[3] + s * r[4],
-                c * r[4] - s * r[3],
-                r[5],
-                c * r[6] + s * r[7],
-                c * r[7] - s * r[6],
-                r[8],
-            )
+        if star.revolute[i, k]:
+            s, c = math.sin(room.joints[at]), math.cos(room.joints[at])
+            x, y = (c * r[0] + s * r[1], c * r[3] + s * r[4], c * r[6] + s * r[7]), (r[1], r[4], r[7])
+            y = (c * y[0] - s * r[0], c * y[1] - s * r[3], c * y[2] - s * r[6])
+            r = (x[0], y[0], r[2], x[1], y[1], r[5], x[2], y[2], r[8])
         else:
-            value = joints[at]
-            x, y, z = x + value * r[2], y + value * r[5], z + value * r[8]
-        step = turn(r, (sites[i, k + 1, 9], sites[i, k + 1, 10], sites[i, k + 1, 11]))
-        x, y, z = x + step[0], y + step[1], z + step[2]
-        r = product(r, rotation_at(sites, i, k + 1))
-    return r, (x, y, z)
+            place = plus(place, scaled(room.joints[at], axis))
+        place = plus(place, turn(r, three(room.sites[i, k + 1], 9)))
+        r = product(r, nine(room.sites[i, k + 1], 0))
+    return r, place
 
 
 @compiled
-def evaluate(
-    sites: FloatArray,
-    revolute: BoolArray,
-    stiffness: FloatArray,
-    joints: FloatArray,
-    circle: FloatArray,
-    platform: FloatArray,
-    frames: FloatArray,
-    gaps: FloatArray,
-) -> tuple[float, float]:
+def arm_of(room: Room, i: int, k: int, point: Triple) -> Triple:
+    """Return the vector from joint k's origin in chain i to a point."""
+    return minus(point, three(room.frames[i, k], 3))
+
+
+@compiled
+def joint_twist(star: Star, room: Room, i: int, k: int, point: Triple) -> tuple[Triple, Triple]:
+    """Return the twist of joint k in chain i about a point."""
+    axis = three(room.frames[i, k], 0)
+    if not star.revolute[i, k]:
+        return axis, (0.0, 0.0, 0.0)
+    return cross(axis, arm_of(room, i, k, point)), axis
+
+
+@compiled
+def shift_over(gap: Triple, w: Triple, side: float) -> Triple:
+    """Return ``V(side w)^-1 gap``, the translation part of log6: of a's axes (side 1) or b's (-1), in base axes."""
+    c, _, _ = log_coefficients(dot(w, w))
+    across = cross(w, gap)
+    return combined(gap, -0.5 * side, across, c, cross(w, across))
+
+
+@compiled
+def evaluate(star: Star, room: Room) -> tuple[float, float]:
     """Write frames and gaps of all loops; return the energy (J) and the largest residual component (m or rad)."""
-    kt, kr = stiffness[0], stiffness[1]
+    kt, kr = star.stiffness[0], star.stiffness[1]
     energy, largest = 0.0, 0.0
-    seat = revolute.shape[1] + 1
-    sines_cosines(joints, circle)
-    r_platform = platform_rotation(platform)
-    for i in range(revolute.shape[0]):
-        r_a, a = carry(sites, revolute, joints, circle, frames, i)
-        arm = turn(r_platform, (sites[i, seat, 9], sites[i, seat, 10], sites[i, seat, 11]))
-        b = (platform[9] + arm[0], platform[10] + arm[1], platform[11] + arm[2])
-        w = turn_between(r_a, product(r_platform, rotation_at(sites, i, seat)))
-        gap = (b[0] - a[0], b[1] - a[1], b[2] - a[2])
-        c, _, _ = log_coefficients(dot(w, w))
-        wg = cross(w, gap)
-        wwg = cross(w, wg)
-        # Seen from frame a the translation part is V(w)^-1 gap; turned to frame b it is V(-w)^-1 gap.
-        v = (
-            gap[0] + 0.5 * wg[0] + c * wwg[0],
-            gap[1] + 0.5 * wg[1] + c * wwg[1],
-            gap[2] + 0.5 * wg[2] + c * wwg[2],
-        )
+    seat = star.revolute.shape[1] + 1
+    r_platform, origin = nine(room.platform, 0), three(room.platform, 9)
+    for i in range(star.revolute.shape[0]):
+        r_a, a = carry(star, room, i)
+        b = plus(origin, turn(r_platform, three(room.sites[i, seat], 9)))
+        w = turn_between(r_a, product(r_platform, nine(room.sites[i, seat], 0)))
+        gap = minus(b, a)
+        v = shift_over(gap, w, -1.0)
         force, torque = residual_wrench(v, w, kt, kr)
-        put(gaps, i, ORIGIN_B, b)
-        put(gaps, i, GAP, gap)
-        put(gaps, i, TURN, w)
-        put(gaps, i, SHIFT, v)
-        put(gaps, i, FORCE, force)
-        put(gaps, i, TORQUE, torque)
+        row = room.gaps[i]
+        put(row, ORIGIN_B, b)
+        put(row, GAP, gap)
+        put(row, TURN, w)
+        put(row, SHIFT, v)
+        put(row, FORCE, force)
+        put(row, TORQUE, torque)
         for k in range(9):
-            gaps[i, AXES_A + k] = r_a[k]
+            row[AXES_A + k] = r_a[k]
         energy += 0.5 * (kt * dot(v, v) + kr * dot(w, w))
         # NaN must win: it compares false with everything.
         for value in (v[0], v[1], v[2], w[0], w[1], w[2]):
@@ -180,88 +198,71 @@ def evaluate(
 
 
 @compiled
-def axes_of_a(gaps: FloatArray, i: int) -> Rotation:
-    """Return the rotation of frame a of loop i."""
-    return (
-        gaps[i, AXES_A],
-        gaps[i, AXES_A + 1],
-        gaps[i, AXES_A + 2],
-        gaps[i, AXES_A + 3],
-        gaps[i, AXES_A + 4],
-        gaps[i, AXES_A + 5],
-        gaps[i, AXES_A + 6],
-        gaps[i, AXES_A + 7],
-        gaps[i, AXES_A + 8],
-    )
+def residual_of(room: Room, i: int, residual: FloatArray) -> None:
+    """Write log6 of loop i, (linear, angular) in m and rad, as Pinocchio gives it, (6,)."""
+    r_a, w = nine(room.gaps[i], AXES_A), three(room.gaps[i], TURN)
+    put(residual, 0, turn_back(r_a, shift_over(three(room.gaps[i], GAP), w, 1.0)))
+    put(residual, 3, turn_back(r_a, w))
 
 
 @compiled
-def residual_of(gaps: FloatArray, i: int, residual: FloatArray, row: int) -> None:
-    """Write log6 of loop i, (linear, angular) in m and rad, as Pinocchio gives it, into ``residual[row, i]``."""
-    r_a = axes_of_a(gaps, i)
-    gap, w = triple_at(gaps, i, GAP), triple_at(gaps, i, TURN)
-    c, _, _ = log_coefficients(dot(w, w))
-    wg = cross(w, gap)
-    wwg = cross(w, wg)
-    v = (gap[0] - 0.5 * wg[0] + c * wwg[0], gap[1] - 0.5 * wg[1] + c * wwg[1], gap[2] - 0.5 * wg[2] + c * wwg[2])
-    linear, angular = turn_back(r_a, v), turn_back(r_a, w)
-    for k in range(3):
-        residual[row, i, k], residual[row, i, 3 + k] = linear[k], angular[k]
+def branch_end(star: Star, room: Room, i: int) -> tuple[Rotation, Triple, Triple]:
+    """Return frame a's rotation, the way from the end frame's origin to frame a's, and the end frame's origin."""
+    seat = room.sites[i, star.revolute.shape[1] + 1]
+    r_a, a = carry(star, room, i)
+    offset = turn(r_a, turn_back(nine(seat, 0), three(seat, 9)))
+    return r_a, offset, minus(a, offset)
 
 
 @compiled
-def displace(placements: FloatArray, axes: FloatArray, error: FloatArray, sites: FloatArray) -> None:
-    """Write ``placement o SE3(exp3(rotation), translation)`` of every site that has an error.
-
-    Args:
-        placements: (C, J + 2, 12), before the error.
-        axes: turn of each site's frame, (C (J + 1), 3, 3).
-        error: translation (m) and rotation vector (rad) of each site, (C (J + 1), 6).
-        sites: (C, J + 2, 12), written; sites without an error are left as they are.
-    """
-    per_chain = placements.shape[1] - 1
-    for number in range(error.shape[0]):
-        displace_one(placements, axes, error, number, number, per_chain, sites)
-
-
-@compiled
-def displace_one(
-    placements: FloatArray, axes: FloatArray, error: FloatArray, row: int, site: int, per_chain: int, sites: FloatArray
-) -> None:
-    """Displace one site by row ``row`` of ``error``; see :func:`displace`."""
-    e = (error[row, 0], error[row, 1], error[row, 2], error[row, 3], error[row, 4], error[row, 5])
-    if e[0] == 0.0 and e[1] == 0.0 and e[2] == 0.0 and e[3] == 0.0 and e[4] == 0.0 and e[5] == 0.0:
+def displace(star: Star, room: Room, site: int, error: FloatArray) -> None:
+    """Write ``placement o SE3(exp3(rotation), translation)`` of a site for its error (6,), m, rad, unless it is 0."""
+    sum_of_sizes = 0.0
+    for c in range(6):
+        sum_of_sizes += abs(error[c])
+    if sum_of_sizes == 0.0:
         return
+    per_chain = star.placements.shape[1] - 1
     i, k = site // per_chain, site % per_chain
     if k == per_chain - 1:
         k += 1  # the tip stands between the joints and the seat
-    a = (
-        axes[site, 0, 0],
-        axes[site, 0, 1],
-        axes[site, 0, 2],
-        axes[site, 1, 0],
-        axes[site, 1, 1],
-        axes[site, 1, 2],
-        axes[site, 2, 0],
-        axes[site, 2, 1],
-        axes[site, 2, 2],
-    )
-    r = rotation_at(placements, i, k)
-    shift = turn(r, turn_back(a, (e[0], e[1], e[2])))
-    turned = product(r, rotation_from_vector(turn_back(a, (e[3], e[4], e[5]))))
+    axes, r = nine(star.site_axes[site], 0), nine(star.placements[i, k], 0)
+    turned = product(r, rotation_from_vector(turn_back(axes, three(error, 3))))
     for m in range(9):
-        sites[i, k, m] = turned[m]
-    for m in range(3):
-        sites[i, k, 9 + m] = placements[i, k, 9 + m] + shift[m]
+        room.sites[i, k, m] = turned[m]
+    shift = turn(r, turn_back(axes, three(error, 0)))
+    put(room.sites[i, k], 9, plus(three(star.placements[i, k], 9), shift))
 
 
 @compiled
-def move_platform(platform: FloatArray, step: FloatArray, factor: float) -> None:
-    """Move the platform by a twist step (velocity of its origin, angular velocity; base axes), in place."""
-    turned = product(
-        rotation_from_vector((factor * step[3], factor * step[4], factor * step[5])), platform_rotation(platform)
-    )
+def keep_state(room: Room) -> None:
+    """Keep the present state, to step back to."""
+    for c in range(12):
+        room.platform_before[c] = room.platform[c]
+    for at in range(room.joints.size):
+        room.before[at] = room.joints[at]
+
+
+@compiled
+def move(star: Star, room: Room, share: float) -> None:
+    """Move by a share of the step: a twist of the platform in base axes, and the steps of the joints."""
+    step, platform = room.step, room.platform
+    turned = product(rotation_from_vector(scaled(share, three(step, 3))), nine(platform, 0))
     for k in range(9):
         platform[k] = turned[k]
     for k in range(3):
-        platform[9 + k] += factor * step[k]
+        platform[9 + k] += share * step[k]
+    joints = star.revolute.shape[1]
+    for i in range(star.revolute.shape[0]):
+        for n in range(len(star.passive_count)):
+            if star.passive[i, n] >= 0:
+                room.joints[i * joints + star.passive[i, n]] += share * room.joint_step[i, n]
+
+
+@compiled
+def step_back(room: Room) -> None:
+    """Return to the state before the step."""
+    for c in range(12):
+        room.platform[c] = room.platform_before[c]
+    for at in range(room.joints.size):
+        room.joints[at] = room.before[at]

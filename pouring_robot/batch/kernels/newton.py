@@ -1,14 +1,44 @@
-"""Compiled: Newton's step, and the closure of one sample."""
+r"""Compiled: Newton's step, with the chains eliminated one by one, and the closure of one sample.
+
+Write R for the columns by which the relative twist of frame b against frame a follows the freedoms: +I for the
+platform, minus the joint's twist for a joint. In the order seat, platform, site 1, joint 1, site 2, joint 2, ... the
+second derivative of the energy by an earlier freedom m and a later one n is
+
+.. math:: \partial_m \partial_n E = R_m^T\, W\, R_n
+
+with W of ``algebra.wrench_stiffness``, exactly, whether or not the loop is closed: W lacks
+symmetry by the bracket form of the wrench, which is what the motion of the columns adds. (The derivative of a later
+joint's gradient by an earlier joint turns the later one's column; in the other order it does not.)
+
+Far from the minimum W is replaced by K at the midpoint of frames a and b, where it is right to second order in the
+residual (``Jlog(e) Ad(exp(-e/2)) = I - ad(e)^2 / 24 + ...``).
+
+The chains meet in the platform only. So each chain's joints are eliminated (``L D L^T``), the platform's 6 x 6 Schur
+complement is solved, and the joints follow.
+"""
 
 from __future__ import annotations
 
 import math
 
-from pouring_robot.batch.kernels.algebra import cross
+from pouring_robot.batch.kernels.algebra import Triple, cross, dot, minus, plus, scaled, wrench_stiffness
 from pouring_robot.batch.kernels.compiler import compiled
-from pouring_robot.batch.kernels.hessian import factorise, solve_platform
-from pouring_robot.batch.kernels.loops import FORCE, ORIGIN_B, TORQUE, triple_at
-from pouring_robot.batch.kernels.workspace import Room, evaluate_room, keep_state, move, step_back
+from pouring_robot.batch.kernels.loops import (
+    FORCE,
+    GAP,
+    ORIGIN_B,
+    SHIFT,
+    TORQUE,
+    TURN,
+    Room,
+    evaluate,
+    joint_twist,
+    keep_state,
+    move,
+    put,
+    step_back,
+    three,
+)
 from pouring_robot.batch.structure import Star
 from pouring_robot.mechanism.arrays import FloatArray
 
@@ -16,6 +46,8 @@ CLOSED, NOT_CONVERGED, GAP_TOO_LARGE, NOT_FINITE, SINGULAR = 0, 1, 2, 3, 4
 
 # Share of the diagonal that keeps soft directions (1e-6 of the stiff ones) from moving.
 _FLOOR_DAMPING = 1e-4
+# A pivot that is a smaller share of its joint's stiffness is round-off of zero.
+_IDLE_RATIO = 1e-12
 
 
 @compiled
@@ -37,7 +69,7 @@ def close_one(star: Star, room: Room, options: FloatArray, max_iterations: int) 
     first, stale, exact, factored, reused, to_floor = True, True, False, False, False, False
     for iteration in range(1, max_iterations + 1):
         if stale:
-            trial, residual = evaluate_room(star, room)
+            trial, residual = evaluate(star, room)
             if first:
                 energy, largest, first = trial, residual, False
             stale = False
@@ -54,7 +86,7 @@ def close_one(star: Star, room: Room, options: FloatArray, max_iterations: int) 
                 length = step
                 keep_state(room)
             move(star, room, 1.0 if to_floor else scale)
-            trial, residual = evaluate_room(star, room)
+            trial, residual = evaluate(star, room)
             # Round-off of the energy: near the minimum it may rise by a few last digits.
             accepted = trial <= energy * (1.0 + 1e-12) + 1e-18
         short = length < step_tolerance and scale == 1.0 and not to_floor
@@ -91,27 +123,17 @@ def solve_step(star: Star, room: Room) -> float:
     for c in range(6):
         step[c] = 0.0
     for i in range(star.revolute.shape[0]):
-        force, torque = triple_at(room.gaps, i, FORCE), triple_at(room.gaps, i, TORQUE)
-        bx, by, bz = triple_at(room.gaps, i, ORIGIN_B)
-        moment = cross((bx - room.platform[9], by - room.platform[10], bz - room.platform[11]), force)
+        force, torque = three(room.gaps[i], FORCE), three(room.gaps[i], TORQUE)
+        b = three(room.gaps[i], ORIGIN_B)
+        moment = cross(minus(b, three(room.platform, 9)), force)
         for c in range(3):
             step[c] -= force[c]
             step[3 + c] -= torque[c] + moment[c]
         for n in range(places):
-            k = star.passive[i, n]
             downhill = 0.0
-            if k >= 0:
-                axis = (room.frames[i, k, 0], room.frames[i, k, 1], room.frames[i, k, 2])
-                if star.revolute[i, k]:
-                    arm = (bx - room.frames[i, k, 3], by - room.frames[i, k, 4], bz - room.frames[i, k, 5])
-                    lever = cross(arm, force)
-                    downhill = (
-                        axis[0] * (torque[0] + lever[0])
-                        + axis[1] * (torque[1] + lever[1])
-                        + axis[2] * (torque[2] + lever[2])
-                    )
-                else:
-                    downhill = axis[0] * force[0] + axis[1] * force[1] + axis[2] * force[2]
+            if star.passive[i, n] >= 0:
+                linear, angular = joint_twist(star, room, i, star.passive[i, n], b)
+                downhill = dot(linear, force) + dot(angular, torque)
             for m in range(n):
                 downhill -= room.factor[i, n * places + m] * room.joint_step[i, m]
             room.joint_step[i, n] = downhill
@@ -135,3 +157,169 @@ def solve_step(star: Star, room: Room) -> float:
             if not abs(total) <= longest:
                 longest = abs(total)
     return longest
+
+
+@compiled
+def factorise(star: Star, room: Room, exact: bool, damping: float) -> bool:
+    """Factorise the Hessian at the evaluated state; return whether it is positive definite."""
+    s = room.schur
+    for c in range(36):
+        s[c] = 0.0
+    for i in range(star.revolute.shape[0]):
+        rho = chain_columns(star, room, i, exact)
+        if not eliminate(star, room, i, rho, damping):
+            return False
+        add_platform_block(room, rho)
+    for c in range(6):
+        s[7 * c] *= 1.0 + damping
+    subtract_chains(star, room)
+    return cholesky(s)
+
+
+@compiled
+def chain_columns(star: Star, room: Room, i: int, exact: bool) -> Triple:
+    """Write ``matrix``, ``columns`` and ``stiff`` of chain i; return its reference point from the platform's.
+
+    The reference point is the origin of frame b, or (not exact) the midpoint of frames a and b.
+    """
+    kt, kr = star.stiffness[0], star.stiffness[1]
+    gaps, columns, stiff = room.gaps[i], room.columns[i], room.stiff[i]
+    reference = three(gaps, ORIGIN_B)
+    if exact:
+        wrench_stiffness(three(gaps, SHIFT), three(gaps, TURN), kt, kr, room.matrix, room.blocks)
+    else:
+        reference = minus(reference, scaled(0.5, three(gaps, GAP)))
+        for c in range(36):
+            room.matrix[c] = 0.0
+        for c in range(3):
+            room.matrix[7 * c], room.matrix[21 + 7 * c] = kt, kr
+    for n in range(len(star.passive_count)):
+        at, k = 6 * n, star.passive[i, n]
+        if k < 0:
+            for c in range(6):
+                columns[at + c], stiff[at + c] = 0.0, 0.0
+            continue
+        linear, angular = joint_twist(star, room, i, k, reference)
+        put(columns, at, linear)
+        put(columns, at + 3, angular)
+        for c in range(6):
+            stiff[at + c] = row_times(room.matrix, 6 * c, linear, angular)
+    return minus(reference, three(room.platform, 9))
+
+
+@compiled
+def row_times(matrix: FloatArray, at: int, linear: Triple, angular: Triple) -> float:
+    """Return six neighbouring numbers times a twist."""
+    return dot(three(matrix, at), linear) + dot(three(matrix, at + 3), angular)
+
+
+@compiled
+def eliminate(star: Star, room: Room, i: int, rho: Triple, damping: float) -> bool:
+    """Factorise chain i's own block and write its coupling; return whether the block is positive semidefinite."""
+    places = len(star.passive_count)
+    d, wd, low, z = room.columns[i], room.stiff[i], room.factor[i], room.coupling[i]
+    for n in range(places):
+        row = n * places
+        if star.passive[i, n] < 0:
+            for m in range(n):
+                low[row + m] = 0.0
+            low[row + n] = 1.0
+            for c in range(6):
+                z[6 * n + c] = 0.0
+            continue
+        force, torque = three(wd, 6 * n), three(wd, 6 * n + 3)
+        # Rows are later joints: the earlier joint's column stands on the left of W.
+        for m in range(n + 1):
+            low[row + m] = row_times(d, 6 * m, force, torque)
+        diagonal = low[row + n]
+        pivot = diagonal * (1.0 + damping)
+        moment = plus(torque, cross(rho, force))
+        z0, z1, z2, z3, z4, z5 = -force[0], -force[1], -force[2], -moment[0], -moment[1], -moment[2]
+        # The row still holds H; turned into L D from the left, then into L.
+        for m in range(1, n):
+            entry = low[row + m]
+            for k in range(m):
+                entry -= low[row + k] * low[m * places + k]
+            low[row + m] = entry
+        for m in range(n):
+            entry, earlier = low[row + m], 6 * m
+            ratio = entry * low[m * places + m]
+            low[row + m] = ratio
+            pivot -= ratio * entry
+            z0, z1, z2 = z0 - ratio * z[earlier], z1 - ratio * z[earlier + 1], z2 - ratio * z[earlier + 2]
+            z3, z4, z5 = z3 - ratio * z[earlier + 3], z4 - ratio * z[earlier + 4], z5 - ratio * z[earlier + 5]
+        put(z, 6 * n, (z0, z1, z2))
+        put(z, 6 * n + 3, (z3, z4, z5))
+        if pivot > _IDLE_RATIO * diagonal:
+            low[row + n] = 1.0 / pivot
+        elif pivot > -_IDLE_RATIO * diagonal:
+            low[row + n] = 0.0  # it only repeats what earlier joints do: it idles, and stays where it is
+        else:
+            return False
+    return True
+
+
+@compiled
+def add_platform_block(room: Room, rho: Triple) -> None:
+    """Add a chain's W, moved to the platform's origin, to the lower triangle of ``schur``."""
+    x, y, z = rho
+    m = room.matrix
+    for c in range(6):  # torque rows: add rho x force
+        f0, f1, f2 = m[c], m[6 + c], m[12 + c]
+        m[18 + c] += y * f2 - z * f1
+        m[24 + c] += z * f0 - x * f2
+        m[30 + c] += x * f1 - y * f0
+    for c in range(6):  # turning about the platform's origin: add the columns of omega x rho
+        f0, f1, f2 = m[6 * c], m[6 * c + 1], m[6 * c + 2]
+        m[6 * c + 3] += y * f2 - z * f1
+        m[6 * c + 4] += z * f0 - x * f2
+        m[6 * c + 5] += x * f1 - y * f0
+    for c in range(6):
+        for k in range(c + 1):
+            room.schur[6 * c + k] += 0.5 * (m[6 * c + k] + m[6 * k + c])
+
+
+@compiled
+def subtract_chains(star: Star, room: Room) -> None:
+    """Take what the eliminated chains give way off the platform's block."""
+    places = len(star.passive_count)
+    for i in range(star.revolute.shape[0]):
+        for n in range(places):
+            weight, z = room.factor[i, n * places + n], room.coupling[i, 6 * n : 6 * n + 6]
+            for c in range(6):
+                share = weight * z[c]
+                for k in range(c + 1):
+                    room.schur[6 * c + k] -= share * z[k]
+
+
+@compiled
+def cholesky(s: FloatArray) -> bool:
+    """Factorise the platform's block in place; return whether it is positive definite."""
+    for c in range(6):
+        for k in range(c):
+            total = s[6 * c + k]
+            for m in range(k):
+                total -= s[6 * c + m] * s[6 * k + m]
+            s[6 * c + k] = total * s[7 * k]
+        pivot = s[7 * c]
+        for m in range(c):
+            pivot -= s[6 * c + m] * s[6 * c + m]
+        if not pivot > 0.0:
+            return False
+        s[7 * c] = 1.0 / math.sqrt(pivot)
+    return True
+
+
+@compiled
+def solve_platform(s: FloatArray, x: FloatArray) -> None:
+    """Solve the factorised 6 x 6 system in place."""
+    for c in range(6):
+        total = x[c]
+        for k in range(c):
+            total -= s[6 * c + k] * x[k]
+        x[c] = total * s[7 * c]
+    for c in range(5, -1, -1):
+        total = x[c]
+        for k in range(c + 1, 6):
+            total -= s[6 * k + c] * x[k]
+        x[c] = total * s[7 * c]

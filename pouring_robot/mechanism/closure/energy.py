@@ -90,16 +90,9 @@ def bracket_form(wrenches: FloatArray) -> FloatArray:
 
 
 def log_wrench_derivative(residual: FloatArray, stiff_residual: FloatArray, jlog: FloatArray) -> FloatArray:
-    """Return the part of d(Jlog^T K e)/d(body twist) that comes from the change of Jlog.
+    """Return the part of d(Jlog^T K e)/d(body twist) that comes from the change of Jlog, (n, 6, 6).
 
-    Args:
-        residual: e = log6(M), shape (n, 6); its angle must be well below pi (the series is exact to machine
-            precision below 0.3 rad).
-        stiff_residual: K e, shape (n, 6).
-        jlog: Jlog6(M), shape (n, 6, 6).
-
-    Returns:
-        Matrices of shape (n, 6, 6).
+    From e = log6(M) and K e, (n, 6), and Jlog6(M), (n, 6, 6); exact to machine precision below 0.3 rad of e.
     """
     transposed = np.swapaxes(motion_cross(residual), -1, -2)
     # d(ad^n)^T w = sum_k (ad^T)^(n-1-k) B((ad^T)^k w) de, summed over n by Horner's rule in ad^T.
@@ -120,42 +113,26 @@ def log_wrench_derivative(residual: FloatArray, stiff_residual: FloatArray, jlog
 
 @dataclass(frozen=True)
 class EnergyState:
-    """Energy and first derivatives at one configuration, over all velocity columns of the model.
+    """Energy and first derivatives at one configuration, over all velocity columns of the model."""
 
-    Attributes:
-        configuration: shape (nq,).
-        energy: in J.
-        elastic: its part in the loops, in J.
-        residual: e of each loop, shape (loops, 6), m and rad (3d loops: last three zero).
-        jacobian: de/dq, shape (loops, 6, nv).
-        wrench: K e of each loop, shape (loops, 6), in N and Nm.
-        gradient: dE/dq, shape (nv,).
-        jlog: d e / d(relative twist in frame b), shape (loops, 6, 6).
-    """
-
-    configuration: FloatArray
-    energy: float
-    elastic: float
-    residual: FloatArray
-    jacobian: FloatArray
-    wrench: FloatArray
-    gradient: FloatArray
-    jlog: FloatArray
+    configuration: FloatArray  # shape (nq,)
+    energy: float  # in J
+    elastic: float  # its part in the loops, in J
+    residual: FloatArray  # e of each loop, shape (loops, 6), m and rad (3d loops: last three zero)
+    jacobian: FloatArray  # de/dq, shape (loops, 6, nv)
+    wrench: FloatArray  # K e of each loop, shape (loops, 6), in N and Nm
+    gradient: FloatArray  # dE/dq, shape (nv,)
+    jlog: FloatArray  # d e / d(relative twist in frame b), shape (loops, 6, 6)
 
 
 @dataclass(frozen=True)
 class TwistColumns:
-    """Twists that displace the tree at some place, in world coordinates, as each loop feels them.
+    """Twists that displace the tree at some place, in world coordinates, as each loop feels them."""
 
-    Attributes:
-        on_a: twist of what carries frame a of each loop, zero where it is not displaced, shape (loops, 6, n).
-        on_b: the same for frame b.
-        depth: how deep in the tree each twist acts, shape (n,): a joint's placement at the number of frames
-            before it, its motion half a step later.
-    """
-
-    on_a: FloatArray
-    on_b: FloatArray
+    on_a: FloatArray  # twist of what carries frame a of each loop, zero where it is not displaced, shape (loops, 6, n)
+    on_b: FloatArray  # the same for frame b
+    # how deep in the tree each twist acts, shape (n,): a joint's placement at the number of frames before it, its
+    # motion half a step later
     depth: FloatArray
 
     def precedes(self, joints: TwistColumns) -> FloatArray:
@@ -168,12 +145,7 @@ def _dual(left: FloatArray, form: FloatArray, right: FloatArray) -> FloatArray:
 
 
 class ClosureEnergy:
-    """The closure energy of a mechanism, evaluated with Pinocchio. Holds workspace: one object a thread.
-
-    Args:
-        mechanism: the closed-chain mechanism.
-        loads: weight and yielding drives.
-    """
+    """The closure energy of a mechanism under loads, evaluated with Pinocchio. Holds workspace: one object a thread."""
 
     def __init__(self, mechanism: ClosedChainMechanism, loads: Loads = NO_LOADS) -> None:
         self.mechanism, self.loads = mechanism, loads
@@ -202,11 +174,7 @@ class ClosureEnergy:
 
     @property
     def payload_frame(self) -> str:
-        """The frame that carries the payload.
-
-        Raises:
-            BadInputError: neither the loads nor the loops file name one.
-        """
+        """The frame that carries the payload; raises BadInputError where neither loads nor loops file name one."""
         frame = self.loads.payload_frame or self.mechanism.loops.end_frame
         if frame is None:
             raise BadInputError("the loops file names no end_frame: say in the loads which payload_frame is loaded")
@@ -230,30 +198,21 @@ class ClosureEnergy:
         return np.sort(np.concatenate([self.mechanism.passive_columns, yielding]))
 
     @functools.cached_property
-    def _basis(self) -> FloatArray | None:
-        """How all joints move with the free ones, (nv, free); None where no joint follows another."""
-        mechanism = self.mechanism
-        return np.asarray(mechanism.coupling[:, self.free_columns]) if mechanism.mimics else None
-
-    @functools.cached_property
-    def _free_block(self) -> tuple[NDArray[np.intp], ...]:
-        return np.ix_(self.free_columns, self.free_columns)
+    def _basis(self) -> FloatArray:
+        """How all joints move with the free ones, (nv, free)."""
+        return np.asarray(self.mechanism.coupling[:, self.free_columns])
 
     def reduced(self, gradient: FloatArray) -> FloatArray:
         """Return the part of a gradient by all velocity columns that the free ones feel; (nv, ...) to (free, ...)."""
-        return np.asarray(gradient[self.free_columns] if self._basis is None else self._basis.T @ gradient)
+        return np.asarray(self._basis.T @ gradient)
 
     def reduced_block(self, hessian: FloatArray) -> FloatArray:
         """Return the free columns' part of a Hessian over all velocity columns; (nv, nv) to (free, free)."""
-        return np.asarray(hessian[self._free_block] if self._basis is None else self._basis.T @ hessian @ self._basis)
+        return np.asarray(self._basis.T @ hessian @ self._basis)
 
     def expanded(self, motion: FloatArray) -> FloatArray:
         """Return the motion of all velocity columns for one of the free ones; (free, ...) to (nv, ...)."""
-        if self._basis is not None:
-            return np.asarray(self._basis @ motion)
-        every = np.zeros((self.model.nv, *motion.shape[1:]))
-        every[self.free_columns] = motion
-        return every
+        return np.asarray(self._basis @ motion)
 
     @property
     def can_close(self) -> bool:
@@ -261,12 +220,7 @@ class ClosureEnergy:
         return not self.loads.gravity
 
     def evaluate(self, configuration: FloatArray, commanded: FloatArray | None = None) -> EnergyState:
-        """Return energy and first derivatives at a configuration.
-
-        Args:
-            configuration: shape (nq,).
-            commanded: configuration that holds the commanded drives, shape (nq,); needed when drives yield.
-        """
+        """Return energy and derivatives at a configuration (nq,); if drives yield, from the commanded one (nq,)."""
         model, data = self.model, self.data
         pin.computeJointJacobians(model, data, configuration)
         for constraint, workspace in zip(self._constraints, self._constraint_data, strict=True):
@@ -316,14 +270,10 @@ class ClosureEnergy:
         return np.asarray(0.5 * (hessian + hessian.T))
 
     def gradient_derivative(self, state: EnergyState, columns: TwistColumns) -> FloatArray:
-        """Return how the loops' part of the gradient changes when twists displace the tree; shape (nv, n).
+        """Return how the loops' part of the gradient changes when n twists displace the tree; shape (nv, n).
 
         Valid at the state's configuration, where :meth:`evaluate` was last called. Springs and weight are not
         in it.
-
-        Args:
-            state: energy and first derivatives.
-            columns: n twists, each of a joint or of a placement somewhere on the tree.
         """
         joints = self.joint_columns()
         if not self._anchor_data:

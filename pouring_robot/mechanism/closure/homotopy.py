@@ -30,13 +30,7 @@ def grown(mechanism: ClosedChainMechanism, share: float) -> ClosedChainMechanism
 
 
 class Shares(Generic[Made]):
-    """What is made of a mechanism with a share of its errors, by the share; the first, the coarsest steps, stay.
-
-    Args:
-        mechanism: with all errors.
-        make: makes it.
-        kept: how many stay.
-    """
+    """What is made of a mechanism with a share of its errors, by the share; the first ``kept``, coarse ones, stay."""
 
     def __init__(
         self, mechanism: ClosedChainMechanism, make: Callable[[ClosedChainMechanism], Made], kept: int

@@ -37,17 +37,11 @@ def is_regular(factors: eigenpy.LLT, matrix: FloatArray) -> bool:
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Eigenvalues of a symmetric matrix scaled to a unit diagonal, and what they determine.
+    """Eigenvalues of a symmetric matrix scaled to a unit diagonal, and what they determine."""
 
-    Attributes:
-        scale: factors of the scaling, shape (n,).
-        values: eigenvalues, rising, shape (n,).
-        vectors: one a column, shape (n, n).
-    """
-
-    scale: FloatArray
-    values: FloatArray
-    vectors: FloatArray
+    scale: FloatArray  # factors of the scaling, shape (n,)
+    values: FloatArray  # eigenvalues, rising, shape (n,)
+    vectors: FloatArray  # one a column, shape (n, n)
 
     @classmethod
     def of(cls, matrix: FloatArray) -> Spectrum:

@@ -12,12 +12,7 @@ from pouring_robot.mechanism.parameters import LocalParameter, PlacementParamete
 
 
 class PlacedTwists:
-    """The placement parameters among n parameters; the others are zero here.
-
-    Args:
-        mechanism: the mechanism.
-        data: Pinocchio's workspace with joint and frame placements up to date.
-        parameters: n parameters of any kind.
+    """The placement parameters among n of any kind, whose others are zero here; frames in ``data`` are up to date.
 
     Attributes:
         world: twist per unit of each parameter, in world coordinates, shape (6, n).

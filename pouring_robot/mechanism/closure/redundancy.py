@@ -55,10 +55,7 @@ def disagreement(
 ) -> tuple[FloatArray, FloatArray]:
     """Return what redundant drives disagree by, shape (r,), and its derivative by parameters, shape (r, P), in m.
 
-    Args:
-        solver: the solver that found ``result``; without loads.
-        result: the closed configuration.
-        parameters: placement and drive parameters.
+    ``result`` is a closure of the solver without loads; the parameters are of placements and drives.
 
     Raises:
         BadInputError: the drives are not redundant as the robot file says.

@@ -194,11 +194,7 @@ class ClosureResult(Result):
         return tuple(name for name, own in mechanism.joint_columns.items() if moving.intersection(own))
 
     def pose(self, base_frame: str, frame: str) -> pin.SE3:
-        """Return the pose of ``frame`` in ``base_frame``.
-
-        Raises:
-            UnknownFrameError: a frame does not exist.
-        """
+        """Return the pose of ``frame`` in ``base_frame``; raises UnknownFrameError where a frame does not exist."""
         placements = self._placements
         base, tip = (placements[self.mechanism.frame_id(name)] for name in (base_frame, frame))
         return base.actInv(tip)
@@ -220,19 +216,10 @@ class ClosureResult(Result):
 
 
 class ClosureSolver:
-    """Closes a mechanism for given drive values. Holds workspace: one solver a thread.
-
-    Args:
-        mechanism: the mechanism.
-        loads: weight and yielding drives; none by default.
-        options: tolerances.
-    """
+    """Closes a mechanism for drive values, under loads if given. Holds workspace: one solver a thread."""
 
     def __init__(
-        self,
-        mechanism: ClosedChainMechanism,
-        loads: Loads = NO_LOADS,
-        options: ClosureOptions = DEFAULT_OPTIONS,
+        self, mechanism: ClosedChainMechanism, loads: Loads = NO_LOADS, options: ClosureOptions = DEFAULT_OPTIONS
     ) -> None:
         self.mechanism, self.options = mechanism, options
         self.energy = ClosureEnergy(mechanism, loads)

@@ -27,12 +27,7 @@ class _Body:
 
 
 class Weight:
-    """The links' weight at one configuration.
-
-    Args:
-        energy: closure energy with its loads.
-        configuration: shape (nq,).
-    """
+    """The weight of the links under the loads of an energy, at one configuration (nq,)."""
 
     def __init__(self, energy: ClosureEnergy, configuration: FloatArray) -> None:
         self._energy, self._mechanism = energy, energy.mechanism

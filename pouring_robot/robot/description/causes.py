@@ -12,95 +12,62 @@ from typing import Any
 
 @dataclass(frozen=True)
 class CauseEntry:
-    """One cause: a family of effects on some parts.
+    """One cause: a family of effects on some parts."""
 
-    Attributes:
-        id: name in files and on the command line.
-        family: which family, see :data:`pouring_robot.effects.registry.FAMILIES`.
-        story: one line for people.
-        options: of the family; ``drives`` are named by their joints.
-    """
-
-    id: str
-    family: str
-    story: str
-    options: Mapping[str, Any] = field(default_factory=dict)
+    id: str  # name in files and on the command line
+    family: str  # which family, see :data:`pouring_robot.effects.registry.FAMILIES`.
+    story: str  # one line for people
+    options: Mapping[str, Any] = field(default_factory=dict)  # of the family; ``drives`` are named by their joints
 
 
 @dataclass(frozen=True)
 class Thermometers:
-    """Thermometers of one kind.
+    """Thermometers of one kind."""
 
-    Attributes:
-        name: the condition is ``<name>_rise_k``.
-        word: in sentences on what data depend on.
-        label: of an axis, without unit.
-        members: columns (without unit) with the word for each one's temperature.
-        record: what to record, in words.
-        vary: which measurement makes show what depends on it.
-        least_spread_k: with less it was held still, in K.
-        by_pose: whether it may act differently in different poses.
-        moves_joints: whether it may displace joints.
-        expected: whether it is worth saying that a campaign does not have it.
-        hot_rise_k: how far above the cold machine it is at least while it is hot, in K; 0 for what stays cold.
-        hot_degC: how warm it is then, where nothing that was seen changes that.
-    """
-
-    name: str
-    word: str
-    label: str
-    members: Mapping[str, str]
-    record: str
-    vary: str
-    least_spread_k: float = 20.0
-    by_pose: bool = False
-    moves_joints: bool = False
-    expected: bool = True
+    name: str  # the condition is ``<name>_rise_k``
+    word: str  # in sentences on what data depend on
+    label: str  # of an axis, without unit
+    members: Mapping[str, str]  # columns (without unit) with the word for each one's temperature
+    record: str  # what to record, in words
+    vary: str  # which measurement makes show what depends on it
+    least_spread_k: float = 20.0  # with less it was held still, in K
+    by_pose: bool = False  # whether it may act differently in different poses
+    moves_joints: bool = False  # whether it may displace joints
+    expected: bool = True  # whether it is worth saying that a campaign does not have it
+    # how far above the cold machine it is at least while it is hot, in K; 0 for what stays cold
     hot_rise_k: float = 0.0
+    # how warm it is then, where nothing that was seen changes that
     hot_degC: float | None = None  # noqa: N815 - units are spelt as in the campaign files
 
 
 @dataclass(frozen=True)
 class AxisTilt:
-    """A tilt of one joint's axis that leaves the next joint where it was.
+    """A tilt of one joint's axis that leaves the next joint where it was."""
 
-    Attributes:
-        joint: whose axis is tilted.
-        directions: axes of its placement across it.
-        after: the joint that is turned back; "" where all behind the tilted one turns with it.
-        back: sign with which that one is turned: -1 behind it in the chain, +1 where it is placed on the end body,
-            against the chain's direction.
-    """
-
-    joint: str
-    directions: str
-    after: str = ""
+    joint: str  # whose axis is tilted
+    directions: str  # axes of its placement across it
+    after: str = ""  # the joint that is turned back; "" where all behind the tilted one turns with it
+    # sign with which that one is turned: -1 behind it in the chain, +1 where it is placed on the end body, against the
+    # chain's direction
     back: float = -1.0
 
 
 @dataclass(frozen=True)
 class Placements:
-    """Which joints may stand elsewhere than drawn, and which axes may be tilted.
+    """Which joints may stand elsewhere than drawn, and which axes may be tilted."""
 
-    Attributes:
-        centres: joints whose places count, by part of the machine.
-        tilts: axes.
-        centre_words: what the joints of a part are called where something unknown displaces them.
-        axis_groups: joints whose axes something unknown may tilt together, by words.
-        twists: joint that turns what comes behind it about its own z axis, by the parameter's name.
-        twist_words: what they are called together.
-        along: axes along which a joint may be displaced, where not all.
-        tolerances: of the robot; None: the shipped ones.
-    """
-
+    # joints whose places count, by part of the machine
     centres: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     tilts: tuple[AxisTilt, ...] = ()
+    # what the joints of a part are called where something unknown displaces them
     centre_words: Mapping[str, str] = field(default_factory=dict)
+    # joints whose axes something unknown may tilt together, by words
     axis_groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    # joint that turns what comes behind it about its own z axis, by the parameter's name
     twists: Mapping[str, str] = field(default_factory=dict)
-    twist_words: str = ""
-    along: Mapping[str, str] = field(default_factory=dict)
-    tolerances: Path | None = None
+    twist_words: str = ""  # what they are called together
+    along: Mapping[str, str] = field(default_factory=dict)  # axes along which a joint may be displaced, where not all
+    tolerances: Path | None = None  # of the robot; None: the shipped ones
 
     @property
     def places(self) -> tuple[str, ...]:
@@ -110,46 +77,30 @@ class Placements:
 
 @dataclass(frozen=True)
 class Words:
-    """What parts of a robot are called in sentences.
+    """What parts of a robot are called in sentences."""
 
-    Attributes:
-        base: the body that carries the robot.
-        body: the end body.
-        moved: what the robot moves.
-        tip: where errors count.
-        groups: of drives, by group; a group that is not named keeps its name.
-        force: labels of the mean force on groups, with unit, by group.
-    """
-
-    base: str = "base"
-    body: str = "end body"
-    moved: str = "tool"
-    tip: str = "tool"
+    base: str = "base"  # the body that carries the robot
+    body: str = "end body"  # the end body
+    moved: str = "tool"  # what the robot moves
+    tip: str = "tool"  # where errors count
+    # of drives, by group; a group that is not named keeps its name
     groups: Mapping[str, str] = field(default_factory=dict)
-    force: Mapping[str, str] = field(default_factory=dict)
+    force: Mapping[str, str] = field(default_factory=dict)  # labels of the mean force on groups, with unit, by group
 
 
 @dataclass(frozen=True)
 class Causes:
-    """Everything of the kind for one robot.
+    """Everything of the kind for one robot."""
 
-    Attributes:
-        entries: causes, in the order they are listed.
-        placements: joints and axes.
-        thermometers: in the order they are spoken of.
-        drive_thermometers: which thermometer tells how warm a drive is, by joint.
-        words: of the robot.
-        travel_words: of the axes that carry it: what to record and which measurement shows what depends on it, by name.
-        own_weight: whether the links' own weight counts among what drives carry.
-    """
-
-    entries: tuple[CauseEntry, ...]
-    placements: Placements
-    thermometers: tuple[Thermometers, ...]
+    entries: tuple[CauseEntry, ...]  # causes, in the order they are listed
+    placements: Placements  # joints and axes
+    thermometers: tuple[Thermometers, ...]  # in the order they are spoken of
+    # which thermometer tells how warm a drive is, by joint
     drive_thermometers: Mapping[str, str] = field(default_factory=dict)
     words: Words = field(default_factory=Words)
+    # of the axes that carry it: what to record and which measurement shows what depends on it, by name
     travel_words: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    own_weight: bool = True
+    own_weight: bool = True  # whether the links' own weight counts among what drives carry
 
     def members(self, name: str) -> tuple[str, ...]:
         """Return the columns of the thermometers of a kind, or a thermometer itself."""

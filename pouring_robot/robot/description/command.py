@@ -15,17 +15,12 @@ _ROUND_M, _ROUND_RAD = 1e-4, math.radians(1e-2)
 
 @dataclass(frozen=True)
 class CommandAxis:
-    """One number of a command.
+    """One number of a command."""
 
-    Attributes:
-        quantity: its column in a table.
-        lower: least value, in m or rad; ``upper``: largest one.
-        factor: value in m or rad for a command of one (SI) in the table, beyond ``zero``: that of a command of none.
-    """
-
-    quantity: Quantity
-    lower: float
+    quantity: Quantity  # its column in a table
+    lower: float  # least value, in m or rad; ``upper``: largest one
     upper: float
+    # value in m or rad for a command of one (SI) in the table, beyond ``zero``: that of a command of none
     factor: float = 1.0
     zero: float = 0.0
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 import functools
 import io
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -36,7 +36,7 @@ from pouring_robot.mechanism.loops import LoopsFile, load_loops
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.description.robot_file import DriveEntry, RobotFile
-from pouring_robot.robot.description.urdf import carriers, meshes_from, reach, read_text
+from pouring_robot.robot.description.urdf import carriers, meshes_from, parsed, reach, read_text
 
 if TYPE_CHECKING:
     from pouring_robot.batch import BatchStart
@@ -67,27 +67,16 @@ ROTATIONS, SLIDES = "rotations", "slides"
 
 @dataclass(frozen=True)
 class Drive:
-    """One drive.
+    """One drive."""
 
-    Attributes:
-        joint: the URDF joint that it moves.
-        column: name of its campaign column, without unit.
-        unit: of the joint, ``m`` or ``rad``.
-        command: kind of the commanded quantity, which decides the units of its column.
-        factor: by how much the joint moves (SI) for a command of one (SI).
-        zero: value of the joint at a command of zero, in m or rad.
-        symbol: short name in tables and parameters.
-        words: name in sentences.
-    """
-
-    joint: str
-    column: str
-    unit: Literal["m", "rad"]
-    command: Literal["length", "angle"]
-    factor: float = 1.0
-    zero: float = 0.0
-    symbol: str = ""
-    words: str = ""
+    joint: str  # the URDF joint that it moves
+    column: str  # name of its campaign column, without unit
+    unit: Literal["m", "rad"]  # of the joint, ``m`` or ``rad``
+    command: Literal["length", "angle"]  # kind of the commanded quantity, which decides the units of its column
+    factor: float = 1.0  # by how much the joint moves (SI) for a command of one (SI)
+    zero: float = 0.0  # value of the joint at a command of zero, in m or rad
+    symbol: str = ""  # short name in tables and parameters
+    words: str = ""  # name in sentences
 
     def value(self, command: FloatArray) -> FloatArray:
         """Return the joint's value for commands, in m or rad; same shape."""
@@ -99,15 +88,18 @@ class Drive:
 
 
 class RobotDefinition:
-    """A robot of the drawing: everything that holds for all machines built after it.
-
-    Args:
-        file: the robot file.
-        path: where it lies; the paths in it are relative to its folder.
+    """A robot of the drawing, by its file and path: everything that holds for all machines built after it.
 
     Raises:
         DescriptionError: the URDF or the loops file is wrong, or a joint in the file is none of the URDF's.
     """
+
+    inner_joints: frozenset[str] = frozenset()
+    """Joints whose distances from the one before are machined in one part; they have a tolerance of their own."""
+    expected_thermometers: tuple[str, ...] = ()
+    """Those of :attr:`thermometers` that a campaign is missed without: nobody has one on every link."""
+    causes: Causes | None = None
+    """What may go wrong with it, where it says so itself; None: what may go wrong with any robot."""
 
     def __init__(self, file: RobotFile, path: Path) -> None:
         self.file, self.path = file, path
@@ -116,7 +108,7 @@ class RobotDefinition:
         self._kinds = {name: kind for name, kind in loops.joint_types.items() if kind != "spherical"}
         left = {name: kind for name, kind in loops.joint_types.items() if kind == "spherical"}
         self.loops = loops.model_copy(update={"joint_types": left})
-        root = self._root()
+        root = parsed(self.urdf(), self.source)
         kinds = {str(joint.get("name")): str(joint.get("type")) for joint in root.iterfind("joint")}
         self._links = tuple(str(link.get("name")) for link in root.iterfind("link"))
         self.drives = tuple(self._drive(entry, kinds) for entry in file.drives)
@@ -131,8 +123,8 @@ class RobotDefinition:
         if file.payload_frame is not None and file.payload_frame not in frames:
             near = closest(file.payload_frame, frames)
             raise DescriptionError(path, f"payload_frame '{file.payload_frame}' is no link of the robot{near}")
-        self._check_home(root)
-        self._check_zeros(root)
+        self._check_home(root.iterfind("joint"))
+        self._check_zeros(root.iterfind("joint"))
         idle = {*carriers(root, self.loops.base_frame)}.intersection(carriers(root, self.loops.end_frame or ""))
         for drive in self.drives:
             if drive.joint in idle:
@@ -149,7 +141,6 @@ class RobotDefinition:
         return cls(RobotFile.load(path), Path(path))
 
     def __repr__(self) -> str:
-        """Return name and drives."""
         return f"<{type(self).__name__}: {self.name}, {len(self.drives)} drives, {len(self.loops.loops)} loops>"
 
     @property
@@ -159,17 +150,8 @@ class RobotDefinition:
 
     def _loops(self) -> LoopsFile:
         file = self.file
-        own: dict[str, Any] = {
-            "base_frame": file.base_frame,
-            "end_frame": file.end_frame,
-            "tool_frames": file.tool_frames,
-            "cut_joints": file.cut_joints,
-            "locked_joints": file.locked_joints,
-            "joint_types": file.joint_types,
-            "stiffness": file.stiffness,
-            "redundant_drives": file.redundant_drives,
-        }
-        said = {key: value for key, value in own.items() if value}
+        shared = RobotFile.model_fields.keys() & LoopsFile.model_fields.keys() - {"loops", "drives"}
+        said: dict[str, Any] = {key: value for key in shared if (value := getattr(file, key))}
         said["drives"] = tuple(entry.joint for entry in file.drives)
         if isinstance(file.loops, str):
             return load_loops(self.path.parent / file.loops).model_copy(update=said)
@@ -179,33 +161,25 @@ class RobotDefinition:
             first = problem.errors(include_url=False)[0]
             raise DescriptionError(self.path, first["msg"].removeprefix("Value error, ")) from problem
 
-    def _root(self) -> etree._Element:
-        try:
-            return etree.fromstring(self.urdf().encode())
-        except etree.XMLSyntaxError as problem:
-            raise DescriptionError(self.source, f"line {problem.lineno}: {problem.msg}") from problem
-
-    def _check_home(self, root: etree._Element) -> None:
+    def _check_home(self, joints: Iterable[etree._Element]) -> None:
         """Refuse a home beyond a joint's limits."""
-        for joint in root.iterfind("joint"):
-            name, limit = str(joint.get("name")), joint.find("limit")
-            if name in self.file.home and limit is not None and joint.get("type") in ("revolute", "prismatic"):
-                value = self.file.home[name]
-                lower, upper = (float(limit.get(key, "nan")) for key in ("lower", "upper"))
-                if lower < upper and not lower - _LIMIT_SLACK <= value <= upper + _LIMIT_SLACK:
-                    beyond = f"home: '{name}' at {value:g} is beyond its limits {lower:g} to {upper:g} (m, rad)"
-                    raise DescriptionError(self.path, beyond)
+        for joint in joints:
+            name, (lower, upper) = str(joint.get("name")), _limits(joint)
+            value = self.file.home.get(name, lower)
+            bounded = lower < upper and joint.get("type") in ("revolute", "prismatic")
+            if bounded and not lower - _LIMIT_SLACK <= value <= upper + _LIMIT_SLACK:
+                beyond = f"home: '{name}' at {value:g} is beyond its limits {lower:g} to {upper:g} (m, rad)"
+                raise DescriptionError(self.path, beyond)
 
-    def _check_zeros(self, root: etree._Element) -> None:
+    def _check_zeros(self, joints: Iterable[etree._Element]) -> None:
         """Refuse zeros at which no joint stands, which mostly are mm or degrees.
 
         At a command of zero a drive may stand beyond its limits, at a switch, but hardly by more than they are apart; a
         turn is known but for whole ones. A slide without limits stands within the robot's size.
         """
-        limits = {str(joint.get("name")): joint.find("limit") for joint in root.iterfind("joint")}
+        limits = {str(joint.get("name")): _limits(joint) for joint in joints}
         for drive in (drive for drive in self.drives if drive.zero):
-            limit = limits[drive.joint]
-            lower, upper = (0.0 if limit is None else float(limit.get(key, "0")) for key in ("lower", "upper"))
+            lower, upper = limits[drive.joint]
             whole = 2.0 * math.pi if drive.unit == "rad" else 0.0 if lower < upper else self.reach_m
             least, most = min(2.0 * lower - upper, -whole), max(2.0 * upper - lower, whole)
             if not least <= drive.zero <= most:
@@ -220,15 +194,14 @@ class RobotDefinition:
             what = "is not a joint of the robot" if kind is None else f"is {kind}; a drive slides or turns"
             near = closest(entry.joint, kinds) if kind is None else ""
             raise DescriptionError(self.path, f"drive '{entry.joint}' {what}{near}")
-        column, zero = entry.column or entry.joint, entry.zero
+        turns, factor = kind != "prismatic", entry.ratio
         if entry.mm_per_turn is not None:
-            if kind != "prismatic":
+            if turns:
                 raise DescriptionError(self.path, f"drive '{entry.joint}' turns, so it has no mm_per_turn")
             factor = entry.mm_per_turn * MM / (2.0 * math.pi)
-            return Drive(entry.joint, column, "m", "angle", factor, zero, column, column)
-        if kind == "prismatic":
-            return Drive(entry.joint, column, "m", "length", entry.ratio, zero, column, column)
-        return Drive(entry.joint, column, "rad", "angle", entry.ratio, zero, column, column)
+        column = entry.column or entry.joint
+        command: Literal["length", "angle"] = "angle" if turns or entry.mm_per_turn is not None else "length"
+        return Drive(entry.joint, column, "rad" if turns else "m", command, factor, entry.zero, column, column)
 
     @property
     def source(self) -> Path:
@@ -252,12 +225,11 @@ class RobotDefinition:
 
             drawn = run_xacro(self.source, self.file.mappings)
         if self._kinds:
+            parsed(drawn, self.source)
             try:
                 drawn = change_joints(drawn, self._kinds)
             except UnknownJointError as problem:
                 raise DescriptionError(self.path, f"joint_types: {problem}") from problem
-            except etree.XMLSyntaxError as problem:
-                raise DescriptionError(self.source, f"line {problem.lineno}: {problem.msg}") from problem
         return meshes_from(drawn, self.source.parent)
 
     @functools.cached_property
@@ -275,7 +247,7 @@ class RobotDefinition:
         said = self.file.model_dump(mode="json", exclude_defaults=True, exclude={"xacro", "mappings", "joint_types"})
         own = self.loops.model_dump(mode="json", exclude_defaults=True, exclude={"mechanism", "drives"})
         stream = io.StringIO()
-        YAML().dump({**said, "urdf": f"{self._root().get('name', 'robot')}.urdf", **own}, stream)
+        YAML().dump({**said, "urdf": f"{parsed(self.urdf()).get('name', 'robot')}.urdf", **own}, stream)
         return {"robot.yaml": stream.getvalue().encode()}
 
     @property
@@ -297,21 +269,14 @@ class RobotDefinition:
         return ClosedChainMechanism(self.urdf(), self.loops, self.path)
 
     def drawing(self, mechanism: ClosedChainMechanism | None = None) -> Drawing:
-        """Return what closes the robot of the drawing for drive values.
+        """Return what closes the robot of the drawing, or of its mechanism if that is at hand, for drive values."""
+        from pouring_robot.robot.description.drawing import HomeDrawing
 
-        Args:
-            mechanism: that of the drawing, if it is at hand.
-        """
-        return self._drawing_of(mechanism) if mechanism else self._drawing
+        return HomeDrawing(mechanism, self.file.home, self.drawn_fit) if mechanism else self._drawing
 
     @functools.cached_property
     def _drawing(self) -> Drawing:
-        return self._drawing_of(self.mechanism())
-
-    def _drawing_of(self, mechanism: ClosedChainMechanism) -> Drawing:
-        from pouring_robot.robot.description.drawing import HomeDrawing
-
-        return HomeDrawing(mechanism, self.file.home, self.drawn_fit)
+        return self.drawing(self.mechanism())
 
     def workspace(self, drawing: Drawing, count: int = _WORKSPACE_SAMPLES) -> tuple[FloatArray, BatchStart]:
         """Return up to ``count`` drive values spread over the workspace, (n, drives), in m and rad, and closed poses.
@@ -373,11 +338,6 @@ class RobotDefinition:
         return {name: tuple(group for group in groups if group in known) for name, groups in _SETS.items()}
 
     @property
-    def inner_joints(self) -> frozenset[str]:
-        """Joints whose distances from the one before are machined in one part; they have a tolerance of their own."""
-        return frozenset()
-
-    @property
     def tolerances_file(self) -> Path | None:
         """The robot's own tolerances; None: the shipped ones."""
         return None if self.file.tolerances is None else self.path.parent / self.file.tolerances
@@ -403,21 +363,17 @@ class RobotDefinition:
         return tuple(dict.fromkeys((*self._links, *self.groups)))
 
     @property
-    def causes(self) -> Causes | None:
-        """What may go wrong with it, where it says so itself; None: what may go wrong with any robot."""
-        return None
-
-    @property
     def tool_words(self) -> tuple[str, str]:
         """What is carried, and the point of it whose error counts, in sentences."""
         return "the tool", self.loops.working_frame
 
     @property
-    def expected_thermometers(self) -> tuple[str, ...]:
-        """Those of them that a campaign is missed without: none, as nobody has one on every link."""
-        return ()
-
-    @property
     def travels(self) -> tuple[str, ...]:
         """Names of the columns that say where the base stands, in m."""
         return self.file.travel
+
+
+def _limits(joint: etree._Element) -> tuple[float, float]:
+    """Return the limits of a joint, m or rad; zeros where it says none."""
+    limit = joint.find("limit")
+    return (0.0, 0.0) if limit is None else (float(limit.get("lower", "0")), float(limit.get("upper", "0")))

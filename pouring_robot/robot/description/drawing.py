@@ -39,16 +39,13 @@ class Drawing(Protocol):
 
 
 class HomeDrawing:
-    """Closes any robot, from a home configuration outwards.
+    """Closes any robot, from home joint values (m, rad; zero where not named) outwards.
 
-    Args:
-        mechanism: of the drawing.
-        home: joint values (m, rad) near which it closes; joints that are not named stand at zero.
-        options: when a pose of the drawing counts as closed; on the way there loops may be open as those with errors.
+    On the way there loops may be open as those with errors, at the end as far as the options say. Where it does
+    not close at its home it raises ClosureError.
     """
 
     def __init__(self, mechanism: ClosedChainMechanism, home: Mapping[str, float], options: ClosureOptions) -> None:
-        """Keep them; the home is closed at first use."""
         self.mechanism, self._home, self._options = mechanism, dict(home), options
         self._known: dict[tuple[int, bytes], BatchStart] = {}
 
@@ -58,11 +55,7 @@ class HomeDrawing:
         return HomotopyStarts(engine_for(self.mechanism), self._home, last=last)
 
     def starts(self, drives: FloatArray, /) -> BatchStart:
-        """Return the closed poses of drive values (n, drives), in m and rad; NaN where no pose has them.
-
-        Raises:
-            ClosureError: the robot does not close at its home.
-        """
+        """Return the closed poses of drive values (n, drives), in m and rad; NaN where no pose has them."""
         key = len(drives), drives.tobytes()
         if key not in self._known:  # one campaign is asked for many times
             if len(self._known) == _KEPT:
@@ -84,11 +77,7 @@ class HomeDrawing:
         return within
 
     def configuration_at(self, drives: FloatArray, /) -> FloatArray:
-        """Return Pinocchio's configuration of one closed pose, (nq,), for drive values (drives,), in m and rad.
-
-        Raises:
-            NoSolutionError: no pose has these drive values.
-        """
+        """Return Pinocchio's configuration of one closed pose, (nq,), for drive values (drives,), in m and rad."""
         start, structure = self.starts(drives[None]), self._followed.engine.structure
         if not np.isfinite(start.joints).all():
             raise NoSolutionError("no pose of the drawing has these drive values; check them against the joint limits")

@@ -5,7 +5,7 @@ import json
 import os
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +17,11 @@ from pouring_robot.exceptions import DescriptionError
 from pouring_robot.io.typed_yaml import parse_yaml, validate
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.loops import LoopsFile, load_loops
+from pouring_robot.report.page import templates
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.rendering import run_xacro
 from pouring_robot.robot.description.robot_file import FORMAT, TAKEN, RobotFile
-from pouring_robot.robot.description.urdf import read_text
+from pouring_robot.robot.description.urdf import carriers, parsed, read_text
 
 _DRIVABLE = ("revolute", "continuous", "prismatic")
 _TOOLS = ("tool0", "tcp", "tool", "flange", "ee", "end_effector")  # usual names of the last frame, the likeliest first
@@ -33,10 +34,7 @@ class _Tree:
     """Links and joints of a URDF."""
 
     def __init__(self, path: Path, text: str) -> None:
-        try:
-            self.root = etree.fromstring(text.encode())
-        except etree.XMLSyntaxError as error:
-            raise DescriptionError(path, f"line {error.lineno}: {error.msg}") from error
+        self.root = parsed(text, path)
         joints = [joint for joint in self.root.iterfind("joint") if joint.get("type")]
         if self.root.tag != "robot" or not joints:
             raise DescriptionError(path, "is no URDF with joints; give the URDF, or a file whose name ends in .xacro")
@@ -63,12 +61,8 @@ class _Tree:
 
     def moving(self, link: str) -> list[str]:
         """Return the joints that move on the way from the root down to a link."""
-        found: list[str] = []
-        while (joint := self.above.get(link)) is not None:
-            if joint.get("type") != "fixed":
-                found.insert(0, str(joint.get("name")))
-            link = _link(joint, "parent")
-        return found
+        way = (self.joints[name] for name in reversed(carriers(self.root, link)) if name in self.joints)
+        return [str(joint.get("name")) for joint in way if joint.get("type") != "fixed"]
 
     def ends(self) -> list[str]:
         """Return the links at which the tree ends, the one that moves most first; of equals, a usual tool's name."""
@@ -99,11 +93,7 @@ def _link(joint: etree._Element, end: str) -> str:
 
 
 def first_robot(urdf: Path, path: Path) -> tuple[str, RobotDefinition]:
-    """Return the text of a robot file that is to be written for a URDF, and the robot that it will load as.
-
-    Args:
-        urdf: the URDF or xacro.
-        path: of the robot file.
+    """Return the text of a robot file that is to stand at ``path`` for a URDF or xacro, and the robot it loads as.
 
     Raises:
         DescriptionError: as :func:`first_robot_file`, or the robot cannot be loaded, for instance for its meshes.
@@ -113,14 +103,10 @@ def first_robot(urdf: Path, path: Path) -> tuple[str, RobotDefinition]:
 
 
 def first_robot_file(urdf: Path, beside: Path) -> str:
-    """Return the text of a robot file for a URDF or a xacro.
+    """Return the text of a robot file for a URDF or a xacro, with paths relative to the folder in which it is to stand.
 
     Loops are taken over from a Gepetto ``robot.yaml`` that lies beside it (see :func:`loops_beside`); else links at
     which branches end together in the zero pose are proposed in a comment.
-
-    Args:
-        urdf: the file.
-        beside: the folder in which the robot file is to stand; paths in it are relative to that.
 
     Raises:
         DescriptionError: the URDF cannot be read, Pinocchio cannot build it, or nothing moves in it.
@@ -141,24 +127,27 @@ def first_robot_file(urdf: Path, beside: Path) -> str:
     if not drives:
         raise DescriptionError(urdf, f"no joint on the way to '{end}' slides or turns by itself; a drive must")
     aside = [name for link in others for name in tree.moving(link) if name not in path and name not in mimics]
-    names = {
-        "name": re.sub(r"[^A-Za-z0-9_.-]", "_", str(tree.root.get("name") or urdf.stem)).lstrip("_.-") or "robot",
-        "urdf": os.path.relpath(urdf, beside),
-        "base": _link(tree.joints[path[0]], "parent"),
-        "end": end,
-    }
-    locked = () if closed else tuple(dict.fromkeys(aside))
-    said: dict[str, Any] = {
-        "mechanism": names["name"],
-        "base_frame": names["base"],
-        "end_frame": end,
-        "drives": tuple(drives),
-    }
+    name = re.sub(r"[^A-Za-z0-9_.-]", "_", str(tree.root.get("name") or urdf.stem)).lstrip("_.-") or "robot"
+    base, locked = _link(tree.joints[path[0]], "parent"), () if closed else tuple(dict.fromkeys(aside))
+    said: dict[str, Any] = {"mechanism": name, "base_frame": base, "end_frame": end, "drives": tuple(drives)}
     file = load_loops(closed) if closed else LoopsFile(loops=(), locked_joints=locked, **said)
     mechanism = ClosedChainMechanism(text, file.model_copy(update=said), urdf)  # before a file is written
-    names |= {"drawing": "xacro" if rendered else "urdf", "loops": os.path.relpath(closed, beside) if closed else ""}
-    meetings = () if closed else _meetings(mechanism, (end, *others))
-    return _text(names, drives, locked, others, meetings, tree.homes())
+    environment = templates("pouring_robot.robot")
+    environment.filters["quoted"] = _quoted
+    return environment.get_template("robot.yaml.j2").render(
+        format=FORMAT,
+        name=name,
+        drawing="xacro" if rendered else "urdf",
+        urdf=os.path.relpath(urdf, beside),
+        base=base,
+        end=end,
+        others=others,
+        meetings=() if closed else _meetings(mechanism, (end, *others)),
+        loops=os.path.relpath(closed, beside) if closed else "",
+        locked=locked,
+        drives={name: _column(name, drives) for name in drives},
+        homes=tree.homes(),
+    )
 
 
 def loops_beside(urdf: Path) -> Path | None:
@@ -189,76 +178,11 @@ def _quoted(name: str) -> str:
     return name if plain else json.dumps(name)
 
 
-def _text(
-    names: Mapping[str, str],
-    drives: Sequence[str],
-    aside: Sequence[str],
-    others: Sequence[str],
-    meetings: Sequence[tuple[str, str, str]],
-    homes: Mapping[str, float],
-) -> str:
-    quoted = {key: _quoted(value) for key, value in names.items()}
-    lines = [
-        "# A first robot file, read from the URDF. What a URDF cannot say is to be filled in or struck out.",
-        f"format: {FORMAT}",
-        f"name: {quoted['name']}",
-        f"{names['drawing']}: {quoted['urdf']}",
-        "# Poses are seen from base_frame; end_frame is the body whose pose is measured.",
-        f"base_frame: {quoted['base']}",
-        f"end_frame: {quoted['end']}" + (f"  # or: {', '.join(others[:6])}" if others else ""),
-        "# Further frames on that body; the last is where the error counts (the tip of a tool).",
-        "tool_frames: []",
-        "# What is closed: pairs of frames that coincide on the real machine (6d: wholly, 3d: their origins).",
-        "#   loops:",
-        "#     - {name: left, frame_a: left_foot, frame_b: left_seat, type: 6d}",
-        *_proposed(meetings),
-        "#   cut_joints: [mount]   # fixed joints that carry the end body in the tree only, if all chains carry it",
-        f"loops: {quoted['loops'] if names['loops'] else '[]'}",
-        "cut_joints: []",
-    ]
-    if aside:
-        lines += [
-            "# These joints move nothing between base and end. In a closed robot take out those that its loops move;",
-            "# in a tree they stay locked.",
-        ]
-    lines += [
-        f"locked_joints: [{', '.join(map(_quoted, aside))}]",
-        "# What the controller commands, in its order. column: what a campaign calls it, without unit (by default the",
-        "# joint's name). ratio: joint per command (a gear); mm_per_turn: a slide whose motor's angle is commanded.",
-        "# In a closed robot leave only the driven joints.",
-        "drives:",
-        *(_drive(name, drives) for name in drives),
-        "# Drives that share a cause of error; by default all that turn and all that slide.",
-        "#   groups: {legs: [leg1, leg2]}",
-        f"payload_frame: {quoted['end']}",
-        "# Joints that carry the base, such as rails.",
-        "travel: []",
-        "# Joint values (m, rad) near which the robot closes, of all joints; zero if left out.",
-        f"home: {{{', '.join(f'{_quoted(name)}: {value:g}' for name, value in homes.items())}}}"
-        if homes
-        else "#   home: {elbow: 0.5}",
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _drive(name: str, drives: Sequence[str]) -> str:
-    """Return the entry of a drive, with a column where its joint's name is one that campaigns have already."""
+def _column(name: str, drives: Sequence[str]) -> str:
+    """Return a column for a drive whose joint's name is one that campaigns have for something else, otherwise ""."""
     if name not in TAKEN:
-        return f"  - {{joint: {_quoted(name)}}}"
+        return ""
     column = f"{name}_drive"
     while column in drives:
         column += "_"
-    return f"  - {{joint: {_quoted(name)}, column: {column}}}  # campaigns have '{name}' for something else"
-
-
-def _proposed(meetings: Sequence[tuple[str, str, str]]) -> list[str]:
-    """Return comments on loops that there may be."""
-    if not meetings:
-        return []
-    return [
-        "# In the zero pose these ends of branches stand together; what is joined on the machine is a loop:",
-        *(
-            f"#     - {{name: loop_{k}, frame_a: {_quoted(a)}, frame_b: {_quoted(b)}, type: {kind}}}"
-            for k, (a, b, kind) in enumerate(meetings, start=1)
-        ),
-    ]
+    return column

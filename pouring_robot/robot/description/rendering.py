@@ -22,34 +22,26 @@ _lock = threading.Lock()
 
 
 def run_xacro(path: Path, arguments: Mapping[str, str], also: Iterable[Path] = ()) -> str:
-    """Return what xacro makes of a file; safe to call from several threads.
-
-    Args:
-        path: the file, which may be a stranger's: see :mod:`pouring_robot.robot.description.strangers`.
-        arguments: its mappings.
-        also: files that it may read wherever they are.
+    """Return what xacro makes of a file, which may be a stranger's (see ``strangers``), with its mappings; thread-safe.
 
     Raises:
         DescriptionError: the file, or one it includes, is wrong; names the one at fault.
     """
     with _lock, confined(path.parent, also):
-        return _run_xacro(path, arguments)
-
-
-def _run_xacro(path: Path, arguments: Mapping[str, str]) -> str:
-    try:
-        document = xacro.process_file(str(path), mappings=dict(arguments), verbosity=0)
-    except xml.parsers.expat.ExpatError as error:
-        raise DescriptionError(_file_at_fault(path, ""), f"not valid XML: {error}") from error
-    except DescriptionError:
-        raise
-    except Exception as error:  # xacro evaluates expressions, so a broken file can raise anything
-        raise DescriptionError(_file_at_fault(path, str(error)), f"xacro: {error or type(error).__name__}") from error
-    # The banner names the path of this machine; the same description must give the same text anywhere.
-    for node in list(document.childNodes):
-        if node.nodeType == node.COMMENT_NODE:
-            document.removeChild(node)
-    return re.sub(r"\n\s*\n", "\n", document.toprettyxml(indent="  "))
+        try:
+            document = xacro.process_file(str(path), mappings=dict(arguments), verbosity=0)
+        except xml.parsers.expat.ExpatError as error:
+            raise DescriptionError(_file_at_fault(path, ""), f"not valid XML: {error}") from error
+        except DescriptionError:
+            raise
+        except Exception as error:  # xacro evaluates expressions, so a broken file can raise anything
+            problem = f"xacro: {error or type(error).__name__}"
+            raise DescriptionError(_file_at_fault(path, str(error)), problem) from error
+        # The banner names the path of this machine; the same description must give the same text anywhere.
+        for node in list(document.childNodes):
+            if node.nodeType == node.COMMENT_NODE:
+                document.removeChild(node)
+        return re.sub(r"\n\s*\n", "\n", document.toprettyxml(indent="  "))
 
 
 def _file_at_fault(path: Path, problem: str) -> Path:

@@ -20,21 +20,14 @@ TAKEN = frozenset({"sample", "session", "time", "payload", "ambient", *POSITION,
 
 
 class DriveEntry(StrictModel):
-    """One drive of a robot file.
+    """One drive of a robot file."""
 
-    Attributes:
-        joint: the URDF joint that it moves.
-        column: name of its column in a campaign, without unit; by default the joint's name.
-        ratio: by how much the joint moves for a command of one of the same kind (a gear; below 1 slows down).
-        mm_per_turn: travel of a sliding joint for a whole turn of its motor; the command is then an angle.
-        zero: value of the joint at a command of zero, in m or rad.
-    """
-
-    joint: str
-    column: str = ""
-    ratio: float = 1.0
+    joint: str  # the URDF joint that it moves
+    column: str = ""  # name of its column in a campaign, without unit; by default the joint's name
+    ratio: float = 1.0  # by how much the joint moves for a command of one of the same kind (a gear; below 1 slows down)
+    # travel of a sliding joint for a whole turn of its motor; the command is then an angle
     mm_per_turn: float | None = None
-    zero: float = 0.0
+    zero: float = 0.0  # value of the joint at a command of zero, in m or rad
 
     @pydantic.model_validator(mode="after")
     def _moves(self) -> DriveEntry:
@@ -46,57 +39,41 @@ class DriveEntry(StrictModel):
 
 
 class RobotFile(StrictModel):
-    """A robot file as written; paths are relative to it.
+    """A robot file as written; paths are relative to it."""
 
-    Attributes:
-        format: kind and version of the file.
-        name: what the robot is called in campaigns and reports.
-        urdf: the URDF; or ``xacro`` with its ``mappings``.
-        base_frame: poses are seen from it. Where ``loops`` is a file, this and all down to ``locked_joints`` may be
-            left to it.
-        end_frame: the body whose pose is measured.
-        tool_frames: further frames on that body; the last is where the error counts.
-        loops: what is closed, in the file itself or in a loops file; none for a serial arm.
-        cut_joints: joints that carry the end body in the tree only.
-        locked_joints: joints that take no part in the closure.
-        joint_types: joints of another kind than the URDF says, such as ``spherical`` or ``universal_xy``.
-        stiffness: of each closure.
-        drives: what the controller commands, in this order.
-        redundant_drives: whether there are more of them than freedoms: what they disagree by is then measured.
-        groups: drives that share a cause, by the group's name; by default all angles and all lengths.
-        places: joints that may stand elsewhere than drawn, or only along an axis of theirs (``anchor.tx``); by default
-            all. Where nothing outside measures, what is held fixes the frame that the others are told in.
-        axes: joints whose axes may point elsewhere; by default all.
-        tolerances: a tolerances file of this robot's own.
-        usual_force_n: force on a sliding drive at which its stretch is given; ``usual_moment_nm`` on a turning one.
-        payload_frame: where a payload hangs.
-        travel: joints that carry the base; they take no part in the closure either.
-        home: joint values (m, rad) near which the robot closes; by default all zero.
-    """
-
-    format: Literal["pouring_robot/robot/1"]
+    format: Literal["pouring_robot/robot/1"]  # kind and version of the file
+    # what the robot is called in campaigns and reports
     name: str = pydantic.Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")
-    urdf: str | None = None
+    urdf: str | None = None  # the URDF; or ``xacro`` with its ``mappings``
     xacro: str | None = None
     mappings: dict[str, str] = pydantic.Field(default_factory=dict)
+    # poses are seen from it. Where ``loops`` is a file, this and all down to ``locked_joints`` may be left to it.
     base_frame: str | None = None
-    end_frame: str | None = None
-    tool_frames: tuple[str, ...] = ()
+    end_frame: str | None = None  # the body whose pose is measured
+    tool_frames: tuple[str, ...] = ()  # further frames on that body; the last is where the error counts
+    # what is closed, in the file itself or in a loops file; none for a serial arm
     loops: tuple[LoopSpec, ...] | str = ()
-    cut_joints: tuple[str, ...] = ()
-    locked_joints: tuple[str, ...] = ()
+    cut_joints: tuple[str, ...] = ()  # joints that carry the end body in the tree only
+    locked_joints: tuple[str, ...] = ()  # joints that take no part in the closure
+    # joints of another kind than the URDF says, such as ``spherical`` or ``universal_xy``
     joint_types: dict[str, JointKind] = pydantic.Field(default_factory=dict)
-    stiffness: LoopStiffness | None = None
-    drives: tuple[DriveEntry, ...] = pydantic.Field(min_length=1)
+    stiffness: LoopStiffness | None = None  # of each closure
+    drives: tuple[DriveEntry, ...] = pydantic.Field(min_length=1)  # what the controller commands, in this order
+    # whether there are more of them than freedoms: what they disagree by is then measured
     redundant_drives: bool = False
+    # drives that share a cause, by the group's name; by default all angles and all lengths
     groups: dict[str, tuple[str, ...]] = pydantic.Field(default_factory=dict)
+    # joints that may stand elsewhere than drawn, or only along an axis of theirs (``anchor.tx``); by default all. Where
+    # nothing outside measures, what is held fixes the frame that the others are told in.
     places: tuple[str, ...] | None = None
-    axes: tuple[str, ...] | None = None
-    tolerances: str | None = None
+    axes: tuple[str, ...] | None = None  # joints whose axes may point elsewhere; by default all
+    tolerances: str | None = None  # a tolerances file of this robot's own
+    # force on a sliding drive at which its stretch is given; ``usual_moment_nm`` on a turning one
     usual_force_n: float = pydantic.Field(default=1000.0, gt=0.0)
     usual_moment_nm: float = pydantic.Field(default=100.0, gt=0.0)
-    payload_frame: str | None = None
-    travel: tuple[str, ...] = ()
+    payload_frame: str | None = None  # where a payload hangs
+    travel: tuple[str, ...] = ()  # joints that carry the base; they take no part in the closure either
+    # joint values (m, rad) near which the robot closes; by default all zero
     home: dict[str, float] = pydantic.Field(default_factory=dict)
 
     @pydantic.model_validator(mode="after")
@@ -129,9 +106,5 @@ class RobotFile(StrictModel):
 
     @classmethod
     def load(cls, path: Path | str) -> RobotFile:
-        """Read a robot file.
-
-        Raises:
-            DescriptionError: it cannot be read, or a key or value in it is wrong.
-        """
+        """Read a robot file; raises DescriptionError where it cannot be read, or a key or value in it is wrong."""
         return validate(cls, read_yaml(path), path)

@@ -32,12 +32,9 @@ _INTROSPECTION = re.compile(
 
 
 def readable(path: Path | str, folder: Path, also: Iterable[Path] = ()) -> Path:
-    """Return a path that a description in a folder may read.
+    """Return a path, absolute or relative to a description's folder, that the description may read.
 
-    Args:
-        path: the file, absolute or relative to the folder.
-        folder: of the description; it may read from the folder above it down.
-        also: files that it may read wherever they are.
+    It may read from the folder above its own down, and the files ``also`` wherever they are.
 
     Raises:
         DescriptionError: it lies elsewhere.

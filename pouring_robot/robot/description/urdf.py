@@ -2,6 +2,8 @@
 
 A URDF is a plain string here. :func:`perturb_urdf` moves single joints in it, which is how every geometric error
 enters a mechanism, and :func:`write_urdf` puts it into a folder with its meshes, so that any other program can load it.
+A text that is not readable XML, a mesh or a folder that is missing, or is where a description may not read, raises
+DescriptionError.
 """
 
 from collections.abc import Mapping
@@ -20,25 +22,37 @@ from pouring_robot.robot.description.strangers import readable
 MESH_PACKAGE = "package://pouring_robot_description/meshes"
 
 
-def description_folder() -> Path:
-    """Return the folder of the shipped description: inside an installed package, beside it in a checkout.
-
-    Raises:
-        DescriptionError: neither is there.
-    """
-    here = Path(__file__).resolve().parents[2]
-    for folder in (here / "robot_description", here.parent / "robot_description"):
-        if (folder / "urdf" / "pouring_robot.urdf.xacro").is_file():
+def shipped_folder(name: str, holds: str, words: str) -> Path:
+    """Return a folder that comes with the package and holds a file: in an installed one, beside it in a checkout."""
+    package = Path(__file__).resolve().parents[2]
+    for folder in (package / name, package.parent / name):
+        if (folder / holds).is_file():
             return folder
-    raise DescriptionError(here / "robot_description", "the robot description is missing; reinstall pouring_robot")
+    raise DescriptionError(package / name, f"{words} missing; reinstall pouring_robot")
+
+
+def description_folder() -> Path:
+    """Return the folder of the shipped description; raises DescriptionError where it is missing."""
+    return shipped_folder("robot_description", "urdf/pouring_robot.urdf.xacro", "the robot description is")
+
+
+def parsed(urdf: str, source: Path | str = "URDF") -> etree._Element:
+    """Return the root of a URDF; raises DescriptionError of its source where the text is not readable XML."""
+    try:
+        return etree.fromstring(urdf.encode())
+    except etree.XMLSyntaxError as error:
+        raise DescriptionError(source, f"line {error.lineno}: {error.msg}") from error
+
+
+def xml_text(root: etree._Element, *, indented: bool = False) -> str:
+    """Return an XML text, which ends with a line; indented where it was made element by element."""
+    if indented:
+        etree.indent(root)
+    return str(etree.tostring(root, encoding="unicode")) + "\n"
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a file of the description.
-
-    Raises:
-        DescriptionError: it cannot be read.
-    """
+    """Return the text of a file of the description; raises DescriptionError where it cannot be read."""
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -47,12 +61,7 @@ def read_text(path: Path) -> str:
 
 
 def reach(urdf: str, values: Mapping[str, float]) -> float:
-    """Return the length of the longest way from the root to a link, every part stretched out, in m.
-
-    Args:
-        urdf: of the robot.
-        values: of sliding joints, in m: they are part of the way; the others count as nothing.
-    """
+    """Return the longest way from the root to a link, stretched out, in m; slides count with their values (m)."""
     root = etree.fromstring(urdf.encode())
     steps: dict[str, list[tuple[str, float]]] = {}
     for joint in root.iterfind("joint"):
@@ -81,31 +90,22 @@ def carriers(root: etree._Element, frame: str) -> list[str]:
 
 
 def perturb_urdf(urdf: str, placements: Mapping[str, PlacementError], source: Path | str = "URDF") -> str:
-    """Return the URDF with single joints displaced.
+    """Return the URDF with single joints, by name, displaced; ``source`` is the file that errors name.
 
     Each joint's origin M becomes M · SE3(exp3(rotation_rad), translation_m); all else stays as it is. Numbers
     are written so that reading them gives the same double again: errors of a nanometre survive.
-
-    Args:
-        urdf: the nominal URDF.
-        placements: displacement by joint name.
-        source: the file that it comes from, for what is said of it.
 
     Raises:
         UnknownJointError: the URDF has no joint of that name.
         DescriptionError: the URDF is not readable XML, or a joint's origin is not six numbers.
     """
-    try:
-        root = etree.fromstring(urdf.encode())
-    except etree.XMLSyntaxError as error:
-        raise DescriptionError(source, f"line {error.lineno}: {error.msg}") from error
+    root = parsed(urdf, source)
     joints = {joint.get("name", ""): joint for joint in root.iterfind("joint")}
     for name, placement in placements.items():
         if name not in joints:
             raise UnknownJointError(name, joints)
         _displace(joints[name], placement, source)
-    text: str = etree.tostring(root, encoding="unicode")
-    return text + "\n"
+    return xml_text(root)
 
 
 def with_mesh_files(urdf: str) -> str:
@@ -114,37 +114,22 @@ def with_mesh_files(urdf: str) -> str:
 
 
 def meshes_from(urdf: str, folder: Path) -> str:
-    """Return the URDF with the addresses of meshes that are files made absolute.
-
-    Raises:
-        DescriptionError: it is not readable XML, or a mesh lies where a description may not read.
-    """
+    """Return the URDF with the addresses of meshes that are files made absolute."""
     if "<mesh" not in urdf:
         return urdf
-    try:
-        root = etree.fromstring(urdf.encode())
-    except etree.XMLSyntaxError as error:
-        raise DescriptionError("URDF", f"line {error.lineno}: {error.msg}") from error
+    root = parsed(urdf)
     for mesh in root.iter("mesh"):
         address = mesh.get("filename", "")
         if "://" not in address or address.startswith("file://"):
             mesh.set("filename", str(readable(address.removeprefix("file://"), folder)))
-    return str(etree.tostring(root, encoding="unicode")) + "\n"
+    return xml_text(root)
 
 
 def write_urdf(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = None) -> Path:
-    """Write a URDF and its meshes into a folder, all or nothing.
+    """Write a URDF with its meshes, and further files ``beside`` it, into a folder, all or nothing; return its path.
 
     Mesh addresses become relative (``meshes/…``), which readers resolve from the URDF's own folder, so that
     the folder can be moved or sent away.
-
-    Args:
-        urdf: as :func:`perturb_urdf` gives it.
-        folder: made if it is not there.
-        beside: further files to write with it, by name.
-
-    Returns:
-        The URDF's path, ``<robot name>.urdf``.
 
     Raises:
         DescriptionError: the URDF is not readable XML, or a mesh is missing.
@@ -155,15 +140,8 @@ def write_urdf(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
 
 
 def urdf_files(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = None) -> dict[Path, bytes | str]:
-    """Return what :func:`write_urdf` writes, by path; the URDF last.
-
-    Raises:
-        DescriptionError: the URDF is not readable XML, or a mesh is missing.
-    """
-    try:
-        root = etree.fromstring(urdf.encode())
-    except etree.XMLSyntaxError as error:
-        raise DescriptionError("URDF", f"line {error.lineno}: {error.msg}") from error
+    """Return what :func:`write_urdf` writes, by path; the URDF last."""
+    root = parsed(urdf)
     files: dict[Path, bytes | str] = {}
     for mesh in root.iter("mesh"):
         if (mesh.get("filename") or "").startswith("package://") and not mesh.get("filename").startswith(MESH_PACKAGE):
@@ -175,10 +153,12 @@ def urdf_files(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
             raise DescriptionError(source, f"cannot be read: {error.strerror}") from error
         mesh.set("filename", f"meshes/{source.name}")
     _say_massless(root)
-    _keep_for_mujoco(root)
+    if root.find("mujoco") is None:  # its compiler melts links and drops visuals of a URDF; others pass it over
+        settings = {"fusestatic": "false", "discardvisual": "false", "balanceinertia": "false", "strippath": "false"}
+        etree.SubElement(etree.SubElement(root, "mujoco"), "compiler", settings)
     files |= {folder / name: content for name, content in (beside or {}).items()}
     # No XML declaration: some readers pass the text on as a string, which must not declare an encoding.
-    files[folder / f"{root.get('name', 'robot')}.urdf"] = etree.tostring(root, encoding="unicode").encode() + b"\n"
+    files[folder / f"{root.get('name', 'robot')}.urdf"] = xml_text(root).encode()
     return files
 
 
@@ -190,13 +170,6 @@ def _say_massless(root: etree._Element) -> None:
             inertial = etree.SubElement(link, "inertial")
             etree.SubElement(inertial, "mass", value="0")
             etree.SubElement(inertial, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
-
-
-def _keep_for_mujoco(root: etree._Element) -> None:
-    """Tell MuJoCo's compiler, which melts links and drops visuals of a URDF, to keep them; others pass it over."""
-    settings = {"fusestatic": "false", "discardvisual": "false", "balanceinertia": "false", "strippath": "false"}
-    if root.find("mujoco") is None:
-        etree.SubElement(etree.SubElement(root, "mujoco"), "compiler", settings)
 
 
 def _displace(joint: etree._Element, placement: PlacementError, source: Path | str) -> None:

@@ -40,19 +40,12 @@ JOINT_KINDS = "RRPRR"
 
 @dataclass(frozen=True, eq=False)
 class DHChain:
-    """One chain: its nominal DH numbers and where they sit in the URDF.
+    """One chain: its nominal DH numbers and where they sit in the URDF."""
 
-    Attributes:
-        number: 1 to 4, the place of its loop in the loops file.
-        joints: the six URDF joints whose placements make up the chain; the last is the (fixed) seat.
-        nominal: a, α, d, θ of the eight transforms at joint value zero, shape (8, 4), in m and rad.
-        before: constant matrices of the six sites, shape (6, 4, 4); ``after`` likewise (see module docstring).
-    """
-
-    number: int
-    joints: tuple[str, ...]
-    nominal: FloatArray
-    before: FloatArray
+    number: int  # 1 to 4, the place of its loop in the loops file
+    joints: tuple[str, ...]  # the six URDF joints whose placements make up the chain; the last is the (fixed) seat
+    nominal: FloatArray  # a, α, d, θ of the eight transforms at joint value zero, shape (8, 4), in m and rad
+    before: FloatArray  # constant matrices of the six sites, shape (6, 4, 4); ``after`` likewise (see module docstring)
     after: FloatArray
 
     def at(self, joint_values: FloatArray, errors: FloatArray) -> FloatArray:

@@ -69,11 +69,7 @@ class _Placements:
 
 
 def dh_chain(mechanism: ClosedChainMechanism, index: int) -> DHChain:
-    """Derive the DH chain of one loop of a mechanism.
-
-    Args:
-        mechanism: the nominal robot.
-        index: the loop, from 0.
+    """Derive the DH chain of one loop, counted from 0, of the nominal robot's mechanism.
 
     Raises:
         NotUPUError: the chain is not R R P R R from base frame to end frame, or the axes of a U joint do not meet

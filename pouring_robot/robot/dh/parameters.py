@@ -35,7 +35,6 @@ class UnknownParameterError(BadInputError):
     """A DH parameter was named that the table does not hold."""
 
     def __init__(self, name: str, known: Iterable[str]) -> None:
-        """Name the parameter and suggest the nearest known one."""
         self.name, self.known = name, tuple(known)
         near = closest(name, self.known)
         hint = near if near.startswith("; did") else "; names are like 'alpha_e1_56' (m or rad)"
@@ -44,35 +43,21 @@ class UnknownParameterError(BadInputError):
 
 @dataclass(frozen=True)
 class DHParameter:
-    """One number of the DH table.
+    """One number of the DH table."""
 
-    Attributes:
-        name: ``alpha_e1_56``: symbol, chain, transform (a, alpha) or the frame it leads to (d, theta).
-        chain: 1 to 4.
-        transform: the transform it belongs to.
-        symbol: which of the transform's four numbers it is.
-        unit: ``m`` or ``rad``; of the nominal value, of errors, and below the line of ``twist``.
-        nominal: value on the drawing; of a joint variable, with the URDF joint at zero.
-        meaning: what it is on the machine.
-        role: ``geometric``; ``drive`` or ``joint variable``, to which a joint's value is added; ``convention``.
-        moves_with: the URDF joint whose value is added to it, if any.
-        reason: why it drops out of the study of errors; empty if it does not.
-        joint: the URDF joint whose placement an error of it displaces.
-        twist: displacement of that placement per unit of error, (linear, angular) in the joint's nominal placement
-            frame; m or rad per unit.
-    """
-
-    name: str
-    chain: int
-    transform: Transform
-    symbol: Symbol
-    unit: Literal["m", "rad"]
-    nominal: float
-    meaning: str
-    role: Role
-    moves_with: str | None
-    reason: str
-    joint: str
+    name: str  # ``alpha_e1_56``: symbol, chain, transform (a, alpha) or the frame it leads to (d, theta)
+    chain: int  # 1 to 4
+    transform: Transform  # the transform it belongs to
+    symbol: Symbol  # which of the transform's four numbers it is
+    unit: Literal["m", "rad"]  # ``m`` or ``rad``; of the nominal value, of errors, and below the line of ``twist``
+    nominal: float  # value on the drawing; of a joint variable, with the URDF joint at zero
+    meaning: str  # what it is on the machine
+    role: Role  # ``geometric``; ``drive`` or ``joint variable``, to which a joint's value is added; ``convention``
+    moves_with: str | None  # the URDF joint whose value is added to it, if any
+    reason: str  # why it drops out of the study of errors; empty if it does not
+    joint: str  # the URDF joint whose placement an error of it displaces
+    # displacement of that placement per unit of error, (linear, angular) in the joint's nominal placement frame; m or
+    # rad per unit
     twist: Twist
 
     @property
@@ -97,12 +82,7 @@ class DHParameter:
 
 
 def chain_parameters(chain: DHChain, drives: Collection[str]) -> Iterable[DHParameter]:
-    """Yield the 32 parameters of a chain, in order: transform by transform, a, α, d, θ.
-
-    Args:
-        chain: the chain.
-        drives: names of the driven joints.
-    """
+    """Yield the 32 parameters of a chain, in order: transform by transform, a, α, d, θ."""
     twists = chain.placement_twists() + 0.0
     variables = {place: chain.joints[k] for k, place in enumerate(VARIABLES)}
     for t, transform in enumerate(TRANSFORMS):

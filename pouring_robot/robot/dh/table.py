@@ -25,19 +25,13 @@ from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.dh.chain import DHChain
 from pouring_robot.robot.dh.derivation import dh_chain
 from pouring_robot.robot.dh.fit import fit_errors
-from pouring_robot.robot.dh.parameters import (
-    DHParameter,
-    UnknownParameterError,
-    chain_parameters,
-)
+from pouring_robot.robot.dh.parameters import DHParameter, UnknownParameterError, chain_parameters
 
 
 class DHTable:
     """The DH parameters of all chains, in order: chain by chain, transform by transform, a, α, d, θ.
 
-    Args:
-        chains: the chains, as :func:`~pouring_robot.robot.dh.derivation.dh_chain` gives them.
-        drives: names of the driven joints.
+    Names that are none raise UnknownParameterError; errors, joint values and chains that are none BadInputError.
     """
 
     def __init__(self, chains: Sequence[DHChain], drives: Collection[str]) -> None:
@@ -71,11 +65,7 @@ class DHTable:
         return MappingProxyType(self._chains)
 
     def __getitem__(self, name: str) -> DHParameter:
-        """Return a parameter by name.
-
-        Raises:
-            UnknownParameterError: there is no such parameter.
-        """
+        """Return a parameter by name; raises UnknownParameterError where there is no such parameter."""
         if name not in self._parameters:
             raise UnknownParameterError(name, self._parameters)
         return self._parameters[name]
@@ -85,13 +75,7 @@ class DHTable:
     ) -> tuple[DHParameter, ...]:
         """Return the parameters of these names in the order given, or else all that matter, in table order.
 
-        Args:
-            names: the wanted ones; whatever is named is returned, drop-outs too.
-            chain: only this chain's.
-            drop_outs: without names: whether to include the parameters that drop out.
-
-        Raises:
-            UnknownParameterError: there is no parameter of a name.
+        Whatever is named is returned, drop-outs too; ``chain`` leaves out those of others.
         """
         if names is not None:
             chosen = [self[name] for name in names]
@@ -111,10 +95,6 @@ class DHTable:
 
         Returns:
             Homogeneous matrices, shape (..., 4, 4).
-
-        Raises:
-            UnknownParameterError: there is no parameter of a name.
-            BadInputError: there is no such chain, the shape is wrong, or a number is not finite.
         """
         values = np.asarray(joint_values, dtype=float)
         if values.shape[-1:] != (5,) or not np.isfinite(values).all():
@@ -126,19 +106,9 @@ class DHTable:
         return self._chains[chain].poses(values, self._error_arrays(errors)[chain])
 
     def placement_errors(self, errors: Mapping[str, float]) -> dict[str, PlacementError]:
-        """Return the displaced joint placements that equal given DH errors, exactly and for all joint values.
+        """Return the displaced joint placements that equal DH errors (m, rad), exactly and for all joint values.
 
         An error of a joint variable or drive is included: it displaces the joint along or about its own axis.
-
-        Args:
-            errors: errors by parameter name, in m and rad.
-
-        Returns:
-            Displacements as ``description.perturb_urdf`` takes them, of the displaced joints only.
-
-        Raises:
-            UnknownParameterError: there is no parameter of a name.
-            BadInputError: an error is not finite.
         """
         arrays = self._error_arrays(errors)
         touched = {self[name].joint for name, value in errors.items() if value != 0.0}
@@ -188,13 +158,9 @@ class DHTable:
         return result
 
     def twist_matrix(self, parameters: Sequence[DHParameter] | None = None) -> FloatArray:
-        """Return the linear map from small DH errors of the nominal robot to the displacements of :attr:`joints`.
+        """Return the linear map (6 · joints, parameters) from small DH errors to displacements of :attr:`joints`.
 
-        Args:
-            parameters: columns; default :meth:`selection`.
-
-        Returns:
-            Shape (6 · joints, parameters), in m or rad per m or rad; rows are tx ty tz rx ry rz of each joint.
+        In m or rad per m or rad; rows are tx ty tz rx ry rz of each joint, columns by default :meth:`selection`.
         """
         columns = self.selection() if parameters is None else parameters
         matrix = np.zeros((len(self._sites), 6, len(columns)))

@@ -19,40 +19,25 @@ from pouring_robot.robot.export.closed import ClosedRobot
 
 @dataclass(frozen=True)
 class Shape:
-    """A visual or a collision.
+    """A visual or a collision."""
 
-    Attributes:
-        kind: ``box``, ``cylinder``, ``sphere`` or ``mesh``.
-        sizes: in m: lengths of a box; radius and length of a cylinder; radius of a sphere; scale of a mesh.
-        pose: in its body.
-        mesh: file name of a mesh.
-        colour: red, green, blue, opacity.
-    """
-
-    kind: str
+    kind: str  # ``box``, ``cylinder``, ``sphere`` or ``mesh``
+    # in m: lengths of a box; radius and length of a cylinder; radius of a sphere; scale of a mesh
     sizes: tuple[float, ...]
-    pose: pin.SE3
-    mesh: str = ""
-    colour: tuple[float, ...] = (0.7, 0.7, 0.7, 1.0)
+    pose: pin.SE3  # in its body
+    mesh: str = ""  # file name of a mesh
+    colour: tuple[float, ...] = (0.7, 0.7, 0.7, 1.0)  # red, green, blue, opacity
 
 
 @dataclass(frozen=True)
 class Body:
-    """A link where it stands.
-
-    Attributes:
-        name: of the link.
-        pose: in the world, m.
-        inertia: in the body's frame; None for a frame without mass.
-        visuals: what is drawn.
-        collisions: what is touched.
-    """
+    """A link where it stands."""
 
     name: str
-    pose: pin.SE3
-    inertia: pin.Inertia | None
-    visuals: tuple[Shape, ...]
-    collisions: tuple[Shape, ...]
+    pose: pin.SE3  # in the world, m
+    inertia: pin.Inertia | None  # in the body's frame; None for a frame without mass
+    visuals: tuple[Shape, ...]  # what is drawn
+    collisions: tuple[Shape, ...]  # what is touched
 
 
 # Of a drive's servo: what it yields at its rated force, in m or rad, and how fast it answers, in rad/s.
@@ -61,29 +46,18 @@ _YIELDS, _BANDWIDTH = 5e-3, 100.0
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint of the tree.
-
-    Attributes:
-        name: of the joint.
-        kind: ``revolute`` (``continuous`` too), ``prismatic``, ``spherical`` or ``fixed``.
-        parent: body that carries it; ``child``: body that it moves.
-        axis: in the child, unit length, (3,).
-        value: at which the bodies stand where they stand, in m or rad.
-        limits: lower and upper value; None: it goes round.
-        effort: largest force or torque, N or Nm; 0: not said. Likewise ``velocity``, m/s or rad/s.
-        damping: Ns/m or Nms/rad; ``friction``: N or Nm.
-    """
+    """A joint of the tree."""
 
     name: str
-    kind: str
-    parent: str
+    kind: str  # ``revolute`` (``continuous`` too), ``prismatic``, ``spherical`` or ``fixed``
+    parent: str  # body that carries it; ``child``: body that it moves
     child: str
-    axis: FloatArray
-    value: float
-    limits: tuple[float, float] | None
-    effort: float
+    axis: FloatArray  # in the child, unit length, (3,)
+    value: float  # at which the bodies stand where they stand, in m or rad
+    limits: tuple[float, float] | None  # lower and upper value; None: it goes round
+    effort: float  # largest force or torque, N or Nm; 0: not said. Likewise ``velocity``, m/s or rad/s.
     velocity: float
-    damping: float
+    damping: float  # Ns/m or Nms/rad; ``friction``: N or Nm
     friction: float
 
     @property
@@ -99,31 +73,18 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """A closed robot without its cut joints: every chain closes on the platform by a loop.
-
-    Attributes:
-        name: of the robot.
-        bodies: by name, each after the one that carries it.
-        joints: by the name of the body that each moves; bodies that nothing carries are not in it.
-        loops: frames (bodies here) that coincide, drives, stiffness.
-        base: the body that stands still, first of all.
-        mimics: ratio by follower and leader.
-    """
+    """A closed robot without its cut joints: every chain closes on the platform by a loop."""
 
     name: str
-    bodies: Mapping[str, Body]
-    joints: Mapping[str, Joint]
-    loops: LoopsFile
-    base: str
-    mimics: Mapping[tuple[str, str], float]
+    bodies: Mapping[str, Body]  # by name, each after the one that carries it
+    joints: Mapping[str, Joint]  # by the name of the body that each moves; bodies that nothing carries are not in it
+    loops: LoopsFile  # frames (bodies here) that coincide, drives, stiffness
+    base: str  # the body that stands still, first of all
+    mimics: Mapping[tuple[str, str], float]  # ratio by follower and leader
 
     @classmethod
     def of(cls, closed: ClosedRobot) -> Assembly:
-        """Read it off a closed robot.
-
-        Raises:
-            DescriptionError: the URDF has a joint or shape that cannot be written.
-        """
+        """Read it off a closed robot; raises DescriptionError for a joint or shape that cannot be written."""
         root, mechanism = etree.fromstring(closed.urdf.encode()), closed.mechanism
         paint = {
             m.get("name"): m.find("color").get("rgba") for m in root.iter("material") if m.find("color") is not None

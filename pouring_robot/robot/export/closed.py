@@ -20,7 +20,7 @@ from pouring_robot.batch import engine_for
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.poses import PlacementError
-from pouring_robot.robot.description.urdf import perturb_urdf
+from pouring_robot.robot.description.urdf import perturb_urdf, xml_text
 from pouring_robot.robot.location import frames_of
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import robot_of
@@ -29,38 +29,23 @@ from pouring_robot.robot.robot import Command, Robot
 
 @dataclass(frozen=True)
 class TreeGap:
-    """How far the working frame of the tree is from the closed robot's, over the workspace.
+    """How far the working frame of the tree is from the closed robot's, over the workspace."""
 
-    Attributes:
-        poses: how many were compared.
-        rms_m: root mean square of the distances, in m.
-        largest_m: the largest distance, in m.
-    """
-
-    poses: int
-    rms_m: float
-    largest_m: float
+    poses: int  # how many were compared
+    rms_m: float  # root mean square of the distances, in m
+    largest_m: float  # the largest distance, in m
 
 
 @dataclass(frozen=True, eq=False)
 class ClosedRobot:
-    """The robot as built, closed at one command.
+    """The robot as built, closed at one command."""
 
-    Attributes:
-        robot: its drives' offsets stand in the joints, so that the value of a drive's joint is the command.
-        result: the closure at the command.
-    """
-
-    robot: Robot
-    result: ClosureResult
+    robot: Robot  # its drives' offsets stand in the joints, so that the value of a drive's joint is the command
+    result: ClosureResult  # the closure at the command
 
     @classmethod
     def of(cls, model: RobotModel, command: Command | None = None) -> ClosedRobot:
-        """Close the robot of a model.
-
-        Args:
-            model: the robot as built.
-            command: where it stands; by default in the middle of its workspace, or at its home.
+        """Close the robot of a model at a command, by default in the middle of its workspace or at its home.
 
         Raises:
             BadInputError: it is no command of this robot.
@@ -83,7 +68,11 @@ class ClosedRobot:
     @functools.cached_property
     def urdf(self) -> str:
         """The tree, the platform standing at the command where the closure puts it."""
-        return perturb_urdf(self.mechanism.urdf, self._carried())
+        model, placed = self.mechanism.shared_model, {}
+        for name in self.mechanism.loops.cut_joints:  # off by the value of the free joint it is in the closure
+            first = model.joints[self.mechanism.joint_id(name)].idx_q
+            placed[name] = PlacementError.from_se3(pin.XYZQUATToSE3(self.result.configuration[first : first + 7]))
+        return perturb_urdf(self.mechanism.urdf, placed)
 
     def urdf_zero_here(self) -> str:
         """Return the tree with the zeros of its joints moved to the command, for viewers that show zeros."""
@@ -105,15 +94,7 @@ class ClosedRobot:
                 limit.set(bound, repr(float(limit.get(bound, "0")) - value))
             if mimic is not None:
                 mimic.set("offset", "0")
-        return str(etree.tostring(root, encoding="unicode")) + "\n"
-
-    def _carried(self) -> dict[str, PlacementError]:
-        """Return how far each cut joint stands off in the tree: the value of the free joint it is in the closure."""
-        model, placed = self.mechanism.shared_model, {}
-        for name in self.mechanism.loops.cut_joints:
-            first = model.joints[self.mechanism.joint_id(name)].idx_q
-            placed[name] = PlacementError.from_se3(pin.XYZQUATToSE3(self.result.configuration[first : first + 7]))
-        return placed
+        return xml_text(root)
 
     def over_workspace(self) -> TreeGap | None:
         """Compare the tree with the closed robot over the workspace; None where the tree is all there is.

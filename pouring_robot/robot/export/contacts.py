@@ -3,7 +3,7 @@
 import pinocchio as pin
 from lxml import etree
 
-from pouring_robot.robot.description.urdf import with_mesh_files
+from pouring_robot.robot.description.urdf import with_mesh_files, xml_text
 from pouring_robot.robot.export.assembly import Assembly
 from pouring_robot.robot.export.closed import ClosedRobot
 
@@ -54,7 +54,7 @@ def _with_what_is_here(urdf: str) -> str:
     for mesh in root.xpath("//mesh[starts-with(@filename, 'package://')]"):
         shape = mesh.getparent().getparent()
         shape.getparent().remove(shape)
-    return str(etree.tostring(root, encoding="unicode"))
+    return xml_text(root)
 
 
 def srdf(assembly: Assembly, pairs: dict[tuple[str, str], str]) -> str:
@@ -69,5 +69,4 @@ def srdf(assembly: Assembly, pairs: dict[tuple[str, str], str]) -> str:
             etree.SubElement(root, "passive_joint", name=joint.name)
     for (one, other), reason in pairs.items():
         etree.SubElement(root, "disable_collisions", link1=one, link2=other, reason=reason)
-    etree.indent(root)
-    return str(etree.tostring(root, encoding="unicode")) + "\n"
+    return xml_text(root, indented=True)

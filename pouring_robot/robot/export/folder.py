@@ -1,7 +1,6 @@
 """The folder that holds an exported robot: description, meshes in every format, joint values, closed."""
 
 import io
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -9,7 +8,7 @@ import trimesh
 from lxml import etree
 
 from pouring_robot.exceptions import DescriptionError
-from pouring_robot.robot.description.urdf import urdf_files
+from pouring_robot.robot.description.urdf import urdf_files, xml_text
 from pouring_robot.robot.export.assembly import Assembly
 from pouring_robot.robot.export.closed import ClosedRobot
 from pouring_robot.robot.export.contacts import joined_or_touching, srdf
@@ -22,23 +21,13 @@ FORMATS: tuple[Format, ...] = get_args(Format)
 
 
 def exported_files(
-    closed: ClosedRobot,
-    folder: Path,
-    form: Format = "urdf",
-    *,
-    zero_here: bool = False,
-    absolute_meshes: bool = False,
+    closed: ClosedRobot, folder: Path, form: Format = "urdf", *, zero_here: bool = False, absolute_meshes: bool = False
 ) -> dict[Path, bytes | str]:
-    """Return what an export writes, by path; the description last.
+    """Return what an export of a closed robot into a folder writes, by path; the description last.
 
-    Args:
-        closed: the robot as built, closed at the chosen command.
-        folder: where it will stand.
-        form: what describes it: ``urdf`` (with an SRDF and the file that says how it closes), ``mjcf``, ``sdf`` (loops
-            are joints) or ``drake`` (SDF, loops are bushings).
-        zero_here: whether the URDF's joints count from the command, so that its zero is closed. Without it they have
-            the package's values.
-        absolute_meshes: whether meshes are addressed from the root, for readers that know no folder.
+    It is a URDF with an SRDF and the file that says how it closes, MJCF, SDF whose loops are joints, or for Drake
+    bushings. ``zero_here``: the URDF's joints count from the command, so that its zero is closed, and not as the
+    package's. ``absolute_meshes``: meshes are addressed from the root, for readers that know no folder.
 
     Raises:
         DescriptionError: a mesh is missing, or something has no words in the format.
@@ -58,7 +47,9 @@ def exported_files(
         place = folder / f"joints.{kind}"
         files[place] = joints_text([JointRow.of(closed.result)], place)
     if form != "urdf":
-        _refuse_missing(assembly, files, folder)
+        for missing in (name for name in assembly.meshes if folder / "meshes" / name not in files):
+            problem = f"the mesh {missing} lies in a package that is not here"
+            raise DescriptionError("URDF", f"{problem}; give its file in the URDF, or export urdf")
     match form:
         case "mjcf":
             files[folder / f"{name}.xml"] = mjcf(closed, assembly, pairs)
@@ -71,13 +62,6 @@ def exported_files(
     return files
 
 
-def _refuse_missing(assembly: Assembly, files: Mapping[Path, bytes | str], folder: Path) -> None:
-    for mesh in assembly.meshes:
-        if folder / "meshes" / mesh not in files:
-            problem = f"the mesh {mesh} lies in a package that is not here; give its file in the URDF, or export urdf"
-            raise DescriptionError("URDF", problem)
-
-
 def _bytes(content: Any) -> bytes:
     return content.encode() if isinstance(content, str) else bytes(content)
 
@@ -87,7 +71,7 @@ def _absolute(urdf: bytes | str, folder: Path) -> bytes:
     for mesh in root.iter("mesh"):
         if "://" not in mesh.get("filename"):
             mesh.set("filename", str((folder / mesh.get("filename")).resolve()))
-    return bytes(etree.tostring(root, encoding="utf-8")) + b"\n"
+    return xml_text(root).encode()
 
 
 def _model_config(name: str) -> str:
@@ -95,5 +79,4 @@ def _model_config(name: str) -> str:
     for tag, value in (("name", name), ("version", "1.0"), ("sdf", f"{name}.sdf")):
         etree.SubElement(root, tag).text = value
     root.find("sdf").set("version", "1.9")
-    etree.indent(root)
-    return str(etree.tostring(root, encoding="unicode")) + "\n"
+    return xml_text(root, indented=True)

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from pouring_robot.batch.interface import Structure
 from pouring_robot.batch.samples import BatchClosure
+from pouring_robot.batch.structure import Structure
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.robot.model import RobotModel
@@ -22,27 +22,16 @@ from pouring_robot.robot.model import RobotModel
 
 @dataclass(frozen=True)
 class JointRow:
-    """The joints of the robot as built at one command.
+    """The joints of the robot as built at one command."""
 
-    Attributes:
-        values: by joint, in m or rad; a drive has its command, as in the exported tree.
-        units: ``m`` or ``rad``, by joint.
-        gap_m: largest distance left open in a loop, in m; ``gap_rad``: largest angle, in rad.
-    """
-
-    values: Mapping[str, float]
-    units: Mapping[str, str]
-    gap_m: float
+    values: Mapping[str, float]  # by joint, in m or rad; a drive has its command, as in the exported tree
+    units: Mapping[str, str]  # ``m`` or ``rad``, by joint
+    gap_m: float  # largest distance left open in a loop, in m; ``gap_rad``: largest angle, in rad
     gap_rad: float
 
     @classmethod
     def of(cls, closed: ClosureResult, offsets: Mapping[str, float] = MappingProxyType({})) -> JointRow:
-        """Take them from a closure.
-
-        Args:
-            closed: the robot as built.
-            offsets: by which drives stand beyond their commands in it, m or rad; in the exported tree joints hold them.
-        """
+        """Take them from a closure whose drives stand beyond commands by offsets, which the tree's joints hold."""
         beyond = closed.mechanism.followed(offsets)
         values = {name: value - beyond.get(name, 0.0) for name, value in closed.joint_values.items()}
         units = {name: closed.mechanism.unit_of(name) for name in values}
@@ -50,13 +39,7 @@ class JointRow:
 
     @classmethod
     def of_many(cls, structure: Structure, closed: BatchClosure, model: RobotModel) -> list[JointRow]:
-        """Take them from closures of an engine; of a pose without an answer all values are NaN.
-
-        Args:
-            structure: of the engine.
-            closed: the robot as built.
-            model: its drives' offsets.
-        """
+        """Take them from an engine's closures, less the model's drive offsets; without an answer all values are NaN."""
         offsets, mechanism = model.drive_offset_values(), structure.mechanism
         columns = dict.fromkeys(mechanism.loops.locked_joints, np.zeros(len(closed)))
         columns |= structure.joint_values(closed.joints)

@@ -19,6 +19,7 @@ from lxml import etree
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.closed_chain import GRAVITY_M_S2
 from pouring_robot.mechanism.loops import LoopSpec
+from pouring_robot.robot.description.urdf import xml_text
 from pouring_robot.robot.export.assembly import Assembly, Body, Joint, Shape
 from pouring_robot.robot.export.closed import ClosedRobot
 
@@ -35,12 +36,7 @@ def text(values: Iterable[float]) -> str:
 
 
 def mjcf(closed: ClosedRobot, assembly: Assembly, touching: Iterable[tuple[str, str]] = ()) -> str:
-    """Return the robot as MJCF; meshes are OBJ files in ``meshes``.
-
-    Args:
-        closed: the closed robot.
-        assembly: its bodies.
-        touching: pairs of bodies whose contacts are left out.
+    """Return the robot as MJCF, without contacts of pairs that touch; meshes are OBJ files in ``meshes``.
 
     Raises:
         DescriptionError: a moving body has no mass, which MuJoCo refuses.
@@ -71,12 +67,14 @@ def mjcf(closed: ClosedRobot, assembly: Assembly, touching: Iterable[tuple[str, 
         etree.SubElement(contact, "exclude", **dict(zip(("body1", "body2"), names, strict=True)))
     _close(etree.SubElement(root, "equality"), welds, assembly)
     actuators = etree.SubElement(root, "actuator")
-    for joint in assembly.servos:
-        _servo(actuators, joint)
+    for joint in assembly.servos:  # each gives its rated force where it is off by what it may yield
+        stiffness = repr(joint.servo_stiffness)
+        servo = etree.SubElement(actuators, "position", name=joint.name, joint=joint.name, kp=stiffness, dampratio="1")
+        if joint.limits:
+            servo.set("ctrlrange", text(joint.limits))
     key = etree.SubElement(etree.SubElement(root, "keyframe"), "key", name="closed")
     key.set("ctrl", text(joint.value for joint in assembly.servos))
-    etree.indent(root)
-    return str(etree.tostring(root, encoding="unicode")) + "\n"
+    return xml_text(root, indented=True)
 
 
 def _mobilities(closed: ClosedRobot, assembly: Assembly) -> dict[str, tuple[float, float]]:
@@ -207,12 +205,3 @@ def _close(equality: Any, welds: Mapping[str, _Weld], assembly: Assembly) -> Non
         etree.SubElement(equality, kind, name=loop.name, site1=loop.frame_a, site2=loop.frame_b, **scale, **softness)
     for (follower, leader), ratio in assembly.mimics.items():
         etree.SubElement(equality, "joint", joint1=follower, joint2=leader, polycoef=text((0.0, ratio, 0.0, 0.0, 0.0)))
-
-
-def _servo(actuators: Any, joint: Joint) -> None:
-    """A servo that gives its rated force where it is off by what it may yield."""
-    servo = etree.SubElement(
-        actuators, "position", name=joint.name, joint=joint.name, kp=repr(joint.servo_stiffness), dampratio="1"
-    )
-    if joint.limits:
-        servo.set("ctrlrange", text(joint.limits))

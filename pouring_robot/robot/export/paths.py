@@ -3,41 +3,27 @@
 import tempfile
 from pathlib import Path
 
-from pouring_robot.exceptions import BadInputError, DescriptionError, OutputError
+from pouring_robot.exceptions import BadInputError, OutputError
 from pouring_robot.io.cache import cache_folder, content_key
-from pouring_robot.robot.description.urdf import description_folder, write_urdf
+from pouring_robot.robot.description.urdf import description_folder, shipped_folder, write_urdf
 from pouring_robot.robot.export.closed import ClosedRobot
 from pouring_robot.robot.model import RobotModel
 
 
 def package_path() -> Path:
-    """Return the folder of the robot description: meshes, xacro, dimensions, loops.
-
-    Raises:
-        DescriptionError: it is missing from the installation.
-    """
+    """Return the folder of the robot description: meshes, xacro, dimensions, loops; as ``description_folder``."""
     return description_folder()
 
 
 def examples_path() -> Path:
-    """Return the folder of the examples: inside an installed package, beside it in a checkout.
-
-    Raises:
-        DescriptionError: it is missing from the installation.
-    """
-    package = Path(__file__).resolve().parents[2]
-    for folder in (package / "examples", package.parent / "examples"):
-        if (folder / "actual.yaml").is_file():
-            return folder
-    raise DescriptionError(package / "examples", "the examples are missing; reinstall pouring_robot")
+    """Return the folder of the examples; raises DescriptionError where it is missing from the installation."""
+    return shipped_folder("examples", "actual.yaml", "the examples are")
 
 
 def urdf_path(*, layout: str | None = None, model: RobotModel | Path | str | None = None) -> Path:
-    """Return a URDF file with its meshes beside it, in the cache folder.
+    """Return a URDF file with its meshes beside it, in the cache folder, of a layout (default: ``paper``) or a model.
 
-    Args:
-        layout: the drawing of this layout (default: ``paper``).
-        model: the robot as built instead: a model or its file; drive offsets become displaced joints.
+    A model is the robot as built, or its file; its drive offsets become displaced joints.
 
     Raises:
         BadInputError: both are given, or one is wrong.

@@ -12,6 +12,7 @@ import pinocchio as pin
 from lxml import etree
 
 from pouring_robot.mechanism.loops import LoopSpec
+from pouring_robot.robot.description.urdf import xml_text
 from pouring_robot.robot.export.assembly import Assembly, Body, Joint, Shape
 from pouring_robot.robot.export.mjcf import text
 
@@ -24,10 +25,8 @@ _KINDS = {"spherical": "ball"}
 def sdf(assembly: Assembly, loops: Literal["joints", "bushings"] = "joints") -> str:
     """Return the robot as SDF; meshes are OBJ files in ``meshes``.
 
-    Args:
-        assembly: the closed robot.
-        loops: as joints (``fixed`` or ``ball``) for simulators whose joints may close loops; or as linear bushings of
-            the robot's own stiffness for Drake, whose joints make a tree.
+    Loops are joints (``fixed`` or ``ball``) for simulators whose joints may close loops; or linear bushings of the
+    robot's own stiffness for Drake, whose joints make a tree.
     """
     root = etree.Element("sdf", nsmap={"drake": _DRAKE} if loops == "bushings" else None, version="1.9")
     model = etree.SubElement(root, "model", name=assembly.name)
@@ -40,7 +39,9 @@ def sdf(assembly: Assembly, loops: Literal["joints", "bushings"] = "joints") -> 
         else:
             _link(model, body, assembly)
     fixed = _joint(model, "fixed_to_world", "fixed", "world", _called(assembly.base, assembly))
-    fixed.addprevious(etree.Comment(f" zero is where {_commands(assembly)} "))
+    values = {joint.name: joint.value for joint in assembly.joints.values()}
+    commands = ", ".join(f"{name} = {values[name]!r}" for name in assembly.loops.drives)
+    fixed.addprevious(etree.Comment(f" zero is where {commands} "))
     for note in mimic_notes(assembly.mimics):
         fixed.addprevious(etree.Comment(f" {note.replace('--', '- -')} "))
     for joint in assembly.joints.values():
@@ -52,8 +53,7 @@ def sdf(assembly: Assembly, loops: Literal["joints", "bushings"] = "joints") -> 
         else:
             kind = "fixed" if loop.type == "6d" else "ball"
             _joint(model, f"{loop.name}_loop", kind, _called(loop.frame_a, assembly), _carrier(loop.frame_b, assembly))
-    etree.indent(root)
-    return str(etree.tostring(root, encoding="unicode")) + "\n"
+    return xml_text(root, indented=True)
 
 
 def mimic_notes(mimics: Mapping[tuple[str, str], float]) -> list[str]:
@@ -77,11 +77,6 @@ def _called(name: str, assembly: Assembly) -> str:
 
 def _carrier(name: str, assembly: Assembly) -> str:
     return assembly.joints[name].parent if _is_frame(assembly.bodies[name], assembly) else _called(name, assembly)
-
-
-def _commands(assembly: Assembly) -> str:
-    values = {joint.name: joint.value for joint in assembly.joints.values()}
-    return ", ".join(f"{name} = {values[name]!r}" for name in assembly.loops.drives)
 
 
 def _add(parent: Any, tag: str, value: str) -> Any:

@@ -13,9 +13,8 @@ import numpy as np
 from pouring_robot.io.quantities import Quantity
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.robot.description.causes import Causes
 from pouring_robot.robot.description.command import CommandAxis
-from pouring_robot.robot.description.definition import ParameterGroups, ParameterSets, RobotDefinition
+from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.robot_file import RobotFile
 from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.dh.table import DHTable
@@ -34,16 +33,16 @@ THERMOMETERS = ("melt", *LEGS, "platform")
 
 
 class PouringDefinition(RobotDefinition):
-    """The pouring robot of one layout.
-
-    Args:
-        layout: name of a layout in the dimensions file.
-        layouts_file: dimensions file; by default the shipped one.
+    """The pouring robot of one layout of a dimensions file, by default the shipped one.
 
     Raises:
         DescriptionError: the description or the dimensions file is broken.
         UnknownLayoutError: there is no such layout.
     """
+
+    parameter_groups, parameter_sets, inner_joints, causes = GROUPS, SETS, INNER_JOINTS, CAUSES
+    thermometers = expected_thermometers = THERMOMETERS
+    tool_words = "the ladle", "the pouring lip"
 
     def __init__(self, layout: str = "paper", layouts_file: Path | None = None) -> None:
         self.layout, self.layouts_file = layout, layouts_file
@@ -79,31 +78,6 @@ class PouringDefinition(RobotDefinition):
         return DHTable.from_mechanism(nominal)
 
     @property
-    def parameter_groups(self) -> ParameterGroups:
-        """What one physical cause moves together: its meaning on the machine, and the patterns of its parameters."""
-        return GROUPS
-
-    @property
-    def parameter_sets(self) -> ParameterSets:
-        """Named sets of groups."""
-        return SETS
-
-    @property
-    def inner_joints(self) -> frozenset[str]:
-        """Those inside the legs and their U joints."""
-        return INNER_JOINTS
-
-    @property
-    def thermometers(self) -> tuple[str, ...]:
-        """Melt, legs and moving platform."""
-        return THERMOMETERS
-
-    @property
-    def tool_words(self) -> tuple[str, str]:
-        """The ladle and its lip."""
-        return "the ladle", "the pouring lip"
-
-    @property
     def command_columns(self) -> tuple[Quantity, ...]:
         """Place and tilt of the platform."""
         return (*(Quantity(name, "length", required=True) for name in "xyz"), Quantity("tilt", "angle", required=True))
@@ -119,16 +93,6 @@ class PouringDefinition(RobotDefinition):
     def command_values(self, numbers: Mapping[str, FloatArray]) -> FloatArray:
         """Return poses, (n, 4), in m and rad, from columns (n,)."""
         return np.stack([numbers[column.name] for column in self.command_columns], axis=-1)
-
-    @property
-    def expected_thermometers(self) -> tuple[str, ...]:
-        """All of them."""
-        return THERMOMETERS
-
-    @property
-    def causes(self) -> Causes:
-        """The fourteen effects, over legs, platforms, tilt drive and truss."""
-        return CAUSES
 
 
 @functools.cache

@@ -15,10 +15,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError, closest
+from pouring_robot.exceptions import BadInputError, NoSolutionError, closest
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.reach import JointReach, joint_reach
+from pouring_robot.mechanism.reach import JointReach, joint_reach, refuse_beyond
 from pouring_robot.robot.pouring.names import CHAIN_JOINTS, DRIVE_JOINTS, LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 
@@ -48,8 +48,7 @@ def chain_joints(
     tilt = np.asarray(tilts_rad, dtype=float)[..., None]
     bx, by, bz = moving_m.T
     turned = np.stack(
-        [bx * np.cos(tilt) + bz * np.sin(tilt), by + 0.0 * tilt, bz * np.cos(tilt) - bx * np.sin(tilt)],
-        axis=-1,
+        [bx * np.cos(tilt) + bz * np.sin(tilt), by + 0.0 * tilt, bz * np.cos(tilt) - bx * np.sin(tilt)], axis=-1
     )
     leg = np.asarray(positions_m, dtype=float)[..., None, :] + turned - fixed_m
     length = np.hypot(np.hypot(leg[..., 0], leg[..., 1]), leg[..., 2])
@@ -59,42 +58,28 @@ def chain_joints(
 
 
 class FourUPUKinematics:
-    """Closed-form kinematics of the nominal mechanism.
-
-    Args:
-        nominal: the mechanism without errors; its joint placements are the only source of geometry.
-    """
+    """Closed-form kinematics of the nominal mechanism, whose joint placements are the only source of geometry."""
 
     def __init__(self, nominal: ClosedChainMechanism) -> None:
         self.mechanism = nominal
-        closed_at_zero = nominal.neutral_configuration()
-        fixed, moving = self._centres(closed_at_zero)
-        self.fixed_centres_m, self.moving_centres_m = fixed, moving
         self._limits = nominal.joint_limits()
-
-    def _centres(self, configuration: FloatArray) -> tuple[FloatArray, FloatArray]:
-        model = self.mechanism.shared_model
-        data = model.createData()
-        pin.framesForwardKinematics(model, data, configuration)
+        data = nominal.thread_data()
+        pin.framesForwardKinematics(nominal.shared_model, data, nominal.neutral_configuration())
 
         def place(base: str, frame: str) -> FloatArray:
-            base_id, frame_id = (self.mechanism.frame_id(name) for name in (base, frame))
+            base_id, frame_id = (nominal.frame_id(name) for name in (base, frame))
             return np.array(data.oMf[base_id].actInv(data.oMf[frame_id]).translation)
 
-        loops = self.mechanism.loops
-        fixed = np.array([place(loops.base_frame, joints[0]) for joints in CHAIN_JOINTS])
-        moving = np.array([place(str(loops.end_frame), f"{leg}_seat") for leg in LEGS])
-        return fixed, moving
+        loops = nominal.loops
+        self.fixed_centres_m = np.array([place(loops.base_frame, joints[0]) for joints in CHAIN_JOINTS])
+        self.moving_centres_m = np.array([place(str(loops.end_frame), f"{leg}_seat") for leg in LEGS])
 
     def chain_joints(self, positions_m: FloatArray, tilts_rad: FloatArray) -> FloatArray:
         """Return the joints of all chains for arrays of poses; see :func:`chain_joints`."""
         return chain_joints(self.fixed_centres_m, self.moving_centres_m, positions_m, tilts_rad)
 
     def commands(self, poses: FloatArray) -> BatchCommand:
-        """Run the nominal inverse kinematics for many poses; joint limits are not looked at.
-
-        Args:
-            poses: x, y, z in m and the tilt in rad, shape (n, 4).
+        """Run the nominal inverse kinematics for poses (n, 4): x, y, z in m, tilt in rad; joint limits do not count.
 
         Raises:
             BadInputError: the array has another shape.
@@ -126,11 +111,7 @@ class FourUPUKinematics:
         return self.commands(poses).start
 
     def configuration_at(self, drives: FloatArray, /) -> FloatArray:
-        """Return the closed nominal configuration, (nq,), for drive values (4,), in m and rad.
-
-        Raises:
-            NoSolutionError: no pose has these drive values.
-        """
+        """Return the closed nominal configuration, (nq,), for drive values (4,), in m and rad."""
         return self.configuration(self.forward(dict(zip(self.mechanism.loops.drives, drives.tolist(), strict=True))))
 
     def within_limits(self, joints: FloatArray) -> NDArray[np.bool_]:
@@ -163,14 +144,8 @@ class FourUPUKinematics:
         return {drive: values[drive] for drive in self.mechanism.loops.drives}
 
     def refuse_beyond_limits(self, values: Mapping[str, float]) -> None:
-        """Check joint values (m, rad) against the robot's limits.
-
-        Raises:
-            UnreachablePoseError: a joint is beyond its limits; the error names the one that is furthest.
-        """
-        worst = self.limiting_joint(values)
-        if worst.margin < 0.0:
-            raise UnreachablePoseError(worst.joint, worst.value, worst.lower, worst.upper, worst.unit)
+        """Check joint values (m, rad) against the robot's limits, as :func:`refuse_beyond`."""
+        refuse_beyond(self.reach(values))
 
     def reach(self, values: Mapping[str, float]) -> tuple[JointReach, ...]:
         """Return how every chain joint stands within its limits, the most limiting one first."""

@@ -3,13 +3,17 @@
 The URDF is the source of the geometry; xacro makes it from the same file. This module checks the
 file before xacro sees it (a misspelt key, a negative size, a NaN is refused with file, line and key). Then
 it reads the few things a URDF cannot hold: the workspace, the ladle's payload, the required accuracy.
+
+A file that is missing or wrong raises DescriptionError, which names file, line and key; a layout that it does not hold
+UnknownLayoutError.
 """
 
 import math
 import reprlib
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -21,73 +25,49 @@ from pouring_robot.io.typed_yaml import read_yaml, validate
 from pouring_robot.mechanism.arrays import read_only
 from pouring_robot.robot.description.urdf import description_folder, read_text
 from pouring_robot.robot.pouring import layout_schema
-from pouring_robot.robot.pouring.layout_schema import Ladle, LayoutEntry, LayoutsFile
+from pouring_robot.robot.pouring.layout_schema import InMetres, InRadians, Ladle, LayoutEntry, LayoutsFile
 
 # YAML 1.1, as xacro reads it; the compiled one where PyYAML has it.
 _XACRO_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+# The mesh is made of flat facets, so its outline lies up to 0.3 % inside the true one.
+_MESH_TOLERANCE = 0.005
 
 
 @dataclass(frozen=True)
 class LadleDimensions:
-    """The ladle in SI units; positions in the moving platform's frame.
+    """The ladle in SI units; positions in the moving platform's frame."""
 
-    Attributes:
-        payload_kg: largest mass of melt. It is a condition of a pose, not part of the URDF.
-        tare_kg: mass of the empty ladle, as in the URDF.
-        centre_of_mass_m: of the empty ladle.
-        rim_centre_m: origin of the link ``ladle``.
-        outer_radius_top_m, outer_radius_bottom_m, height_m, wall_m: the truncated cone.
-        rim_flange_m, rim_flange_height_m: stiffening ring.
-        lip_reach_m: pouring lip beyond the outer radius.
-        lip_half_angle_rad: angular half width of the lip.
-        melt_below_rim_m: level of a full ladle.
-        mesh: file name of the mesh.
-    """
-
-    payload_kg: float
-    tare_kg: float
-    centre_of_mass_m: tuple[float, float, float]
-    rim_centre_m: tuple[float, float, float]
-    outer_radius_top_m: float
+    payload_kg: float  # largest mass of melt. It is a condition of a pose, not part of the URDF.
+    tare_kg: float  # mass of the empty ladle, as in the URDF
+    centre_of_mass_m: tuple[float, float, float]  # of the empty ladle
+    rim_centre_m: tuple[float, float, float]  # origin of the link ``ladle``
+    outer_radius_top_m: float  # the truncated cone
     outer_radius_bottom_m: float
     height_m: float
     wall_m: float
-    rim_flange_m: float
+    rim_flange_m: float  # stiffening ring
     rim_flange_height_m: float
-    lip_reach_m: float
-    lip_half_angle_rad: float
-    melt_below_rim_m: float
-    mesh: str
+    lip_reach_m: float  # pouring lip beyond the outer radius
+    lip_half_angle_rad: float  # angular half width of the lip
+    melt_below_rim_m: float  # level of a full ladle
+    mesh: str  # file name of the mesh
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """What Python needs of one layout, in SI units. Arrays are read-only.
+    """What Python needs of one layout, in SI units. Arrays are read-only."""
 
-    Attributes:
-        name: its name in the file.
-        path: the file.
-        position_lower_m, position_upper_m: (3,) workspace box of the moving platform's origin, in the
-            fixed platform.
-        tilt_lower_rad, tilt_upper_rad: its tilt about y.
-        accuracy_m: required accuracy of the ladle.
-        fixed_centres_m: (4, 3) upper U-joint centres A_i in the fixed platform.
-        moving_centres_m: (4, 3) lower U-joint centres B_i in the moving platform.
-        truss_span_m: length over which ``truss_travel`` runs.
-        ladle: the ladle.
-    """
-
-    name: str
-    path: Path
-    position_lower_m: NDArray[np.float64]
+    name: str  # its name in the file
+    path: Path  # the file
+    position_lower_m: NDArray[np.float64]  # (3,) workspace box of the moving platform's origin, in the fixed platform
     position_upper_m: NDArray[np.float64]
-    tilt_lower_rad: float
+    tilt_lower_rad: float  # its tilt about y
     tilt_upper_rad: float
-    accuracy_m: float
-    fixed_centres_m: NDArray[np.float64]
-    moving_centres_m: NDArray[np.float64]
-    truss_span_m: float
-    ladle: LadleDimensions
+    accuracy_m: float  # required accuracy of the ladle
+    fixed_centres_m: NDArray[np.float64]  # (4, 3) upper U-joint centres A_i in the fixed platform
+    moving_centres_m: NDArray[np.float64]  # (4, 3) lower U-joint centres B_i in the moving platform
+    truss_span_m: float  # length over which ``truss_travel`` runs
+    ladle: LadleDimensions  # the ladle
 
     @property
     def box(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -103,31 +83,18 @@ class Layout:
 
 
 def shipped_layouts_file() -> Path:
-    """Return the dimensions file that comes with the package.
-
-    Raises:
-        DescriptionError: the robot description is missing from the installation.
-    """
+    """Return the dimensions file that comes with the package."""
     return description_folder() / "config" / "layouts.yaml"
 
 
 def layout_names(layouts_file: Path | None = None) -> tuple[str, ...]:
-    """Return the names of the layouts in a dimensions file (default: the shipped one), in the file's order.
-
-    Raises:
-        DescriptionError: the file is missing or wrong; names file, line and key.
-    """
+    """Return the names of the layouts in a dimensions file (default: the shipped one), in the file's order."""
     path = layouts_file or shipped_layouts_file()
     return tuple(_parse(path, read_text(path)).layouts)
 
 
 def load_layout(name: str = "paper", layouts_file: Path | None = None) -> Layout:
-    """Return one layout of a dimensions file (default: the shipped one) in SI units.
-
-    Raises:
-        DescriptionError: the file is missing or wrong; names file, line and key.
-        UnknownLayoutError: the file holds no such layout.
-    """
+    """Return one layout of a dimensions file (default: the shipped one) in SI units."""
     path = layouts_file or shipped_layouts_file()
     entry = check_layout(name, path, read_text(path))
     box = (entry.workspace.x.metres, entry.workspace.y.metres, entry.workspace.z.metres)
@@ -140,20 +107,15 @@ def load_layout(name: str = "paper", layouts_file: Path | None = None) -> Layout
         tilt_lower_rad=tilt[0],
         tilt_upper_rad=tilt[1],
         accuracy_m=entry.workspace.accuracy.metres,
-        fixed_centres_m=entry.fixed_centres.metres,
-        moving_centres_m=entry.moving_centres.metres,
+        fixed_centres_m=read_only(np.array(entry.fixed_centres.metres)),
+        moving_centres_m=read_only(np.array(entry.moving_centres.metres)),
         truss_span_m=entry.truss.span.metres,
         ladle=_ladle(entry.ladle),
     )
 
 
 def check_layout(name: str, path: Path, text: str) -> LayoutEntry:
-    """Return the checked entry of a layout from the text of a dimensions file.
-
-    Raises:
-        DescriptionError: the text is not a sound dimensions file.
-        UnknownLayoutError: it holds no such layout.
-    """
+    """Return the checked entry of a layout from the text of a dimensions file."""
     layouts = _parse(path, text).layouts
     if name not in layouts:
         raise UnknownLayoutError(name, tuple(layouts), path)
@@ -186,9 +148,8 @@ def _refuse_ambiguous(path: Path, ours: object, theirs: object, key: str = "") -
         for name, value in ours.items():
             if name not in theirs:
                 seen = f"YAML readers disagree on the name '{name}'"
-                raise DescriptionError(
-                    path, f"'{key}': {seen}; put it in quotes" if key else f"{seen}; put it in quotes"
-                )
+                where = f"'{key}': " if key else ""
+                raise DescriptionError(path, f"{where}{seen}; put it in quotes")
             _refuse_ambiguous(path, value, theirs.get(name), f"{key}.{name}".lstrip("."))
     elif isinstance(ours, list) and isinstance(theirs, list) and len(ours) == len(theirs):
         for index, (mine, other) in enumerate(zip(ours, theirs, strict=True)):
@@ -199,19 +160,39 @@ def _refuse_ambiguous(path: Path, ours: object, theirs: object, key: str = "") -
 
 
 def _ladle(entry: Ladle) -> LadleDimensions:
-    return LadleDimensions(
-        payload_kg=entry.payload.value,
-        tare_kg=entry.tare.value,
-        centre_of_mass_m=entry.centre_of_mass.metres,
-        rim_centre_m=entry.rim_centre.metres,
-        outer_radius_top_m=entry.outer_radius_top.metres,
-        outer_radius_bottom_m=entry.outer_radius_bottom.metres,
-        height_m=entry.height.metres,
-        wall_m=entry.wall.metres,
-        rim_flange_m=entry.rim_flange.metres,
-        rim_flange_height_m=entry.rim_flange_height.metres,
-        lip_reach_m=entry.lip_reach.metres,
-        lip_half_angle_rad=entry.lip_half_angle.radians,
-        melt_below_rim_m=entry.melt_below_rim.metres,
-        mesh=entry.mesh.value,
+    si: dict[str, Any] = {"payload_kg": entry.payload.value, "tare_kg": entry.tare.value, "mesh": entry.mesh.value}
+    for name, size in entry:
+        if isinstance(size, InMetres):
+            si[f"{name}_m"] = size.metres
+        elif isinstance(size, InRadians):
+            si[f"{name}_rad"] = size.radians
+    return LadleDimensions(**{field.name: si[field.name] for field in fields(LadleDimensions)})
+
+
+def ladle_outline_m(layout: Layout) -> NDArray[np.float64]:
+    """Return the corners of the box around the ladle, in the frame ``ladle``: lower and upper, shape (2, 3), in m.
+
+    The vessel hangs below its rim (z = 0); the pouring lip reaches out towards +x.
+    """
+    ladle = layout.ladle
+    rim = ladle.outer_radius_top_m + ladle.rim_flange_m
+    lip = max(rim, ladle.outer_radius_top_m + ladle.lip_reach_m)
+    return np.array([[-rim, -rim, -ladle.height_m], [lip, rim, 0.0]])
+
+
+def stale_mesh_note(layout: Layout) -> str | None:
+    """Return a line that says so if the ladle's mesh has another size than the dimensions file; otherwise None."""
+    path = description_folder() / "meshes" / layout.ladle.mesh
+    if not path.is_file():  # whoever draws it says that it is missing
+        return None
+    import trimesh  # takes half a second to import
+
+    wanted = ladle_outline_m(layout)
+    found = np.asarray(trimesh.load_mesh(path).bounds)
+    off = np.abs(found - wanted).max()
+    if off <= _MESH_TOLERANCE * np.abs(wanted).max():
+        return None
+    return (
+        f"the ladle is drawn from {layout.ladle.mesh}, which is {off * 1e3:.0f} mm off the dimensions in "
+        f"{layout.path.name}; make it anew with scripts/make_meshes.py --layouts FILE (figures are not concerned)"
     )

@@ -5,15 +5,12 @@ numbers that are not finite are refused. The properties ``metres`` and ``radians
 """
 
 import math
-from typing import Annotated, Generic, Literal, TypeVar
+from typing import Annotated, Any, Generic, Literal, TypeVar, cast
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 from pydantic import Strict as OnlyOfType
 
 from pouring_robot.io.typed_yaml import StrictModel
-from pouring_robot.mechanism.arrays import read_only
 
 # Only numbers count as numbers: the text "350" and the switch `true` would otherwise be turned into one.
 _Number = Annotated[float, OnlyOfType()]
@@ -45,65 +42,40 @@ class Entry(StrictModel, Generic[Value, Unit]):
     note: str = ""
     value: Value
 
-    def _per_si(self) -> float:
-        return _PER_SI[str(self.unit)]
+    @property
+    def _si(self) -> Value:
+        return cast("Value", _divided(self.value, _PER_SI[str(self.unit)]))
 
 
-class Length(Entry[Size, Literal["mm", "m"]]):
-    """A size."""
+def _divided(value: Any, by: float) -> Any:
+    return tuple(_divided(part, by) for part in value) if isinstance(value, tuple) else value / by
+
+
+class InMetres(Entry[Value, Unit]):
+    """What is measured in lengths."""
 
     @property
-    def metres(self) -> float:
+    def metres(self) -> Value:
         """Value in m."""
-        return self.value / self._per_si()
+        return self._si
 
 
-class Angle(Entry[Size, Literal["rad", "deg"]]):
-    """A positive angle."""
+class InRadians(Entry[Value, Unit]):
+    """What is measured in angles."""
 
     @property
-    def radians(self) -> float:
+    def radians(self) -> Value:
         """Value in rad."""
-        return self.value / self._per_si()
+        return self._si
 
 
-class Position(Entry[Point, Literal["mm", "m"]]):
-    """A point."""
-
-    @property
-    def metres(self) -> Point:
-        """Value in m."""
-        x, y, z = (v / self._per_si() for v in self.value)
-        return x, y, z
-
-
-class Centres(Entry[tuple[Point, Point, Point, Point], Literal["mm", "m"]]):
-    """Four points, one a chain."""
-
-    @property
-    def metres(self) -> NDArray[np.float64]:
-        """Value in m, (4, 3), read-only."""
-        return read_only(np.array(self.value, dtype=np.float64) / self._per_si())
-
-
-class LengthRange(Entry[Bounds, Literal["mm", "m"]]):
-    """Lower and upper bound of a coordinate."""
-
-    @property
-    def metres(self) -> tuple[float, float]:
-        """Value in m."""
-        return self.value[0] / self._per_si(), self.value[1] / self._per_si()
-
-
-class AngleRange(Entry[Bounds, Literal["rad", "deg"]]):
-    """Lower and upper bound of an angle."""
-
-    @property
-    def radians(self) -> tuple[float, float]:
-        """Value in rad."""
-        return self.value[0] / self._per_si(), self.value[1] / self._per_si()
-
-
+Length = InMetres[Size, Literal["mm", "m"]]
+Position = InMetres[Point, Literal["mm", "m"]]
+Centres = InMetres[tuple[Point, Point, Point, Point], Literal["mm", "m"]]
+"""Four points, one a chain."""
+LengthRange = InMetres[Bounds, Literal["mm", "m"]]
+Angle = InRadians[Size, Literal["rad", "deg"]]
+AngleRange = InRadians[Bounds, Literal["rad", "deg"]]
 Mass = Entry[Size, Literal["kg"]]
 Density = Entry[Size, Literal["kg/m3"]]
 Speed = Entry[Size, Literal["m/s", "mm/s"]]

@@ -48,34 +48,21 @@ QUESTIONS = {
 class NewLayout:
     """What the owner of a machine says of it: the U joints of each platform stand at the corners of a rectangle.
 
-    Attributes:
-        name: of the layout.
-        fixed_mm: distances of the upper U-joint centres along x and along y.
-        moving_mm: of the lower ones.
-        x_mm, y_mm, z_mm: workspace of the moving platform's origin in the fixed one.
-        tilt_deg: its tilt about y.
-        stroke_mm: shortest and longest leg; None: what the workspace needs.
-        payload_kg: largest mass of melt.
-        tare_kg: of the empty ladle.
+    Sizes that are not above zero, and ranges not from low to high, raise BadInputError.
     """
 
     name: str
-    fixed_mm: Pair
-    moving_mm: Pair
-    x_mm: Pair
+    fixed_mm: Pair  # distances of the upper U-joint centres along x and along y
+    moving_mm: Pair  # of the lower ones
+    x_mm: Pair  # workspace of the moving platform's origin in the fixed one
     y_mm: Pair
     z_mm: Pair
-    tilt_deg: Pair
-    payload_kg: float
-    tare_kg: float
-    stroke_mm: Pair | None = None
+    tilt_deg: Pair  # its tilt about y
+    payload_kg: float  # largest mass of melt
+    tare_kg: float  # of the empty ladle
+    stroke_mm: Pair | None = None  # shortest and longest leg; None: what the workspace needs
 
     def __post_init__(self) -> None:
-        """Refuse what is no machine.
-
-        Raises:
-            BadInputError: a size is not above zero, or a range not from low to high.
-        """
         if not self.name.isidentifier():
             raise BadInputError(f"the name '{self.name}' must be one word of letters, digits and _")
         for field in fields(self):
@@ -162,25 +149,15 @@ def _say(entry: CommentedMap, value: Any, unit: str) -> None:
 
 @dataclass(frozen=True)
 class Checked:
-    """What a layout makes of its workspace.
+    """What a layout makes of its workspace."""
 
-    Attributes:
-        poses: how many were looked at.
-        reached: how many of them are within all limits.
-        limiting: joints that stop short of a pose, with in how many poses they do.
-        needed_mm: shortest and longest leg that the workspace needs.
-        amplified: how many mm the platform is off for a mm of the worst set of drives: median and most.
-        worst: where that is most, (4,): x, y, z in mm, tilt in degrees.
-        singular: whether the platform is not held somewhere, or on the other side of such a place.
-    """
-
-    poses: int
-    reached: int
-    limiting: dict[str, int]
-    needed_mm: Pair
-    amplified: Pair
-    worst: tuple[float, ...]
-    singular: bool
+    poses: int  # how many were looked at
+    reached: int  # how many of them are within all limits
+    limiting: dict[str, int]  # joints that stop short of a pose, with in how many poses they do
+    needed_mm: Pair  # shortest and longest leg that the workspace needs
+    amplified: Pair  # how many mm the platform is off for a mm of the worst set of drives: median and most
+    worst: tuple[float, ...]  # where that is most, (4,): x, y, z in mm, tilt in degrees
+    singular: bool  # whether the platform is not held somewhere, or on the other side of such a place
 
 
 def checked(layout: NewLayout) -> Checked:

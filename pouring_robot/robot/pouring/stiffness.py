@@ -72,22 +72,14 @@ class Measured(StrictModel):
 
 
 class StiffnessProperties(StrictModel):
-    """The stiffness file.
+    """The stiffness file."""
 
-    Attributes:
-        steel: of all parts.
-        bearing: of the U joints.
-        nut, thrust_bearing: of a leg's drive.
-        tilt_drive: gearbox.
-        measured: what takes the place of computed figures.
-    """
-
-    steel: Steel
-    bearing: Bearing
-    nut: AxialPart
+    steel: Steel  # of all parts
+    bearing: Bearing  # of the U joints
+    nut: AxialPart  # of a leg's drive
     thrust_bearing: AxialPart
-    tilt_drive: TiltDrive
-    measured: Measured = Measured()
+    tilt_drive: TiltDrive  # gearbox
+    measured: Measured = Measured()  # what takes the place of computed figures
 
 
 def load_stiffness(path: Path | str | None = None) -> StiffnessProperties:
@@ -102,34 +94,19 @@ def load_stiffness(path: Path | str | None = None) -> StiffnessProperties:
 
 @dataclass(frozen=True)
 class PartStiffness:
-    """What holds the platform at a pose; N/m and Nm/rad.
+    """What holds the platform at a pose; N/m and Nm/rad."""
 
-    Attributes:
-        leg_axial: of each leg's drive along it: spindle, housing, nut, thrust bearing; shape (4,).
-        joint: of both U joints of a leg along it.
-        leg_torsion: of each leg about itself, shape (4,).
-        tilt_drive: of θ46: gearbox and leg 4, which bends under its torque.
-        shares: compliance along a leg of middle length by part, in m/N.
-    """
-
-    leg_axial: FloatArray
-    joint: float
-    leg_torsion: FloatArray
-    tilt_drive: float
-    shares: dict[str, float]
+    leg_axial: FloatArray  # of each leg's drive along it: spindle, housing, nut, thrust bearing; shape (4,)
+    joint: float  # of both U joints of a leg along it
+    leg_torsion: FloatArray  # of each leg about itself, shape (4,)
+    tilt_drive: float  # of θ46: gearbox and leg 4, which bends under its torque
+    shares: dict[str, float]  # compliance along a leg of middle length by part, in m/N
 
     @classmethod
     def of(
         cls, layout: LayoutEntry, lengths_m: FloatArray, load_N: float, properties: StiffnessProperties | None = None
     ) -> PartStiffness:
-        """Compute it.
-
-        Args:
-            layout: sections of the parts.
-            lengths_m: of the legs, shape (4,).
-            load_N: along a leg, for the bearings.
-            properties: steel, bearings and measured figures.
-        """
+        """Compute it for a layout, lengths of the legs (4,), in m, and a load along a leg, in N, that bearings feel."""
         given = properties or load_stiffness()
         leg, E, G = layout.leg, given.steel.youngs_modulus.value, given.steel.shear_modulus.value
         spindle_m = np.maximum(lengths_m - leg.housing_below.metres, _SHORTEST_SPINDLE_M)

@@ -14,7 +14,7 @@ from pouring_robot.exceptions import ThermalFileError
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC, ZERO_CELSIUS_K
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.robot.description.urdf import description_folder
-from pouring_robot.robot.pouring.layout_schema import Density, Entry, Size
+from pouring_robot.robot.pouring.layout_schema import Density, Entry, InMetres, Size
 from pouring_robot.robot.pouring.names import LEGS
 
 PARTS = (*LEGS, "platform", "fixed_platform")
@@ -36,15 +36,8 @@ class Temperature(Entry[_Celsius, Literal["degC"]]):
         return self.value + ZERO_CELSIUS_K
 
 
-class Thickness(Entry[_Thickness, Literal["mm", "m"]]):
-    """A thickness; zero means that there is none."""
-
-    @property
-    def metres(self) -> float:
-        """Value in m."""
-        return self.value / self._per_si()
-
-
+Thickness = InMetres[_Thickness, Literal["mm", "m"]]
+"""Zero means that there is none."""
 Emissivity = Entry[_Fraction, Literal["1"]]
 Conductivity = Entry[Size, Literal["W/mK"]]
 FilmCoefficient = Entry[Size, Literal["W/m2K"]]
@@ -120,38 +113,17 @@ class ExpansionProperties(StrictModel):
 
 
 class ThermalProperties(StrictModel):
-    """All properties of the thermal model, each with unit, source and note.
+    """All properties of the thermal model, each with unit, source and note."""
 
-    Attributes:
-        melt: the source.
-        ambient: where the heat goes.
-        steel: of legs, platforms and shell.
-        insulation: of lining and cladding.
-        ladle: its wall.
-        moving_platform: its cladding.
-        truss: its shield.
-        contact: of nut and U joints.
-        expansion: reference temperature.
-    """
-
-    melt: MeltProperties
-    ambient: AmbientProperties
-    steel: SteelProperties
-    insulation: InsulationProperties
-    ladle: LadleProperties
-    moving_platform: MovingPlatformProperties
-    truss: TrussProperties = TrussProperties()
-    contact: ContactProperties
-    expansion: ExpansionProperties
-
-
-def shipped_thermal_file() -> Path:
-    """Return the properties file that comes with the package.
-
-    Raises:
-        DescriptionError: the robot description is missing from the installation.
-    """
-    return description_folder() / "config" / "thermal.yaml"
+    melt: MeltProperties  # the source
+    ambient: AmbientProperties  # where the heat goes
+    steel: SteelProperties  # of legs, platforms and shell
+    insulation: InsulationProperties  # of lining and cladding
+    ladle: LadleProperties  # its wall
+    moving_platform: MovingPlatformProperties  # its cladding
+    truss: TrussProperties = TrussProperties()  # its shield
+    contact: ContactProperties  # of nut and U joints
+    expansion: ExpansionProperties  # reference temperature
 
 
 def load_thermal_properties(path: Path | str | None = None) -> ThermalProperties:
@@ -161,5 +133,5 @@ def load_thermal_properties(path: Path | str | None = None) -> ThermalProperties
         ThermalFileError: the file is missing or wrong (a misspelt key, an emissivity above 1, a temperature below
             absolute zero …); names file, line and key.
     """
-    path = Path(path) if path is not None else shipped_thermal_file()
+    path = Path(path) if path is not None else description_folder() / "config" / "thermal.yaml"
     return validate(ThermalProperties, read_yaml(path, ThermalFileError), path, ThermalFileError)

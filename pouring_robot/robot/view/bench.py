@@ -15,7 +15,7 @@ from pouring_robot.mechanism.parameters import DriveParameter
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.command import CommandAxis
 from pouring_robot.robot.location import LadleLocation, Location
-from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
+from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import Parameter
 from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.view.scene import at_location, pose_scene
@@ -28,32 +28,18 @@ _LARGEST = {"mm": 2.0, "mrad": 10.0}
 
 
 class Wish(StrictModel):
-    """What a page asks.
+    """What a page asks."""
 
-    Attributes:
-        commanded: the group of sliders that says where the robot stands: the one moved last.
-        settled: whether the slider was let go of.
-        values: of all sliders, by their ids, in their units.
-        errors: geometric errors by name, in mm or mrad, on top of the model's.
-    """
-
-    commanded: str
-    settled: bool
-    values: dict[str, pydantic.FiniteFloat]
-    errors: dict[str, pydantic.FiniteFloat]
+    commanded: str  # the group of sliders that says where the robot stands: the one moved last
+    settled: bool  # whether the slider was let go of
+    values: dict[str, pydantic.FiniteFloat]  # of all sliders, by their ids, in their units
+    errors: dict[str, pydantic.FiniteFloat]  # geometric errors by name, in mm or mrad, on top of the model's
 
 
 class RobotBench:
-    """A robot that a page moves; the page keeps its state, so several pages may look at one bench.
-
-    Args:
-        robot: the robot as built.
-        location: where it stands at first.
-        exaggeration: how many times errors are drawn larger at first; None chooses.
-    """
+    """A robot, at first at a location, that a page moves; the page keeps its state, so several may look at a bench."""
 
     def __init__(self, robot: Robot, location: Location, exaggeration: float | None = None) -> None:
-        """Draw it once; afterwards only its bodies move."""
         self.robot, self.location = robot, location
         words = location.loops.working_frame.replace("_", " ")
         title = f"Where the {words} really is, and what moves it"
@@ -103,12 +89,7 @@ class RobotBench:
         return {"film": film(at_location(self.scene, location)), "values": self._values(location)}
 
     def located(self, robot: Robot, wish: Wish) -> Location:
-        """Return where a robot stands for what a page asks.
-
-        Raises:
-            BadInputError: a slider has no value.
-            NoSolutionError: it cannot stand there.
-        """
+        """Return where a robot stands for what a page asks."""
         return robot.location_of(self.command(robot, wish))
 
     def command(self, robot: Robot, wish: Wish) -> Any:
@@ -146,19 +127,15 @@ class RobotBench:
 
 def with_errors(model: RobotModel, errors: Mapping[Parameter, float]) -> RobotModel:
     """Return a model with errors added, in mm or mrad: placements composed in their order, drive offsets summed."""
-    placements, offsets = dict(model.joint_placements), dict(model.drive_offsets)
+    moved, offsets = dict[str, pin.SE3](), dict[str, float]()
     for parameter, value in errors.items():
-        local = parameter.local
-        size = value * (MM if parameter.unit == "m" else MRAD)
+        local, size = parameter.local, value * (MM if parameter.unit == "m" else MRAD)
         if isinstance(local, DriveParameter):
-            present = offsets[local.joint].to_si() if local.joint in offsets else 0.0
-            total = (present + size) / MM
-            offsets[local.joint] = DriveOffset(offset_mm=total) if local.unit == "m" else DriveOffset(offset_mrad=total)
+            offsets[local.joint] = offsets.get(local.joint, 0.0) + size
         else:
-            before = placements.get(local.joint, JointPlacement()).to_se3()
-            moved = pin.exp6(pin.Motion(size * np.array(local.twist)))
-            placements[local.joint] = JointPlacement.from_se3(before * moved)
-    return model.model_copy(update={"joint_placements": placements, "drive_offsets": offsets})
+            step = pin.exp6(pin.Motion(size * np.array(local.twist)))
+            moved[local.joint] = moved.get(local.joint, pin.SE3.Identity()) * step
+    return model.displaced(moved, offsets)
 
 
 def _set_of(parameter: Parameter) -> str:

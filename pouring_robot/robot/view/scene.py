@@ -48,12 +48,9 @@ def exaggeration_for(largest_m: float) -> float:
 
 
 def pose_scene(locations: Sequence[Location], exaggeration: float | None = None, actual: str = "as built") -> Scene:
-    """Return the scene of one or more locations: a step for each, that with the largest error first to be seen.
+    """Return the scene of locations, at least one: a step for each, that with the largest error first to be seen.
 
-    Args:
-        locations: at least one.
-        exaggeration: how many times the errors are enlarged; None chooses.
-        actual: what the legend calls the actual robot.
+    Errors are enlarged so many times, or as is chosen; ``actual`` is what the legend calls the actual robot.
 
     Raises:
         BadInputError: there is no location, or the factor is not a positive number.
@@ -151,8 +148,5 @@ def _caption(location: Location) -> tuple[tuple[str, str], ...]:
             " ".join(decimals(v, 2, sign=True) for v in translation) + " mm",
         ),
         ("its rotation", " ".join(decimals(v, 2, sign=True) for v in rotation) + " mrad"),
-        (
-            "left open at the joints",
-            f"{location.actual.gap_m / MM:.4f} mm, {location.actual.gap_rad / MRAD:.3f} mrad",
-        ),
+        ("left open at the joints", f"{location.actual.gap_m / MM:.4f} mm, {location.actual.gap_rad / MRAD:.3f} mrad"),
     )

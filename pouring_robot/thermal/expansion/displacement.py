@@ -54,7 +54,7 @@ class DisplacementField:
         robot, expansion, layout = state.robot, state.robot.expansion, state.robot.dimensions
         drives, start = robot.kinematics.inverse(robot.pose), robot.kinematics.configuration(robot.pose)
         poses = robot.nominal_solver.solve(drives, start).pose_base_to_end, state.result.pose_base_to_end
-        fixed, moving = layout.fixed_centres.metres, layout.moving_centres.metres
+        fixed, moving = np.array(layout.fixed_centres.metres), np.array(layout.moving_centres.metres)
         fixed_growth, moving_growth = 1.0 + expansion.fixed_platform_strain, 1.0 + expansion.platform_strain
         ladle_growth = 1.0
         if state.field is not None:

@@ -19,7 +19,7 @@ from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import drive_parameters
-from pouring_robot.robot.location import as_poses, path_dataset
+from pouring_robot.robot.location import as_poses
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
@@ -125,7 +125,7 @@ def locate_path(
         place = np.where(np.isfinite(found), found, commanded)
     warm = WarmPath(heated, commanded, strains_along(heated, place, threads, show))
     closed = warm.close(warm.command.drives, warm.command.start)
-    return path_dataset(heated.robot, warm.command, closed), closed
+    return heated.robot.path_dataset(warm.command, closed), closed
 
 
 def _stand_ins(poses: FloatArray) -> NDArray[np.intp]:
