@@ -59,9 +59,11 @@ def _of_drives(robot: RobotDefinition) -> Iterator[CauseEntry]:
     yield from _each(groups, "drive_backlash", "lost_motion", story, _STROKE)
     story = "the drives yield to the forces that weight puts on them"
     for entry, (name, drives) in zip(_each(groups, "drive_compliance", "", story), groups.items(), strict=True):
-        family, sizes = "spring", {"load": robot.file.usual_moment_nm}
+        sizes: dict[str, Any]
         if drives[0].unit == "m":
             family, sizes = "stretch", {"force_n": robot.file.usual_force_n, "length_m": 1.0}
+        else:
+            family, sizes = "spring", {"load": robot.file.usual_moment_nm, "strengths": _strengths(robot, drives)}
         yield replace(entry, family=family, options={**entry.options, "group": name, **sizes})
 
 
@@ -72,6 +74,13 @@ def _each(
     for name, drives in groups.items():
         own = {"drives": tuple(drive.joint for drive in drives), **(options or {})}
         yield CauseEntry(f"{id_}.{name}" if len(groups) > 1 else id_, family, story, own)
+
+
+def _strengths(robot: RobotDefinition, drives: tuple[Drive, ...]) -> tuple[float, ...]:
+    """Return the moments that drives are made for by the URDF, in Nm; none where it does not say all of them."""
+    model = robot.mechanism().shared_model
+    said = [float(model.upperEffortLimit[model.idx_vs[model.getJointId(drive.joint)]]) for drive in drives]
+    return tuple(said) if all(0.0 < limit < np.inf for limit in said) else ()
 
 
 def _of_structure(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Iterator[CauseEntry]:

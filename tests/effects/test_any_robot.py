@@ -1,5 +1,7 @@
 """The library of robots that declare no causes: what it holds, and columns that are derivatives of the closure."""
 
+import re
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +12,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects import all_effects
 from pouring_robot.effects.base import checked_forms
+from pouring_robot.effects.conditions import Conditions
 from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.robot.model import RobotModel
 from tests.effects.test_base import difference
@@ -91,3 +94,29 @@ def test_orders_of_a_joint_are_said_together():
     assert "3.536 mrad rms" in said[0]
     assert said[0].endswith("2 (5.000)")
     assert all("0.000 mrad rms" in line for line in said[1:])
+
+
+def yields(folder, efforts):
+    """Return usual sizes of the yield of a UR10's drives, (6,), where its URDF says these efforts."""
+    source = ROOT / "examples" / "machines" / "ur10"
+    said = iter(efforts)
+    text = re.sub(r'effort="[^"]*"', lambda _: f'effort="{next(said)}"', (source / "ur10.urdf").read_text())
+    assert next(said, None) is None
+    folder.mkdir()
+    (folder / "ur10.urdf").write_text(text)
+    shutil.copy(source / "robot.yaml", folder)
+    robot = RobotModel.for_robot(folder / "robot.yaml").definition
+    still, one = np.zeros((1, len(robot.drives))), np.zeros(1)
+    session = np.zeros(1, dtype=np.intp)
+    given = Conditions(robot, still, np.zeros((1, 3)), np.eye(3)[None], session, one, True, drive_force=still)
+    form = all_effects(robot)["drive_compliance"].form("spring", given)
+    return np.array([parameter.prior_std for parameter in form.parameters if parameter.main])
+
+
+def test_drives_made_for_less_are_softer_in_proportion(tmp_path):
+    """Alike at the moment that the URDF says; all together as soft as usual; where one is not said, all alike."""
+    efforts = np.array([330.0, 330.0, 150.0, 54.0, 54.0, 27.0])
+    sizes = yields(tmp_path / "said", efforts.tolist())
+    np.testing.assert_allclose(sizes * efforts, sizes[0] * efforts[0], rtol=1e-12)
+    assert sizes.prod() == pytest.approx(1.0, rel=1e-12)
+    np.testing.assert_array_equal(yields(tmp_path / "unsaid", [330.0, 330.0, 0.0, 54.0, 54.0, 27.0]), np.ones(6))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
@@ -72,13 +74,20 @@ class Spring(Family):
         drives: likewise.
         group: they are.
         load: moment at which the yield is given, in Nm.
+        strengths: moment that each drive is made for, in Nm; by default alike. Of like shape and material at like
+            stress, gears wind up by like angles: one made for less is softer in proportion. How soft all are together
+            does not hang on it.
     """
 
-    def __init__(self, id_: str, story: str, drives: Drives, group: str, load: float) -> None:
-        """Keep the size."""
+    def __init__(
+        self, id_: str, story: str, drives: Drives, group: str, load: float, strengths: Sequence[float] = ()
+    ) -> None:
+        """Keep the sizes."""
         super().__init__(id_, story, drives)
         self.needs = (f"{group}{FORCE}",)
         self.load = load
+        strong = np.array(strengths) if strengths else np.ones(len(drives))
+        self.sizes = (np.exp(np.log(strong).mean()) / strong).tolist()
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """In proportion to the moment, or with its power 2/3 (contacts of teeth); perhaps stiffening or softening."""
@@ -91,13 +100,12 @@ class Spring(Family):
             main, shape = [], []
             for k, drive in enumerate(self.drives):
                 name, where = f"{drive.symbol}_" if len(self.drives) > 1 else "", channel(drive)
-                changes = {where: MRAD * course[:, k]}
-                main.append(EffectParameter(f"{name}yield", unit, 1.0, changes, bounds=(0.0, np.inf)))
+                changes, size = {where: MRAD * course[:, k]}, self.sizes[k]
+                main.append(EffectParameter(f"{name}yield", unit, size, changes, bounds=(0.0, np.inf)))
                 others = later | {n: c for n, c in courses.items() if n != form}
                 for word, other in others.items():
-                    shape.append(
-                        EffectParameter(f"{name}{word}", unit, _LATER, {where: MRAD * other[:, k]}, main=False)
-                    )
+                    changes = {where: MRAD * other[:, k]}
+                    shape.append(EffectParameter(f"{name}{word}", unit, _LATER * size, changes, main=False))
             found.append(Form(form, (*main, *shape)))
         return tuple(found)
 
