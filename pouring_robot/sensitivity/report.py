@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _EVEN, _PILED, _DRAWN = 0.1, 2.0, 12
+_ALIKE_M = 1e-9
+"""Legs are alike, and closures are found to a nanometre: what differs by less is in the order of the parameters."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,7 @@ class SensitivityReport(Result):
 
     def of_model(self, kind: str) -> tuple[ErrorRow, ...]:
         """Return the rows of one model, the strongest error first."""
-        return tuple(sorted((r for r in self.rows if r.model == kind), key=lambda row: -row.distance_m))
+        return tuple(sorted((r for r in self.rows if r.model == kind), key=lambda row: _strongest(row.distance_m)))
 
     @functools.cached_property
     def controls(self) -> tuple[Control, ...]:
@@ -135,7 +137,7 @@ class SensitivityReport(Result):
         for part, rows in parts.items():
             names, directions = tuple(row.parameter.name for row in rows), sorted({row.main for row in rows})
             found.append(Control(part, names, "".join(directions), max(max(row.largest_m) for row in rows)))
-        return tuple(sorted(found, key=lambda control: -control.largest_m))
+        return tuple(sorted(found, key=lambda control: _strongest(control.largest_m)))
 
     @property
     def poses(self) -> int:
@@ -250,6 +252,10 @@ class SensitivityReport(Result):
         title = f"Sensitivity of {self.robot}"
         files[folder / "report.html"] = html_page(title, title, blocks, links=links)
         return list(write_together(files))
+
+
+def _strongest(size_m: float) -> int:
+    return -round(size_m / _ALIKE_M)
 
 
 def _order(value: float, nothing: float) -> int | None:

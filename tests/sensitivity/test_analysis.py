@@ -49,7 +49,9 @@ def test_open_branch_is_eq_5(pouring):
 def test_what_to_control_is_what_passes_the_limit(pouring):
     over = {row.parameter.name for row in pouring.of_model("closed chain") if max(row.largest_m) > 1e-3}
     assert {name for control in pouring.controls for name in control.errors} == over
-    assert pouring.controls[0].largest_m == max(control.largest_m for control in pouring.controls)
+    assert pouring.controls[0].largest_m > max(control.largest_m for control in pouring.controls) - 1e-9
+    # Largest coordinates of legs 3 and 4 differ by round-off only: of alike parts that of the longest way comes first.
+    assert pouring.controls[0].part == pouring.of_model("closed chain")[0].parameter.part
     assert pouring.controls[0].directions == "Y"  # only the lean of the legs holds it
 
 
