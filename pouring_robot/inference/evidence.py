@@ -36,6 +36,8 @@ SHAPINGS: FloatArray = np.geomspace(0.03, 1.0, 4)
 """How much of the prediction what shapes an effect may make, against what it shapes (root mean squares): never more."""
 _NEGLIGIBLE = 1e-10
 _SMALL = 100
+_BLOCK = 32
+"""Columns that LAPACK reduces at a time."""
 _EQUATIONS = 4096
 """How many are stacked at a time for their inner products: a copy of all would double what a large campaign holds."""
 Places = NDArray[np.intp]
@@ -210,7 +212,8 @@ def bayes_factor(
     """
     if not len(projected):
         return BayesFactor(0.0, Scale(1.0), 0.0)
-    log_scales, scales, values = _by_scales(columns, projected, main, largest, unit)
+    log_scales, scales, weights = _grid(len(columns), main, largest, unit)
+    values = _over_scales(weights, columns, projected, log_scales)
     shape, best = divmod(int(np.argmax(values)), len(log_scales))
     peak = float(values[shape, best])
     evidence = peak + float(np.log(np.exp(values - peak).mean()))
@@ -249,38 +252,54 @@ def evidences(
         largest: the same.
         unit: the same.
     """
-    values = _by_scales(columns, projected, main, largest, unit)[2].reshape(-1, projected.shape[1])
+    log_scales, _, weights = _grid(len(columns), main, largest, unit)
+    squared, axes = eigen(weights[:, :, None] * columns * weights[:, None, :])
+    kept = squared > _NEGLIGIBLE * np.maximum(squared[:, -1:], 1.0)  # columns that nothing is left of explain nothing
+    seen = axes.swapaxes(1, 2) @ (weights[:, :, None] * projected)
+    explained = np.divide(seen**2, squared[:, :, None], out=np.zeros_like(seen), where=kept[:, :, None])
+    variance = np.exp(2.0 * log_scales)[:, None] * np.where(kept, squared, 0.0)[:, None]
+    values = 0.5 * ((variance / (1.0 + variance)) @ explained - np.log1p(variance).sum(axis=2)[:, :, None])
+    values = values.reshape(-1, projected.shape[1])
     return np.asarray(logsumexp(values, axis=0) - np.log(len(values)))
 
 
-def _by_scales(
-    columns: FloatArray, projected: FloatArray, main: BoolArray | None, largest: float, unit: float
+def _grid(
+    count: int, main: BoolArray | None, largest: float, unit: float
 ) -> tuple[FloatArray, list[Scale], FloatArray]:
-    """Return main scales (logarithms, s), shaping scales (p) and the log evidence at each pair, (p, s) or (p, s, d)."""
+    """Return main scales (logarithms, s), shaping scales (p) and the weights of columns at each of those, (p, k)."""
     log_scales = LOG_SCALES[np.log(largest) + 1e-9 >= LOG_SCALES]
-    main = np.ones(len(columns), dtype=bool) if main is None else main
+    main = np.ones(count, dtype=bool) if main is None else main
     shapings = np.ones(1) if main.all() else unit * SHAPINGS
-    weights = np.where(main, 1.0, shapings[:, None])
-    scales = [Scale(1.0, shaping) for shaping in shapings.tolist()]
-    return log_scales, scales, _over_scales(weights, columns, projected, log_scales)
+    return log_scales, [Scale(1.0, s) for s in shapings.tolist()], np.where(main, 1.0, shapings[:, None])
 
 
 def _over_scales(weights: FloatArray, columns: FloatArray, projected: FloatArray, log_scales: FloatArray) -> FloatArray:
-    """Return the log evidence of a group of columns at each scale, (p, s), or for many residuals (k, d), (p, s, d).
+    """Return the log evidence of a group of columns at each scale, (p, s).
+
+    In axes of which the first is what the residual projects to, the inner products are a tridiagonal matrix T; of
+    1 + s^2 T the pivots, from its end, give the determinant, and the first one the element that is asked for (Golub &
+    Meurant, Matrices, Moments and Quadrature, 2010, ch. 3). All scales share T, which is far less work than axes are.
 
     Args:
         weights: of the columns, several sets of them, (p, k).
         columns: their inner products, (k, k).
-        projected: with the residuals, (k,) or (k, d).
+        projected: with the residual, (k,).
         log_scales: logarithms of the scales, (s,).
     """
-    squared, axes = eigen(weights[:, :, None] * columns * weights[:, None, :])
-    kept = squared > _NEGLIGIBLE * np.maximum(squared[:, -1:], 1.0)  # columns that nothing is left of explain nothing
-    seen = axes.swapaxes(1, 2) @ (weights[:, :, None] * projected.reshape(len(projected), -1))
-    explained = np.divide(seen**2, squared[:, :, None], out=np.zeros_like(seen), where=kept[:, :, None])
-    variance = np.exp(2.0 * log_scales)[:, None] * np.where(kept, squared, 0.0)[:, None]
-    values = (variance / (1.0 + variance)) @ explained - np.log1p(variance).sum(axis=2)[:, :, None]
-    return np.asarray(0.5 * values.reshape(*values.shape[:2], *projected.shape[1:]))
+    count, variances = len(projected), np.exp(2.0 * log_scales)
+    diagonal, beside = np.empty((count, len(weights), 1)), np.empty((count, len(weights), 1))
+    for k, own in enumerate(weights):
+        bordered = np.zeros((count + 1, count + 1), order="F")
+        bordered[1:, 0], bordered[1:, 1:] = own * projected, own[:, None] * columns * own
+        _, whole, beside[:, k, 0], _, _ = scipy.linalg.lapack.dsytrd(
+            bordered, lower=1, lwork=_BLOCK * count, overwrite_a=1
+        )
+        diagonal[:, k, 0] = whole[1:]
+    pivots, squared = 1.0 + variances * diagonal, (variances * beside) ** 2
+    for k in range(count - 2, -1, -1):
+        pivots[k] -= squared[k + 1] / pivots[k + 1]
+        np.maximum(pivots[k], 1.0, out=pivots[k])  # they are never less, but for rounding
+    return np.asarray(0.5 * (variances * beside[0] ** 2 / pivots[0] - np.log(pivots).sum(axis=0)))
 
 
 def eigen(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:

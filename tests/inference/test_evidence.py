@@ -298,14 +298,20 @@ def test_what_is_found_cannot_be_changed():
             setattr(thing, name, 0.0)
 
 
-@pytest.mark.parametrize("largest", [1e6, 1e-3])
-def test_a_column_of_which_only_round_off_is_left_explains_nothing(largest):
-    """Less than 1e-10 of the largest, or of one where all are small; what the residual shares with it is noise."""
-    limit, projected = 1e-10 * max(largest, 1.0), np.array([np.sqrt(largest), 1.0])
-    alone = bayes_factor(np.array([[largest]]), projected[:1]).evidence
-    beside_noise, counted = (bayes_factor(np.diag([largest, s * limit]), projected).evidence for s in (0.5, 2.0))
-    assert beside_noise == pytest.approx(alone, abs=1e-12)
-    assert counted - alone > 1e-3
+@pytest.mark.parametrize("size", [1e3, 1e-3])
+@pytest.mark.parametrize("others", [1, 150])
+def test_a_column_of_which_only_round_off_is_left_explains_nothing(rng, size, others):
+    """What others explain all of is worth nothing beside them, whatever the residual shares with its round-off."""
+    columns, residual = size * rng.normal(size=(400, others)), 1e3 * rng.normal(size=400)
+    double = np.hstack([columns, columns[:, :1]])
+    beside = Beside(Gram.of([double], residual), np.arange(others), np.full(others, 1e9 / size))
+    left = bayes_factor(*beside.of(np.array([others])))
+    assert left.evidence == pytest.approx(0.0, abs=1e-3)
+    # Twice the same column is one, larger by the root of two; the axis that is left is round-off.
+    inner, projected = double.T @ double, double.T @ residual
+    once = np.hstack([np.sqrt(2.0) * columns[:, :1], columns[:, 1:]])
+    expected = bayes_factor(once.T @ once, once.T @ residual).evidence
+    assert bayes_factor(inner, projected).evidence == pytest.approx(expected, abs=1e-3)
 
 
 @pytest.mark.parametrize(("place", "scale"), [(0, 10.0), (1, 20.0)])
