@@ -196,12 +196,11 @@ class _Work:
         if parts:
             fitted[parts.test] = False
         noise = noise_beforehand(campaign, np.flatnonzero(fitted))
+        self.say("searching for effects", 0, 0)
+        rows, options = CampaignRows(campaign, self.model, noise), SearchOptions(false_names=self.options.false_names)
+        library = Library.of(rows, self.effects)
         for turn in itertools.count(1):
-            self.say("searching for effects", 0, 0)
-            rows = CampaignRows(campaign, self.model, noise)
-            diagnoser = Diagnoser(
-                rows, Library.of(rows, self.effects), fitted, SearchOptions(false_names=self.options.false_names)
-            )
+            diagnoser = Diagnoser(rows.with_noise(noise), library, fitted, options)
             after, hypothesis = diagnoser.found(start)
             better = _noise_from(noise, after, hypothesis)
             if better is None or turn == _NOISE_ROUNDS:

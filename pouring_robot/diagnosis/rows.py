@@ -8,6 +8,7 @@ effect are the product of the Jacobian by local parameters with the changes that
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Self
@@ -197,6 +198,12 @@ class CampaignRows:
     def __len__(self) -> int:
         return len(self.campaign)
 
+    def with_noise(self, noise: NoiseLevel) -> CampaignRows:
+        """Return the same rows with another noise; they share all else."""
+        other = copy.copy(self)
+        other.noise, other.measured = noise, MeasuredPoses.from_campaign(self.campaign, noise)
+        return other
+
     def _by_the_drawing(self) -> NominalRows:
         """Return the rows of the drawing: conditions by it stay when errors found are put into the model."""
         robot, engine = self.model.definition, self.measurement.engine
@@ -262,7 +269,10 @@ class CampaignRows:
         frames = self.frames
         for _ in range(_FRAME_STEPS):
             linear = self.linearise(self.unchanged(), frames).of(fitted)
-            frames = frames.moved(least_squares(linear.frame_columns, linear.residual))
+            step = least_squares(linear.frame_columns, linear.residual)
+            frames = frames.moved(step)
+            if not step.any():  # closures tell nothing of them
+                break
         return frames
 
     def linearise(self, changes: RowChanges, frames: SeenFrom) -> LinearRows:

@@ -92,7 +92,10 @@ class Diagnoser:
     @functools.cached_property
     def chance(self) -> Chance:
         """What the evidence of an effect is by chance, in this campaign."""
-        return by_chance(Hypothesis.nothing(self.problem_at(self.at_rest())), self.options.false_names)
+        return self._chance_in(self.problem_at(self.at_rest()))
+
+    def _chance_in(self, problem: Problem) -> Chance:
+        return by_chance(Hypothesis.nothing(problem), self.options.false_names)
 
     @functools.cached_property
     def thresholds(self) -> SearchOptions:
@@ -128,8 +131,10 @@ class Diagnoser:
         return state, hypothesis
 
     def _searched(self, start: Hypothesis | None) -> tuple[LinearState, Hypothesis]:
-        thresholds, state = self.thresholds, self.at_rest()
+        state = self.at_rest()
         problem = self.problem_at(state)
+        vars(self).setdefault("chance", self._chance_in(problem))  # or it would linearise all rows once more
+        thresholds = self.thresholds
         hypothesis = search(problem, thresholds, start.on(problem) if start else None)
         for turn in range(_ROUNDS):
             if not hypothesis.items and not any(hypothesis.levels):
