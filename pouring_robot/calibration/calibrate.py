@@ -51,22 +51,15 @@ _SURE = 1e-3  # chance at which residuals count as larger than the noise
 
 @dataclass(frozen=True)
 class CalibrationOptions:
-    """What to identify and how.
+    """What to identify and how."""
 
-    Attributes:
-        parameters: sets, groups or patterns; each becomes a group that is kept or dropped as a whole.
-        tolerances: priors; by default the shipped ones.
-        hold_out: what kind of blocks to hold out.
-        choose: whether groups are kept only where they help held-out rows; otherwise all are kept.
-        threads: how many share the work; by default one a core.
-    """
-
+    # sets, groups or patterns; each becomes a group that is kept or dropped as a whole
     parameters: tuple[str, ...] = ("geometry",)
-    tolerances: Tolerances | None = None
-    hold_out: HoldOut = "auto"
-    choose: bool = True
+    tolerances: Tolerances | None = None  # priors; by default the shipped ones
+    hold_out: HoldOut = "auto"  # what kind of blocks to hold out
+    choose: bool = True  # whether groups are kept only where they help held-out rows; otherwise all are kept
     fit: FitOptions = field(default_factory=FitOptions)
-    threads: int | None = None
+    threads: int | None = None  # how many share the work; by default one a core
 
 
 @dataclass(frozen=True, eq=False, repr=False)

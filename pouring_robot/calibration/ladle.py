@@ -18,18 +18,13 @@ class LadleUncertainty:
     The lip is taken to move rigidly with the target: a turn of the platform that looks like a turn of the target on it
     does not count, as long as rotations were measured. Where only positions were, nobody has seen that turn, and it
     counts as far as tolerances leave it open.
-
-    Attributes:
-        position_m: commanded origin of the end body, shape (n, 3), in m.
-        tilt_rad: commanded turn about y, shape (n,), in rad; None for a robot that turns about other axes too.
-        std_m: of x, y and z in tracker axes, shape (n, 3), in m.
-        std_rad: of the rotation, shape (n, 3), in rad.
     """
 
-    position_m: FloatArray
+    position_m: FloatArray  # commanded origin of the end body, shape (n, 3), in m
+    # commanded turn about y, shape (n,), in rad; None for a robot that turns about other axes too
     tilt_rad: FloatArray | None
-    std_m: FloatArray
-    std_rad: FloatArray
+    std_m: FloatArray  # of x, y and z in tracker axes, shape (n, 3), in m
+    std_rad: FloatArray  # of the rotation, shape (n, 3), in rad
 
     @property
     def half_width_m(self) -> FloatArray:

@@ -84,16 +84,13 @@ def parameter_lines(calibration: CalibrationFindings) -> list[ParameterLine]:
 
 @dataclasses.dataclass(frozen=True)
 class GroupLine:
-    """What one group of parameters does to the ladle, in words and figures of the shop floor.
-
-    Attributes:
-        moved_mm: by how much it moves what was measured over the fitted rows, RMS of a coordinate, what a shift of the
-            outer frames would do taken off; ``moved_mrad`` RMS of a rotation component, NaN where none was measured.
-    """
+    """What one group of parameters does to the ladle, in words and figures of the shop floor."""
 
     name: str
     meaning: str
     count: int
+    # by how much it moves what was measured over the fitted rows, RMS of a coordinate, what a shift of the outer frames
+    # would do taken off; ``moved_mrad`` RMS of a rotation component, NaN where none was measured
     moved_mm: float
     moved_mrad: float
 

@@ -28,23 +28,16 @@ _MOST_ROWS = 1000
 
 @dataclass(frozen=True)
 class SelectionStep:
-    """One candidate that was tried.
+    """One candidate that was tried."""
 
-    Attributes:
-        kept: groups that were in already.
-        tried: the group added to them; "" for the start.
-        rms: root mean square of the validation rows' residuals over their noise; 1 is pure noise.
-        gain: mean over the rows of log(1 + s²) without the group minus with it; s² is a row's mean squared residual
-            over its noise. The logarithm keeps single rows from deciding. ``gain_error`` is its standard error.
-        accepted: whether it was kept in this round.
-    """
-
-    kept: tuple[str, ...]
-    tried: str
-    rms: float
+    kept: tuple[str, ...]  # groups that were in already
+    tried: str  # the group added to them; "" for the start
+    rms: float  # root mean square of the validation rows' residuals over their noise; 1 is pure noise
+    # mean over the rows of log(1 + s²) without the group minus with it; s² is a row's mean squared residual over its
+    # noise. The logarithm keeps single rows from deciding. ``gain_error`` is its standard error.
     gain: float
     gain_error: float
-    accepted: bool
+    accepted: bool  # whether it was kept in this round
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,15 +24,10 @@ _EDGE_LEVELS = 3
 
 @dataclass(frozen=True)
 class Conditions:
-    """How a pose is visited.
+    """How a pose is visited."""
 
-    Attributes:
-        side: +1: every drive was rising when it stopped, -1: falling, 0: not stated.
-        payload_kg: melt in the ladle.
-    """
-
-    side: int = 1
-    payload_kg: float = 0.0
+    side: int = 1  # +1: every drive was rising when it stopped, -1: falling, 0: not stated
+    payload_kg: float = 0.0  # melt in the ladle
     leg_degC: float = REFERENCE_DEGC  # noqa: N815 - the unit is spelt as in the campaign files
 
 

@@ -43,19 +43,12 @@ _CONDITIONS: dict[Condition, dict[str, tuple[str, float]]] = {
 
 @dataclass(frozen=True)
 class PlannedParameter:
-    """One number that a plan is to determine.
+    """One number that a plan is to determine."""
 
-    Attributes:
-        name: of the catalogue, or ``<condition>.<drive>``.
-        unit: ``m``, ``rad``, ``m/N``, ``rad/Nm`` or ``1/K``.
-        kind: which column it has: ``local``, or the condition that shows it.
-        local: the local parameter; of the other kinds, the drive.
-    """
-
-    name: str
-    unit: str
-    kind: Literal["local"] | Condition
-    local: GeometricParameter
+    name: str  # of the catalogue, or ``<condition>.<drive>``
+    unit: str  # ``m``, ``rad``, ``m/N``, ``rad/Nm`` or ``1/K``
+    kind: Literal["local"] | Condition  # which column it has: ``local``, or the condition that shows it
+    local: GeometricParameter  # the local parameter; of the other kinds, the drive
 
     @property
     def shown_unit(self) -> str:

@@ -35,39 +35,26 @@ base in its own axes), ``<joint>.tx``, ``<joint>.rz`` …, and ``metrology.scale
 
 @dataclass(frozen=True, eq=False)
 class EffectParameter:
-    """One parameter of a form.
+    """One parameter of a form."""
 
-    Attributes:
-        name: short, unique in its form.
-        unit: the user's unit of its value.
-        prior_std: standard deviation that one would expect of it where the effect is at work, in ``unit``. Only the
-            ratios between the parameters of a form matter much: their common scale is found from the data.
-        changes: change of local parameters for one ``unit``.
-        main: whether it makes the effect; if not, it shapes what the main parameters make.
-        bounds: what is physically possible, in ``unit``.
-    """
-
-    name: str
-    unit: str
+    name: str  # short, unique in its form
+    unit: str  # the user's unit of its value
+    # standard deviation that one would expect of it where the effect is at work, in ``unit``. Only the ratios between
+    # the parameters of a form matter much: their common scale is found from the data.
     prior_std: float
-    changes: LocalChanges
-    main: bool = True
-    bounds: tuple[float, float] = (-float("inf"), float("inf"))
+    changes: LocalChanges  # change of local parameters for one ``unit``
+    main: bool = True  # whether it makes the effect; if not, it shapes what the main parameters make
+    bounds: tuple[float, float] = (-float("inf"), float("inf"))  # what is physically possible, in ``unit``
 
 
 @dataclass(frozen=True, eq=False)
 class Form:
-    """One way in which an effect can act.
+    """One way in which an effect can act."""
 
-    Attributes:
-        name: unique in its effect.
-        parameters: the parameters, main ones first.
-        one_of: a constant of which this form is one value: of forms that share it at most one is at work. "" for forms
-            that may be at work beside any other.
-    """
-
-    name: str
-    parameters: tuple[EffectParameter, ...]
+    name: str  # unique in its effect
+    parameters: tuple[EffectParameter, ...]  # the parameters, main ones first
+    # a constant of which this form is one value: of forms that share it at most one is at work. "" for forms that may
+    # be at work beside any other.
     one_of: str = ""
 
 

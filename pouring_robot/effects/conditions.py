@@ -60,50 +60,34 @@ class Conditions:
 
     Beside the attributes, conditions have names (:meth:`value`): ``<thermometer>_rise_k`` of a thermometer or of all of
     a kind, ``<travel>_m``, ``<group>_force`` of the drives of a group.
-
-    Attributes:
-        robot: of the drawing: drives, groups, names.
-        drives: commanded drives, (n, D), in m and rad.
-        position_m: nominal origin of the end body in the base, (n, 3).
-        rotation: nominal axes of the end body, (n, 3, 3).
-        session: number of the session from 0, (n,); -1 for one in which nothing was learned, -2
-            where nobody says which.
-        time_s: time of measurement, (n,); without a time column the number of the row stands for it.
-        time_known: whether there was a time column.
-        swing_rad: angle of the joint about which each drive's chain swings, (n, D); NaN for a drive without one.
-        approach: side each drive was approached from, (n, D), +1 or -1.
-        weight_n: weight of tool and payload, (n,).
-        drive_force: what every drive carries along its motion, (n, D), in N and Nm; tension is positive. As measured,
-            else what weight puts there.
-        force_by_weight: what one newton of ``weight_n`` puts there, (n, D), in N/N and Nm/N.
-        rises: temperatures above the reference by thermometer, (n,), in K.
-        travels: where the base stands along its axes, by name, (n,), in m.
-        screw_pitch_m: travel of a sliding drive a turn.
-        truss_span_m: length of the rails.
-        learned: the campaign that shapes count from; None: these very rows.
-        filled: conditions of which single cells were missing and were filled in from their neighbours in time.
-        assumed: what was assumed, one line each.
     """
 
-    robot: RobotDefinition
-    drives: FloatArray
-    position_m: FloatArray
-    rotation: FloatArray
+    robot: RobotDefinition  # of the drawing: drives, groups, names
+    drives: FloatArray  # commanded drives, (n, D), in m and rad
+    position_m: FloatArray  # nominal origin of the end body in the base, (n, 3)
+    rotation: FloatArray  # nominal axes of the end body, (n, 3, 3)
+    # number of the session from 0, (n,); -1 for one in which nothing was learned, -2 where nobody says which
     session: NDArray[np.intp]
-    time_s: FloatArray
-    time_known: bool
+    time_s: FloatArray  # time of measurement, (n,); without a time column the number of the row stands for it
+    time_known: bool  # whether there was a time column
+    # angle of the joint about which each drive's chain swings, (n, D); NaN for a drive without one
     swing_rad: FloatArray | None = None
-    approach: FloatArray | None = None
-    weight_n: FloatArray | None = None
+    approach: FloatArray | None = None  # side each drive was approached from, (n, D), +1 or -1
+    weight_n: FloatArray | None = None  # weight of tool and payload, (n,)
+    # what every drive carries along its motion, (n, D), in N and Nm; tension is positive. As measured, else what weight
+    # puts there.
     drive_force: FloatArray | None = None
-    force_by_weight: FloatArray | None = None
+    force_by_weight: FloatArray | None = None  # what one newton of ``weight_n`` puts there, (n, D), in N/N and Nm/N
+    # temperatures above the reference by thermometer, (n,), in K
     rises: Mapping[str, FloatArray] = field(default_factory=dict)
+    # where the base stands along its axes, by name, (n,), in m
     travels: Mapping[str, FloatArray] = field(default_factory=dict)
-    screw_pitch_m: float | None = None
-    truss_span_m: float | None = None
-    learned: LearnedCampaign | None = None
+    screw_pitch_m: float | None = None  # travel of a sliding drive a turn
+    truss_span_m: float | None = None  # length of the rails
+    learned: LearnedCampaign | None = None  # the campaign that shapes count from; None: these very rows
+    # conditions of which single cells were missing and were filled in from their neighbours in time
     filled: tuple[str, ...] = ()
-    assumed: tuple[str, ...] = ()
+    assumed: tuple[str, ...] = ()  # what was assumed, one line each
 
     def __len__(self) -> int:
         return len(self.drives)
@@ -247,26 +231,16 @@ def condition_names(robot: RobotDefinition) -> frozenset[str]:
 
 @dataclass(frozen=True, eq=False)
 class NominalRows:
-    """What the drawing says of the rows of a campaign.
+    """What the drawing says of the rows of a campaign."""
 
-    Attributes:
-        robot: the drawing.
-        position_m: origin of the end body in the base, (n, 3).
-        rotation: its axes, (n, 3, 3).
-        by_drive: ∂pose/∂drive in base axes, (n, 6, D).
-        up: direction against gravity in the base, (3,).
-        swing_rad: as in :class:`Conditions`, (n, D).
-        own_force: what the links' own weight puts on every drive, (n, D); None where it is not counted.
-        payload_m: where the payload sits on the end body, (3,); None where the campaign says it, with a tare.
-    """
-
-    robot: RobotDefinition
-    position_m: FloatArray
-    rotation: FloatArray
-    by_drive: FloatArray
-    up: FloatArray
-    swing_rad: FloatArray
-    own_force: FloatArray | None
+    robot: RobotDefinition  # the drawing
+    position_m: FloatArray  # origin of the end body in the base, (n, 3)
+    rotation: FloatArray  # its axes, (n, 3, 3)
+    by_drive: FloatArray  # ∂pose/∂drive in base axes, (n, 6, D)
+    up: FloatArray  # direction against gravity in the base, (3,)
+    swing_rad: FloatArray  # as in :class:`Conditions`, (n, D)
+    own_force: FloatArray | None  # what the links' own weight puts on every drive, (n, D); None where it is not counted
+    # where the payload sits on the end body, (3,); None where the campaign says it, with a tare
     payload_m: FloatArray | None
 
 

@@ -20,44 +20,29 @@ _KILO, _HOUR_S = 1e3, 3600.0
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """What effects and residuals are drawn over.
+    """What effects and residuals are drawn over."""
 
-    Attributes:
-        label: with its unit.
-        values: shape (n,).
-        of_rows: whether it is only the order of the rows, where nothing else varies.
-    """
-
-    label: str
-    values: FloatArray
-    of_rows: bool = False
+    label: str  # with its unit
+    values: FloatArray  # shape (n,)
+    of_rows: bool = False  # whether it is only the order of the rows, where nothing else varies
 
 
 @dataclass(frozen=True)
 class Facts:
-    """Facts about one condition.
+    """Facts about one condition."""
 
-    Attributes:
-        axis: what to draw over it, (n,) numbers in the unit of the label; None where the campaign does not say.
-        word: its name in sentences on what data depend on; "" where another condition stands for it there.
-        sources: what a campaign must hold so that it is known: columns of the table, ``section.key`` of the YAML.
-        record: the same in words.
-        vary: which measurement makes show what depends on it.
-        least_spread: from lowest to highest in SI units; with less it was held still. 0 where that is no question.
-        varied: condition that a campaign varies with it, if not itself.
-        by_pose: whether every campaign varies it, as it goes by the pose.
-        expected: whether it is worth saying that a campaign does not have it.
-    """
-
+    # what to draw over it, (n,) numbers in the unit of the label; None where the campaign does not say
     axis: Callable[[Conditions], tuple[str, FloatArray | None]] = lambda _: ("", None)
-    word: str = ""
+    word: str = ""  # its name in sentences on what data depend on; "" where another condition stands for it there
+    # what a campaign must hold so that it is known: columns of the table, ``section.key`` of the YAML
     sources: tuple[str, ...] = ()
-    record: str = ""
-    vary: str = ""
+    record: str = ""  # the same in words
+    vary: str = ""  # which measurement makes show what depends on it
+    # from lowest to highest in SI units; with less it was held still. 0 where that is no question.
     least_spread: float = 0.0
-    varied: str = ""
-    by_pose: bool = False
-    expected: bool = True
+    varied: str = ""  # condition that a campaign varies with it, if not itself
+    by_pose: bool = False  # whether every campaign varies it, as it goes by the pose
+    expected: bool = True  # whether it is worth saying that a campaign does not have it
 
 
 @functools.lru_cache(maxsize=16)

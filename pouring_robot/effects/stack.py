@@ -17,14 +17,10 @@ from pouring_robot.robot.model import RobotModel
 
 
 class Stack(NamedTuple):
-    """What effects change under conditions.
+    """What effects change under conditions."""
 
-    Attributes:
-        parameters: each with its value in its unit.
-        untold: which effects are taken as none in some rows because nobody learned them there, a line each.
-    """
-
-    parameters: list[tuple[EffectParameter, float]]
+    parameters: list[tuple[EffectParameter, float]]  # each with its value in its unit
+    # which effects are taken as none in some rows because nobody learned them there, a line each
     untold: tuple[str, ...]
 
 

@@ -32,17 +32,12 @@ _TIE = 1e-7  # above what updated column norms lose in pivoting, √ε = 1.5e-8 
 
 @dataclass(frozen=True)
 class DependentGroup:
-    """Unknowns that are tied together: fewer combinations of them can be identified than there are members.
+    """Unknowns that are tied together: fewer combinations of them can be identified than there are members."""
 
-    Attributes:
-        members: their names.
-        combinations: what can be identified: for each base member, every member's share in it per unit.
-        hidden: number of directions that no measurement of these poses shows.
-    """
-
-    members: tuple[str, ...]
+    members: tuple[str, ...]  # their names
+    # what can be identified: for each base member, every member's share in it per unit
     combinations: tuple[dict[str, float], ...]
-    hidden: int
+    hidden: int  # number of directions that no measurement of these poses shows
 
     def texts(self) -> tuple[str, ...]:
         """Return each identifiable combination as a line: ``leg1_s1.tx + 0.5 leg1_s2.tx``."""
@@ -61,27 +56,17 @@ def combination_text(combination: dict[str, float]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class BaseParameters:
-    """What a regressor can tell.
+    """What a regressor can tell."""
 
-    Attributes:
-        names: of its columns.
-        rank: number of combinations that are determined.
-        null_space: orthonormal basis of the directions that nothing shows, in scaled columns, shape (K, K - rank).
-        scale: lengths of the columns; 1 for columns that are zero; shape (K,).
-        singular: singular values of the columns scaled to unit length, shape (K,).
-        base: names of the columns kept by pivoting; the others depend on them.
-        groups: unknowns tied together.
-        unseen: columns that are zero: no measurement changes with them.
-    """
-
-    names: tuple[str, ...]
-    rank: int
+    names: tuple[str, ...]  # of its columns
+    rank: int  # number of combinations that are determined
+    # orthonormal basis of the directions that nothing shows, in scaled columns, shape (K, K - rank)
     null_space: FloatArray
-    scale: FloatArray
-    singular: FloatArray
-    base: tuple[str, ...]
-    groups: tuple[DependentGroup, ...]
-    unseen: tuple[str, ...]
+    scale: FloatArray  # lengths of the columns; 1 for columns that are zero; shape (K,)
+    singular: FloatArray  # singular values of the columns scaled to unit length, shape (K,)
+    base: tuple[str, ...]  # names of the columns kept by pivoting; the others depend on them
+    groups: tuple[DependentGroup, ...]  # unknowns tied together
+    unseen: tuple[str, ...]  # columns that are zero: no measurement changes with them
 
     @property
     def deficient(self) -> bool:

@@ -53,13 +53,9 @@ def component_name(component: int) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Instrument(ABC):
-    """What one kind of instrument read in n rows: arrays of n rows each, what was measured first.
+    """What one kind of instrument read in n rows: arrays of n rows each, what was measured first."""
 
-    Attributes:
-        sigma: standard deviation of a component, in m or rad.
-    """
-
-    sigma: float
+    sigma: float  # standard deviation of a component, in m or rad
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.sigma) and self.sigma > 0.0):
@@ -149,16 +145,11 @@ class Turns(Instrument):
 
 @dataclass(frozen=True, eq=False)
 class Distances(Instrument):
-    """Distances of the target from a fixed point, the device's origin, or from where it was in another row.
+    """Distances of the target from a fixed point, the device's origin, or from where it was in another row."""
 
-    Attributes:
-        distance_m: (n,), in m; NaN where missing.
-        row: number of the row in its campaign, (n,).
-        start: that of the row from which it is measured, (n,); -1 for the fixed point, -2 where that row is left out.
-    """
-
-    distance_m: FloatArray
-    row: NDArray[np.intp]
+    distance_m: FloatArray  # (n,), in m; NaN where missing
+    row: NDArray[np.intp]  # number of the row in its campaign, (n,)
+    # that of the row from which it is measured, (n,); -1 for the fixed point, -2 where that row is left out
     start: NDArray[np.intp]
     kind = "distance"
 
@@ -197,13 +188,9 @@ class Distances(Instrument):
 
 @dataclass(frozen=True, eq=False)
 class Closures(Instrument):
-    """What redundant drives disagree by, (n, r): measured as zero in rows where all of them are known.
+    """What redundant drives disagree by, (n, r): measured as zero in rows where all of them are known."""
 
-    Attributes:
-        whole: which rows those are, in each of the r directions, (n, r).
-    """
-
-    whole: BoolArray
+    whole: BoolArray  # which rows those are, in each of the r directions, (n, r)
     kind = "closure"
 
     @property

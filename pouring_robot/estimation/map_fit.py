@@ -81,52 +81,32 @@ def first_frames(rows: ModelledRows, measured: MeasuredPoses) -> Unknowns:
 
 @dataclass(frozen=True)
 class FitOptions:
-    """How to search.
+    """How to search."""
 
-    Attributes:
-        loss: ``huber``, ``soft_l1`` or ``linear`` (no robustness).
-        max_evaluations: how many times all rows may be predicted.
-        step_tolerance: the search ends when a step is shorter than this in standard deviations of the answer.
-        curvature: whether the covariance takes second derivatives into account; about a prediction a parameter more.
-    """
-
-    loss: Loss = "huber"
-    max_evaluations: int = 200
+    loss: Loss = "huber"  # ``huber``, ``soft_l1`` or ``linear`` (no robustness)
+    max_evaluations: int = 200  # how many times all rows may be predicted
+    # the search ends when a step is shorter than this in standard deviations of the answer
     step_tolerance: float = 0.03
+    # whether the covariance takes second derivatives into account; about a prediction a parameter more
     curvature: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """What was found.
+    """What was found."""
 
-    Attributes:
-        unknowns: the most probable values.
-        covariance: of all unknowns given data and tolerances, shape (12 + P, 12 + P), in m and rad.
-        prior_std: shape (12 + P,), in m and rad.
-        equations: whitened residuals and Jacobian at the answer.
-        weights: of each equation by the robust loss, shape (m,).
-        prediction: of all rows at the answer.
-        evaluations: how many times all rows were predicted in the search.
-        second_evaluations: how many times they were to measure second derivatives; 0 where the search did without.
-        cost: the minimum.
-        failed: rows that were measured but do not close; they took no part.
-        last_step: length of the step not taken any more, in standard deviations of the answer.
-        converged: whether that is below the tolerance; else the search ended at its limit.
-    """
-
-    unknowns: Unknowns
-    covariance: FloatArray
-    prior_std: FloatArray
-    equations: WhitenedEquations
-    weights: FloatArray
-    prediction: Prediction
-    evaluations: int
-    second_evaluations: int
-    cost: float
-    failed: NDArray[np.intp]
-    last_step: float
-    converged: bool
+    unknowns: Unknowns  # the most probable values
+    covariance: FloatArray  # of all unknowns given data and tolerances, shape (12 + P, 12 + P), in m and rad
+    prior_std: FloatArray  # shape (12 + P,), in m and rad
+    equations: WhitenedEquations  # whitened residuals and Jacobian at the answer
+    weights: FloatArray  # of each equation by the robust loss, shape (m,)
+    prediction: Prediction  # of all rows at the answer
+    evaluations: int  # how many times all rows were predicted in the search
+    second_evaluations: int  # how many times they were to measure second derivatives; 0 where the search did without
+    cost: float  # the minimum
+    failed: NDArray[np.intp]  # rows that were measured but do not close; they took no part
+    last_step: float  # length of the step not taken any more, in standard deviations of the answer
+    converged: bool  # whether that is below the tolerance; else the search ended at its limit
 
     @property
     def std(self) -> FloatArray:

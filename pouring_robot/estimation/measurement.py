@@ -44,15 +44,11 @@ BoolArray = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """A value for everything unknown.
+    """A value for everything unknown."""
 
-    Attributes:
-        start: the outer frames that displacements count from.
-        values: displacements from there, parameter values, and six displacements of the base a session that has frames
-            of its own, shape (12 + P,), in m and rad; see the module.
-    """
-
-    start: OuterFrames
+    start: OuterFrames  # the outer frames that displacements count from
+    # displacements from there, parameter values, and six displacements of the base a session that has frames of its
+    # own, shape (12 + P,), in m and rad; see the module
     values: FloatArray
 
     @classmethod
@@ -272,19 +268,12 @@ class MeasurementModel:
 
 @dataclass(frozen=True, eq=False)
 class ModelledRows:
-    """Rows of a campaign or plan, ready to be predicted.
+    """Rows of a campaign or plan, ready to be predicted."""
 
-    Attributes:
-        model: the measurement model.
-        drives: commanded drives, shape (n, drives), in m and rad.
-        start: where to start closing.
-        session: number of each row's session among those with frames of their own, (n,); -1: none.
-    """
-
-    model: MeasurementModel
-    drives: FloatArray
-    start: BatchStart
-    session: NDArray[np.intp]
+    model: MeasurementModel  # the measurement model
+    drives: FloatArray  # commanded drives, shape (n, drives), in m and rad
+    start: BatchStart  # where to start closing
+    session: NDArray[np.intp]  # number of each row's session among those with frames of their own, (n,); -1: none
 
     def __len__(self) -> int:
         return len(self.drives)

@@ -19,28 +19,18 @@ LEAST_NOISE = 1e-9  # m or rad
 
 @dataclass(frozen=True)
 class NoiseLevel:
-    """Standard deviations of one measured component.
+    """Standard deviations of one measured component."""
 
-    Attributes:
-        position_m: of a coordinate, in m.
-        rotation_rad: of a rotation component, in rad.
-        position_source: where the figure comes from; ``none``: nothing of it was measured.
-        rotation_source: the same for rotations.
-        position_freedoms: degrees of freedom of a figure from repeats, infinite for any other: see :attr:`freedoms`.
-        rotation_freedoms: the same for rotations.
-        distance_m: of a distance, in m; ``closure_m`` of what redundant drives disagree by.
-        distance_source: where that comes from; ``closure_source`` likewise.
-    """
-
-    position_m: float
-    rotation_rad: float
-    position_source: Source
-    rotation_source: Source
+    position_m: float  # of a coordinate, in m
+    rotation_rad: float  # of a rotation component, in rad
+    position_source: Source  # where the figure comes from; ``none``: nothing of it was measured
+    rotation_source: Source  # the same for rotations
+    # degrees of freedom of a figure from repeats, infinite for any other: see :attr:`freedoms`
     position_freedoms: float = float("inf")
-    rotation_freedoms: float = float("inf")
-    distance_m: float = FIRST_GUESS_M
+    rotation_freedoms: float = float("inf")  # the same for rotations
+    distance_m: float = FIRST_GUESS_M  # of a distance, in m; ``closure_m`` of what redundant drives disagree by
     closure_m: float = FIRST_GUESS_M
-    distance_source: Source = "none"
+    distance_source: Source = "none"  # where that comes from; ``closure_source`` likewise
     closure_source: Source = "none"
 
     @classmethod

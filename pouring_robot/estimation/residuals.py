@@ -131,21 +131,14 @@ def _others(campaign: Campaign, noise: NoiseLevel) -> tuple[Instrument, ...]:
 
 @dataclass(frozen=True, eq=False)
 class WhitenedEquations:
-    """Residuals over their noise, missing components left out.
+    """Residuals over their noise, missing components left out."""
 
-    Attributes:
-        residual: shape (m,): measured minus predicted over sigma.
-        jacobian: its derivative by the unknowns, shape (m, 12 + P); None where it was not asked for.
-        rows: row each equation comes from, shape (m,).
-        components: of each equation, numbered as in :mod:`pouring_robot.estimation.instruments`, shape (m,).
-        failed: rows that were measured but have no prediction.
-    """
-
-    residual: FloatArray
-    jacobian: FloatArray | None
-    rows: NDArray[np.intp]
+    residual: FloatArray  # shape (m,): measured minus predicted over sigma
+    jacobian: FloatArray | None  # its derivative by the unknowns, shape (m, 12 + P); None where it was not asked for
+    rows: NDArray[np.intp]  # row each equation comes from, shape (m,)
+    # of each equation, numbered as in :mod:`pouring_robot.estimation.instruments`, shape (m,)
     components: NDArray[np.intp]
-    failed: NDArray[np.intp]
+    failed: NDArray[np.intp]  # rows that were measured but have no prediction
 
 
 def whiten(measured: MeasuredPoses, prediction: Prediction) -> WhitenedEquations:

@@ -23,19 +23,12 @@ _FEWEST_SESSIONS, _FEWEST_TRAIN, _FEWEST_TEST = 4, 12, 3
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Which rows serve for what.
+    """Which rows serve for what."""
 
-    Attributes:
-        kind: how rows belong together.
-        test: rows of the test block: no fit and no choice of groups sees them; they may refuse the whole.
-        test_name: the block's name.
-        folds: blocks of the other rows; each validates what the others are fitted to.
-    """
-
-    kind: BlockKind
-    test: Rows
-    test_name: str
-    folds: tuple[Rows, ...]
+    kind: BlockKind  # how rows belong together
+    test: Rows  # rows of the test block: no fit and no choice of groups sees them; they may refuse the whole
+    test_name: str  # the block's name
+    folds: tuple[Rows, ...]  # blocks of the other rows; each validates what the others are fitted to
 
     @property
     def train(self) -> Rows:

@@ -38,25 +38,19 @@ _WORSE, _HALVINGS = 1.1, 12  # near the answer the weights, not the steps, make 
 
 @dataclass(frozen=True, eq=False)
 class FrameFit:
-    """The two fitted frames and what they leave over.
+    """The two fitted frames and what they leave over."""
 
-    Attributes:
-        frames: the two.
-        untold: what the data do not tell of the frames: combinations of :data:`FRAME_PARAMETERS`, by name and in m
-            and rad, that change nothing of what is seen. The first name of each is held: a place of the target is 0
-            along it, a rotation stays where the fit started, for positions only at the unit rotation.
-        position_residual_m: (n, 3) measured minus fitted position in tracker axes, in m; NaN where missing.
-        rotation_residual_rad: (n, 3) rotation vector from fitted to measured, in tracker axes, in rad; NaN where
-            missing; None for positions only.
-        position_scale_m: robust standard deviation of a position coordinate, in m.
-        rotation_scale_rad: robust standard deviation of a rotation component, in rad; None for positions only.
-    """
-
-    frames: OuterFrames
+    frames: OuterFrames  # the two
+    # what the data do not tell of the frames: combinations of :data:`FRAME_PARAMETERS`, by name and in m and rad, that
+    # change nothing of what is seen. The first name of each is held: a place of the target is 0 along it, a rotation
+    # stays where the fit started, for positions only at the unit rotation.
     untold: tuple[dict[str, float], ...]
-    position_residual_m: FloatArray
+    position_residual_m: FloatArray  # (n, 3) measured minus fitted position in tracker axes, in m; NaN where missing
+    # (n, 3) rotation vector from fitted to measured, in tracker axes, in rad; NaN where missing; None for positions
+    # only
     rotation_residual_rad: FloatArray | None
-    position_scale_m: float
+    position_scale_m: float  # robust standard deviation of a position coordinate, in m
+    # robust standard deviation of a rotation component, in rad; None for positions only
     rotation_scale_rad: float | None
 
     def to_fixed_platform(self, vectors: FloatArray) -> FloatArray:
@@ -108,16 +102,11 @@ class _Axes:
     """Twelve unknowns that hardly mix, lengths in the spread of the target's places.
 
     The base turns about the middle of these, the target about its own origin.
-
-    Attributes:
-        middle: of the target's places in the base, (3,), in m.
-        length: root mean square of their distances from it, in m.
-        inner: place of the target in the moving platform, (3,), in m.
     """
 
-    middle: FloatArray
-    length: float
-    inner: FloatArray
+    middle: FloatArray  # of the target's places in the base, (3,), in m
+    length: float  # root mean square of their distances from it, in m
+    inner: FloatArray  # place of the target in the moving platform, (3,), in m
 
     @classmethod
     def of(cls, frames: OuterFrames, poses: PoseStack) -> _Axes:
@@ -145,19 +134,12 @@ class _Axes:
 
 @dataclass(frozen=True, eq=False)
 class _Untold:
-    """What the data do not tell of the frames.
+    """What the data do not tell of the frames."""
 
-    Attributes:
-        axes: the unknowns it is written in.
-        base: (6, k) orthonormal directions of the base that show by nothing.
-        tool: (6, l) orthonormal directions of the target that show by nothing when the base gives way.
-        answer: (6, l) how the base gives way.
-    """
-
-    axes: _Axes
-    base: FloatArray
-    tool: FloatArray
-    answer: FloatArray
+    axes: _Axes  # the unknowns it is written in
+    base: FloatArray  # (6, k) orthonormal directions of the base that show by nothing
+    tool: FloatArray  # (6, l) orthonormal directions of the target that show by nothing when the base gives way
+    answer: FloatArray  # (6, l) how the base gives way
 
     @property
     def free(self) -> FloatArray:

@@ -32,15 +32,10 @@ _ROUNDS, _HUBER = 12, 1.5
 
 @dataclass(frozen=True)
 class SessionParameter:
-    """One of the six numbers by which a session sees the base displaced against the largest session.
+    """One of the six numbers by which a session sees the base displaced against the largest session."""
 
-    Attributes:
-        session: its name.
-        component: tx, ty, tz, rx, ry or rz, in the base's axes.
-    """
-
-    session: str
-    component: str
+    session: str  # its name
+    component: str  # tx, ty, tz, rx, ry or rz, in the base's axes
 
     @property
     def name(self) -> str:
