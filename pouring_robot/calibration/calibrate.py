@@ -53,8 +53,7 @@ _SURE = 1e-3  # chance at which residuals count as larger than the noise
 class CalibrationOptions:
     """What to identify and how."""
 
-    # sets, groups or patterns; each becomes a group that is kept or dropped as a whole
-    parameters: tuple[str, ...] = ("geometry",)
+    parameters: tuple[str, ...] = ("geometry",)  # sets, groups, patterns; each a group kept or dropped as a whole
     tolerances: Tolerances | None = None  # priors; by default the shipped ones
     hold_out: HoldOut = "auto"  # what kind of blocks to hold out
     choose: bool = True  # whether groups are kept only where they help held-out rows; otherwise all are kept

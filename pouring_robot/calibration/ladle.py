@@ -21,8 +21,7 @@ class LadleUncertainty:
     """
 
     position_m: FloatArray  # commanded origin of the end body, shape (n, 3), in m
-    # commanded turn about y, shape (n,), in rad; None for a robot that turns about other axes too
-    tilt_rad: FloatArray | None
+    tilt_rad: FloatArray | None  # commanded turn about y, shape (n,), in rad; None where it turns otherwise, too
     std_m: FloatArray  # of x, y and z in tracker axes, shape (n, 3), in m
     std_rad: FloatArray  # of the rotation, shape (n, 3), in rad
 

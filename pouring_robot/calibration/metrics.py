@@ -26,8 +26,7 @@ class Misfit:
     rms_mrad: float  # root mean square of a rotation component; ``p95_mrad`` and ``max_mrad`` of the angle likewise
     p95_mrad: float
     max_mrad: float
-    # root mean square of x, y and z; ``axis_rms_mrad`` of the rotation components
-    axis_rms_mm: tuple[float, float, float]
+    axis_rms_mm: tuple[float, float, float]  # root mean square of x, y and z; ``axis_rms_mrad`` of rotation components
     axis_rms_mrad: tuple[float, float, float]
     line_rms_mm: float  # root mean square of a distance or closure
 

@@ -40,8 +40,7 @@ _SHORTLIST = 16
 class CandidateSet:
     """What can be chosen from."""
 
-    # whitened rows of each candidate, shape (N, m, p), ``nuisance`` columns first; unused rows are zero
-    rows: FloatArray
+    rows: FloatArray  # whitened, of each candidate, shape (N, m, p), ``nuisance`` columns first; unused ones are zero
     nuisance: int
     place: IntArray  # candidates of the same number stand for the same pose: at most one of them is chosen, shape (N,)
     kind: IntArray  # of each candidate, shape (N,); a slot of the plan takes one kind

@@ -25,12 +25,10 @@ class PlanRequest:
     target_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # place of the target on the moving platform
     priors: Tolerances | None = None  # tolerances that count as known beforehand (MAP); None: nothing is known
     both_sides: int = 0  # how many of the poses are visited from both sides; each gives one more row
-    # melt in the ladle to choose from; with any, the drives' compliances are to be determined too
-    loads_kg: tuple[float, ...] = ()
+    loads_kg: tuple[float, ...] = ()  # melt to choose from; with any, drives' compliances are determined too
     # leg temperatures to choose from; with any, the legs' expansions are to be determined too
     leg_degC: tuple[float, ...] = ()  # noqa: N815 - the unit is spelt as in the campaign files
-    # leave out parameters of which so many poses tell less than their tolerances, instead of refusing
-    reduce: bool = False
+    reduce: bool = False  # leave out parameters of which poses tell less than tolerances, instead of refusing
     candidates: int = 2000  # about how many poses to choose from
     starts: int = 4  # how many random first plans
     seed: int = 0

@@ -66,27 +66,22 @@ class Conditions:
     drives: FloatArray  # commanded drives, (n, D), in m and rad
     position_m: FloatArray  # nominal origin of the end body in the base, (n, 3)
     rotation: FloatArray  # nominal axes of the end body, (n, 3, 3)
-    # number of the session from 0, (n,); -1 for one in which nothing was learned, -2 where nobody says which
-    session: NDArray[np.intp]
+    session: NDArray[np.intp]  # number from 0, (n,); -1: nothing was learned in it, -2: nobody says which it is
     time_s: FloatArray  # time of measurement, (n,); without a time column the number of the row stands for it
     time_known: bool  # whether there was a time column
-    # angle of the joint about which each drive's chain swings, (n, D); NaN for a drive without one
-    swing_rad: FloatArray | None = None
+    swing_rad: FloatArray | None = None  # of the joint about which each drive's chain swings, (n, D); NaN without one
     approach: FloatArray | None = None  # side each drive was approached from, (n, D), +1 or -1
     weight_n: FloatArray | None = None  # weight of tool and payload, (n,)
     # what every drive carries along its motion, (n, D), in N and Nm; tension is positive. As measured, else what weight
     # puts there.
     drive_force: FloatArray | None = None
     force_by_weight: FloatArray | None = None  # what one newton of ``weight_n`` puts there, (n, D), in N/N and Nm/N
-    # temperatures above the reference by thermometer, (n,), in K
-    rises: Mapping[str, FloatArray] = field(default_factory=dict)
-    # where the base stands along its axes, by name, (n,), in m
-    travels: Mapping[str, FloatArray] = field(default_factory=dict)
+    rises: Mapping[str, FloatArray] = field(default_factory=dict)  # above the reference, by thermometer, (n,), in K
+    travels: Mapping[str, FloatArray] = field(default_factory=dict)  # where the base stands, by axis, (n,), in m
     screw_pitch_m: float | None = None  # travel of a sliding drive a turn
     truss_span_m: float | None = None  # length of the rails
     learned: LearnedCampaign | None = None  # the campaign that shapes count from; None: these very rows
-    # conditions of which single cells were missing and were filled in from their neighbours in time
-    filled: tuple[str, ...] = ()
+    filled: tuple[str, ...] = ()  # conditions of which single cells were filled in from their neighbours in time
     assumed: tuple[str, ...] = ()  # what was assumed, one line each
 
     def __len__(self) -> int:
@@ -240,8 +235,7 @@ class NominalRows:
     up: FloatArray  # direction against gravity in the base, (3,)
     swing_rad: FloatArray  # as in :class:`Conditions`, (n, D)
     own_force: FloatArray | None  # what the links' own weight puts on every drive, (n, D); None where it is not counted
-    # where the payload sits on the end body, (3,); None where the campaign says it, with a tare
-    payload_m: FloatArray | None
+    payload_m: FloatArray | None  # of the payload on the end body, (3,); None where the campaign says it, with a tare
 
 
 def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCampaign | None = None) -> Conditions:

@@ -34,12 +34,10 @@ class Facts:
     # what to draw over it, (n,) numbers in the unit of the label; None where the campaign does not say
     axis: Callable[[Conditions], tuple[str, FloatArray | None]] = lambda _: ("", None)
     word: str = ""  # its name in sentences on what data depend on; "" where another condition stands for it there
-    # what a campaign must hold so that it is known: columns of the table, ``section.key`` of the YAML
-    sources: tuple[str, ...] = ()
+    sources: tuple[str, ...] = ()  # what tells it: columns of a campaign's table, ``section.key`` of the YAML
     record: str = ""  # the same in words
     vary: str = ""  # which measurement makes show what depends on it
-    # from lowest to highest in SI units; with less it was held still. 0 where that is no question.
-    least_spread: float = 0.0
+    least_spread: float = 0.0  # from lowest to highest, SI; with less it was held still. 0 where that is no question
     varied: str = ""  # condition that a campaign varies with it, if not itself
     by_pose: bool = False  # whether every campaign varies it, as it goes by the pose
     expected: bool = True  # whether it is worth saying that a campaign does not have it

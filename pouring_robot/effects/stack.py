@@ -20,8 +20,7 @@ class Stack(NamedTuple):
     """What effects change under conditions."""
 
     parameters: list[tuple[EffectParameter, float]]  # each with its value in its unit
-    # which effects are taken as none in some rows because nobody learned them there, a line each
-    untold: tuple[str, ...]
+    untold: tuple[str, ...]  # effects taken as none in some rows because nobody learned them there, a line each
 
 
 def stack_of(

@@ -35,8 +35,7 @@ class DependentGroup:
     """Unknowns that are tied together: fewer combinations of them can be identified than there are members."""
 
     members: tuple[str, ...]  # their names
-    # what can be identified: for each base member, every member's share in it per unit
-    combinations: tuple[dict[str, float], ...]
+    combinations: tuple[dict[str, float], ...]  # identifiable: for each base member every member's share per unit
     hidden: int  # number of directions that no measurement of these poses shows
 
     def texts(self) -> tuple[str, ...]:
@@ -60,8 +59,7 @@ class BaseParameters:
 
     names: tuple[str, ...]  # of its columns
     rank: int  # number of combinations that are determined
-    # orthonormal basis of the directions that nothing shows, in scaled columns, shape (K, K - rank)
-    null_space: FloatArray
+    null_space: FloatArray  # orthonormal basis of what nothing shows, in scaled columns, shape (K, K - rank)
     scale: FloatArray  # lengths of the columns; 1 for columns that are zero; shape (K,)
     singular: FloatArray  # singular values of the columns scaled to unit length, shape (K,)
     base: tuple[str, ...]  # names of the columns kept by pivoting; the others depend on them

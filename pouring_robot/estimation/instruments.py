@@ -149,8 +149,7 @@ class Distances(Instrument):
 
     distance_m: FloatArray  # (n,), in m; NaN where missing
     row: NDArray[np.intp]  # number of the row in its campaign, (n,)
-    # that of the row from which it is measured, (n,); -1 for the fixed point, -2 where that row is left out
-    start: NDArray[np.intp]
+    start: NDArray[np.intp]  # that it is measured from, (n,); -1 for the fixed point, -2 where that row is left out
     kind = "distance"
 
     @property

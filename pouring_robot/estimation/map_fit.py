@@ -85,10 +85,8 @@ class FitOptions:
 
     loss: Loss = "huber"  # ``huber``, ``soft_l1`` or ``linear`` (no robustness)
     max_evaluations: int = 200  # how many times all rows may be predicted
-    # the search ends when a step is shorter than this in standard deviations of the answer
-    step_tolerance: float = 0.03
-    # whether the covariance takes second derivatives into account; about a prediction a parameter more
-    curvature: bool = False
+    step_tolerance: float = 0.03  # the search ends when a step is shorter, in standard deviations of the answer
+    curvature: bool = False  # whether the covariance has second derivatives in it; about a prediction a parameter more
 
 
 @dataclass(frozen=True, eq=False)

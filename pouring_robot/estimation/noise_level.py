@@ -25,8 +25,7 @@ class NoiseLevel:
     rotation_rad: float  # of a rotation component, in rad
     position_source: Source  # where the figure comes from; ``none``: nothing of it was measured
     rotation_source: Source  # the same for rotations
-    # degrees of freedom of a figure from repeats, infinite for any other: see :attr:`freedoms`
-    position_freedoms: float = float("inf")
+    position_freedoms: float = float("inf")  # of a figure from repeats, infinite for any other: see :attr:`freedoms`
     rotation_freedoms: float = float("inf")  # the same for rotations
     distance_m: float = FIRST_GUESS_M  # of a distance, in m; ``closure_m`` of what redundant drives disagree by
     closure_m: float = FIRST_GUESS_M

@@ -136,8 +136,7 @@ class WhitenedEquations:
     residual: FloatArray  # shape (m,): measured minus predicted over sigma
     jacobian: FloatArray | None  # its derivative by the unknowns, shape (m, 12 + P); None where it was not asked for
     rows: NDArray[np.intp]  # row each equation comes from, shape (m,)
-    # of each equation, numbered as in :mod:`pouring_robot.estimation.instruments`, shape (m,)
-    components: NDArray[np.intp]
+    components: NDArray[np.intp]  # numbered as in :mod:`pouring_robot.estimation.instruments`, shape (m,)
     failed: NDArray[np.intp]  # rows that were measured but have no prediction
 
 

@@ -46,12 +46,9 @@ class FrameFit:
     # stays where the fit started, for positions only at the unit rotation.
     untold: tuple[dict[str, float], ...]
     position_residual_m: FloatArray  # (n, 3) measured minus fitted position in tracker axes, in m; NaN where missing
-    # (n, 3) rotation vector from fitted to measured, in tracker axes, in rad; NaN where missing; None for positions
-    # only
-    rotation_residual_rad: FloatArray | None
+    rotation_residual_rad: FloatArray | None  # (n, 3) rotation vectors, in rad, likewise; None for positions only
     position_scale_m: float  # robust standard deviation of a position coordinate, in m
-    # robust standard deviation of a rotation component, in rad; None for positions only
-    rotation_scale_rad: float | None
+    rotation_scale_rad: float | None  # robust standard deviation of a rotation component, in rad; None likewise
 
     def to_fixed_platform(self, vectors: FloatArray) -> FloatArray:
         """Turn vectors (n, 3) from tracker axes into the axes of the fixed platform."""
