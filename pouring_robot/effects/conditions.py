@@ -168,10 +168,6 @@ class Conditions:
 
         Samples of a wave tell it if they lie no further apart than half of its length (Shannon 1949): what was learned
         fades out over a quarter of the shortest wave beyond them.
-
-        Args:
-            drive: which.
-            shortest_rad: length of the shortest wave.
         """
         arcs = self.learned.seen_rad.get(drive.joint, []) if self.learned else []
         if not arcs:
@@ -208,8 +204,7 @@ class Conditions:
         if not self.timed and len(self) > 1:
             return np.full_like(values, np.nan)
         out = np.array(values, dtype=float)
-        order = np.argsort(self.time_s, kind="stable")
-        for before, now in itertools.pairwise(order):
+        for before, now in itertools.pairwise(np.argsort(self.time_s, kind="stable")):
             kept = np.exp(-(self.time_s[now] - self.time_s[before]) / lag_s)
             out[now] = values[now] + (out[before] - values[now]) * kept
         return out
@@ -246,24 +241,23 @@ def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCamp
         nominal: the same rows by the drawing.
         learned: another campaign, which shapes shall count from and whose facts of the machine hold.
     """
-    filler = _Filler(campaign)
+    filled: list[str] = []
+    whole = functools.partial(_without_gaps, campaign, filled)
     facts, robot = learned or campaign.metadata, nominal.robot
-    reference = facts.reference_temperature_degC
-    assumed = []
-    if reference is None:
-        reference = REFERENCE_DEGC
-        assumed.append(f"reference temperature {reference:g} °C")
-    weight, force, by_weight = _loads(facts, nominal, filler.one("payload"))
+    stated = facts.reference_temperature_degC
+    reference = REFERENCE_DEGC if stated is None else stated
+    weight, force, by_weight = _loads(facts, nominal, whole("payload"))
     for k, name in enumerate(force_names(robot)):
-        measured = filler.one(name)
+        measured = whole(name)
         if measured is not None:
             force = np.zeros(campaign.drives.shape) if force is None else np.array(force)
             force[:, k] = measured
-    known = filler.one("time")
+    known = whole("time")
     names = {name: k for k, name in enumerate(learned.sessions if learned else dict.fromkeys(campaign.sessions))}
     thermometers = (member for kind in causes_of(robot).thermometers for member in kind.members)
-    warm = {member: filler.one(member) for member in thermometers if member in campaign.conditions}
-    travels = {name: filler.one(name) for name in robot.travels}
+    warm = {member: whole(member) for member in thermometers if member in campaign.conditions}
+    travels = {name: whole(name) for name in robot.travels}
+    sides = [side for side in map(whole, approach_names(robot)) if side is not None]
     return Conditions(
         robot=robot,
         drives=np.array(campaign.drives),
@@ -273,7 +267,7 @@ def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCamp
         time_s=np.arange(len(campaign), dtype=float) if known is None else known,
         time_known=known is not None,
         swing_rad=nominal.swing_rad,
-        approach=filler(*approach_names(robot)),
+        approach=np.column_stack(sides) if len(sides) == len(robot.drives) else None,
         weight_n=weight,
         drive_force=force,
         force_by_weight=by_weight,
@@ -282,8 +276,8 @@ def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCamp
         screw_pitch_m=facts.screw_pitch_m,
         truss_span_m=facts.truss_span_m,
         learned=learned,
-        filled=tuple(filler.filled),
-        assumed=tuple(assumed),
+        filled=tuple(filled),
+        assumed=() if stated is not None else (f"reference temperature {reference:g} °C",),
     )
 
 
@@ -296,12 +290,7 @@ def told(campaign: Campaign) -> dict[str, FloatArray]:
 
 
 def learned_in(campaign: Campaign, conditions: Conditions) -> LearnedCampaign:
-    """Return what effects that are learned in a campaign are to be counted from elsewhere.
-
-    Args:
-        campaign: the data.
-        conditions: of its rows.
-    """
+    """Return what effects that are learned in a campaign, under its conditions, are to be counted from elsewhere."""
     metadata = campaign.metadata
     reference = metadata.reference_temperature_degC
     return LearnedCampaign(
@@ -352,35 +341,21 @@ def _loads(
     return weight, force if nominal.own_force is None else force + nominal.own_force, by_weight
 
 
-class _Filler:
-    """Reads quantities of a campaign and fills single missing cells from their neighbours in time."""
+def _without_gaps(campaign: Campaign, filled: list[str], name: str) -> FloatArray | None:
+    """Return a quantity, (n,), single missing cells filled in from their neighbours in time; None where there is none.
 
-    def __init__(self, campaign: Campaign) -> None:
-        self._campaign = campaign
-        time = campaign.time_s
-        whole = time is not None and bool(np.isfinite(time).all())
-        self._time = np.asarray(time) if whole else np.arange(len(campaign), dtype=float)
-        self.filled: list[str] = []
-
-    def __call__(self, *names: str) -> FloatArray | None:
-        """Return quantities without gaps, (n, names); None where the campaign lacks one of them."""
-        given = [self._campaign.quantity(name) for name in names]
-        columns = [self._without_gaps(n, v) for n, v in zip(names, given, strict=True) if v is not None]
-        return np.column_stack(columns) if len(columns) == len(names) else None
-
-    def one(self, name: str) -> FloatArray | None:
-        """Return a quantity without gaps, (n,); None where the campaign does not have it."""
-        found = self(name)
-        return None if found is None else found[:, 0]
-
-    def _without_gaps(self, name: str, values: FloatArray) -> FloatArray:
-        known = np.isfinite(values)
-        if known.all():
-            return values
-        order = np.argsort(self._time[known], kind="stable")
-        times, cells = self._time[known][order], values[known][order]
-        filled = np.interp(self._time[~known], times, cells)
-        whole = np.array(values)
-        whole[~known] = np.sign(filled) + (filled == 0.0) if name.startswith("approach_") else filled
-        self.filled.append(self._campaign.heading(name))
-        return whole
+    The headings of those that had gaps are added to ``filled``.
+    """
+    values = campaign.quantity(name)
+    if values is None or np.isfinite(values).all():
+        return values
+    time = campaign.time_s
+    if time is None or not np.isfinite(time).all():
+        time = np.arange(len(campaign), dtype=float)
+    known = np.isfinite(values)
+    order = np.argsort(time[known], kind="stable")
+    cells = np.interp(time[~known], time[known][order], values[known][order])
+    whole = np.array(values)
+    whole[~known] = np.sign(cells) + (cells == 0.0) if name.startswith("approach_") else cells
+    filled.append(campaign.heading(name))
+    return whole
