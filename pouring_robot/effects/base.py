@@ -61,23 +61,20 @@ class Form:
 class Effect(ABC):
     """A physical cause that moves the end body. Stateless; one instance serves all campaigns of a robot."""
 
-    id: str
-    """Name in files and on the command line."""
-    story: str
-    """One line for people: what happens on the machine."""
+    id: str  # name in files and on the command line
+    story: str  # one line for people: what happens on the machine
+    # conditions without which it cannot be tested: names of what :meth:`Conditions.value` may not have
     needs: tuple[str, ...] = ()
-    """Conditions without which it cannot be tested: names of what :meth:`Conditions.value` may not have."""
+    # conditions that shape it, too, where a campaign has them; what was learned with them needs them elsewhere
     shaped_by: tuple[str, ...] = ()
-    """Conditions that shape it, too, where a campaign has them; what was learned with them needs them elsewhere."""
-    moves_robot: bool = True
-    """Whether it moves the robot, not only what is seen of it."""
+    moves_robot: bool = True  # whether it moves the robot, not only what is seen of it
+    # condition that it is drawn over and that must vary so that it shows, one of
+    # :func:`~pouring_robot.effects.facts.known_facts`; by default the first of :attr:`needs`
     driven_by: str = ""
-    """Condition that it is drawn over and that must vary so that it shows, one of
-    :func:`~pouring_robot.effects.facts.known_facts`; by default the first of :attr:`needs`."""
+    # measurement that tells it from other effects, in words; by default what varies :attr:`driven_by`
     told_apart_by: str = ""
-    """Measurement that tells it from other effects, in words; by default what varies :attr:`driven_by`."""
+    # whether load brings its workmanship to light: the mechanism gives way further where it is soft
     loosened_by_load: bool = False
-    """Whether load brings its workmanship to light: the mechanism gives way further where it is soft."""
 
     @property
     def driver(self) -> str:
@@ -107,8 +104,7 @@ class Effect(ABC):
     def in_words(self, values: Mapping[str, float]) -> tuple[str, ...]:
         """Return what its parameters together say that none of them says alone, a sentence each; by default nothing.
 
-        Args:
-            values: of the parameters found, by name, each in its unit.
+        ``values`` are those of the parameters found, by name, each in its unit.
         """
         return ()
 
@@ -125,11 +121,7 @@ class Effect(ABC):
 
     @abstractmethod
     def forms(self, conditions: Conditions) -> Sequence[Form]:
-        """Return the forms of the effect under these conditions, the usual one first.
-
-        Args:
-            conditions: n rows; everything in :attr:`needs` is there.
-        """
+        """Return the forms of the effect under conditions that have all that it :attr:`needs`, the usual one first."""
 
     def form(self, name: str, conditions: Conditions) -> Form:
         """Return one form by its name.
@@ -157,10 +149,8 @@ def checked_forms(effect: Effect, conditions: Conditions, channels: Collection[s
     try:
         forms = tuple(effect.forms(conditions))
     except Exception as problem:  # a user's effect may fail in any way; the line must say which one
-        said = " ".join(f"{type(problem).__name__}: {problem}".split())
-        raise BadInputError(
-            f"the effect '{effect.id}' fails under the conditions of this campaign: {said}"
-        ) from problem
+        why = " ".join(f"{type(problem).__name__}: {problem}".split())
+        raise BadInputError(f"the effect '{effect.id}' fails under the conditions of this campaign: {why}") from problem
     names = [form.name for form in forms]
     if not forms or len(set(names)) < len(names) or not all(form.parameters for form in forms):
         raise BadInputError(f"the effect '{effect.id}' needs forms of different names, each with a parameter or more")
@@ -169,9 +159,8 @@ def checked_forms(effect: Effect, conditions: Conditions, channels: Collection[s
             where = f"the effect '{effect.id}', form '{form.name}', parameter '{parameter.name}'"
             for name, change in parameter.changes.items():
                 if name not in channels:
-                    raise BadInputError(
-                        f"{where} changes '{name}', which the robot does not have{closest(name, channels)}"
-                    )
+                    near = closest(name, channels)
+                    raise BadInputError(f"{where} changes '{name}', which the robot does not have{near}")
                 if np.shape(change) != (len(conditions),) or not np.isfinite(change).all():
                     raise BadInputError(f"{where} must change '{name}' by one finite number for each row")
             if not parameter.prior_std > 0.0:

@@ -28,14 +28,11 @@ def causes_of(robot: RobotDefinition) -> Causes:
     """Return what a robot declares of its causes; otherwise those of a library over its groups."""
     if robot.causes:
         return robot.causes
-    mechanism = robot.mechanism()
+    mechanism, ambient = robot.mechanism(), replace(AMBIENT, by_pose=True, moves_joints=True)
     return Causes(
         entries=(*_of_drives(robot), *_of_structure(robot, mechanism)),
         placements=_placements(robot, mechanism),
-        thermometers=(
-            replace(AMBIENT, by_pose=True, moves_joints=True),
-            *(_thermometer(name) for name in robot.thermometers),
-        ),
+        thermometers=(ambient, *(_thermometer(name) for name in robot.thermometers)),
         drive_thermometers=_drive_thermometers(robot, mechanism),
     )
 
@@ -96,13 +93,8 @@ def _of_structure(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> It
     yield CauseEntry("session_offset", "session_offset", story)
 
 
-def chain_joints(mechanism: ClosedChainMechanism) -> tuple[str, ...]:
-    """Return the joints, fixed and moving, whose placements make the pose."""
-    return tuple(filter(None, engine_for(mechanism).structure.site_joints))
-
-
 def _placements(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Placements:
-    joints = chain_joints(mechanism)
+    joints = tuple(filter(None, engine_for(mechanism).structure.site_joints))  # whose placements make the pose
     said = [name.partition(".t") for name in robot.file.places or joints]
     places = tuple(dict.fromkeys(joint for joint, _, _ in said))
     along = {place: "".join(axis for joint, _, axis in said if joint == place) or "xyz" for place in places}

@@ -1,6 +1,6 @@
 """The effects that a model file has: what they change, row by row, under given conditions."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ from pouring_robot.effects.facts import sources
 from pouring_robot.effects.registry import all_effects
 from pouring_robot.exceptions import BadInputError, MissingConditionsError, closest
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.effect_stack import EffectEntry, LearnedCampaign
+from pouring_robot.robot.effect_stack import LearnedCampaign
 from pouring_robot.robot.model import RobotModel
 
 
@@ -65,7 +65,12 @@ def stack_of(
         for name, parameter in entry.parameters.items():
             if name not in form and lost:
                 raise MissingConditionsError(entry.effect, lost)
-            _check_parameter(entry, name, form)
+            if name not in form:
+                said = f"the model's effect '{entry.effect}' in the form '{entry.form}' has no parameter '{name}'"
+                raise BadInputError(f"{said} under the conditions of this campaign{closest(name, form)}")
+            if parameter.unit != form[name].unit:
+                said = f"the model's '{name}' of '{entry.effect}' is in '{parameter.unit}'"
+                raise BadInputError(f"{said}; it must be in '{form[name].unit}'")
             if parameter.value and not _is_known(form[name]):
                 some = replace(rows, session=np.full_like(rows.session, -1))
                 by_session = _is_known({p.name: p for p in effect.form(entry.form, some).parameters}[name])
@@ -94,15 +99,3 @@ def local_changes(parameters: Sequence[EffectParameter], values: Sequence[float]
             for name, change in parameter.changes.items():
                 total[name] = total.get(name, 0.0) + value * change
     return total
-
-
-def _check_parameter(entry: EffectEntry, name: str, form: Mapping[str, EffectParameter]) -> None:
-    """Check that an entry of a model file has a parameter that its form has here, in its unit."""
-    if name not in form:
-        raise BadInputError(
-            f"the model's effect '{entry.effect}' in the form '{entry.form}' has no parameter '{name}' "
-            f"under the conditions of this campaign{closest(name, form)}"
-        )
-    if entry.parameters[name].unit != form[name].unit:
-        given, wanted = entry.parameters[name].unit, form[name].unit
-        raise BadInputError(f"the model's '{name}' of '{entry.effect}' is in '{given}'; it must be in '{wanted}'")

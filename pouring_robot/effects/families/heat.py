@@ -100,15 +100,10 @@ def _carrier(model: pin.Model, link: str) -> pin.Frame:
 
 
 def grown_places(robot: RobotDefinition, places: Collection[str]) -> list[tuple[str, str, FloatArray]]:
-    """Return what links do to the joints on them, also through fixed joints, which nothing displaces by themselves.
+    """Return what links do to joints (``places``), also through fixed ones, which nothing displaces by themselves.
 
-    Args:
-        robot: the robot.
-        places: joints that may be displaced.
-
-    Returns:
-        The joint, a link that carries it up to the next joint that may be displaced or moves, and the place on that
-        link of what it carries there, (3,), in the joint's own axes, in m.
+    That is the joint, a link that carries it up to the next joint that may be displaced or moves, and the place on that
+    link of what it carries there, (3,), in the joint's own axes, in m.
     """
     model, known, found = robot.mechanism().shared_model, standing(robot), []
     for joint in places:
@@ -128,14 +123,8 @@ def chain_ends(robot: RobotDefinition, places: Collection[str]) -> list[tuple[st
     """Return what the last link of a chain does that ends in a fixed joint, which nothing displaces.
 
     It moves the loop's frame on the chain as if the seat on the other side moved back: in a closed ``6d`` loop both
-    have the same axes.
-
-    Args:
-        robot: the robot.
-        places: joints that may be displaced.
-
-    Returns:
-        Of each such end the seat's joint, the link that grows, and the place of the seat's displacement, (3,), in m.
+    have the same axes. Of each such end whose seat is among the joints that may be displaced (``places``), that is the
+    seat's joint, the link that grows, and the place of the seat's displacement, (3,), in m.
     """
     known, model = levers(robot), robot.mechanism().shared_model
     ends = [(loop.frame_a, loop.frame_b) for loop in robot.loops.loops if loop.type == "6d"]
