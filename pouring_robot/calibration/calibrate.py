@@ -33,7 +33,7 @@ from pouring_robot.estimation.map_fit import (
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
 from pouring_robot.estimation.noise import noise_beforehand, repeats
 from pouring_robot.estimation.parameter_priors import prior_std
-from pouring_robot.estimation.residuals import MeasuredPoses, observed, regressor
+from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
 from pouring_robot.estimation.splits import HoldOut, Rows, Split, split
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
@@ -168,7 +168,7 @@ def calibrate(
     inflation = 1.0 if accident else fit.scatter()
     alike = repeats(campaign, np.setdiff1d(np.flatnonzero(campaign.usable), left_out))
     start = fit.unknowns.at(np.zeros_like(fit.unknowns.values))
-    shown = observed(measured[parts.train], chosen[parts.train].linearise(start))
+    shown = -whiten(measured[parts.train], chosen[parts.train].linearise(start)).derivatives
     workspace = chosen if campaign.redundant_drives else workspace_rows(chosen.model)
     own_frames = [parameter.name for parameter in sessions]
     return Calibration(

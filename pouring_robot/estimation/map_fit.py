@@ -44,13 +44,8 @@ def seen_from_one_place(campaign: Campaign, model: RobotModel) -> Campaign:
     """
     if campaign.metadata.frames != PER_SESSION:
         return campaign
-    return in_one_frame(campaign, _present(MeasurementModel(model, ()).at(campaign.drives)))
-
-
-def _present(rows: ModelledRows) -> PoseStack:
-    """Return the poses of the present robot."""
-    closure = rows.model.engine.close(rows.drives + rows.model.drive_errors(None), rows.start)
-    return PoseStack(closure.position, closure.rotation)
+    closure = MeasurementModel(model, ()).at(campaign.drives).present()
+    return in_one_frame(campaign, PoseStack(closure.position, closure.rotation))
 
 
 def first_frames(rows: ModelledRows, measured: MeasuredPoses) -> Unknowns:
@@ -59,14 +54,10 @@ def first_frames(rows: ModelledRows, measured: MeasuredPoses) -> Unknowns:
     Where too few rows have a complete position, single coordinates and distances serve; without any, there are no
     frames, and they stay at one.
 
-    Args:
-        rows: what was commanded.
-        measured: what was seen of the same rows.
-
     Raises:
         FrameFitError: something was measured of places, but of too few rows.
     """
-    closure = rows.model.engine.close(rows.drives + rows.model.drive_errors(None), rows.start)
+    closure = rows.present()
     poses = PoseStack(closure.position, closure.rotation)
     whole = int((poses.complete & np.isfinite(measured.position_m).all(axis=1)).sum())
     if whole < FEWEST_ROWS and not measured.framed:
@@ -119,20 +110,16 @@ class Fit:
     @functools.cached_property
     def leverage(self) -> FloatArray:
         """Share of each equation that the fit used up, shape (m,): diagonal of the hat matrix."""
-        if self.equations.jacobian is None:
-            raise BadInputError("a fit holds its Jacobian")
-        rows = self.equations.jacobian
+        rows = self.equations.derivatives
         return np.asarray(((rows @ self.covariance) * rows).sum(axis=1) * self.weights)
 
     def freedom(self, kind: Kind | None = None) -> float:
         """Return the equations left over for the noise: all, or those of one kind of instrument."""
-        chosen = self._chosen(kind)
-        return float((self.weights - self.leverage)[chosen].sum())
+        return float((self.weights - self.leverage)[self._chosen(kind)].sum())
 
     def chi_square(self, kind: Kind | None = None) -> float:
         """Return the weighted sum of squared whitened residuals: of all, or of one kind of instrument."""
-        chosen = self._chosen(kind)
-        return float((self.weights * self.equations.residual**2)[chosen].sum())
+        return float((self.weights * self.equations.residual**2)[self._chosen(kind)].sum())
 
     def scatter(self, kind: Kind | None = None) -> float:
         """Return the noise that the residuals show over the one assumed; 1 with hardly an equation left over."""
@@ -150,12 +137,12 @@ def identify(
     prior_std: FloatArray,
     options: FitOptions | None = None,
 ) -> Fit:
-    """Find the most probable unknowns.
+    """Find the most probable unknowns; prior means are 0.
 
     Args:
         rows: what was commanded.
-        measured: what was seen.
-        start: frames near the answer (see :func:`first_frames`); prior means are 0.
+        measured: what was seen of the same rows.
+        start: frames near the answer (see :func:`first_frames`).
         prior_std: of all unknowns, shape (12 + P,), in m and rad.
         options: loss and limits.
 

@@ -23,28 +23,20 @@ from pouring_robot.mechanism.rotations import rotation_matrices
 class MeasuredPoses(PoseStack):
     """What was measured of n rows, with its noise: a stack of poses, and what other instruments read.
 
-    Components stand in the order of :mod:`pouring_robot.estimation.instruments`; there are K of them: six, more with
-    distances or redundant drives.
-
-    Attributes:
-        position_m: shape (n, 3), in m, tracker axes; NaN where missing.
-        rotation: measured axes, shape (n, 3, 3); NaN where missing. A rotation counts only with all three components.
-        sigma_position_m: standard deviation of a coordinate, in m.
-        sigma_rotation_rad: standard deviation of a rotation component about the tracker's axes, in rad.
-        others: distances; where drives are redundant, closures behind them.
+    Poses are those of the target in the tracker frame, NaN where missing; a rotation counts only with all three
+    components. Components stand in the order of :mod:`pouring_robot.estimation.instruments`; there are K of them: six,
+    more with distances or redundant drives.
     """
 
-    sigma_position_m: float
-    sigma_rotation_rad: float
-    others: tuple[Instrument, ...] = ()
+    sigma_position_m: float  # standard deviation of a coordinate, in m
+    sigma_rotation_rad: float  # standard deviation of a rotation component about the tracker's axes, in rad
+    others: tuple[Instrument, ...] = ()  # distances; where drives are redundant, closures behind them
 
     def __post_init__(self) -> None:
         n = len(self.position_m)
         if self.position_m.shape != (n, 3) or self.rotation.shape != (n, 3, 3):
-            raise BadInputError(
-                f"measured poses need position (n, 3) and rotation (n, 3, 3), not {self.position_m.shape} and "
-                f"{self.rotation.shape}"
-            )
+            given = f"{self.position_m.shape} and {self.rotation.shape}"
+            raise BadInputError(f"measured poses need position (n, 3) and rotation (n, 3, 3), not {given}")
         _ = self.instruments
 
     @functools.cached_property
@@ -56,12 +48,19 @@ class MeasuredPoses(PoseStack):
     @classmethod
     def from_campaign(cls, campaign: Campaign, noise: NoiseLevel) -> MeasuredPoses:
         """Take the measured columns of a campaign; rows without all drives count as not measured."""
-        position = np.array(campaign.position_m)
+        usable, position, others = campaign.usable, np.array(campaign.position_m), list[Instrument]()
         rotation = np.full((len(campaign), 3, 3), np.nan)
         if campaign.rotation_vector_rad is not None:
             rotation = rotation_matrices(campaign.rotation_vector_rad)
-        position[~campaign.usable], rotation[~campaign.usable] = np.nan, np.nan
-        return cls(position, rotation, noise.position_m, noise.rotation_rad, _others(campaign, noise))
+        position[~usable], rotation[~usable] = np.nan, np.nan
+        redundant, distance = campaign.redundant_drives, campaign.distance_m
+        if redundant or distance is not None:
+            length = np.full(len(campaign), np.nan) if distance is None else np.where(usable, distance[:, 0], np.nan)
+            rows = np.arange(len(campaign))
+            others.append(Distances(noise.distance_m, length, rows, campaign.distance_start))
+        if redundant:
+            others.append(Closures(noise.closure_m, np.repeat(usable[:, None], redundant, axis=1)))
+        return cls(position, rotation, noise.position_m, noise.rotation_rad, tuple(others))
 
     def __getitem__(self, rows: NDArray[np.intp] | BoolArray) -> MeasuredPoses:
         """Return some rows, by index or mask."""
@@ -116,19 +115,6 @@ class MeasuredPoses(PoseStack):
         return jacobian
 
 
-def _others(campaign: Campaign, noise: NoiseLevel) -> tuple[Instrument, ...]:
-    """Return what was measured beside poses; nothing where that is nothing."""
-    redundant, distance = campaign.redundant_drives, campaign.distance_m
-    if not redundant and distance is None:
-        return ()
-    rows = np.arange(len(campaign))
-    usable = campaign.usable
-    length = np.full(len(campaign), np.nan) if distance is None else np.where(usable, distance[:, 0], np.nan)
-    distances = Distances(noise.distance_m, length, rows, campaign.distance_start)
-    closures = Closures(noise.closure_m, np.repeat(usable[:, None], redundant, axis=1))
-    return (distances, closures) if redundant else (distances,)
-
-
 @dataclass(frozen=True, eq=False)
 class WhitenedEquations:
     """Residuals over their noise, missing components left out."""
@@ -138,6 +124,17 @@ class WhitenedEquations:
     rows: NDArray[np.intp]  # row each equation comes from, shape (m,)
     components: NDArray[np.intp]  # numbered as in :mod:`pouring_robot.estimation.instruments`, shape (m,)
     failed: NDArray[np.intp]  # rows that were measured but have no prediction
+
+    @property
+    def derivatives(self) -> FloatArray:
+        """The Jacobian.
+
+        Raises:
+            BadInputError: it was not asked for.
+        """
+        if self.jacobian is None:
+            raise BadInputError("the prediction holds no Jacobian; ask for it with linearise")
+        return self.jacobian
 
 
 def whiten(measured: MeasuredPoses, prediction: Prediction) -> WhitenedEquations:
@@ -156,18 +153,6 @@ def whiten(measured: MeasuredPoses, prediction: Prediction) -> WhitenedEquations
         jacobian /= measured.sigma[components][:, None]
     failed = np.flatnonzero(known.any(axis=1) & ~prediction.closed)
     return WhitenedEquations(residual[kept] / measured.sigma[components], jacobian, rows, components, failed)
-
-
-def observed(measured: MeasuredPoses, prediction: Prediction) -> FloatArray:
-    """Return the whitened Jacobian of what was measured, shape (m, 12 + P).
-
-    Raises:
-        BadInputError: the prediction carries no Jacobian.
-    """
-    equations = whiten(measured, prediction)
-    if equations.jacobian is None:
-        raise BadInputError("the prediction holds no Jacobian; ask for it with linearise")
-    return -equations.jacobian
 
 
 def regressor(prediction: Prediction, sigma: FloatArray, known: BoolArray | None = None) -> FloatArray:
