@@ -30,9 +30,8 @@ from pouring_robot.estimation.map_fit import (
     identify,
     seen_from_one_place,
 )
-from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
+from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns, prior_std
 from pouring_robot.estimation.noise import noise_beforehand, repeats
-from pouring_robot.estimation.parameter_priors import prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
 from pouring_robot.estimation.splits import HoldOut, Rows, Split, split
 from pouring_robot.io.progress import Progress, say_nothing

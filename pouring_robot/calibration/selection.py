@@ -9,8 +9,7 @@ from pouring_robot.calibration.acceptance import harmless, mean_and_error, row_s
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.instruments import KINDS
 from pouring_robot.estimation.map_fit import FitOptions, first_frames, identify
-from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
-from pouring_robot.estimation.parameter_priors import prior_std
+from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns, prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.estimation.splits import Rows, Split
 from pouring_robot.exceptions import CalibrationError

@@ -71,13 +71,6 @@ class BaseParameters:
         """Whether some direction cannot be determined."""
         return self.rank < len(self.names)
 
-    @property
-    def physical_null_space(self) -> FloatArray:
-        """The directions that nothing shows in the unknowns' own units, orthonormal, shape (K, K - rank)."""
-        if self.null_space.shape[1] == 0:
-            return self.null_space
-        return np.asarray(np.linalg.qr(self.null_space / self.scale[:, None])[0])
-
 
 def base_parameters(
     matrix: FloatArray, names: Sequence[str], tolerance: float = RANK_TOLERANCE, lead: Sequence[str] = ()
@@ -104,44 +97,28 @@ def base_parameters(
     _, singular, right = np.linalg.svd(compact, full_matrices=True)
     singular = np.r_[singular, np.zeros(len(names) - singular.size)]
     rank = int((singular > tolerance * singular[0]).sum()) if seen.any() else 0
-    order = _order(compact, names, lead, rank)
+    # The robot is symmetric, so columns tie; the earlier one then stands for them, not the one round-off favours.
+    weight = np.array([1e3 if name in set(lead) else 1.0 for name in names]) * (1.0 - _TIE * np.arange(len(names)))
+    _, _, pivots = scipy.linalg.qr(compact * weight, mode="economic", pivoting=True)
+    order = np.asarray(pivots) if rank else np.arange(len(names))
     kept, dependent = order[:rank], order[rank:]
     shares: FloatArray = np.zeros((rank, dependent.size))
     if rank:
         shares = np.asarray(np.linalg.lstsq(compact[:, kept], compact[:, dependent], rcond=None)[0], dtype=np.float64)
+    base, unseen = (tuple(names[k] for k in columns) for columns in (np.sort(kept), np.flatnonzero(~seen)))
     groups = _groups(names, kept, dependent, shares, scale)
-    return BaseParameters(
-        names,
-        rank,
-        np.asarray(right[rank:].T),
-        scale,
-        singular,
-        tuple(names[k] for k in sorted(kept.tolist())),
-        groups,
-        tuple(names[k] for k in np.flatnonzero(~seen)),
-    )
+    return BaseParameters(names, rank, np.asarray(right[rank:].T), scale, singular, base, groups, unseen)
 
 
 def robot_combinations(base: BaseParameters, frames: Sequence[str]) -> list[dict[str, float]]:
-    """Return the identifiable combinations without the outer frames; base columns that lead no group stand alone.
+    """Return the identifiable combinations without the outer frames, by whose names the base was led.
 
-    Args:
-        base: split with the frames leading.
-        frames: names of the frames' unknowns.
+    Base columns that lead no group stand alone.
     """
     tied = [combination for group in base.groups for combination in group.combinations]
     members = {name for group in base.groups for name in group.members}
     alone = [{name: 1.0} for name in base.base if name not in members]
     return [combination for combination in (*tied, *alone) if not set(frames) & set(combination)]
-
-
-def _order(compact: FloatArray, names: tuple[str, ...], lead: Sequence[str], rank: int) -> np.ndarray:
-    """Return the columns, those of the base first: the leading names as far as they are independent, then by pivots."""
-    first = set(lead)
-    # The robot is symmetric, so columns tie; the earlier one then stands for them, not the one round-off favours.
-    weight = np.array([1e3 if name in first else 1.0 for name in names]) * (1.0 - _TIE * np.arange(len(names)))
-    _, _, order = scipy.linalg.qr(compact * weight, mode="economic", pivoting=True)
-    return np.asarray(order) if rank else np.arange(len(names))
 
 
 def _groups(

@@ -19,8 +19,7 @@ import scipy.linalg
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS
 from pouring_robot.estimation.measurement import ModelledRows, Prediction, Unknowns
-from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations, whiten
-from pouring_robot.estimation.robust import Loss, robust_terms, scatter
+from pouring_robot.estimation.residuals import Loss, MeasuredPoses, WhitenedEquations, robust_terms, scatter, whiten
 from pouring_robot.exceptions import CalibrationError
 from pouring_robot.mechanism.arrays import FloatArray
 

@@ -1,22 +1,30 @@
-"""What was measured against what the model predicts: differences, masks for missing cells, whitening by the noise."""
+"""What was measured against what the model predicts: differences, masks for missing cells, whitening by the noise.
+
+The robust loss judges the coordinates of a row together: one slip spoils all three.
+"""
 
 from __future__ import annotations
 
 import functools
 import itertools
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
+import scipy.special
 from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
-from pouring_robot.estimation.instruments import Closures, Distances, Instrument, Places, Turns
+from pouring_robot.estimation.instruments import KINDS, Closures, Distances, Instrument, Places, Turns, kind_of
 from pouring_robot.estimation.measurement import BoolArray, Prediction
 from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.rotations import rotation_matrices
+
+Loss = Literal["huber", "soft_l1", "linear"]
+_INLIER_SHARE = 0.99
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,12 +146,8 @@ class WhitenedEquations:
 
 
 def whiten(measured: MeasuredPoses, prediction: Prediction) -> WhitenedEquations:
-    """Return the equations of a fit: every measured component of every row that closes.
-
-    The Jacobian is there if the prediction has one.
-    """
-    residual = measured.residual(prediction)
-    known = measured.known
+    """Return the equations of a fit: each measured component of each row that closes; with a Jacobian if predicted."""
+    residual, known = measured.residual(prediction), measured.known
     kept = known & prediction.closed[:, None] & np.isfinite(residual)
     rows, components = np.nonzero(kept)
     jacobian = None
@@ -169,3 +173,48 @@ def regressor(prediction: Prediction, sigma: FloatArray, known: BoolArray | None
     kept = np.broadcast_to(prediction.closed[:, None], prediction.derivatives.shape[:2])
     kept = kept if known is None else kept & known
     return np.asarray((prediction.derivatives / sigma[:, None])[kept])
+
+
+@functools.cache
+def _quantiles(share: float) -> FloatArray:
+    """Return what chi-square of 1 to 3 freedoms stays below with a probability, (4,); 1 in place of none."""
+    # Of scipy.special: importing scipy.stats takes longer than many a calibration.
+    return np.array([1.0, *(scipy.special.chdtri(k, 1.0 - share) for k in (1, 2, 3))])
+
+
+def _blocks(equations: WhitenedEquations) -> tuple[NDArray[np.intp], FloatArray, NDArray[np.intp]]:
+    """Return the block of each equation, and of each block its squared size and number of components."""
+    blocks = len(KINDS) * equations.rows + kind_of(equations.components)
+    squared = np.bincount(blocks, equations.residual**2).astype(np.float64)
+    return blocks, squared, np.bincount(blocks)
+
+
+def scatter(equations: WhitenedEquations) -> float:
+    """Return the median size of the blocks over what noise makes it, at least 1."""
+    _, squared, counts = _blocks(equations)
+    median = _quantiles(0.5)
+    kept = counts > 0
+    return max(1.0, float(np.sqrt(np.median(squared[kept] / median[counts[kept]])))) if kept.any() else 1.0
+
+
+def robust_terms(equations: WhitenedEquations, loss: Loss, widened: float = 1.0) -> tuple[float, FloatArray]:
+    """Return the summed loss, and the weight of each equation, shape (m,).
+
+    ``widened`` is a factor on the bound up to which the loss is quadratic.
+
+    Raises:
+        BadInputError: there is no such loss.
+    """
+    blocks, squared, counts = _blocks(equations)
+    bound, size = widened * np.sqrt(_quantiles(_INLIER_SHARE))[counts], np.sqrt(squared)
+    if loss == "linear":
+        cost, weight = squared, np.ones(counts.size)
+    elif loss == "huber":
+        cost = np.where(size <= bound, squared, 2.0 * bound * size - bound**2)
+        weight = bound / np.maximum(size, bound)
+    elif loss == "soft_l1":
+        root = np.sqrt(1.0 + squared / bound**2)
+        cost, weight = 2.0 * bound**2 * (root - 1.0), 1.0 / root
+    else:
+        raise BadInputError(f"there is no loss '{loss}'; use huber, soft_l1 or linear")
+    return float(cost.sum()), weight[blocks]
