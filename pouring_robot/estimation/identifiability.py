@@ -98,7 +98,7 @@ def base_parameters(
     singular = np.r_[singular, np.zeros(len(names) - singular.size)]
     rank = int((singular > tolerance * singular[0]).sum()) if seen.any() else 0
     # The robot is symmetric, so columns tie; the earlier one then stands for them, not the one round-off favours.
-    weight = np.array([1e3 if name in set(lead) else 1.0 for name in names]) * (1.0 - _TIE * np.arange(len(names)))
+    weight = np.array([1e3 if name in lead else 1.0 for name in names]) * (1.0 - _TIE * np.arange(len(names)))
     _, _, pivots = scipy.linalg.qr(compact * weight, mode="economic", pivoting=True)
     order = np.asarray(pivots) if rank else np.arange(len(names))
     kept, dependent = order[:rank], order[rank:]
@@ -151,15 +151,9 @@ def _groups(
 
 
 def observability_index(singular_values: FloatArray, criterion: Criterion, poses: int) -> FloatArray:
-    """Return an observability index; D is O1.
+    """Return an observability index of singular values (..., m), not negative; D is O1, which counts the poses.
 
-    Args:
-        singular_values: shape (..., m), not negative.
-        criterion: which one.
-        poses: number of poses, for O1.
-
-    Returns:
-        Shape (...), larger is better; 0 where a combination is not determined.
+    Shape (...), larger is better; 0 where a combination is not determined.
     """
     values = np.asarray(singular_values, dtype=float)
     low, high = values.min(axis=-1), values.max(axis=-1)
@@ -177,5 +171,4 @@ def observability_index(singular_values: FloatArray, criterion: Criterion, poses
 
 def observability(singular: FloatArray, rows: int) -> dict[str, float]:
     """Return the observability indices O1 to O5, by name, of singular values (r,) of so many poses; 0 without any."""
-    names = [name for name in CRITERIA if name != "D"]
-    return {name: float(observability_index(singular, name, rows)) if singular.size else 0.0 for name in names}
+    return {name: float(observability_index(singular, name, rows)) if singular.size else 0.0 for name in CRITERIA[1:]}

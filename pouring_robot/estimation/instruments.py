@@ -17,7 +17,7 @@ columns in :mod:`pouring_robot.campaign.columns`, and its noise in :mod:`pouring
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,16 +55,12 @@ def component_name(component: int) -> str:
 class Instrument(ABC):
     """What one kind of instrument read in n rows: arrays of n rows each, what was measured first."""
 
+    kind: ClassVar[Kind]  # what it measures
     sigma: float  # standard deviation of a component, in m or rad
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.sigma) and self.sigma > 0.0):
             raise BadInputError(f"the noise of a {self.kind} must be a positive number, not {self.sigma}")
-
-    @property
-    @abstractmethod
-    def kind(self) -> Kind:
-        """What it measures."""
 
     @property
     @abstractmethod
@@ -85,15 +81,17 @@ class Instrument(ABC):
 
     def where(self, kept: BoolArray) -> Self:
         """Return the same with the other rows not measured; ``kept`` is a mask (n,)."""
-        name, values = next((f.name, getattr(self, f.name)) for f in fields(self) if f.name != "sigma")
+        name, values = next(iter(self._arrays().items()))
         mask = kept.reshape(-1, *[1] * (values.ndim - 1))
         changed: dict[str, Any] = {name: values & mask if values.dtype == bool else np.where(mask, values, np.nan)}
         return replace(self, **changed)
 
     def __getitem__(self, rows: Rows) -> Self:
         """Return some rows, by index or mask."""
-        arrays = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "sigma"}
-        return replace(self, **{name: values[rows] for name, values in arrays.items()})
+        return replace(self, **{name: values[rows] for name, values in self._arrays().items()})
+
+    def _arrays(self) -> dict[str, Any]:
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "sigma"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +99,7 @@ class Places(Instrument):
     """Coordinates of the target's origin, (n, 3), in m, tracker axes; NaN where missing."""
 
     position_m: FloatArray
-    kind = "position"
+    kind: ClassVar[Kind] = "position"
 
     @property
     def known(self) -> BoolArray:
@@ -126,7 +124,7 @@ class Turns(Instrument):
     """Axes of the target, (n, 3, 3), seen by the tracker; NaN where missing."""
 
     rotation: FloatArray
-    kind = "rotation"
+    kind: ClassVar[Kind] = "rotation"
 
     @property
     def known(self) -> BoolArray:
@@ -150,7 +148,7 @@ class Distances(Instrument):
     distance_m: FloatArray  # (n,), in m; NaN where missing
     row: NDArray[np.intp]  # number of the row in its campaign, (n,)
     start: NDArray[np.intp]  # that it is measured from, (n,); -1 for the fixed point, -2 where that row is left out
-    kind = "distance"
+    kind: ClassVar[Kind] = "distance"
 
     @property
     def known(self) -> BoolArray:
@@ -190,7 +188,7 @@ class Closures(Instrument):
     """What redundant drives disagree by, (n, r): measured as zero in rows where all of them are known."""
 
     whole: BoolArray  # which rows those are, in each of the r directions, (n, r)
-    kind = "closure"
+    kind: ClassVar[Kind] = "closure"
 
     @property
     def known(self) -> BoolArray:

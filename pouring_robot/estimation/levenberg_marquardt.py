@@ -51,12 +51,7 @@ class Trial(NamedTuple):
 class Search:
     """The state is the best point so far, in the normal equations of prior-scaled variables.
 
-    Args:
-        rows: what was commanded.
-        measured: what was seen.
-        start: where to begin.
-        prior_std: of all unknowns, shape (12 + P,), in m and rad.
-        loss: the robust loss.
+    It begins at ``start``; ``prior_std`` are those of all unknowns, (12 + P,), in m and rad.
 
     Raises:
         CalibrationError: too few rows can be used.
@@ -83,9 +78,7 @@ class Search:
     def run(self, tolerance: float, most_evaluations: int) -> float:
         """Search, and return the length of the step not taken any more, in standard deviations of the answer.
 
-        Args:
-            tolerance: the search ends when a step is shorter.
-            most_evaluations: how many times all rows may be predicted.
+        It ends when a step is shorter than ``tolerance``, or all rows were predicted ``most_evaluations`` times.
 
         Raises:
             CalibrationError: the search ends far from an answer.
@@ -106,10 +99,8 @@ class Search:
                 if length <= _USABLE:
                     return length
                 searched = f"{self.evaluations} evaluations (last step {length:.1e} standard deviations)"
-                raise CalibrationError(
-                    f"the fit does not converge in {searched}",
-                    "check the campaign with `pouring-robot campaign check`, or identify fewer parameters",
-                )
+                mend = "check the campaign with `pouring-robot campaign check`, or identify fewer parameters"
+                raise CalibrationError(f"the fit does not converge in {searched}", mend)
             if self.try_step(stride * step):
                 last = step
                 damping = damping * _SOFTER if damping > _LEAST_DAMPING else 0.0

@@ -198,14 +198,10 @@ def identify(
     prior_std: FloatArray,
     options: FitOptions | None = None,
 ) -> Fit:
-    """Find the most probable unknowns; prior means are 0.
+    """Find the most probable unknowns of what was measured of rows; prior means are 0.
 
-    Args:
-        rows: what was commanded.
-        measured: what was seen of the same rows.
-        start: frames near the answer (see :func:`first_frames`).
-        prior_std: of all unknowns, shape (12 + P,), in m and rad.
-        options: loss and limits.
+    The frames of ``start`` are near the answer (see :func:`first_frames`); ``prior_std`` are those of all unknowns,
+    shape (12 + P,), in m and rad.
 
     Raises:
         CalibrationError: too few rows can be used, or the search ends far from an answer.
@@ -244,10 +240,8 @@ def fit_with_noise(
 ) -> tuple[Fit, NoiseLevel]:
     """Identify, and where the noise is unknown take it from what is left over, until both agree within 1 %.
 
-    The residuals of n equations with p unknowns spent on them have the variance σ² (n - p) / n.
-
-    Raises:
-        CalibrationError: as :func:`identify`.
+    The residuals of n equations with p unknowns spent on them have the variance σ² (n - p) / n. Raises as
+    :func:`identify`.
     """
     fit = identify(rows, measured.with_noise(noise), start, prior_std, options)
     evaluations = fit.evaluations

@@ -41,8 +41,7 @@ class NoiseLevel:
 
     def of(self, kind: Kind) -> float:
         """Return the standard deviation of a component of a kind, in m or rad."""
-        size: float = getattr(self, _field(kind))
-        return size
+        return float(getattr(self, field_of(kind)))
 
     def source(self, kind: Kind) -> Source:
         """Return where that comes from; ``none``: nothing of the kind was measured."""
@@ -51,7 +50,7 @@ class NoiseLevel:
 
     def times(self, factors: Mapping[Kind, float]) -> NoiseLevel:
         """Return other sizes; exact data have none, but a noise must be positive."""
-        changed: dict[str, Any] = {_field(kind): max(self.of(kind) * f, LEAST_NOISE) for kind, f in factors.items()}
+        changed: dict[str, Any] = {field_of(kind): max(self.of(kind) * f, LEAST_NOISE) for kind, f in factors.items()}
         return replace(self, **changed)
 
     @property
@@ -104,5 +103,6 @@ class NoiseLevel:
         return bool(self.open_kinds)
 
 
-def _field(kind: Kind) -> str:
+def field_of(kind: Kind) -> str:
+    """Return the attribute of :class:`NoiseLevel` that holds a kind's standard deviation."""
     return "rotation_rad" if kind == "rotation" else f"{kind}_m"

@@ -50,11 +50,6 @@ class FrameFit:
     position_scale_m: float  # robust standard deviation of a position coordinate, in m
     rotation_scale_rad: float | None  # robust standard deviation of a rotation component, in rad; None likewise
 
-    def to_fixed_platform(self, vectors: FloatArray) -> FloatArray:
-        """Turn vectors (n, 3) from tracker axes into the axes of the fixed platform."""
-        turned: FloatArray = vectors @ self.frames.T_tracker_base.rotation
-        return turned
-
 
 def robust_sigma(values: FloatArray) -> float:
     """Return the standard deviation of zero-mean values by their median size, NaN left out; 0 without values."""
@@ -83,7 +78,8 @@ def fit_frames(
     Raises:
         FrameFitError: fewer than :data:`FEWEST_ROWS` rows have a pose and a complete position.
     """
-    fit = _Fit(poses, position_m, rotation, metres_per_rad)
+    turned = rotation if rotation is not None else np.full((len(poses), 3, 3), np.nan)
+    fit = _Fit(poses, PoseStack(position_m, turned), metres_per_rad)
     if rough:
         return fit.at(min(fit.starts(), key=fit.absolute_misfit), ())
     tried = [fit.refined(start, fit.untold(start), _TRIAL_STEPS) for start in fit.starts()]
@@ -184,20 +180,15 @@ def _led(directions: FloatArray) -> FloatArray:
 class _Fit:
     """The search, for one campaign; see :func:`fit_frames`."""
 
-    def __init__(
-        self, poses: PoseStack, position_m: FloatArray, rotation: FloatArray | None, metres_per_rad: float
-    ) -> None:
-        """Keep what is compared."""
-        turned = rotation if rotation is not None else np.full((len(poses), 3, 3), np.nan)
-        self.poses, self.measured, self.arm = poses, PoseStack(position_m, turned), metres_per_rad
+    def __init__(self, poses: PoseStack, measured: PoseStack, metres_per_rad: float) -> None:
+        self.poses, self.measured, self.arm = poses, measured, metres_per_rad
 
     def starts(self) -> list[OuterFrames]:
         """Return where the search starts, the best first."""
         complete = self.poses.complete & np.isfinite(self.measured.position_m).all(axis=1)
         if complete.sum() < FEWEST_ROWS:
             raise FrameFitError(int(complete.sum()), FEWEST_ROWS)
-        found = frame_starts(self.poses[complete], self.measured[complete], self.arm)
-        return [OuterFrames(*pair) for pair in found]
+        return frame_starts(self.poses[complete], self.measured[complete], self.arm)
 
     def at(self, frames: OuterFrames, untold: tuple[dict[str, float], ...]) -> FrameFit:
         """Return what frames leave over."""
