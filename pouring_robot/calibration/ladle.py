@@ -7,7 +7,6 @@ import pinocchio as pin
 
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
-from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.mechanism.arrays import FloatArray
 
 
@@ -45,9 +44,7 @@ def ladle_uncertainty(
     """
     seen = rows.linearise(unknowns)
     closed = seen.closed
-    if seen.jacobian is None:
-        raise NoSolutionError("the prediction holds no Jacobian")
-    jacobian, rotation = seen.jacobian[closed], seen.closure.rotation[closed]
+    jacobian, rotation = seen.derivatives[closed], seen.closure.rotation[closed]
     turning = jacobian[:, 3:].copy()
     if not turned:
         turning[:, :, 6:FRAMES] = 0.0  # nothing is known of the target's attitude; the lip is held by the platform's

@@ -9,7 +9,6 @@ from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.frames.sessions import SESSION
 from pouring_robot.estimation.identifiability import combination_text, robot_combinations
 from pouring_robot.estimation.instruments import are
-from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import rms
 from pouring_robot.mechanism.poses import MM, MRAD
 
@@ -98,9 +97,7 @@ class GroupLine:
 def group_effects(calibration: CalibrationFindings) -> list[GroupLine]:
     """Return what each group kept does at the target, to first order about the answer; the largest first."""
     fit, noise = calibration.fit, calibration.noise
-    jacobian = fit.equations.jacobian
-    if jacobian is None:
-        raise BadInputError("a fit holds its Jacobian")
+    jacobian = fit.equations.derivatives
     frames, turned = jacobian[:, :FRAMES], are("rotation", fit.equations.components)
     lines, first = [], FRAMES
     for group in calibration.selection.groups:

@@ -115,12 +115,10 @@ def select_groups(
             progress(f"choosing group {len(kept) + 1}", tried, len(left))
             trials.append(validate([*kept, group]))
         judged = [_judge(present, trial) for trial in trials]
-        mean, error = [one[0] for one in judged], [one[1] for one in judged]
-        helps = [one[2] for one in judged]
-        best = max(range(len(left)), key=lambda k: (helps[k], mean[k]))
-        for k, group in enumerate(left):
-            steps.append(SelectionStep(names, group.name, _rms(trials[k]), mean[k], error[k], helps[k] and k == best))
-        if not helps[best]:
+        best = max(range(len(left)), key=lambda k: (judged[k][2], judged[k][0]))
+        for k, (group, trial, (gain, error, helps)) in enumerate(zip(left, trials, judged, strict=True)):
+            steps.append(SelectionStep(names, group.name, _rms(trial), gain, error, helps and k == best))
+        if not judged[best][2]:
             break
         present = trials[best]
         kept.append(left.pop(best))

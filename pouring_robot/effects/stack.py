@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -16,21 +15,16 @@ from pouring_robot.robot.effect_stack import LearnedCampaign
 from pouring_robot.robot.model import RobotModel
 
 
-class Stack(NamedTuple):
-    """What effects change under conditions."""
-
-    parameters: list[tuple[EffectParameter, float]]  # each with its value in its unit
-    untold: tuple[str, ...]  # effects taken as none in some rows because nobody learned them there, a line each
-
-
 def stack_of(
     model: RobotModel,
     given: Collection[str],
     conditions: Callable[[LearnedCampaign | None], Conditions],
     *,
     seen: bool = True,
-) -> Stack:
-    """Return what of a model depends on conditions.
+) -> tuple[list[tuple[EffectParameter, float]], tuple[str, ...]]:
+    """Return what of a model depends on conditions: parameters, each with its value in its unit.
+
+    Beside them, a line each, the effects taken as none in some rows because nobody learned them there.
 
     Args:
         model: its effects that are not placed count.
@@ -79,7 +73,7 @@ def stack_of(
         for part, count in effect.untold(rows).items():
             where = f"{count} of {len(rows)} rows" if len(rows) > 1 else "this pose"
             untold[f"{entry.effect} of {part} was not learned at the angles of {where}: taken as none there"] = None
-    return Stack(found, tuple(untold))
+    return found, tuple(untold)
 
 
 def _is_known(parameter: EffectParameter) -> bool:

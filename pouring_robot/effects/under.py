@@ -100,11 +100,7 @@ def conditions_beside(path: Path, robot: RobotDefinition) -> dict[str, FloatArra
 
 
 class RobotUnderConditions:
-    """A robot and the conditions it works under.
-
-    Args:
-        robot: as built; those of its model's effects that depend on conditions are to come on top.
-        given: the conditions.
+    """A robot as built and the conditions it works under; those effects of its model that depend on them come on top.
 
     Attributes:
         notes: what one should know of the commands and conditions asked for last, in a line each.

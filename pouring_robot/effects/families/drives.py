@@ -186,10 +186,7 @@ class LostMotion(Family):
         side, drives, loaded = np.asarray(conditions.approach), self.drives, _loaded(conditions)
         sliding = tuple(d for d in drives if d.unit == "m")
         stroke = (conditions.drives - self.middle_m) / self.half_stroke_m
-        shapes = [
-            (sliding, "play_by_length", self._WORN, stroke),
-            (sliding, "play_by_length_2", self._WORN, stroke**2),
-        ]
+        shapes = [(sliding, "play_by_length", self._WORN, stroke), (sliding, "play_by_length_2", self._WORN, stroke**2)]
         if loaded:
             relative = np.abs(np.asarray(conditions.drive_force)) / np.maximum(conditions.mean_force, 1e-9) - 1.0
             shapes += [

@@ -219,13 +219,9 @@ class LinksGrowth(Family):
                     grown[channel(drive)] = _PPM * conditions.drives[:, k] * rise
             return grown
 
-        shares = (
-            EffectParameter(f"{name}_share", "1e-6/K", 0.3 * prior_std, changes((name,)), main=False)
-            for name in (followed if len(followed) > 1 else ())
-        )
+        shaped = {f"lag_{lag_s:.0f}_s": (0.7, changes(followed, lag_s)) for lag_s in _LAGS_S}
+        if len(followed) > 1:
+            shaped |= {f"{name}_share": (0.3, changes((name,))) for name in followed}
         main = EffectParameter("expansion", "1e-6/K", prior_std, changes(followed), bounds=(0.0, np.inf))
-        lags = (
-            EffectParameter(f"lag_{lag_s:.0f}_s", "1e-6/K", 0.7 * prior_std, changes(followed, lag_s), main=False)
-            for lag_s in _LAGS_S
-        )
-        return Form(name, (main, *lags, *shares))
+        others = (EffectParameter(n, "1e-6/K", s * prior_std, c, main=False) for n, (s, c) in shaped.items())
+        return Form(name, (main, *others))
