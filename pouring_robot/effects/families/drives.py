@@ -1,5 +1,6 @@
 """Families of effects of drives: zeros, scales, errors that return with every turn, lost motion."""
 
+import functools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -80,15 +81,15 @@ class Scale(Family):
         # A spool is as its lead says where its count is zero; a worn screw, on average over its stroke.
         mean = 0.0 if self.build_up else self.half_stroke_m**2 / 3.0
         bent, size = (lengths - self.middle_m) ** 2 - mean, 1.0 if self.build_up else 0.5
-        given = conditions, self.drives
-        lead = of_each(*given, "scale", 1.0, lengths, per="/m")
-        progressive = of_each(*given, "progression", size, bent, main=self.build_up, per="/m²")
+        each = functools.partial(of_each, conditions, self.drives)
+        lead = each("scale", 1.0, lengths, per="/m")
+        progressive = each("progression", size, bent, main=self.build_up, per="/m²")
         found = [Form("whole_length", (*lead, *progressive))]
         if self.middle_m:
-            home = of_each(*given, "home", self.middle_m, np.ones(lengths.shape), main=False)
+            home = each("home", self.middle_m, np.ones(lengths.shape), main=False)
             for name, ends in (("from_home", 0.0), ("from_retracted", -1.0), ("from_extended", 1.0)):
                 stroke = lengths - (self.middle_m + ends * self.half_stroke_m)
-                found.append(Form(name, (*of_each(*given, "scale", 1.0, stroke, per="/m"), *home, *progressive)))
+                found.append(Form(name, (*each("scale", 1.0, stroke, per="/m"), *home, *progressive)))
         return tuple(found)
 
 
