@@ -31,8 +31,6 @@ SHOWN_UNITS: dict[str, tuple[str, float]] = {
     "rad/Nm": ("mrad/kNm", 1e6),
     "1/K": ("1e-6/K", 1e6),
 }
-
-
 # Unit and order of size, by the drive's unit: a worn screw; a leg of 1e8 N/m, a tilt drive of 1e6 Nm/rad; steel.
 _CONDITIONS: dict[Condition, dict[str, tuple[str, float]]] = {
     "backlash": {"m": ("m", 1e-4), "rad": ("rad", 2e-4)},
