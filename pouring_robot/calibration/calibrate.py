@@ -30,10 +30,9 @@ from pouring_robot.estimation.map_fit import (
     identify,
     seen_from_one_place,
 )
-from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
+from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns, prior_std
 from pouring_robot.estimation.noise import noise_beforehand, repeats
-from pouring_robot.estimation.parameter_priors import prior_std
-from pouring_robot.estimation.residuals import MeasuredPoses, observed, regressor
+from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
 from pouring_robot.estimation.splits import HoldOut, Rows, Split, split
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
@@ -51,22 +50,14 @@ _SURE = 1e-3  # chance at which residuals count as larger than the noise
 
 @dataclass(frozen=True)
 class CalibrationOptions:
-    """What to identify and how.
+    """What to identify and how."""
 
-    Attributes:
-        parameters: sets, groups or patterns; each becomes a group that is kept or dropped as a whole.
-        tolerances: priors; by default the shipped ones.
-        hold_out: what kind of blocks to hold out.
-        choose: whether groups are kept only where they help held-out rows; otherwise all are kept.
-        threads: how many share the work; by default one a core.
-    """
-
-    parameters: tuple[str, ...] = ("geometry",)
-    tolerances: Tolerances | None = None
-    hold_out: HoldOut = "auto"
-    choose: bool = True
+    parameters: tuple[str, ...] = ("geometry",)  # sets, groups, patterns; each a group kept or dropped as a whole
+    tolerances: Tolerances | None = None  # priors; by default the shipped ones
+    hold_out: HoldOut = "auto"  # what kind of blocks to hold out
+    choose: bool = True  # whether groups are kept only where they help held-out rows; otherwise all are kept
     fit: FitOptions = field(default_factory=FitOptions)
-    threads: int | None = None
+    threads: int | None = None  # how many share the work; by default one a core
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -176,7 +167,7 @@ def calibrate(
     inflation = 1.0 if accident else fit.scatter()
     alike = repeats(campaign, np.setdiff1d(np.flatnonzero(campaign.usable), left_out))
     start = fit.unknowns.at(np.zeros_like(fit.unknowns.values))
-    shown = observed(measured[parts.train], chosen[parts.train].linearise(start))
+    shown = -whiten(measured[parts.train], chosen[parts.train].linearise(start)).derivatives
     workspace = chosen if campaign.redundant_drives else workspace_rows(chosen.model)
     own_frames = [parameter.name for parameter in sessions]
     return Calibration(

@@ -36,15 +36,10 @@ def write_calibration(calibration: CalibrationFindings, folder: Path | str) -> l
 
 def described(calibration: CalibrationFindings) -> RobotModel:
     """Return the calibrated model with a description that says how good it is, warnings first."""
-    said_first = ("deficient", "do not use", "heat section")
     told = [*warnings_of(calibration), *notes_of(calibration)]
-    warnings = [line for line in told if any(words in line for words in said_first)]
-    present = calibration.present.description
-    said = [
-        *(f"{line[0].upper()}{line[1:]}." for line in warnings),
-        headline(calibration),
-        f"Calibrated with {calibration.campaign.path.name}.",
-    ]
-    return calibration.calibrated.model_copy(
-        update={"description": " ".join([*said, *([f"Before: {present}"] if present else [])])}
-    )
+    warnings = [line for line in told if any(words in line for words in ("deficient", "do not use", "heat section"))]
+    said = [f"{line[0].upper()}{line[1:]}." for line in warnings]
+    said += [headline(calibration), f"Calibrated with {calibration.campaign.path.name}."]
+    if calibration.present.description:
+        said.append(f"Before: {calibration.present.description}")
+    return calibration.calibrated.model_copy(update={"description": " ".join(said)})

@@ -22,46 +22,30 @@ from pouring_robot.robot.parameters import ParameterGroup
 
 @dataclass(frozen=True, eq=False)
 class CalibrationFindings:
-    """A calibrated robot and everything that says how far to trust it.
-
-    Attributes:
-        present: the robot before; ``calibrated`` after: what to export.
-        flags: what the checks of the data found.
-        left_out: rows that took no part: outliers, and poses or drives out of reach.
-        split: who was held out when.
-        candidates: the groups that were to choose from.
-        selection: the groups kept and what was tried.
-        refused: what was chosen, but made held-out rows worse and is not kept; None: nothing.
-        fit: the answer, to all training rows with the groups kept; its covariance is at the noise level as given.
-        inflation: factor on all standard deviations where the residuals are larger than the noise; 1 where not.
-        unknown_names: name of each unknown, frames first; ``unknown_units`` its unit.
-        before: measured minus predicted by the present robot with its frames fitted to the training rows; all rows,
-            shape (n, 6), in m and rad, tracker axes; NaN where missing. ``after`` by the calibrated robot.
-        base: what the training rows can tell of the groups kept, at the present robot.
-        rank_anywhere: its rank if poses all over the workspace were measured besides, and the same way.
-        performance: ISO 9283-style figures; None without repeats.
-    """
+    """A calibrated robot and everything that says how far to trust it."""
 
     campaign: Campaign
-    present: RobotModel
+    present: RobotModel  # the robot before; ``calibrated`` after: what to export
     calibrated: RobotModel
-    flags: tuple[DataFlag, ...]
-    left_out: NDArray[np.intp]
-    split: Split
+    flags: tuple[DataFlag, ...]  # what the checks of the data found
+    left_out: NDArray[np.intp]  # rows that took no part: outliers, and poses or drives out of reach
+    split: Split  # who was held out when
     noise: NoiseLevel
-    candidates: tuple[ParameterGroup, ...]
-    selection: Selection
-    refused: Refusal | None
-    fit: Fit
-    inflation: float
-    unknown_names: tuple[str, ...]
+    candidates: tuple[ParameterGroup, ...]  # the groups that were to choose from
+    selection: Selection  # the groups kept and what was tried
+    refused: Refusal | None  # what was chosen, but made held-out rows worse and is not kept; None: nothing
+    fit: Fit  # the answer, to all training rows with the groups kept; its covariance is at the noise level as given
+    inflation: float  # factor on all standard deviations where the residuals are larger than the noise; 1 where not
+    unknown_names: tuple[str, ...]  # name of each unknown, frames first; ``unknown_units`` its unit
     unknown_units: tuple[str, ...]
+    # measured minus predicted by the present robot with its frames fitted to the training rows; all rows, shape (n, 6),
+    # in m and rad, tracker axes; NaN where missing. ``after`` by the calibrated robot.
     before: FloatArray
     after: FloatArray
-    base: BaseParameters
-    rank_anywhere: int
+    base: BaseParameters  # what the training rows can tell of the groups kept, at the present robot
+    rank_anywhere: int  # its rank if poses all over the workspace were measured besides, and the same way
     ladle: LadleUncertainty
-    performance: PosePerformance | None
+    performance: PosePerformance | None  # ISO 9283-style figures; None without repeats
 
     @property
     def std(self) -> FloatArray:

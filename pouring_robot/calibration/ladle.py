@@ -7,7 +7,6 @@ import pinocchio as pin
 
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
-from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.mechanism.arrays import FloatArray
 
 
@@ -18,18 +17,12 @@ class LadleUncertainty:
     The lip is taken to move rigidly with the target: a turn of the platform that looks like a turn of the target on it
     does not count, as long as rotations were measured. Where only positions were, nobody has seen that turn, and it
     counts as far as tolerances leave it open.
-
-    Attributes:
-        position_m: commanded origin of the end body, shape (n, 3), in m.
-        tilt_rad: commanded turn about y, shape (n,), in rad; None for a robot that turns about other axes too.
-        std_m: of x, y and z in tracker axes, shape (n, 3), in m.
-        std_rad: of the rotation, shape (n, 3), in rad.
     """
 
-    position_m: FloatArray
-    tilt_rad: FloatArray | None
-    std_m: FloatArray
-    std_rad: FloatArray
+    position_m: FloatArray  # commanded origin of the end body, shape (n, 3), in m
+    tilt_rad: FloatArray | None  # commanded turn about y, shape (n,), in rad; None where it turns otherwise, too
+    std_m: FloatArray  # of x, y and z in tracker axes, shape (n, 3), in m
+    std_rad: FloatArray  # of the rotation, shape (n, 3), in rad
 
     @property
     def half_width_m(self) -> FloatArray:
@@ -51,9 +44,7 @@ def ladle_uncertainty(
     """
     seen = rows.linearise(unknowns)
     closed = seen.closed
-    if seen.jacobian is None:
-        raise NoSolutionError("the prediction holds no Jacobian")
-    jacobian, rotation = seen.jacobian[closed], seen.closure.rotation[closed]
+    jacobian, rotation = seen.derivatives[closed], seen.closure.rotation[closed]
     turning = jacobian[:, 3:].copy()
     if not turned:
         turning[:, :, 6:FRAMES] = 0.0  # nothing is known of the target's attitude; the lip is held by the platform's

@@ -17,26 +17,18 @@ _FEWEST_REPEATS = 3
 
 @dataclass(frozen=True)
 class Misfit:
-    """How far measurements are from predictions; NaN where nothing was measured.
-
-    Attributes:
-        rms_mm: root mean square of a coordinate; where no place was measured, of a distance or closure.
-        p95_mm: length of the position error that 95 % of the rows keep; ``max_mm`` the largest.
-        rms_mrad: root mean square of a rotation component; ``p95_mrad`` and ``max_mrad`` of the angle likewise.
-        axis_rms_mm: root mean square of x, y and z; ``axis_rms_mrad`` of the rotation components.
-        line_rms_mm: root mean square of a distance or closure.
-    """
+    """How far measurements are from predictions; NaN where nothing was measured."""
 
     rows: int
-    rms_mm: float
-    p95_mm: float
+    rms_mm: float  # root mean square of a coordinate; where no place was measured, of a distance or closure
+    p95_mm: float  # length of the position error that 95 % of the rows keep; ``max_mm`` the largest
     max_mm: float
-    rms_mrad: float
+    rms_mrad: float  # root mean square of a rotation component; ``p95_mrad`` and ``max_mrad`` of the angle likewise
     p95_mrad: float
     max_mrad: float
-    axis_rms_mm: tuple[float, float, float]
+    axis_rms_mm: tuple[float, float, float]  # root mean square of x, y and z; ``axis_rms_mrad`` of rotation components
     axis_rms_mrad: tuple[float, float, float]
-    line_rms_mm: float
+    line_rms_mm: float  # root mean square of a distance or closure
 
     @classmethod
     def of(cls, difference: FloatArray) -> Misfit:

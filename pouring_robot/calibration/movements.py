@@ -9,7 +9,6 @@ from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.frames.sessions import SESSION
 from pouring_robot.estimation.identifiability import combination_text, robot_combinations
 from pouring_robot.estimation.instruments import are
-from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import rms
 from pouring_robot.mechanism.poses import MM, MRAD
 
@@ -84,16 +83,13 @@ def parameter_lines(calibration: CalibrationFindings) -> list[ParameterLine]:
 
 @dataclasses.dataclass(frozen=True)
 class GroupLine:
-    """What one group of parameters does to the ladle, in words and figures of the shop floor.
-
-    Attributes:
-        moved_mm: by how much it moves what was measured over the fitted rows, RMS of a coordinate, what a shift of the
-            outer frames would do taken off; ``moved_mrad`` RMS of a rotation component, NaN where none was measured.
-    """
+    """What one group of parameters does to the ladle, in words and figures of the shop floor."""
 
     name: str
     meaning: str
     count: int
+    # by how much it moves what was measured over the fitted rows, RMS of a coordinate, what a shift of the outer frames
+    # would do taken off; ``moved_mrad`` RMS of a rotation component, NaN where none was measured
     moved_mm: float
     moved_mrad: float
 
@@ -101,9 +97,7 @@ class GroupLine:
 def group_effects(calibration: CalibrationFindings) -> list[GroupLine]:
     """Return what each group kept does at the target, to first order about the answer; the largest first."""
     fit, noise = calibration.fit, calibration.noise
-    jacobian = fit.equations.jacobian
-    if jacobian is None:
-        raise BadInputError("a fit holds its Jacobian")
+    jacobian = fit.equations.derivatives
     frames, turned = jacobian[:, :FRAMES], are("rotation", fit.equations.components)
     lines, first = [], FRAMES
     for group in calibration.selection.groups:

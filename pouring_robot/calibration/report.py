@@ -110,15 +110,14 @@ def performance_lines(calibration: CalibrationFindings) -> list[str]:
     found = calibration.performance
     if found is None:
         return ["ISO 9283 accuracy and repeatability: not known, no pose was measured three times or more"]
-    turn = (
-        f"; attitude {found.ap_before_mrad:.3f} before, {found.ap_after_mrad:.3f} after, repeatability "
-        f"{found.rp_mrad:.3f} mrad"
-    )
-    return [
+    line = (
         f"after ISO 9283 ({found.poses} poses, {found.cycles} or more repeats; the standard asks for 30): accuracy "
         f"{found.ap_before_mm:.3f} mm before, {found.ap_after_mm:.3f} mm after; repeatability {found.rp_mm:.3f} mm"
-        + (turn if math.isfinite(found.rp_mrad) else "")
-    ]
+    )
+    if math.isfinite(found.rp_mrad):
+        line += f"; attitude {found.ap_before_mrad:.3f} before, {found.ap_after_mrad:.3f} after"
+        line += f", repeatability {found.rp_mrad:.3f} mrad"
+    return [line]
 
 
 def ladle_line(calibration: CalibrationFindings) -> str:
@@ -161,6 +160,7 @@ def html_report(calibration: CalibrationFindings) -> str:
     """Return the report as one page without any outside file."""
     lines = parameter_lines(calibration)
     unseen = [line.name for line in lines if line.learnt < SEEN]
+    left = f"{len(unseen)} more move nothing here and stay as they are: {', '.join(unseen)}" if unseen else ""
     notes = [Paragraph(f"Note: {line}.") for line in notes_of(calibration)]
     moved: list[Block] = [*notes, Paragraph("nothing")]
     if lines:
@@ -173,9 +173,7 @@ def html_report(calibration: CalibrationFindings) -> str:
                 "Each parameter by itself; where several act alike, tolerances share the movement out among them:"
             ),
             parameter_table(line for line in lines if line.learnt >= SEEN),
-            Paragraph(
-                f"{len(unseen)} more move nothing here and stay as they are: {', '.join(unseen)}" if unseen else ""
-            ),
+            Paragraph(left),
         ]
     blocks: list[Block] = [
         Paragraph(headline(calibration), "lead"),

@@ -9,8 +9,7 @@ from pouring_robot.calibration.acceptance import harmless, mean_and_error, row_s
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.instruments import KINDS
 from pouring_robot.estimation.map_fit import FitOptions, first_frames, identify
-from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
-from pouring_robot.estimation.parameter_priors import prior_std
+from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns, prior_std
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.estimation.splits import Rows, Split
 from pouring_robot.exceptions import CalibrationError
@@ -28,23 +27,16 @@ _MOST_ROWS = 1000
 
 @dataclass(frozen=True)
 class SelectionStep:
-    """One candidate that was tried.
+    """One candidate that was tried."""
 
-    Attributes:
-        kept: groups that were in already.
-        tried: the group added to them; "" for the start.
-        rms: root mean square of the validation rows' residuals over their noise; 1 is pure noise.
-        gain: mean over the rows of log(1 + s²) without the group minus with it; s² is a row's mean squared residual
-            over its noise. The logarithm keeps single rows from deciding. ``gain_error`` is its standard error.
-        accepted: whether it was kept in this round.
-    """
-
-    kept: tuple[str, ...]
-    tried: str
-    rms: float
+    kept: tuple[str, ...]  # groups that were in already
+    tried: str  # the group added to them; "" for the start
+    rms: float  # root mean square of the validation rows' residuals over their noise; 1 is pure noise
+    # mean over the rows of log(1 + s²) without the group minus with it; s² is a row's mean squared residual over its
+    # noise. The logarithm keeps single rows from deciding. ``gain_error`` is its standard error.
     gain: float
     gain_error: float
-    accepted: bool
+    accepted: bool  # whether it was kept in this round
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,12 +115,10 @@ def select_groups(
             progress(f"choosing group {len(kept) + 1}", tried, len(left))
             trials.append(validate([*kept, group]))
         judged = [_judge(present, trial) for trial in trials]
-        mean, error = [one[0] for one in judged], [one[1] for one in judged]
-        helps = [one[2] for one in judged]
-        best = max(range(len(left)), key=lambda k: (helps[k], mean[k]))
-        for k, group in enumerate(left):
-            steps.append(SelectionStep(names, group.name, _rms(trials[k]), mean[k], error[k], helps[k] and k == best))
-        if not helps[best]:
+        best = max(range(len(left)), key=lambda k: (judged[k][2], judged[k][0]))
+        for k, (group, trial, (gain, error, helps)) in enumerate(zip(left, trials, judged, strict=True)):
+            steps.append(SelectionStep(names, group.name, _rms(trial), gain, error, helps and k == best))
+        if not judged[best][2]:
             break
         present = trials[best]
         kept.append(left.pop(best))

@@ -122,7 +122,8 @@ def _residuals(campaign: Campaign, fit: FrameFit, terms: FloatArray) -> tuple[Fl
 
 def _turned(fit: FrameFit, residual: FloatArray, terms: FloatArray, noise: float) -> FloatArray:
     """Turn residuals into fixed-platform axes; a missing cell is filled by what the other rows say of it."""
-    return fit.to_fixed_platform(np.column_stack([filled(terms, residual[:, k], noise) for k in range(3)]))
+    smooth = np.column_stack([filled(terms, residual[:, k], noise) for k in range(3)])
+    return np.asarray(smooth @ fit.frames.T_tracker_base.rotation)  # in the axes of the fixed platform
 
 
 def _outlier(campaign: Campaign, row: int, distance: float, angle: float, score: float, far: bool) -> DataFlag:

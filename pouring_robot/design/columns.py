@@ -24,15 +24,10 @@ _EDGE_LEVELS = 3
 
 @dataclass(frozen=True)
 class Conditions:
-    """How a pose is visited.
+    """How a pose is visited."""
 
-    Attributes:
-        side: +1: every drive was rising when it stopped, -1: falling, 0: not stated.
-        payload_kg: melt in the ladle.
-    """
-
-    side: int = 1
-    payload_kg: float = 0.0
+    side: int = 1  # +1: every drive was rising when it stopped, -1: falling, 0: not stated
+    payload_kg: float = 0.0  # melt in the ladle
     leg_degC: float = REFERENCE_DEGC  # noqa: N815 - the unit is spelt as in the campaign files
 
 
@@ -95,12 +90,10 @@ class Columns:
         at_target = pin.SE3(np.eye(3), np.asarray(target_m, dtype=float))
         seen = modelled.linearise(Unknowns.zero(OuterFrames(still, at_target), len(self.local)))
         driven = modelled.with_model(self._drive_model)
-        unknowns = Unknowns.zero(OuterFrames(still, at_target), len(self.drives))
-        drives = driven.linearise(unknowns)
+        drives = driven.linearise(Unknowns.zero(OuterFrames(still, at_target), len(self.drives)))
         lifted = driven.linearise(Unknowns.zero(OuterFrames(still, pin.SE3(np.eye(3), centre)), len(self.drives)))
         closed = seen.closed & drives.closed & lifted.closed
-        parts = [seen.jacobian, drives.jacobian, lifted.jacobian]
-        base, drive_columns, at_centre = (np.nan_to_num(part) for part in parts if part is not None)
+        base, drive_columns, at_centre = (np.nan_to_num(part.derivatives) for part in (seen, drives, lifted))
         return base, drive_columns[:, :, FRAMES:], -at_centre[:, 2, FRAMES:], closed
 
     def _row(

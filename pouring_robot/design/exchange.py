@@ -38,20 +38,13 @@ _SHORTLIST = 16
 
 @dataclass(frozen=True, eq=False)
 class CandidateSet:
-    """What can be chosen from.
+    """What can be chosen from."""
 
-    Attributes:
-        rows: whitened rows of each candidate, shape (N, m, p), ``nuisance`` columns first; unused rows are zero.
-        place: candidates of the same number stand for the same pose: at most one of them is chosen, shape (N,).
-        kind: of each candidate, shape (N,); a slot of the plan takes one kind.
-        prior: one over the prior standard deviation of each unknown, shape (p,), 0 for none.
-    """
-
-    rows: FloatArray
+    rows: FloatArray  # whitened, of each candidate, shape (N, m, p), ``nuisance`` columns first; unused ones are zero
     nuisance: int
-    place: IntArray
-    kind: IntArray
-    prior: FloatArray
+    place: IntArray  # candidates of the same number stand for the same pose: at most one of them is chosen, shape (N,)
+    kind: IntArray  # of each candidate, shape (N,); a slot of the plan takes one kind
+    prior: FloatArray  # one over the prior standard deviation of each unknown, shape (p,), 0 for none
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,8 +31,6 @@ SHOWN_UNITS: dict[str, tuple[str, float]] = {
     "rad/Nm": ("mrad/kNm", 1e6),
     "1/K": ("1e-6/K", 1e6),
 }
-
-
 # Unit and order of size, by the drive's unit: a worn screw; a leg of 1e8 N/m, a tilt drive of 1e6 Nm/rad; steel.
 _CONDITIONS: dict[Condition, dict[str, tuple[str, float]]] = {
     "backlash": {"m": ("m", 1e-4), "rad": ("rad", 2e-4)},
@@ -43,19 +41,12 @@ _CONDITIONS: dict[Condition, dict[str, tuple[str, float]]] = {
 
 @dataclass(frozen=True)
 class PlannedParameter:
-    """One number that a plan is to determine.
+    """One number that a plan is to determine."""
 
-    Attributes:
-        name: of the catalogue, or ``<condition>.<drive>``.
-        unit: ``m``, ``rad``, ``m/N``, ``rad/Nm`` or ``1/K``.
-        kind: which column it has: ``local``, or the condition that shows it.
-        local: the local parameter; of the other kinds, the drive.
-    """
-
-    name: str
-    unit: str
-    kind: Literal["local"] | Condition
-    local: GeometricParameter
+    name: str  # of the catalogue, or ``<condition>.<drive>``
+    unit: str  # ``m``, ``rad``, ``m/N``, ``rad/Nm`` or ``1/K``
+    kind: Literal["local"] | Condition  # which column it has: ``local``, or the condition that shows it
+    local: GeometricParameter  # the local parameter; of the other kinds, the drive
 
     @property
     def shown_unit(self) -> str:

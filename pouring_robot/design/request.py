@@ -15,35 +15,22 @@ _TRACKER = NoiseLevel.stated(5e-5, 5e-5)
 
 @dataclass(frozen=True)
 class PlanRequest:
-    """What is asked of a plan; figures out of range raise BadInputError.
+    """What is asked of a plan; figures out of range raise BadInputError."""
 
-    Attributes:
-        poses: number of poses n.
-        parameters: sets, groups, names and patterns as calibration knows them; empty: drives and U-joint centres,
-            reduced.
-        criterion: what the plan is best in.
-        target_m: place of the target on the moving platform.
-        priors: tolerances that count as known beforehand (MAP); None: nothing is known.
-        both_sides: how many of the poses are visited from both sides; each gives one more row.
-        loads_kg: melt in the ladle to choose from; with any, the drives' compliances are to be determined too.
-        leg_degC: leg temperatures to choose from; with any, the legs' expansions are to be determined too.
-        reduce: leave out parameters of which so many poses tell less than their tolerances, instead of refusing.
-        candidates: about how many poses to choose from.
-        starts: how many random first plans.
-    """
-
-    poses: int = 30
+    poses: int = 30  # number of poses n
+    # sets, groups, names and patterns as calibration knows them; empty: drives and U-joint centres, reduced
     parameters: tuple[str, ...] = ()
-    criterion: Criterion = "D"
+    criterion: Criterion = "D"  # what the plan is best in
     noise: NoiseLevel = _TRACKER
-    target_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    priors: Tolerances | None = None
-    both_sides: int = 0
-    loads_kg: tuple[float, ...] = ()
+    target_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # place of the target on the moving platform
+    priors: Tolerances | None = None  # tolerances that count as known beforehand (MAP); None: nothing is known
+    both_sides: int = 0  # how many of the poses are visited from both sides; each gives one more row
+    loads_kg: tuple[float, ...] = ()  # melt to choose from; with any, drives' compliances are determined too
+    # leg temperatures to choose from; with any, the legs' expansions are to be determined too
     leg_degC: tuple[float, ...] = ()  # noqa: N815 - the unit is spelt as in the campaign files
-    reduce: bool = False
-    candidates: int = 2000
-    starts: int = 4
+    reduce: bool = False  # leave out parameters of which poses tell less than tolerances, instead of refusing
+    candidates: int = 2000  # about how many poses to choose from
+    starts: int = 4  # how many random first plans
     seed: int = 0
 
     def __post_init__(self) -> None:

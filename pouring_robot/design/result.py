@@ -61,26 +61,16 @@ def _some(names: Sequence[str], between: str, most: int) -> str:
 
 @dataclass(frozen=True, eq=False)
 class PlanQuality:
-    """What is to be expected of a fit to a plan; standard deviations in inner units.
+    """What is to be expected of a fit to a plan; standard deviations in inner units."""
 
-    Attributes:
-        covariance: of the f frame numbers that can be told apart and the parameters, shape (f + P, f + P).
-        parameter_std: shape (P,).
-        frame: the working frame: the pouring lip, or a tool.
-        ladle_poses: commands of the workspace, in m and rad, shape (g, k).
-        ladle_std: of the working frame there, x y z in m and rotation vector in rad, shape (g, 6).
-        singular_values: of the plan with the frames projected out, per shown unit (mm, mrad ...), shape (P,).
-        poses: number of poses.
-    """
-
-    covariance: FloatArray
-    parameter_std: FloatArray
+    covariance: FloatArray  # of the f frame numbers that can be told apart and the parameters, shape (f + P, f + P)
+    parameter_std: FloatArray  # shape (P,)
     axes: tuple[CommandAxis, ...]
-    frame: str
-    ladle_poses: FloatArray
-    ladle_std: FloatArray
-    singular_values: FloatArray
-    poses: int
+    frame: str  # the working frame: the pouring lip, or a tool
+    ladle_poses: FloatArray  # commands of the workspace, in m and rad, shape (g, k)
+    ladle_std: FloatArray  # of the working frame there, x y z in m and rotation vector in rad, shape (g, 6)
+    singular_values: FloatArray  # of the plan with the frames projected out, per shown unit (mm, mrad ...), shape (P,)
+    poses: int  # number of poses
 
     @property
     def ladle_position_std_m(self) -> FloatArray:
@@ -124,29 +114,19 @@ class PlanQuality:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MeasurementPlan(Result):
-    """A plan.
-
-    Attributes:
-        axes: what a command is made of.
-        left_out: names of parameters that were asked for but left out: what is kept shows the same.
-        poses: rows in the order to measure them, commands in m and rad, shape (rows, k).
-        conditions: of each row.
-        pose_numbers: which of the n poses each row is, from 1.
-        value: the criterion's index, per shown unit.
-        start_values: the index that each start of the search reached.
-    """
+    """A plan."""
 
     request: PlanRequest
-    axes: tuple[CommandAxis, ...]
+    axes: tuple[CommandAxis, ...]  # what a command is made of
     robot: RobotDefinition
     parameters: tuple[PlannedParameter, ...]
-    left_out: tuple[str, ...]
-    poses: FloatArray
-    conditions: tuple[Conditions, ...]
-    pose_numbers: IntArray
+    left_out: tuple[str, ...]  # names of parameters that were asked for but left out: what is kept shows the same
+    poses: FloatArray  # rows in the order to measure them, commands in m and rad, shape (rows, k)
+    conditions: tuple[Conditions, ...]  # of each row
+    pose_numbers: IntArray  # which of the n poses each row is, from 1
     quality: PlanQuality
-    value: float
-    start_values: tuple[float, ...]
+    value: float  # the criterion's index, per shown unit
+    start_values: tuple[float, ...]  # the index that each start of the search reached
 
     @property
     def headline(self) -> str:

@@ -276,8 +276,8 @@ def _constant(inside: _Inside, places: Places) -> Iterator[Process]:
     yield _moved(DRIVES, CONSTANT, places.drives, one)
     for drive, own in zip(given.robot.drives, places.drives, strict=True):
         yield _moved(drive.joint, CONSTANT, [own], one)
-    placements, still = given.causes.placements, np.ones(len(given))
-    centres = {j: [n for p in found for n in p.changes] for j, found in place_parameters(placements, still).items()}
+    placements = given.causes.placements
+    centres = {j: [n for p in found for n in p.changes] for j, found in place_parameters(given).items()}
     several = placements.centres if len(placements.centres) > 1 else {}
     groups = {
         "joint centres": list(centres),
@@ -286,7 +286,7 @@ def _constant(inside: _Inside, places: Places) -> Iterator[Process]:
     }
     for where, joints in groups.items():
         yield _moved(where, CONSTANT, [inside(name) for j in joints for name in centres[j]], one)
-    tilts = {joint: [inside.tilt(p) for p in found] for joint, found in axis_parameters(placements, still).items()}
+    tilts = {joint: [inside.tilt(p) for p in found] for joint, found in axis_parameters(given).items()}
     if tilts:
         yield _moved("joint axes", CONSTANT, [c for found in tilts.values() for c in found], one)
     for where, axes in placements.axis_groups.items():
@@ -298,7 +298,7 @@ def _constant(inside: _Inside, places: Places) -> Iterator[Process]:
 
 def _joints(inside: _Inside, given: Conditions) -> Iterator[Process]:
     """Yield joints that stand elsewhere by time, load or temperature."""
-    found = place_parameters(given.causes.placements, np.ones(len(given)))
+    found = place_parameters(given)
     centres = [inside(name) for parameters in found.values() for p in parameters for name in p.changes]
     if given.time_known:
         yield _moved("joint centres", "time", centres, {"": _USUAL * wandering(given.time_s, most=12)})

@@ -35,62 +35,46 @@ base in its own axes), ``<joint>.tx``, ``<joint>.rz`` …, and ``metrology.scale
 
 @dataclass(frozen=True, eq=False)
 class EffectParameter:
-    """One parameter of a form.
+    """One parameter of a form."""
 
-    Attributes:
-        name: short, unique in its form.
-        unit: the user's unit of its value.
-        prior_std: standard deviation that one would expect of it where the effect is at work, in ``unit``. Only the
-            ratios between the parameters of a form matter much: their common scale is found from the data.
-        changes: change of local parameters for one ``unit``.
-        main: whether it makes the effect; if not, it shapes what the main parameters make.
-        bounds: what is physically possible, in ``unit``.
-    """
-
-    name: str
-    unit: str
+    name: str  # short, unique in its form
+    unit: str  # the user's unit of its value
+    # standard deviation that one would expect of it where the effect is at work, in ``unit``. Only the ratios between
+    # the parameters of a form matter much: their common scale is found from the data.
     prior_std: float
-    changes: LocalChanges
-    main: bool = True
-    bounds: tuple[float, float] = (-float("inf"), float("inf"))
+    changes: LocalChanges  # change of local parameters for one ``unit``
+    main: bool = True  # whether it makes the effect; if not, it shapes what the main parameters make
+    bounds: tuple[float, float] = (-float("inf"), float("inf"))  # what is physically possible, in ``unit``
 
 
 @dataclass(frozen=True, eq=False)
 class Form:
-    """One way in which an effect can act.
+    """One way in which an effect can act."""
 
-    Attributes:
-        name: unique in its effect.
-        parameters: the parameters, main ones first.
-        one_of: a constant of which this form is one value: of forms that share it at most one is at work. "" for forms
-            that may be at work beside any other.
-    """
-
-    name: str
-    parameters: tuple[EffectParameter, ...]
+    name: str  # unique in its effect
+    parameters: tuple[EffectParameter, ...]  # the parameters, main ones first
+    # a constant of which this form is one value: of forms that share it at most one is at work. "" for forms that may
+    # be at work beside any other.
     one_of: str = ""
 
 
 class Effect(ABC):
     """A physical cause that moves the end body. Stateless; one instance serves all campaigns of a robot."""
 
-    id: str
-    """Name in files and on the command line."""
-    story: str
-    """One line for people: what happens on the machine."""
+    id: str  # name in files and on the command line
+    story: str  # one line for people: what happens on the machine
+    # conditions without which it cannot be tested: names of what :meth:`Conditions.value` may not have
     needs: tuple[str, ...] = ()
-    """Conditions without which it cannot be tested: names of what :meth:`Conditions.value` may not have."""
+    # conditions that shape it, too, where a campaign has them; what was learned with them needs them elsewhere
     shaped_by: tuple[str, ...] = ()
-    """Conditions that shape it, too, where a campaign has them; what was learned with them needs them elsewhere."""
-    moves_robot: bool = True
-    """Whether it moves the robot, not only what is seen of it."""
+    moves_robot: bool = True  # whether it moves the robot, not only what is seen of it
+    # condition that it is drawn over and that must vary so that it shows, one of
+    # :func:`~pouring_robot.effects.facts.known_facts`; by default the first of :attr:`needs`
     driven_by: str = ""
-    """Condition that it is drawn over and that must vary so that it shows, one of
-    :func:`~pouring_robot.effects.facts.known_facts`; by default the first of :attr:`needs`."""
+    # measurement that tells it from other effects, in words; by default what varies :attr:`driven_by`
     told_apart_by: str = ""
-    """Measurement that tells it from other effects, in words; by default what varies :attr:`driven_by`."""
+    # whether load brings its workmanship to light: the mechanism gives way further where it is soft
     loosened_by_load: bool = False
-    """Whether load brings its workmanship to light: the mechanism gives way further where it is soft."""
 
     @property
     def driver(self) -> str:
@@ -120,8 +104,7 @@ class Effect(ABC):
     def in_words(self, values: Mapping[str, float]) -> tuple[str, ...]:
         """Return what its parameters together say that none of them says alone, a sentence each; by default nothing.
 
-        Args:
-            values: of the parameters found, by name, each in its unit.
+        ``values`` are those of the parameters found, by name, each in its unit.
         """
         return ()
 
@@ -138,11 +121,7 @@ class Effect(ABC):
 
     @abstractmethod
     def forms(self, conditions: Conditions) -> Sequence[Form]:
-        """Return the forms of the effect under these conditions, the usual one first.
-
-        Args:
-            conditions: n rows; everything in :attr:`needs` is there.
-        """
+        """Return the forms of the effect under conditions that have all that it :attr:`needs`, the usual one first."""
 
     def form(self, name: str, conditions: Conditions) -> Form:
         """Return one form by its name.
@@ -170,10 +149,8 @@ def checked_forms(effect: Effect, conditions: Conditions, channels: Collection[s
     try:
         forms = tuple(effect.forms(conditions))
     except Exception as problem:  # a user's effect may fail in any way; the line must say which one
-        said = " ".join(f"{type(problem).__name__}: {problem}".split())
-        raise BadInputError(
-            f"the effect '{effect.id}' fails under the conditions of this campaign: {said}"
-        ) from problem
+        why = " ".join(f"{type(problem).__name__}: {problem}".split())
+        raise BadInputError(f"the effect '{effect.id}' fails under the conditions of this campaign: {why}") from problem
     names = [form.name for form in forms]
     if not forms or len(set(names)) < len(names) or not all(form.parameters for form in forms):
         raise BadInputError(f"the effect '{effect.id}' needs forms of different names, each with a parameter or more")
@@ -182,9 +159,8 @@ def checked_forms(effect: Effect, conditions: Conditions, channels: Collection[s
             where = f"the effect '{effect.id}', form '{form.name}', parameter '{parameter.name}'"
             for name, change in parameter.changes.items():
                 if name not in channels:
-                    raise BadInputError(
-                        f"{where} changes '{name}', which the robot does not have{closest(name, channels)}"
-                    )
+                    near = closest(name, channels)
+                    raise BadInputError(f"{where} changes '{name}', which the robot does not have{near}")
                 if np.shape(change) != (len(conditions),) or not np.isfinite(change).all():
                     raise BadInputError(f"{where} must change '{name}' by one finite number for each row")
             if not parameter.prior_std > 0.0:

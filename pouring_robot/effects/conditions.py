@@ -60,50 +60,29 @@ class Conditions:
 
     Beside the attributes, conditions have names (:meth:`value`): ``<thermometer>_rise_k`` of a thermometer or of all of
     a kind, ``<travel>_m``, ``<group>_force`` of the drives of a group.
-
-    Attributes:
-        robot: of the drawing: drives, groups, names.
-        drives: commanded drives, (n, D), in m and rad.
-        position_m: nominal origin of the end body in the base, (n, 3).
-        rotation: nominal axes of the end body, (n, 3, 3).
-        session: number of the session from 0, (n,); -1 for one in which nothing was learned, -2
-            where nobody says which.
-        time_s: time of measurement, (n,); without a time column the number of the row stands for it.
-        time_known: whether there was a time column.
-        swing_rad: angle of the joint about which each drive's chain swings, (n, D); NaN for a drive without one.
-        approach: side each drive was approached from, (n, D), +1 or -1.
-        weight_n: weight of tool and payload, (n,).
-        drive_force: what every drive carries along its motion, (n, D), in N and Nm; tension is positive. As measured,
-            else what weight puts there.
-        force_by_weight: what one newton of ``weight_n`` puts there, (n, D), in N/N and Nm/N.
-        rises: temperatures above the reference by thermometer, (n,), in K.
-        travels: where the base stands along its axes, by name, (n,), in m.
-        screw_pitch_m: travel of a sliding drive a turn.
-        truss_span_m: length of the rails.
-        learned: the campaign that shapes count from; None: these very rows.
-        filled: conditions of which single cells were missing and were filled in from their neighbours in time.
-        assumed: what was assumed, one line each.
     """
 
-    robot: RobotDefinition
-    drives: FloatArray
-    position_m: FloatArray
-    rotation: FloatArray
-    session: NDArray[np.intp]
-    time_s: FloatArray
-    time_known: bool
-    swing_rad: FloatArray | None = None
-    approach: FloatArray | None = None
-    weight_n: FloatArray | None = None
+    robot: RobotDefinition  # of the drawing: drives, groups, names
+    drives: FloatArray  # commanded drives, (n, D), in m and rad
+    position_m: FloatArray  # nominal origin of the end body in the base, (n, 3)
+    rotation: FloatArray  # nominal axes of the end body, (n, 3, 3)
+    session: NDArray[np.intp]  # number from 0, (n,); -1: nothing was learned in it, -2: nobody says which it is
+    time_s: FloatArray  # time of measurement, (n,); without a time column the number of the row stands for it
+    time_known: bool  # whether there was a time column
+    swing_rad: FloatArray | None = None  # of the joint about which each drive's chain swings, (n, D); NaN without one
+    approach: FloatArray | None = None  # side each drive was approached from, (n, D), +1 or -1
+    weight_n: FloatArray | None = None  # weight of tool and payload, (n,)
+    # what every drive carries along its motion, (n, D), in N and Nm; tension is positive. As measured, else what weight
+    # puts there.
     drive_force: FloatArray | None = None
-    force_by_weight: FloatArray | None = None
-    rises: Mapping[str, FloatArray] = field(default_factory=dict)
-    travels: Mapping[str, FloatArray] = field(default_factory=dict)
-    screw_pitch_m: float | None = None
-    truss_span_m: float | None = None
-    learned: LearnedCampaign | None = None
-    filled: tuple[str, ...] = ()
-    assumed: tuple[str, ...] = ()
+    force_by_weight: FloatArray | None = None  # what one newton of ``weight_n`` puts there, (n, D), in N/N and Nm/N
+    rises: Mapping[str, FloatArray] = field(default_factory=dict)  # above the reference, by thermometer, (n,), in K
+    travels: Mapping[str, FloatArray] = field(default_factory=dict)  # where the base stands, by axis, (n,), in m
+    screw_pitch_m: float | None = None  # travel of a sliding drive a turn
+    truss_span_m: float | None = None  # length of the rails
+    learned: LearnedCampaign | None = None  # the campaign that shapes count from; None: these very rows
+    filled: tuple[str, ...] = ()  # conditions of which single cells were filled in from their neighbours in time
+    assumed: tuple[str, ...] = ()  # what was assumed, one line each
 
     def __len__(self) -> int:
         return len(self.drives)
@@ -189,10 +168,6 @@ class Conditions:
 
         Samples of a wave tell it if they lie no further apart than half of its length (Shannon 1949): what was learned
         fades out over a quarter of the shortest wave beyond them.
-
-        Args:
-            drive: which.
-            shortest_rad: length of the shortest wave.
         """
         arcs = self.learned.seen_rad.get(drive.joint, []) if self.learned else []
         if not arcs:
@@ -229,8 +204,7 @@ class Conditions:
         if not self.timed and len(self) > 1:
             return np.full_like(values, np.nan)
         out = np.array(values, dtype=float)
-        order = np.argsort(self.time_s, kind="stable")
-        for before, now in itertools.pairwise(order):
+        for before, now in itertools.pairwise(np.argsort(self.time_s, kind="stable")):
             kept = np.exp(-(self.time_s[now] - self.time_s[before]) / lag_s)
             out[now] = values[now] + (out[before] - values[now]) * kept
         return out
@@ -247,27 +221,16 @@ def condition_names(robot: RobotDefinition) -> frozenset[str]:
 
 @dataclass(frozen=True, eq=False)
 class NominalRows:
-    """What the drawing says of the rows of a campaign.
+    """What the drawing says of the rows of a campaign."""
 
-    Attributes:
-        robot: the drawing.
-        position_m: origin of the end body in the base, (n, 3).
-        rotation: its axes, (n, 3, 3).
-        by_drive: ∂pose/∂drive in base axes, (n, 6, D).
-        up: direction against gravity in the base, (3,).
-        swing_rad: as in :class:`Conditions`, (n, D).
-        own_force: what the links' own weight puts on every drive, (n, D); None where it is not counted.
-        payload_m: where the payload sits on the end body, (3,); None where the campaign says it, with a tare.
-    """
-
-    robot: RobotDefinition
-    position_m: FloatArray
-    rotation: FloatArray
-    by_drive: FloatArray
-    up: FloatArray
-    swing_rad: FloatArray
-    own_force: FloatArray | None
-    payload_m: FloatArray | None
+    robot: RobotDefinition  # the drawing
+    position_m: FloatArray  # origin of the end body in the base, (n, 3)
+    rotation: FloatArray  # its axes, (n, 3, 3)
+    by_drive: FloatArray  # ∂pose/∂drive in base axes, (n, 6, D)
+    up: FloatArray  # direction against gravity in the base, (3,)
+    swing_rad: FloatArray  # as in :class:`Conditions`, (n, D)
+    own_force: FloatArray | None  # what the links' own weight puts on every drive, (n, D); None where it is not counted
+    payload_m: FloatArray | None  # of the payload on the end body, (3,); None where the campaign says it, with a tare
 
 
 def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCampaign | None = None) -> Conditions:
@@ -278,24 +241,23 @@ def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCamp
         nominal: the same rows by the drawing.
         learned: another campaign, which shapes shall count from and whose facts of the machine hold.
     """
-    filler = _Filler(campaign)
+    filled: list[str] = []
+    whole = functools.partial(_without_gaps, campaign, filled)
     facts, robot = learned or campaign.metadata, nominal.robot
-    reference = facts.reference_temperature_degC
-    assumed = []
-    if reference is None:
-        reference = REFERENCE_DEGC
-        assumed.append(f"reference temperature {reference:g} °C")
-    weight, force, by_weight = _loads(facts, nominal, filler.one("payload"))
+    stated = facts.reference_temperature_degC
+    reference = REFERENCE_DEGC if stated is None else stated
+    weight, force, by_weight = _loads(facts, nominal, whole("payload"))
     for k, name in enumerate(force_names(robot)):
-        measured = filler.one(name)
+        measured = whole(name)
         if measured is not None:
             force = np.zeros(campaign.drives.shape) if force is None else np.array(force)
             force[:, k] = measured
-    known = filler.one("time")
+    known = whole("time")
     names = {name: k for k, name in enumerate(learned.sessions if learned else dict.fromkeys(campaign.sessions))}
     thermometers = (member for kind in causes_of(robot).thermometers for member in kind.members)
-    warm = {member: filler.one(member) for member in thermometers if member in campaign.conditions}
-    travels = {name: filler.one(name) for name in robot.travels}
+    warm = {member: whole(member) for member in thermometers if member in campaign.conditions}
+    travels = {name: whole(name) for name in robot.travels}
+    sides = [side for side in map(whole, approach_names(robot)) if side is not None]
     return Conditions(
         robot=robot,
         drives=np.array(campaign.drives),
@@ -305,7 +267,7 @@ def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCamp
         time_s=np.arange(len(campaign), dtype=float) if known is None else known,
         time_known=known is not None,
         swing_rad=nominal.swing_rad,
-        approach=filler(*approach_names(robot)),
+        approach=np.column_stack(sides) if len(sides) == len(robot.drives) else None,
         weight_n=weight,
         drive_force=force,
         force_by_weight=by_weight,
@@ -314,8 +276,8 @@ def conditions_of(campaign: Campaign, nominal: NominalRows, learned: LearnedCamp
         screw_pitch_m=facts.screw_pitch_m,
         truss_span_m=facts.truss_span_m,
         learned=learned,
-        filled=tuple(filler.filled),
-        assumed=tuple(assumed),
+        filled=tuple(filled),
+        assumed=() if stated is not None else (f"reference temperature {reference:g} °C",),
     )
 
 
@@ -328,12 +290,7 @@ def told(campaign: Campaign) -> dict[str, FloatArray]:
 
 
 def learned_in(campaign: Campaign, conditions: Conditions) -> LearnedCampaign:
-    """Return what effects that are learned in a campaign are to be counted from elsewhere.
-
-    Args:
-        campaign: the data.
-        conditions: of its rows.
-    """
+    """Return what effects that are learned in a campaign, under its conditions, are to be counted from elsewhere."""
     metadata = campaign.metadata
     reference = metadata.reference_temperature_degC
     return LearnedCampaign(
@@ -384,35 +341,21 @@ def _loads(
     return weight, force if nominal.own_force is None else force + nominal.own_force, by_weight
 
 
-class _Filler:
-    """Reads quantities of a campaign and fills single missing cells from their neighbours in time."""
+def _without_gaps(campaign: Campaign, filled: list[str], name: str) -> FloatArray | None:
+    """Return a quantity, (n,), single missing cells filled in from their neighbours in time; None where there is none.
 
-    def __init__(self, campaign: Campaign) -> None:
-        self._campaign = campaign
-        time = campaign.time_s
-        whole = time is not None and bool(np.isfinite(time).all())
-        self._time = np.asarray(time) if whole else np.arange(len(campaign), dtype=float)
-        self.filled: list[str] = []
-
-    def __call__(self, *names: str) -> FloatArray | None:
-        """Return quantities without gaps, (n, names); None where the campaign lacks one of them."""
-        given = [self._campaign.quantity(name) for name in names]
-        columns = [self._without_gaps(n, v) for n, v in zip(names, given, strict=True) if v is not None]
-        return np.column_stack(columns) if len(columns) == len(names) else None
-
-    def one(self, name: str) -> FloatArray | None:
-        """Return a quantity without gaps, (n,); None where the campaign does not have it."""
-        found = self(name)
-        return None if found is None else found[:, 0]
-
-    def _without_gaps(self, name: str, values: FloatArray) -> FloatArray:
-        known = np.isfinite(values)
-        if known.all():
-            return values
-        order = np.argsort(self._time[known], kind="stable")
-        times, cells = self._time[known][order], values[known][order]
-        filled = np.interp(self._time[~known], times, cells)
-        whole = np.array(values)
-        whole[~known] = np.sign(filled) + (filled == 0.0) if name.startswith("approach_") else filled
-        self.filled.append(self._campaign.heading(name))
-        return whole
+    The headings of those that had gaps are added to ``filled``.
+    """
+    values = campaign.quantity(name)
+    if values is None or np.isfinite(values).all():
+        return values
+    time = campaign.time_s
+    if time is None or not np.isfinite(time).all():
+        time = np.arange(len(campaign), dtype=float)
+    known = np.isfinite(values)
+    order = np.argsort(time[known], kind="stable")
+    cells = np.interp(time[~known], time[known][order], values[known][order])
+    whole = np.array(values)
+    whole[~known] = np.sign(cells) + (cells == 0.0) if name.startswith("approach_") else cells
+    filled.append(campaign.heading(name))
+    return whole

@@ -16,48 +16,32 @@ from pouring_robot.robot.description.causes import Causes, Thermometers
 from pouring_robot.robot.description.definition import RobotDefinition
 
 _KILO, _HOUR_S = 1e3, 3600.0
+Drawn = Callable[[Conditions], tuple[str, FloatArray | None]]
+"""A label and (n,) numbers in its unit; None where the campaign does not say."""
 
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """What effects and residuals are drawn over.
+    """What effects and residuals are drawn over."""
 
-    Attributes:
-        label: with its unit.
-        values: shape (n,).
-        of_rows: whether it is only the order of the rows, where nothing else varies.
-    """
-
-    label: str
-    values: FloatArray
-    of_rows: bool = False
+    label: str  # with its unit
+    values: FloatArray  # shape (n,)
+    of_rows: bool = False  # whether it is only the order of the rows, where nothing else varies
 
 
 @dataclass(frozen=True)
 class Facts:
-    """Facts about one condition.
+    """Facts about one condition."""
 
-    Attributes:
-        axis: what to draw over it, (n,) numbers in the unit of the label; None where the campaign does not say.
-        word: its name in sentences on what data depend on; "" where another condition stands for it there.
-        sources: what a campaign must hold so that it is known: columns of the table, ``section.key`` of the YAML.
-        record: the same in words.
-        vary: which measurement makes show what depends on it.
-        least_spread: from lowest to highest in SI units; with less it was held still. 0 where that is no question.
-        varied: condition that a campaign varies with it, if not itself.
-        by_pose: whether every campaign varies it, as it goes by the pose.
-        expected: whether it is worth saying that a campaign does not have it.
-    """
-
-    axis: Callable[[Conditions], tuple[str, FloatArray | None]] = lambda _: ("", None)
-    word: str = ""
-    sources: tuple[str, ...] = ()
-    record: str = ""
-    vary: str = ""
-    least_spread: float = 0.0
-    varied: str = ""
-    by_pose: bool = False
-    expected: bool = True
+    axis: Drawn = lambda _: ("", None)  # what to draw over it
+    word: str = ""  # its name in sentences on what data depend on; "" where another condition stands for it there
+    sources: tuple[str, ...] = ()  # what tells it: columns of a campaign's table, ``section.key`` of the YAML
+    record: str = ""  # the same in words
+    vary: str = ""  # which measurement makes show what depends on it
+    least_spread: float = 0.0  # from lowest to highest, SI; with less it was held still. 0 where that is no question
+    varied: str = ""  # condition that a campaign varies with it, if not itself
+    by_pose: bool = False  # whether every campaign varies it, as it goes by the pose
+    expected: bool = True  # whether it is worth saying that a campaign does not have it
 
 
 @functools.lru_cache(maxsize=16)
@@ -65,8 +49,8 @@ def known_facts(robot: RobotDefinition) -> dict[str, Facts]:
     """Return the facts of a robot's conditions by their names, in the order they are spoken of."""
     causes = causes_of(robot)
     words = causes.words
-    load = _of_weight(causes, f"weight on the {words.body} [kN]", lambda c: _scaled(c.weight_n, _KILO))
-    found = {"weight_n": replace(load, word="load")}
+    load = _drawn(f"weight on the {words.body} [kN]", "weight_n", lambda weight: weight / _KILO)
+    found = {"weight_n": replace(_of_weight(causes, load), word="load")}
     for group, drives in robot.groups.items():
         kind = "mean force on {} [kN]" if drives[0].unit == "m" else "mean moment on {} [kNm]"
         found[f"{group}{FORCE}"] = _force(causes, f"{group}{FORCE}", words.force.get(group, kind.format(group)))
@@ -78,7 +62,7 @@ def known_facts(robot: RobotDefinition) -> dict[str, Facts]:
     found["approach"] = _approach(robot)
     found["time_s"] = Facts(_time, "time", vary="come back to the same poses hours later", least_spread=_HOUR_S)
     found["session"] = Facts(
-        lambda c: ("session", np.asarray(1.0 + c.session, dtype=np.float64)),
+        _drawn("session", "session", lambda number: 1.0 + number),
         sources=("session",),
         record="the session of every row (session)",
         vary="set base and device up anew and measure the same poses",
@@ -91,19 +75,30 @@ def facts_of(name: str, robot: RobotDefinition) -> Facts:
     return known_facts(robot).get(name, Facts())
 
 
-def _scaled(values: FloatArray | None, unit: float) -> FloatArray | None:
-    return None if values is None else values / unit
+def _drawn(label: str, name: str, shown: Callable[[FloatArray], FloatArray] = np.asarray) -> Drawn:
+    """Return how a condition is drawn: what ``shown`` makes of its values, in the unit of the label."""
+
+    def axis(given: Conditions) -> tuple[str, FloatArray | None]:
+        values = given.value(name)
+        return label, None if values is None else shown(values)
+
+    return axis
 
 
 def _time(given: Conditions) -> tuple[str, FloatArray | None]:
     return ("time [h]", given.time_s / _HOUR_S) if given.time_known else ("time [row]", given.time_s)
 
 
-def _of_weight(causes: Causes, label: str, values: Callable[[Conditions], FloatArray | None]) -> Facts:
+def _screw(given: Conditions) -> tuple[str, FloatArray | None]:
+    pitch, label = given.screw_pitch_m, "turn of screw 1 [°]"
+    return label, None if pitch is None else np.mod(360.0 * given.lengths_m[:, 0] / pitch, 360.0)
+
+
+def _of_weight(causes: Causes, axis: Drawn) -> Facts:
     """Return the facts of a condition that goes by the load; a tare counts where the links' own weight does not."""
     words, tare = causes.words, () if causes.own_weight else ("ladle.tare_kg", "ladle.centre_of_mass_mm")
     return Facts(
-        lambda c: (label, values(c)),
+        axis,
         sources=("payload_kg", *tare),
         record="the load (payload_kg)" + (f", and state tare and centre of mass of the {words.moved}" if tare else ""),
         vary=f"measure the same poses with the {words.moved} empty and full",
@@ -113,11 +108,7 @@ def _of_weight(causes: Causes, label: str, values: Callable[[Conditions], FloatA
 
 
 def _force(causes: Causes, name: str, label: str) -> Facts:
-    def values(given: Conditions) -> FloatArray | None:
-        force = given.value(name)
-        return None if force is None else np.asarray(force.mean(axis=1)) / _KILO
-
-    found = _of_weight(causes, label, values)
+    found = _of_weight(causes, _drawn(label, name, lambda force: np.asarray(force.mean(axis=1)) / _KILO))
     return replace(found, sources=("inertias of the links in the URDF",)) if causes.own_weight else found
 
 
@@ -127,19 +118,18 @@ def _travel(name: str, words: tuple[str, str] | None) -> Facts:
         "measure at both ends and in the middle of its travel, with and without load",
     )
     word = name.replace("_", " ")
-    return Facts(lambda c: (f"{word} [m]", c.travels.get(name)), word, (f"{name}_m",), record, vary, 1.0)
+    return Facts(_drawn(f"{word} [m]", f"{name}_m"), word, (f"{name}_m",), record, vary, 1.0)
 
 
 def _rise(kind: Thermometers, of_drives: Iterable[str]) -> Facts:
     """Return the facts of a kind of thermometer; of several the mean of those on drives is drawn."""
-    shown = [member for member in kind.members if member in set(of_drives)] or list(kind.members)
+    members, driven = list(kind.members), set(of_drives)
+    shown = [k for k, member in enumerate(members) if member in driven] or list(range(len(members)))
 
-    def axis(given: Conditions) -> tuple[str, FloatArray | None]:
-        label = f"{kind.label} [K]"
-        if given.value(f"{kind.name}{RISE}") is None:
-            return label, None
-        return label, np.column_stack([given.rises[member] for member in shown]).mean(axis=1)
+    def mean(rise: FloatArray) -> FloatArray:
+        return np.asarray(rise.reshape(len(rise), -1)[:, shown].mean(axis=1))
 
+    axis = _drawn(f"{kind.label} [K]", f"{kind.name}{RISE}", mean)
     sources = tuple(f"{member}_degC" for member in kind.members)
     return Facts(axis, kind.word, sources, kind.record, kind.vary, kind.least_spread_k, expected=kind.expected)
 
@@ -147,7 +137,7 @@ def _rise(kind: Thermometers, of_drives: Iterable[str]) -> Facts:
 def _approach(robot: RobotDefinition) -> Facts:
     columns = approach_names(robot)
     return Facts(
-        lambda c: ("drives that came from below", None if c.approach is None else 1.0 * (c.approach > 0.0).sum(axis=1)),
+        _drawn("drives that came from below", "approach", lambda side: 1.0 * (side > 0.0).sum(axis=1)),
         "side of approach",
         columns,
         f"the side each drive was approached from ({columns[0]} to {columns[-1]})",
@@ -163,46 +153,40 @@ def of_drives(robot: RobotDefinition) -> dict[str, Facts]:
     if slides:
         first = slides[0]
         found["screw_pitch_m"] = Facts(
-            lambda c: (
-                "turn of screw 1 [°]",
-                None if c.screw_pitch_m is None else np.mod(360.0 * c.lengths_m[:, 0] / c.screw_pitch_m, 360.0),
-            ),
+            _screw,
             sources=("drives.screw_pitch_mm",),
             record="the pitch of the screws (screw pitch in campaign.yaml)",
             vary="measure at several places within one turn of the screws",
         )
         group = next((name for name, drives in robot.groups.items() if first in drives), "the drives")
         found["lengths_m"] = Facts(
-            lambda c: (f"length of {first.words} [mm]", c.lengths_m[:, 0] / MM),
+            _drawn(f"length of {first.words} [mm]", "lengths_m", lambda lengths: lengths[:, 0] / MM),
             vary=f"measure with {group} as short and as long as they can be",
             least_spread=0.1,
             by_pose=True,
         )
     if turns:
-        first_turn = turns[0]
-        which = first_turn.words if len(turns) == 1 else "every joint"
+        which = turns[0].words if len(turns) == 1 else "every joint"
         found["angles_rad"] = Facts(
-            lambda c: (f"{first_turn.symbol} [°]", np.degrees(c.angles_rad[:, 0])),
+            _drawn(f"{turns[0].symbol} [°]", "angles_rad", lambda angles: np.degrees(angles[:, 0])),
             vary=f"let {which} go through its whole range",
             least_spread=0.2,
         )
     return found
 
 
-_OF_POSE: dict[str, Facts] = {
+_Z = _drawn("z [mm]", "position_m", lambda place: place[:, 2] / MM)
+_OF_POSE = {
     "tilt_rad": Facts(
-        lambda c: ("tilt [°]", None if c.tilt_rad is None else np.degrees(c.tilt_rad)),
+        _drawn("tilt [°]", "tilt_rad", np.degrees),
         vary="measure at the edges of the workspace, at both ends of the tilt",
         least_spread=0.3,
         by_pose=True,
     ),
     "position_m": Facts(
-        lambda c: ("z [mm]", c.position_m[:, 2] / MM),
-        vary="measure at the edges of the workspace, in many orientations",
-        least_spread=0.1,
-        by_pose=True,
+        _Z, vary="measure at the edges of the workspace, in many orientations", least_spread=0.1, by_pose=True
     ),
-    "height_m": Facts(lambda c: ("z [mm]", c.position_m[:, 2] / MM), by_pose=True),
+    "height_m": Facts(_Z, by_pose=True),
 }
 ALWAYS = ("tilt_rad", "height_m", "time_s")
 """What anything can be drawn over."""

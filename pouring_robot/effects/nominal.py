@@ -15,13 +15,7 @@ from pouring_robot.robot.description.definition import RobotDefinition
 
 
 def nominal_rows(robot: RobotDefinition, engine: Engine, closure: BatchClosure) -> NominalRows:
-    """Return what the drawing says of closed rows.
-
-    Args:
-        robot: the drawing.
-        engine: of the robot without errors.
-        closure: of the engine, all rows closed.
-    """
+    """Return what the drawing says of rows that its engine, without errors, closed, all of them."""
     mechanism = engine.structure.mechanism
     drives = drive_parameters(mechanism)
     values = engine.structure.joint_values(closure.joints)

@@ -8,7 +8,6 @@ A package offers effects in its ``pyproject.toml``; the name does not matter, th
 
 from collections.abc import Sequence
 from importlib.metadata import entry_points
-from typing import Any
 
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.conditions import condition_names
@@ -21,7 +20,6 @@ from pouring_robot.effects.families.loads import Deflection, Spring, Stretch
 from pouring_robot.effects.families.surroundings import BaseDrift, MetrologyScale, SessionOffset
 from pouring_robot.effects.robot_causes import causes_of
 from pouring_robot.exceptions import BadInputError, closest
-from pouring_robot.robot.description.causes import CauseEntry
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.model import RobotModel
 
@@ -49,15 +47,11 @@ FAMILIES: dict[str, type[Family]] = {
 
 def library(robot: RobotDefinition) -> tuple[Effect, ...]:
     """Return the effects that a robot's causes make, in the order they are listed."""
-    return tuple(_made(entry, robot) for entry in causes_of(robot).entries)
-
-
-def _made(entry: CauseEntry, robot: RobotDefinition) -> Effect:
-    drives = {drive.joint: drive for drive in robot.drives}
-    options: dict[str, Any] = dict(entry.options)
-    if "drives" in options:
-        options["drives"] = tuple(drives[joint] for joint in options["drives"])
-    return FAMILIES[entry.family](entry.id, entry.story, **options)
+    known, effects = {drive.joint: drive for drive in robot.drives}, []
+    for entry in causes_of(robot).entries:
+        drives = tuple(known[joint] for joint in entry.options.get("drives", ()))
+        effects.append(FAMILIES[entry.family](entry.id, entry.story, **{**entry.options, "drives": drives}))
+    return tuple(effects)
 
 
 def all_effects(robot: RobotDefinition | None = None) -> dict[str, Effect]:

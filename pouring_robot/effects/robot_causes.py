@@ -26,16 +26,13 @@ Groups = Mapping[str, tuple[Drive, ...]]
 @functools.lru_cache(maxsize=16)
 def causes_of(robot: RobotDefinition) -> Causes:
     """Return what a robot declares of its causes; otherwise those of a library over its groups."""
-    return robot.causes or default_causes(robot)
-
-
-def default_causes(robot: RobotDefinition) -> Causes:
-    """Return the causes that any robot may have."""
-    mechanism = robot.mechanism()
+    if robot.causes:
+        return robot.causes
+    mechanism, ambient = robot.mechanism(), replace(AMBIENT, by_pose=True, moves_joints=True)
     return Causes(
         entries=(*_of_drives(robot), *_of_structure(robot, mechanism)),
         placements=_placements(robot, mechanism),
-        thermometers=(_ambient(), *(_thermometer(name) for name in robot.thermometers)),
+        thermometers=(ambient, *(_thermometer(name) for name in robot.thermometers)),
         drive_thermometers=_drive_thermometers(robot, mechanism),
     )
 
@@ -96,13 +93,8 @@ def _of_structure(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> It
     yield CauseEntry("session_offset", "session_offset", story)
 
 
-def chain_joints(mechanism: ClosedChainMechanism) -> tuple[str, ...]:
-    """Return the joints, fixed and moving, whose placements make the pose."""
-    return tuple(filter(None, engine_for(mechanism).structure.site_joints))
-
-
 def _placements(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Placements:
-    joints = chain_joints(mechanism)
+    joints = tuple(filter(None, engine_for(mechanism).structure.site_joints))  # whose placements make the pose
     said = [name.partition(".t") for name in robot.file.places or joints]
     places = tuple(dict.fromkeys(joint for joint, _, _ in said))
     along = {place: "".join(axis for joint, _, axis in said if joint == place) or "xyz" for place in places}
@@ -113,8 +105,8 @@ def _placements(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Plac
     tilts = []
     for joint in axes:
         axis = _axis(mechanism, joint)
-        across = "".join(name for name, share in zip("xyz", np.abs(axis), strict=True) if share < _ALONG)
         if axis.any():
+            across = "".join(name for name, share in zip("xyz", np.abs(axis), strict=True) if share < _ALONG)
             tilts.append(AxisTilt(joint, across))
     return Placements(
         centres={"joints": places},
@@ -132,10 +124,6 @@ def _axis(mechanism: ClosedChainMechanism, joint: str) -> Any:
         return np.zeros(3)
     subspace = np.asarray(model.joints[model.getJointId(joint)].createData().S).reshape(2, 3)
     return subspace.sum(axis=0)
-
-
-def _ambient() -> Thermometers:
-    return Thermometers(**{**vars(AMBIENT), "by_pose": True, "moves_joints": True})
 
 
 def _thermometer(name: str) -> Thermometers:

@@ -1,8 +1,7 @@
 """The effects that a model file has: what they change, row by row, under given conditions."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -12,20 +11,8 @@ from pouring_robot.effects.facts import sources
 from pouring_robot.effects.registry import all_effects
 from pouring_robot.exceptions import BadInputError, MissingConditionsError, closest
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.robot.effect_stack import EffectEntry, LearnedCampaign
+from pouring_robot.robot.effect_stack import LearnedCampaign
 from pouring_robot.robot.model import RobotModel
-
-
-class Stack(NamedTuple):
-    """What effects change under conditions.
-
-    Attributes:
-        parameters: each with its value in its unit.
-        untold: which effects are taken as none in some rows because nobody learned them there, a line each.
-    """
-
-    parameters: list[tuple[EffectParameter, float]]
-    untold: tuple[str, ...]
 
 
 def stack_of(
@@ -34,8 +21,10 @@ def stack_of(
     conditions: Callable[[LearnedCampaign | None], Conditions],
     *,
     seen: bool = True,
-) -> Stack:
-    """Return what of a model depends on conditions.
+) -> tuple[list[tuple[EffectParameter, float]], tuple[str, ...]]:
+    """Return what of a model depends on conditions: parameters, each with its value in its unit.
+
+    Beside them, a line each, the effects taken as none in some rows because nobody learned them there.
 
     Args:
         model: its effects that are not placed count.
@@ -70,7 +59,12 @@ def stack_of(
         for name, parameter in entry.parameters.items():
             if name not in form and lost:
                 raise MissingConditionsError(entry.effect, lost)
-            _check_parameter(entry, name, form)
+            if name not in form:
+                said = f"the model's effect '{entry.effect}' in the form '{entry.form}' has no parameter '{name}'"
+                raise BadInputError(f"{said} under the conditions of this campaign{closest(name, form)}")
+            if parameter.unit != form[name].unit:
+                said = f"the model's '{name}' of '{entry.effect}' is in '{parameter.unit}'"
+                raise BadInputError(f"{said}; it must be in '{form[name].unit}'")
             if parameter.value and not _is_known(form[name]):
                 some = replace(rows, session=np.full_like(rows.session, -1))
                 by_session = _is_known({p.name: p for p in effect.form(entry.form, some).parameters}[name])
@@ -79,7 +73,7 @@ def stack_of(
         for part, count in effect.untold(rows).items():
             where = f"{count} of {len(rows)} rows" if len(rows) > 1 else "this pose"
             untold[f"{entry.effect} of {part} was not learned at the angles of {where}: taken as none there"] = None
-    return Stack(found, tuple(untold))
+    return found, tuple(untold)
 
 
 def _is_known(parameter: EffectParameter) -> bool:
@@ -99,15 +93,3 @@ def local_changes(parameters: Sequence[EffectParameter], values: Sequence[float]
             for name, change in parameter.changes.items():
                 total[name] = total.get(name, 0.0) + value * change
     return total
-
-
-def _check_parameter(entry: EffectEntry, name: str, form: Mapping[str, EffectParameter]) -> None:
-    """Check that an entry of a model file has a parameter that its form has here, in its unit."""
-    if name not in form:
-        raise BadInputError(
-            f"the model's effect '{entry.effect}' in the form '{entry.form}' has no parameter '{name}' "
-            f"under the conditions of this campaign{closest(name, form)}"
-        )
-    if entry.parameters[name].unit != form[name].unit:
-        given, wanted = entry.parameters[name].unit, form[name].unit
-        raise BadInputError(f"the model's '{name}' of '{entry.effect}' is in '{given}'; it must be in '{wanted}'")

@@ -100,11 +100,7 @@ def conditions_beside(path: Path, robot: RobotDefinition) -> dict[str, FloatArra
 
 
 class RobotUnderConditions:
-    """A robot and the conditions it works under.
-
-    Args:
-        robot: as built; those of its model's effects that depend on conditions are to come on top.
-        given: the conditions.
+    """A robot as built and the conditions it works under; those effects of its model that depend on them come on top.
 
     Attributes:
         notes: what one should know of the commands and conditions asked for last, in a line each.
@@ -232,7 +228,7 @@ def robots_under(model: Robot | RobotModel | Path | str, commands: Sequence[Comm
     """Return a robot as it stands at each command under conditions; a robot as any other each.
 
     Args:
-        model: the robot as built, or its model or model file.
+        model: as built.
         commands: poses of the pouring robot, or drive values in m and rad, in the order in which they are reached.
         given: conditions by a campaign's heading, such as ``leg1_degC``: a number, or one a command. What is not given
             of sides of approach follows from the order of the commands.
@@ -254,13 +250,8 @@ def compensate_under(
 ) -> list[Found]:
     """Return what brings a robot to wanted poses, where what its effects do depends on what is commanded.
 
-    The robot is taken as it stands at the last commands, and brought to the poses, until commands no longer move.
-
-    Args:
-        under: the robot and its conditions.
-        wanted: the poses.
-        bring: compensates a robot that stands still, for the pose of a number.
-        show: told of progress.
+    The robot is taken as it stands at the last commands, and brought to the poses, until commands no longer move;
+    ``bring`` compensates a robot that stands still, for the pose of a number.
 
     Raises:
         CompensationError: commands do not settle.

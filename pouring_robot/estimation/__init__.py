@@ -1,4 +1,1 @@
-"""What calibration and diagnosis share.
-
-The measurement model, outer frames, noise, residuals, priors, splits, the solver.
-"""
+"""What calibration and diagnosis share: measurement model, frames, noise, residuals, priors, splits, the solver."""

@@ -32,17 +32,11 @@ _TIE = 1e-7  # above what updated column norms lose in pivoting, √ε = 1.5e-8 
 
 @dataclass(frozen=True)
 class DependentGroup:
-    """Unknowns that are tied together: fewer combinations of them can be identified than there are members.
+    """Unknowns that are tied together: fewer combinations of them can be identified than there are members."""
 
-    Attributes:
-        members: their names.
-        combinations: what can be identified: for each base member, every member's share in it per unit.
-        hidden: number of directions that no measurement of these poses shows.
-    """
-
-    members: tuple[str, ...]
-    combinations: tuple[dict[str, float], ...]
-    hidden: int
+    members: tuple[str, ...]  # their names
+    combinations: tuple[dict[str, float], ...]  # identifiable: for each base member every member's share per unit
+    hidden: int  # number of directions that no measurement of these poses shows
 
     def texts(self) -> tuple[str, ...]:
         """Return each identifiable combination as a line: ``leg1_s1.tx + 0.5 leg1_s2.tx``."""
@@ -61,39 +55,21 @@ def combination_text(combination: dict[str, float]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class BaseParameters:
-    """What a regressor can tell.
+    """What a regressor can tell."""
 
-    Attributes:
-        names: of its columns.
-        rank: number of combinations that are determined.
-        null_space: orthonormal basis of the directions that nothing shows, in scaled columns, shape (K, K - rank).
-        scale: lengths of the columns; 1 for columns that are zero; shape (K,).
-        singular: singular values of the columns scaled to unit length, shape (K,).
-        base: names of the columns kept by pivoting; the others depend on them.
-        groups: unknowns tied together.
-        unseen: columns that are zero: no measurement changes with them.
-    """
-
-    names: tuple[str, ...]
-    rank: int
-    null_space: FloatArray
-    scale: FloatArray
-    singular: FloatArray
-    base: tuple[str, ...]
-    groups: tuple[DependentGroup, ...]
-    unseen: tuple[str, ...]
+    names: tuple[str, ...]  # of its columns
+    rank: int  # number of combinations that are determined
+    null_space: FloatArray  # orthonormal basis of what nothing shows, in scaled columns, shape (K, K - rank)
+    scale: FloatArray  # lengths of the columns; 1 for columns that are zero; shape (K,)
+    singular: FloatArray  # singular values of the columns scaled to unit length, shape (K,)
+    base: tuple[str, ...]  # names of the columns kept by pivoting; the others depend on them
+    groups: tuple[DependentGroup, ...]  # unknowns tied together
+    unseen: tuple[str, ...]  # columns that are zero: no measurement changes with them
 
     @property
     def deficient(self) -> bool:
         """Whether some direction cannot be determined."""
         return self.rank < len(self.names)
-
-    @property
-    def physical_null_space(self) -> FloatArray:
-        """The directions that nothing shows in the unknowns' own units, orthonormal, shape (K, K - rank)."""
-        if self.null_space.shape[1] == 0:
-            return self.null_space
-        return np.asarray(np.linalg.qr(self.null_space / self.scale[:, None])[0])
 
 
 def base_parameters(
@@ -121,44 +97,28 @@ def base_parameters(
     _, singular, right = np.linalg.svd(compact, full_matrices=True)
     singular = np.r_[singular, np.zeros(len(names) - singular.size)]
     rank = int((singular > tolerance * singular[0]).sum()) if seen.any() else 0
-    order = _order(compact, names, lead, rank)
+    # The robot is symmetric, so columns tie; the earlier one then stands for them, not the one round-off favours.
+    weight = np.array([1e3 if name in lead else 1.0 for name in names]) * (1.0 - _TIE * np.arange(len(names)))
+    _, _, pivots = scipy.linalg.qr(compact * weight, mode="economic", pivoting=True)
+    order = np.asarray(pivots) if rank else np.arange(len(names))
     kept, dependent = order[:rank], order[rank:]
     shares: FloatArray = np.zeros((rank, dependent.size))
     if rank:
         shares = np.asarray(np.linalg.lstsq(compact[:, kept], compact[:, dependent], rcond=None)[0], dtype=np.float64)
+    base, unseen = (tuple(names[k] for k in columns) for columns in (np.sort(kept), np.flatnonzero(~seen)))
     groups = _groups(names, kept, dependent, shares, scale)
-    return BaseParameters(
-        names,
-        rank,
-        np.asarray(right[rank:].T),
-        scale,
-        singular,
-        tuple(names[k] for k in sorted(kept.tolist())),
-        groups,
-        tuple(names[k] for k in np.flatnonzero(~seen)),
-    )
+    return BaseParameters(names, rank, np.asarray(right[rank:].T), scale, singular, base, groups, unseen)
 
 
 def robot_combinations(base: BaseParameters, frames: Sequence[str]) -> list[dict[str, float]]:
-    """Return the identifiable combinations without the outer frames; base columns that lead no group stand alone.
+    """Return the identifiable combinations without the outer frames, by whose names the base was led.
 
-    Args:
-        base: split with the frames leading.
-        frames: names of the frames' unknowns.
+    Base columns that lead no group stand alone.
     """
     tied = [combination for group in base.groups for combination in group.combinations]
     members = {name for group in base.groups for name in group.members}
     alone = [{name: 1.0} for name in base.base if name not in members]
     return [combination for combination in (*tied, *alone) if not set(frames) & set(combination)]
-
-
-def _order(compact: FloatArray, names: tuple[str, ...], lead: Sequence[str], rank: int) -> np.ndarray:
-    """Return the columns, those of the base first: the leading names as far as they are independent, then by pivots."""
-    first = set(lead)
-    # The robot is symmetric, so columns tie; the earlier one then stands for them, not the one round-off favours.
-    weight = np.array([1e3 if name in first else 1.0 for name in names]) * (1.0 - _TIE * np.arange(len(names)))
-    _, _, order = scipy.linalg.qr(compact * weight, mode="economic", pivoting=True)
-    return np.asarray(order) if rank else np.arange(len(names))
 
 
 def _groups(
@@ -191,15 +151,9 @@ def _groups(
 
 
 def observability_index(singular_values: FloatArray, criterion: Criterion, poses: int) -> FloatArray:
-    """Return an observability index; D is O1.
+    """Return an observability index of singular values (..., m), not negative; D is O1, which counts the poses.
 
-    Args:
-        singular_values: shape (..., m), not negative.
-        criterion: which one.
-        poses: number of poses, for O1.
-
-    Returns:
-        Shape (...), larger is better; 0 where a combination is not determined.
+    Shape (...), larger is better; 0 where a combination is not determined.
     """
     values = np.asarray(singular_values, dtype=float)
     low, high = values.min(axis=-1), values.max(axis=-1)
@@ -217,5 +171,4 @@ def observability_index(singular_values: FloatArray, criterion: Criterion, poses
 
 def observability(singular: FloatArray, rows: int) -> dict[str, float]:
     """Return the observability indices O1 to O5, by name, of singular values (r,) of so many poses; 0 without any."""
-    names = [name for name in CRITERIA if name != "D"]
-    return {name: float(observability_index(singular, name, rows)) if singular.size else 0.0 for name in names}
+    return {name: float(observability_index(singular, name, rows)) if singular.size else 0.0 for name in CRITERIA[1:]}

@@ -17,7 +17,7 @@ columns in :mod:`pouring_robot.campaign.columns`, and its noise in :mod:`pouring
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,22 +53,14 @@ def component_name(component: int) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Instrument(ABC):
-    """What one kind of instrument read in n rows: arrays of n rows each, what was measured first.
+    """What one kind of instrument read in n rows: arrays of n rows each, what was measured first."""
 
-    Attributes:
-        sigma: standard deviation of a component, in m or rad.
-    """
-
-    sigma: float
+    kind: ClassVar[Kind]  # what it measures
+    sigma: float  # standard deviation of a component, in m or rad
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.sigma) and self.sigma > 0.0):
             raise BadInputError(f"the noise of a {self.kind} must be a positive number, not {self.sigma}")
-
-    @property
-    @abstractmethod
-    def kind(self) -> Kind:
-        """What it measures."""
 
     @property
     @abstractmethod
@@ -89,15 +81,17 @@ class Instrument(ABC):
 
     def where(self, kept: BoolArray) -> Self:
         """Return the same with the other rows not measured; ``kept`` is a mask (n,)."""
-        name, values = next((f.name, getattr(self, f.name)) for f in fields(self) if f.name != "sigma")
+        name, values = next(iter(self._arrays().items()))
         mask = kept.reshape(-1, *[1] * (values.ndim - 1))
         changed: dict[str, Any] = {name: values & mask if values.dtype == bool else np.where(mask, values, np.nan)}
         return replace(self, **changed)
 
     def __getitem__(self, rows: Rows) -> Self:
         """Return some rows, by index or mask."""
-        arrays = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "sigma"}
-        return replace(self, **{name: values[rows] for name, values in arrays.items()})
+        return replace(self, **{name: values[rows] for name, values in self._arrays().items()})
+
+    def _arrays(self) -> dict[str, Any]:
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "sigma"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +99,7 @@ class Places(Instrument):
     """Coordinates of the target's origin, (n, 3), in m, tracker axes; NaN where missing."""
 
     position_m: FloatArray
-    kind = "position"
+    kind: ClassVar[Kind] = "position"
 
     @property
     def known(self) -> BoolArray:
@@ -130,7 +124,7 @@ class Turns(Instrument):
     """Axes of the target, (n, 3, 3), seen by the tracker; NaN where missing."""
 
     rotation: FloatArray
-    kind = "rotation"
+    kind: ClassVar[Kind] = "rotation"
 
     @property
     def known(self) -> BoolArray:
@@ -149,18 +143,12 @@ class Turns(Instrument):
 
 @dataclass(frozen=True, eq=False)
 class Distances(Instrument):
-    """Distances of the target from a fixed point, the device's origin, or from where it was in another row.
+    """Distances of the target from a fixed point, the device's origin, or from where it was in another row."""
 
-    Attributes:
-        distance_m: (n,), in m; NaN where missing.
-        row: number of the row in its campaign, (n,).
-        start: that of the row from which it is measured, (n,); -1 for the fixed point, -2 where that row is left out.
-    """
-
-    distance_m: FloatArray
-    row: NDArray[np.intp]
-    start: NDArray[np.intp]
-    kind = "distance"
+    distance_m: FloatArray  # (n,), in m; NaN where missing
+    row: NDArray[np.intp]  # number of the row in its campaign, (n,)
+    start: NDArray[np.intp]  # that it is measured from, (n,); -1 for the fixed point, -2 where that row is left out
+    kind: ClassVar[Kind] = "distance"
 
     @property
     def known(self) -> BoolArray:
@@ -197,14 +185,10 @@ class Distances(Instrument):
 
 @dataclass(frozen=True, eq=False)
 class Closures(Instrument):
-    """What redundant drives disagree by, (n, r): measured as zero in rows where all of them are known.
+    """What redundant drives disagree by, (n, r): measured as zero in rows where all of them are known."""
 
-    Attributes:
-        whole: which rows those are, in each of the r directions, (n, r).
-    """
-
-    whole: BoolArray
-    kind = "closure"
+    whole: BoolArray  # which rows those are, in each of the r directions, (n, r)
+    kind: ClassVar[Kind] = "closure"
 
     @property
     def known(self) -> BoolArray:

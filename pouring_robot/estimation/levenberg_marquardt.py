@@ -11,7 +11,7 @@ scipy.optimize.least_squares needs 7 to 17 evaluations of 57 parameters from 40 
 where this needs 4 to 9 (25 and second derivatives in the worst), and its losses judge coordinates, not rows.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -19,9 +19,8 @@ import scipy.linalg
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS
 from pouring_robot.estimation.measurement import ModelledRows, Prediction, Unknowns
-from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations, whiten
-from pouring_robot.estimation.robust import Loss, robust_terms, scatter
-from pouring_robot.exceptions import BadInputError, CalibrationError
+from pouring_robot.estimation.residuals import Loss, MeasuredPoses, WhitenedEquations, robust_terms, scatter, whiten
+from pouring_robot.exceptions import CalibrationError
 from pouring_robot.mechanism.arrays import FloatArray
 
 # From which step length on (standard deviations of the answer) steps are lengthened, and by how much at most.
@@ -40,8 +39,7 @@ _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1.0, 0.1, 1e16
 _HARDER, _SOFTER = 4.0, 0.2
 
 
-@dataclass(frozen=True, eq=False)
-class Trial:
+class Trial(NamedTuple):
     """A point that was tried, and its cost."""
 
     unknowns: Unknowns
@@ -53,12 +51,7 @@ class Trial:
 class Search:
     """The state is the best point so far, in the normal equations of prior-scaled variables.
 
-    Args:
-        rows: what was commanded.
-        measured: what was seen.
-        start: where to begin.
-        prior_std: of all unknowns, shape (12 + P,), in m and rad.
-        loss: the robust loss.
+    It begins at ``start``; ``prior_std`` are those of all unknowns, (12 + P,), in m and rad.
 
     Raises:
         CalibrationError: too few rows can be used.
@@ -85,9 +78,7 @@ class Search:
     def run(self, tolerance: float, most_evaluations: int) -> float:
         """Search, and return the length of the step not taken any more, in standard deviations of the answer.
 
-        Args:
-            tolerance: the search ends when a step is shorter.
-            most_evaluations: how many times all rows may be predicted.
+        It ends when a step is shorter than ``tolerance``, or all rows were predicted ``most_evaluations`` times.
 
         Raises:
             CalibrationError: the search ends far from an answer.
@@ -105,7 +96,11 @@ class Search:
             if length < tolerance and damping == 0.0:
                 return length
             if self.evaluations >= most_evaluations or damping > _MOST_DAMPING:
-                return self._usable(length)
+                if length <= _USABLE:
+                    return length
+                searched = f"{self.evaluations} evaluations (last step {length:.1e} standard deviations)"
+                mend = "check the campaign with `pouring-robot campaign check`, or identify fewer parameters"
+                raise CalibrationError(f"the fit does not converge in {searched}", mend)
             if self.try_step(stride * step):
                 last = step
                 damping = damping * _SOFTER if damping > _LEAST_DAMPING else 0.0
@@ -117,14 +112,6 @@ class Search:
                 if self._curved is None:
                     self.second = None  # measured elsewhere
                 damping = max(damping * _HARDER, _FIRST_DAMPING)
-
-    def _usable(self, length: float) -> float:
-        if length <= _USABLE:
-            return length
-        raise CalibrationError(
-            f"the fit does not converge in {self.evaluations} evaluations (last step {length:.1e} standard deviations)",
-            "check the campaign with `pouring-robot campaign check`, or identify fewer parameters",
-        )
 
     def _predict(self, unknowns: Unknowns) -> Prediction:
         self.evaluations += 1
@@ -138,12 +125,10 @@ class Search:
         self.unknowns = unknowns
         self.prediction = self.rows.differentiate(unknowns, prediction)
         self.equations = whiten(self.measured, self.prediction)
-        if self.equations.jacobian is None:
-            raise BadInputError("a linearised prediction holds its Jacobian")
         self.widened = scatter(self.equations)
         self.cost = self._cost(unknowns, self.equations)
         _, self.weights = robust_terms(self.equations, self.loss, self.widened)
-        self.scaled = self.equations.jacobian * self.prior_std
+        self.scaled = self.equations.derivatives * self.prior_std
         weighted = np.sqrt(self.weights)[:, None] * self.scaled
         place = unknowns.values / self.prior_std
         self.gradient = weighted.T @ (np.sqrt(self.weights) * self.equations.residual) + place
@@ -247,9 +232,8 @@ class Search:
 
 def _triangle(upper: FloatArray, lower: FloatArray) -> FloatArray:
     """Return the upper triangle whose square is the sum of two matrices' squares (A.T @ A)."""
-    return np.asarray(scipy.linalg.qr(np.vstack([upper, lower]), mode="r", overwrite_a=True, check_finite=False)[0])[
-        : upper.shape[1]
-    ]
+    (triangle,) = scipy.linalg.qr(np.vstack([upper, lower]), mode="r", overwrite_a=True, check_finite=False)
+    return np.asarray(triangle)[: upper.shape[1]]
 
 
 def _solve(factor: FloatArray, right: FloatArray) -> FloatArray:

@@ -16,24 +16,26 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from pouring_robot.batch import BatchClosure
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import PER_SESSION
 from pouring_robot.campaign.nominal import PoseStack
-from pouring_robot.estimation.few_positions import searched_frames
 from pouring_robot.estimation.frames.fit import fit_frames
-from pouring_robot.estimation.frames.outer import OuterFrames
+from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.frames.sessions import in_one_frame
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS
 from pouring_robot.estimation.instruments import Kind, are
 from pouring_robot.estimation.levenberg_marquardt import Search
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Prediction, Unknowns
 from pouring_robot.estimation.noise_level import NoiseLevel
-from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations
-from pouring_robot.estimation.robust import Loss
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.estimation.residuals import Loss, MeasuredPoses, WhitenedEquations, whiten
+from pouring_robot.exceptions import BadInputError, FrameFitError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.model import RobotModel
+
+_STEPS, _SETTLED, _LEAST_DAMPING, _MOST_DAMPING = 60, 1e-9, 1e-9, 1e6
 
 
 def seen_from_one_place(campaign: Campaign, model: RobotModel) -> Campaign:
@@ -44,13 +46,8 @@ def seen_from_one_place(campaign: Campaign, model: RobotModel) -> Campaign:
     """
     if campaign.metadata.frames != PER_SESSION:
         return campaign
-    return in_one_frame(campaign, _present(MeasurementModel(model, ()).at(campaign.drives)))
-
-
-def _present(rows: ModelledRows) -> PoseStack:
-    """Return the poses of the present robot."""
-    closure = rows.model.engine.close(rows.drives + rows.model.drive_errors(None), rows.start)
-    return PoseStack(closure.position, closure.rotation)
+    closure = MeasurementModel(model, ()).at(campaign.drives).present()
+    return in_one_frame(campaign, PoseStack(closure.position, closure.rotation))
 
 
 def first_frames(rows: ModelledRows, measured: MeasuredPoses) -> Unknowns:
@@ -59,74 +56,107 @@ def first_frames(rows: ModelledRows, measured: MeasuredPoses) -> Unknowns:
     Where too few rows have a complete position, single coordinates and distances serve; without any, there are no
     frames, and they stay at one.
 
-    Args:
-        rows: what was commanded.
-        measured: what was seen of the same rows.
-
     Raises:
         FrameFitError: something was measured of places, but of too few rows.
     """
-    closure = rows.model.engine.close(rows.drives + rows.model.drive_errors(None), rows.start)
+    closure = rows.present()
     poses = PoseStack(closure.position, closure.rotation)
     whole = int((poses.complete & np.isfinite(measured.position_m).all(axis=1)).sum())
     if whole < FEWEST_ROWS and not measured.framed:
         frames = OuterFrames(pin.SE3.Identity(), pin.SE3.Identity())
     elif whole < FEWEST_ROWS:
-        frames = searched_frames(measured, closure)
+        frames = _searched_frames(measured, closure)
     else:
         scale = measured.sigma_position_m / measured.sigma_rotation_rad
         frames = fit_frames(poses, measured.position_m, measured.rotation, scale).frames
     return Unknowns.zero(frames, len(rows.model.parameters) + len(rows.model.sessions))
 
 
+def _searched_frames(measured: MeasuredPoses, closure: BatchClosure) -> OuterFrames:
+    """Return the frames that fit best to whatever was measured of places: coordinates, distances, a few positions.
+
+    Least squares from many starts, of the present robot: the 24 ways of laying axes along axes, each shifted so that
+    what coordinates there are agree on average; for distances, to all sides of the device at the mean distance. Frames
+    that the data leave open stay near their start.
+
+    Raises:
+        FrameFitError: fewer than FEWEST_ROWS rows tell anything of places.
+    """
+    told = measured.known[:, : FRAMES // 2 + 1].any(axis=1) & closure.closed
+    if told.sum() < FEWEST_ROWS:
+        raise FrameFitError(int(told.sum()), FEWEST_ROWS)
+    found = [_refined(measured, closure, start) for start in _starts(measured, closure)]
+    return min(found, key=lambda one: one[0])[1]
+
+
+def _starts(measured: MeasuredPoses, closure: BatchClosure) -> list[OuterFrames]:
+    places = np.nanmean(closure.position, axis=0)
+    known = np.isfinite(measured.position_m)
+    seen = np.where(known, measured.position_m, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    sides = np.zeros((1, 3))
+    if not known.any():
+        residual = measured.residual(Prediction.of(closure, OuterFrames(pin.SE3.Identity(), pin.SE3.Identity())))
+        away = np.nanmean(residual[:, FRAMES // 2] + np.linalg.norm(closure.position, axis=1))
+        sides = away * np.concatenate([np.eye(3), -np.eye(3)])
+    turns = Rotation.create_group("O").as_matrix()
+    return [
+        OuterFrames(pin.SE3(turn, seen + side - turn @ places), pin.SE3.Identity()) for turn in turns for side in sides
+    ]
+
+
+def _refined(measured: MeasuredPoses, closure: BatchClosure, frames: OuterFrames) -> tuple[float, OuterFrames]:
+    """Run Levenberg-Marquardt; return the sum of squares and the frames."""
+    equations, damping = _equations(measured, closure, frames), 1e-3
+    cost = float(equations.residual @ equations.residual)
+    for _ in range(_STEPS):
+        jacobian = equations.derivatives
+        normal = jacobian.T @ jacobian
+        hold = damping * (np.trace(normal) / FRAMES) * np.eye(FRAMES)
+        step: FloatArray = -np.linalg.solve(normal + hold, jacobian.T @ equations.residual)
+        moved = frames.moved(step)
+        trial = _equations(measured, closure, moved)
+        better = float(trial.residual @ trial.residual)
+        if better < cost:
+            frames, equations, cost, damping = moved, trial, better, max(0.1 * damping, _LEAST_DAMPING)
+        else:
+            damping *= 10.0
+        if np.abs(step).max() < _SETTLED or damping > _MOST_DAMPING:
+            break
+    return cost, frames
+
+
+def _equations(measured: MeasuredPoses, closure: BatchClosure, frames: OuterFrames) -> WhitenedEquations:
+    seen, gap = Prediction.of(closure, frames), closure.disagreement
+    redundant = np.zeros((*gap.shape, FRAMES)) if gap.size else None
+    return whiten(measured, replace(seen, jacobian=frames.jacobian(seen.poses), disagreement=redundant))
+
+
 @dataclass(frozen=True)
 class FitOptions:
-    """How to search.
+    """How to search."""
 
-    Attributes:
-        loss: ``huber``, ``soft_l1`` or ``linear`` (no robustness).
-        max_evaluations: how many times all rows may be predicted.
-        step_tolerance: the search ends when a step is shorter than this in standard deviations of the answer.
-        curvature: whether the covariance takes second derivatives into account; about a prediction a parameter more.
-    """
-
-    loss: Loss = "huber"
-    max_evaluations: int = 200
-    step_tolerance: float = 0.03
-    curvature: bool = False
+    loss: Loss = "huber"  # ``huber``, ``soft_l1`` or ``linear`` (no robustness)
+    max_evaluations: int = 200  # how many times all rows may be predicted
+    step_tolerance: float = 0.03  # the search ends when a step is shorter, in standard deviations of the answer
+    curvature: bool = False  # whether the covariance has second derivatives in it; about a prediction a parameter more
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """What was found.
+    """What was found."""
 
-    Attributes:
-        unknowns: the most probable values.
-        covariance: of all unknowns given data and tolerances, shape (12 + P, 12 + P), in m and rad.
-        prior_std: shape (12 + P,), in m and rad.
-        equations: whitened residuals and Jacobian at the answer.
-        weights: of each equation by the robust loss, shape (m,).
-        prediction: of all rows at the answer.
-        evaluations: how many times all rows were predicted in the search.
-        second_evaluations: how many times they were to measure second derivatives; 0 where the search did without.
-        cost: the minimum.
-        failed: rows that were measured but do not close; they took no part.
-        last_step: length of the step not taken any more, in standard deviations of the answer.
-        converged: whether that is below the tolerance; else the search ended at its limit.
-    """
-
-    unknowns: Unknowns
-    covariance: FloatArray
-    prior_std: FloatArray
-    equations: WhitenedEquations
-    weights: FloatArray
-    prediction: Prediction
-    evaluations: int
-    second_evaluations: int
-    cost: float
-    failed: NDArray[np.intp]
-    last_step: float
-    converged: bool
+    unknowns: Unknowns  # the most probable values
+    covariance: FloatArray  # of all unknowns given data and tolerances, shape (12 + P, 12 + P), in m and rad
+    prior_std: FloatArray  # shape (12 + P,), in m and rad
+    equations: WhitenedEquations  # whitened residuals and Jacobian at the answer
+    weights: FloatArray  # of each equation by the robust loss, shape (m,)
+    prediction: Prediction  # of all rows at the answer
+    evaluations: int  # how many times all rows were predicted in the search
+    second_evaluations: int  # how many times they were to measure second derivatives; 0 where the search did without
+    cost: float  # the minimum
+    failed: NDArray[np.intp]  # rows that were measured but do not close; they took no part
+    last_step: float  # length of the step not taken any more, in standard deviations of the answer
+    converged: bool  # whether that is below the tolerance; else the search ended at its limit
 
     @property
     def std(self) -> FloatArray:
@@ -141,20 +171,16 @@ class Fit:
     @functools.cached_property
     def leverage(self) -> FloatArray:
         """Share of each equation that the fit used up, shape (m,): diagonal of the hat matrix."""
-        if self.equations.jacobian is None:
-            raise BadInputError("a fit holds its Jacobian")
-        rows = self.equations.jacobian
+        rows = self.equations.derivatives
         return np.asarray(((rows @ self.covariance) * rows).sum(axis=1) * self.weights)
 
     def freedom(self, kind: Kind | None = None) -> float:
         """Return the equations left over for the noise: all, or those of one kind of instrument."""
-        chosen = self._chosen(kind)
-        return float((self.weights - self.leverage)[chosen].sum())
+        return float((self.weights - self.leverage)[self._chosen(kind)].sum())
 
     def chi_square(self, kind: Kind | None = None) -> float:
         """Return the weighted sum of squared whitened residuals: of all, or of one kind of instrument."""
-        chosen = self._chosen(kind)
-        return float((self.weights * self.equations.residual**2)[chosen].sum())
+        return float((self.weights * self.equations.residual**2)[self._chosen(kind)].sum())
 
     def scatter(self, kind: Kind | None = None) -> float:
         """Return the noise that the residuals show over the one assumed; 1 with hardly an equation left over."""
@@ -172,14 +198,10 @@ def identify(
     prior_std: FloatArray,
     options: FitOptions | None = None,
 ) -> Fit:
-    """Find the most probable unknowns.
+    """Find the most probable unknowns of what was measured of rows; prior means are 0.
 
-    Args:
-        rows: what was commanded.
-        measured: what was seen.
-        start: frames near the answer (see :func:`first_frames`); prior means are 0.
-        prior_std: of all unknowns, shape (12 + P,), in m and rad.
-        options: loss and limits.
+    The frames of ``start`` are near the answer (see :func:`first_frames`); ``prior_std`` are those of all unknowns,
+    shape (12 + P,), in m and rad.
 
     Raises:
         CalibrationError: too few rows can be used, or the search ends far from an answer.
@@ -218,10 +240,8 @@ def fit_with_noise(
 ) -> tuple[Fit, NoiseLevel]:
     """Identify, and where the noise is unknown take it from what is left over, until both agree within 1 %.
 
-    The residuals of n equations with p unknowns spent on them have the variance σ² (n - p) / n.
-
-    Raises:
-        CalibrationError: as :func:`identify`.
+    The residuals of n equations with p unknowns spent on them have the variance σ² (n - p) / n. Raises as
+    :func:`identify`.
     """
     fit = identify(rows, measured.with_noise(noise), start, prior_std, options)
     evaluations = fit.evaluations

@@ -16,6 +16,7 @@ platform's axes. A local parameter displaces the *present* placement of its join
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -30,29 +31,25 @@ from pouring_robot.estimation.frames.sessions import SessionParameter, base_disp
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS
-from pouring_robot.mechanism.parameters import (
-    DriveParameter,
-    GeometricParameter,
-    LocalParameter,
-    PlacementParameter,
-)
+from pouring_robot.mechanism.parameters import DriveParameter, GeometricParameter, LocalParameter, PlacementParameter
 from pouring_robot.mechanism.rotations import right_jacobian, rotation_matrices, skew
 from pouring_robot.robot.model import RobotModel
+from pouring_robot.robot.tolerances import Tolerances
 
 BoolArray = NDArray[np.bool_]
+FRAME_STD = 0.1
+"""Of the outer frames against their first fit, in m and rad: nothing is known of them. Large against what any campaign
+leaves open, so that it only picks one answer where several are the same (see the y of target and tracker)."""
+_HELD = 1e-9  # m and rad: of frames that nobody measured from
 
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """A value for everything unknown.
+    """A value for everything unknown."""
 
-    Attributes:
-        start: the outer frames that displacements count from.
-        values: displacements from there, parameter values, and six displacements of the base a session that has frames
-            of its own, shape (12 + P,), in m and rad; see the module.
-    """
-
-    start: OuterFrames
+    start: OuterFrames  # the outer frames that displacements count from
+    # displacements from there, parameter values, and six displacements of the base a session that has frames of its
+    # own, shape (12 + P,), in m and rad; see the module
     values: FloatArray
 
     @classmethod
@@ -77,34 +74,27 @@ class Unknowns:
 
 @dataclass(frozen=True, eq=False)
 class Prediction(PoseStack):
-    """What the tracker should see of n rows; a row that does not close is NaN and has a status.
+    """What the tracker should see of n rows: poses of the target in its frame, NaN where a row does not close."""
 
-    Attributes:
-        position_m: origin of the target in the tracker frame, shape (n, 3), in m.
-        rotation: its axes, shape (n, 3, 3).
-        status: 0 closed, 1 not converged or singular, 2 left open too far, 3 no pose has these drives; shape (n,).
-        closure: the closed loops.
-        jacobian: shape (n, 6, 12 + P): displacement of the target's origin (m) and rotation vector (rad), both in
-            tracker axes, per unit of each unknown; None where only the prediction was asked for.
-        disagreement: shape (n, r, 12 + P): likewise of what r redundant drives disagree by, in m; see ``closure``.
-    """
-
-    status: NDArray[np.uint8]
-    closure: BatchClosure
+    status: NDArray[np.uint8]  # 0 closed, 1 not converged or singular, 2 left open too far, 3 no pose has these drives
+    closure: BatchClosure  # the closed loops
+    # displacement of the target's origin (m) and rotation vector (rad), both in tracker axes, per unit of each unknown,
+    # shape (n, 6, 12 + P); None where only the prediction was asked for
     jacobian: FloatArray | None = None
-    disagreement: FloatArray | None = None
+    disagreement: FloatArray | None = None  # likewise, of what r redundant drives disagree by, in m, (n, r, 12 + P)
 
     @classmethod
     def of(
-        cls,
-        closure: BatchClosure,
-        frames: OuterFrames,
-        base: FloatArray | None = None,
-        scale: FloatArray | None = None,
+        cls, closure: BatchClosure, frames: OuterFrames, base: FloatArray | None = None, scale: FloatArray | None = None
     ) -> Prediction:
         """Return what closed loops look like from the tracker; displacements row by row as :meth:`OuterFrames.seen`."""
         seen = frames.seen(PoseStack(closure.position, closure.rotation), base, scale)
         return cls(seen.position_m, seen.rotation, closure.status, closure)
+
+    @property
+    def poses(self) -> PoseStack:
+        """The poses of the end body in the base."""
+        return PoseStack(self.closure.position, self.closure.rotation)
 
     @property
     def closed(self) -> BoolArray:
@@ -153,8 +143,8 @@ class MeasurementModel:
     def _choose(self, parameters: Sequence[GeometricParameter]) -> None:
         structure = self.engine.structure
         self.parameters = tuple(parameters)
-        self.names = tuple(p.name for p in (*FRAME_PARAMETERS, *self.parameters, *self.sessions))
-        self.units = tuple(p.unit for p in (*FRAME_PARAMETERS, *self.parameters, *self.sessions))
+        unknowns = (*FRAME_PARAMETERS, *self.parameters, *self.sessions)
+        self.names, self.units = tuple(p.name for p in unknowns), tuple(p.unit for p in unknowns)
         twice = {name for name in self.names if self.names.count(name) > 1}
         if twice:
             raise BadInputError(f"parameter '{min(twice)}' stands twice; name each parameter once")
@@ -172,15 +162,8 @@ class MeasurementModel:
                 raise BadInputError(f"'{getattr(parameter, 'name', parameter)}' is no placement or drive parameter")
 
     def with_parameters(self, parameters: Sequence[GeometricParameter]) -> MeasurementModel:
-        """Return the same robot with another choice of parameters, sharing the engine.
-
-        Raises:
-            UnknownJointError: a parameter names a joint that is in no chain.
-            BadInputError: a parameter is of another kind, or stands twice.
-        """
-        other = MeasurementModel.__new__(MeasurementModel)
-        other.model, other.engine, other.drawing = self.model, self.engine, self.drawing
-        other.sessions = self.sessions
+        """Return the same robot with another choice of parameters, sharing the engine; raises as the class."""
+        other = copy.copy(self)
         other._choose(parameters)
         return other
 
@@ -257,9 +240,7 @@ class MeasurementModel:
         Returns:
             Rows that are singular have status 1 and no Jacobian.
         """
-        closure = prediction.closure
-        transfer = self.engine.transfer(closure, parameters, errors)
-        poses = PoseStack(closure.position, closure.rotation)
+        transfer, poses = self.engine.transfer(prediction.closure, parameters, errors), prediction.poses
         jacobian = np.empty((len(poses), 6, FRAMES + len(parameters)))
         jacobian[:, :, :FRAMES] = frames.jacobian(poses, base)
         frames.carried(transfer.matrix, poses, base, out=jacobian[:, :, FRAMES:])
@@ -272,19 +253,12 @@ class MeasurementModel:
 
 @dataclass(frozen=True, eq=False)
 class ModelledRows:
-    """Rows of a campaign or plan, ready to be predicted.
+    """Rows of a campaign or plan, ready to be predicted."""
 
-    Attributes:
-        model: the measurement model.
-        drives: commanded drives, shape (n, drives), in m and rad.
-        start: where to start closing.
-        session: number of each row's session among those with frames of their own, (n,); -1: none.
-    """
-
-    model: MeasurementModel
-    drives: FloatArray
-    start: BatchStart
-    session: NDArray[np.intp]
+    model: MeasurementModel  # the measurement model
+    drives: FloatArray  # commanded drives, shape (n, drives), in m and rad
+    start: BatchStart  # where to start closing
+    session: NDArray[np.intp]  # number of each row's session among those with frames of their own, (n,); -1: none
 
     def __len__(self) -> int:
         return len(self.drives)
@@ -296,7 +270,11 @@ class ModelledRows:
 
     def with_model(self, model: MeasurementModel) -> ModelledRows:
         """Return the same rows for another measurement model of the same robot."""
-        return ModelledRows(model, self.drives, self.start, self.session)
+        return replace(self, model=model)
+
+    def present(self) -> BatchClosure:
+        """Close the loops of the present robot, without errors by parameters."""
+        return self.model.engine.close(self.drives + self.model.drive_errors(None), self.start)
 
     def predict(self, unknowns: Unknowns) -> Prediction:
         """Close the loops and return what the tracker should see.
@@ -318,11 +296,7 @@ class ModelledRows:
         return base_displacements(unknowns.values[-count:], self.session) if count else None
 
     def linearise(self, unknowns: Unknowns) -> Prediction:
-        """Return the same with the analytic Jacobian, exact at any residual of the loops.
-
-        Raises:
-            BadInputError: the number of values does not fit, or one is not finite.
-        """
+        """Return the same with the analytic Jacobian, exact at any residual of the loops; raises as :meth:`predict`."""
         return self.differentiate(unknowns, self.predict(unknowns))
 
     def differentiate(self, unknowns: Unknowns, prediction: Prediction) -> Prediction:
@@ -346,7 +320,7 @@ class ModelledRows:
     ) -> FloatArray:
         """Return the Jacobian with the columns of sessions; the base's own turn then carries what sessions displace."""
         outer = unknowns.frames.T_tracker_base.rotation
-        places = unknowns.frames.places(PoseStack(prediction.closure.position, prediction.closure.rotation))
+        places = unknowns.frames.places(prediction.poses)
         displaced = (rotation_matrices(base[:, 3:]) @ places[..., None])[..., 0] + base[:, :3]
         own = jacobian[:, :, :6].copy()
         own[:, :, 3:] = own[:, :, 3:] @ np.array([right_jacobian(turn) for turn in base[:, 3:]])
@@ -354,3 +328,13 @@ class ModelledRows:
         count = len(self.model.sessions) // 6
         columns = [own * (self.session == k)[:, None, None] for k in range(count)]
         return np.concatenate([jacobian, *columns], axis=2)
+
+
+def prior_std(model: MeasurementModel, tolerances: Tolerances, *, framed: bool = True) -> FloatArray:
+    """Return the standard deviations of all unknowns before measuring, shape (12 + P,), in m and rad.
+
+    Those of parameters are the tolerances of the robot's parts. Of the frames, of sessions too, hardly anything is
+    known; the outer ones are held if nothing was measured from outside (``framed``).
+    """
+    frames, others = np.full(FRAMES, FRAME_STD if framed else _HELD), np.full(len(model.sessions), FRAME_STD)
+    return np.concatenate([frames, tolerances.std(model.parameters, model.model.definition), others])

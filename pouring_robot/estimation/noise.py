@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.estimation.instruments import KINDS, Kind, are
-from pouring_robot.estimation.noise_level import FIRST_GUESS_M, FIRST_GUESS_RAD, NoiseLevel
+from pouring_robot.estimation.noise_level import FIRST_GUESS_M, FIRST_GUESS_RAD, NoiseLevel, field_of
 from pouring_robot.estimation.residuals import MeasuredPoses
 from pouring_robot.mechanism.arrays import FloatArray
 
@@ -38,12 +38,7 @@ def repeat_noise(
 ) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
     """Return the scatter of repeats about their means and its degrees of freedom, of positions and of rotations.
 
-    Args:
-        measured: all rows of the campaign.
-        groups: rows commanded alike.
-
-    Returns:
-        Standard deviation in m and rad with its freedoms, each; None with fewer than 12 freedoms.
+    Standard deviation in m and rad with its freedoms, each; None with fewer than 12 freedoms.
     """
     sums, freedoms = np.zeros(2), np.zeros(2)
     for rows in groups:
@@ -66,30 +61,20 @@ def repeat_noise(
 
 
 def noise_beforehand(campaign: Campaign, rows: NDArray[np.intp]) -> NoiseLevel:
-    """Return the noise that metadata or repeats tell; ``residuals`` with a first guess where neither does.
-
-    Args:
-        campaign: the data.
-        rows: the rows that may be looked at.
-    """
+    """Return the noise that metadata, or repeats among some rows, tell; else a first guess, to be fitted."""
     first = NoiseLevel(FIRST_GUESS_M, FIRST_GUESS_RAD, "residuals", "residuals")
     measured = MeasuredPoses.from_campaign(campaign, first)
     position, rotation = repeat_noise(measured, repeats(campaign, rows))
-    sizes: dict[str, Any] = {}
-    sources: dict[str, Any] = {}
-    for kind, seen in {"position": position, "rotation": rotation, "distance": None, "closure": None}.items():
-        name = "rotation_rad" if kind == "rotation" else f"{kind}_m"
-        given = getattr(campaign.metadata, f"sigma_{name}")
-        sources[f"{kind}_source"] = "stated"
+    there = {instrument.kind for instrument in measured.instruments if instrument.known.any()}
+    found: dict[str, Any] = {}
+    for kind, seen in zip(KINDS, (position, rotation, None, None), strict=True):
+        given, source = getattr(campaign.metadata, f"sigma_{field_of(kind)}"), "residuals"
         if given is not None:
-            sizes[name] = given
+            found[field_of(kind)], source = given, "stated"
         elif seen is not None:
-            (sizes[name], sizes[f"{kind}_freedoms"]), sources[f"{kind}_source"] = seen, "repeats"
-        else:
-            sources[f"{kind}_source"] = "residuals"
-    seen_kinds = {instrument.kind for instrument in measured.instruments if instrument.known.any()}
-    sources |= {f"{kind}_source": "none" for kind in KINDS if kind not in seen_kinds}
-    return replace(first, **sizes, **sources)
+            (found[field_of(kind)], found[f"{kind}_freedoms"]), source = seen, "repeats"
+        found[f"{kind}_source"] = source if kind in there else "none"
+    return replace(first, **found)
 
 
 def largest_noise(
@@ -99,15 +84,9 @@ def largest_noise(
 
     It is what all errors within the robot's tolerances make together, root mean square. A device that scatters by more
     shows none of them, so nobody measures the robot with it: what is left is then a misfit that nothing explains. Less
-    may still be a poor device.
-
-    Args:
-        noise: by which the columns are divided.
-        components: what each of m equations is of, (m,).
-        tolerated: a column (m,) for each error: what one standard deviation of it changes beyond what frames absorb.
+    may still be a poor device. ``tolerated`` has a column (m,) an error: what one standard deviation of it changes
+    beyond what frames absorb, over the noise; ``components`` is what each of the m equations is of.
     """
-    variance = np.zeros(len(components))
-    for column in tolerated:
-        variance += column**2
+    variance = sum((column**2 for column in tolerated), np.zeros(len(components)))
     seen = {kind: are(kind, components) for kind in noise.open_kinds}
     return {kind: noise.of(kind) * float(np.sqrt(variance[own].mean())) for kind, own in seen.items() if own.any()}

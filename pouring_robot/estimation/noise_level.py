@@ -19,28 +19,17 @@ LEAST_NOISE = 1e-9  # m or rad
 
 @dataclass(frozen=True)
 class NoiseLevel:
-    """Standard deviations of one measured component.
+    """Standard deviations of one measured component."""
 
-    Attributes:
-        position_m: of a coordinate, in m.
-        rotation_rad: of a rotation component, in rad.
-        position_source: where the figure comes from; ``none``: nothing of it was measured.
-        rotation_source: the same for rotations.
-        position_freedoms: degrees of freedom of a figure from repeats, infinite for any other: see :attr:`freedoms`.
-        rotation_freedoms: the same for rotations.
-        distance_m: of a distance, in m; ``closure_m`` of what redundant drives disagree by.
-        distance_source: where that comes from; ``closure_source`` likewise.
-    """
-
-    position_m: float
-    rotation_rad: float
-    position_source: Source
-    rotation_source: Source
-    position_freedoms: float = float("inf")
-    rotation_freedoms: float = float("inf")
-    distance_m: float = FIRST_GUESS_M
+    position_m: float  # of a coordinate, in m
+    rotation_rad: float  # of a rotation component, in rad
+    position_source: Source  # where the figure comes from; ``none``: nothing of it was measured
+    rotation_source: Source  # the same for rotations
+    position_freedoms: float = float("inf")  # of a figure from repeats, infinite for any other: see :attr:`freedoms`
+    rotation_freedoms: float = float("inf")  # the same for rotations
+    distance_m: float = FIRST_GUESS_M  # of a distance, in m; ``closure_m`` of what redundant drives disagree by
     closure_m: float = FIRST_GUESS_M
-    distance_source: Source = "none"
+    distance_source: Source = "none"  # where that comes from; ``closure_source`` likewise
     closure_source: Source = "none"
 
     @classmethod
@@ -52,8 +41,7 @@ class NoiseLevel:
 
     def of(self, kind: Kind) -> float:
         """Return the standard deviation of a component of a kind, in m or rad."""
-        size: float = getattr(self, _field(kind))
-        return size
+        return float(getattr(self, field_of(kind)))
 
     def source(self, kind: Kind) -> Source:
         """Return where that comes from; ``none``: nothing of the kind was measured."""
@@ -62,7 +50,7 @@ class NoiseLevel:
 
     def times(self, factors: Mapping[Kind, float]) -> NoiseLevel:
         """Return other sizes; exact data have none, but a noise must be positive."""
-        changed: dict[str, Any] = {_field(kind): max(self.of(kind) * f, LEAST_NOISE) for kind, f in factors.items()}
+        changed: dict[str, Any] = {field_of(kind): max(self.of(kind) * f, LEAST_NOISE) for kind, f in factors.items()}
         return replace(self, **changed)
 
     @property
@@ -115,5 +103,6 @@ class NoiseLevel:
         return bool(self.open_kinds)
 
 
-def _field(kind: Kind) -> str:
+def field_of(kind: Kind) -> str:
+    """Return the attribute of :class:`NoiseLevel` that holds a kind's standard deviation."""
     return "rotation_rad" if kind == "rotation" else f"{kind}_m"

@@ -1,50 +1,50 @@
-"""What was measured against what the model predicts: differences, masks for missing cells, whitening by the noise."""
+"""What was measured against what the model predicts: differences, masks for missing cells, whitening by the noise.
+
+The robust loss judges the coordinates of a row together: one slip spoils all three.
+"""
 
 from __future__ import annotations
 
 import functools
 import itertools
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
+import scipy.special
 from numpy.typing import NDArray
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
-from pouring_robot.estimation.instruments import Closures, Distances, Instrument, Places, Turns
+from pouring_robot.estimation.instruments import KINDS, Closures, Distances, Instrument, Places, Turns, kind_of
 from pouring_robot.estimation.measurement import BoolArray, Prediction
 from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.rotations import rotation_matrices
 
+Loss = Literal["huber", "soft_l1", "linear"]
+_INLIER_SHARE = 0.99
+
 
 @dataclass(frozen=True, eq=False)
 class MeasuredPoses(PoseStack):
     """What was measured of n rows, with its noise: a stack of poses, and what other instruments read.
 
-    Components stand in the order of :mod:`pouring_robot.estimation.instruments`; there are K of them: six, more with
-    distances or redundant drives.
-
-    Attributes:
-        position_m: shape (n, 3), in m, tracker axes; NaN where missing.
-        rotation: measured axes, shape (n, 3, 3); NaN where missing. A rotation counts only with all three components.
-        sigma_position_m: standard deviation of a coordinate, in m.
-        sigma_rotation_rad: standard deviation of a rotation component about the tracker's axes, in rad.
-        others: distances; where drives are redundant, closures behind them.
+    Poses are those of the target in the tracker frame, NaN where missing; a rotation counts only with all three
+    components. Components stand in the order of :mod:`pouring_robot.estimation.instruments`; there are K of them: six,
+    more with distances or redundant drives.
     """
 
-    sigma_position_m: float
-    sigma_rotation_rad: float
-    others: tuple[Instrument, ...] = ()
+    sigma_position_m: float  # standard deviation of a coordinate, in m
+    sigma_rotation_rad: float  # standard deviation of a rotation component about the tracker's axes, in rad
+    others: tuple[Instrument, ...] = ()  # distances; where drives are redundant, closures behind them
 
     def __post_init__(self) -> None:
         n = len(self.position_m)
         if self.position_m.shape != (n, 3) or self.rotation.shape != (n, 3, 3):
-            raise BadInputError(
-                f"measured poses need position (n, 3) and rotation (n, 3, 3), not {self.position_m.shape} and "
-                f"{self.rotation.shape}"
-            )
+            given = f"{self.position_m.shape} and {self.rotation.shape}"
+            raise BadInputError(f"measured poses need position (n, 3) and rotation (n, 3, 3), not {given}")
         _ = self.instruments
 
     @functools.cached_property
@@ -56,12 +56,19 @@ class MeasuredPoses(PoseStack):
     @classmethod
     def from_campaign(cls, campaign: Campaign, noise: NoiseLevel) -> MeasuredPoses:
         """Take the measured columns of a campaign; rows without all drives count as not measured."""
-        position = np.array(campaign.position_m)
+        usable, position, others = campaign.usable, np.array(campaign.position_m), list[Instrument]()
         rotation = np.full((len(campaign), 3, 3), np.nan)
         if campaign.rotation_vector_rad is not None:
             rotation = rotation_matrices(campaign.rotation_vector_rad)
-        position[~campaign.usable], rotation[~campaign.usable] = np.nan, np.nan
-        return cls(position, rotation, noise.position_m, noise.rotation_rad, _others(campaign, noise))
+        position[~usable], rotation[~usable] = np.nan, np.nan
+        redundant, distance = campaign.redundant_drives, campaign.distance_m
+        if redundant or distance is not None:
+            length = np.full(len(campaign), np.nan) if distance is None else np.where(usable, distance[:, 0], np.nan)
+            rows = np.arange(len(campaign))
+            others.append(Distances(noise.distance_m, length, rows, campaign.distance_start))
+        if redundant:
+            others.append(Closures(noise.closure_m, np.repeat(usable[:, None], redundant, axis=1)))
+        return cls(position, rotation, noise.position_m, noise.rotation_rad, tuple(others))
 
     def __getitem__(self, rows: NDArray[np.intp] | BoolArray) -> MeasuredPoses:
         """Return some rows, by index or mask."""
@@ -116,45 +123,31 @@ class MeasuredPoses(PoseStack):
         return jacobian
 
 
-def _others(campaign: Campaign, noise: NoiseLevel) -> tuple[Instrument, ...]:
-    """Return what was measured beside poses; nothing where that is nothing."""
-    redundant, distance = campaign.redundant_drives, campaign.distance_m
-    if not redundant and distance is None:
-        return ()
-    rows = np.arange(len(campaign))
-    usable = campaign.usable
-    length = np.full(len(campaign), np.nan) if distance is None else np.where(usable, distance[:, 0], np.nan)
-    distances = Distances(noise.distance_m, length, rows, campaign.distance_start)
-    closures = Closures(noise.closure_m, np.repeat(usable[:, None], redundant, axis=1))
-    return (distances, closures) if redundant else (distances,)
-
-
 @dataclass(frozen=True, eq=False)
 class WhitenedEquations:
-    """Residuals over their noise, missing components left out.
+    """Residuals over their noise, missing components left out."""
 
-    Attributes:
-        residual: shape (m,): measured minus predicted over sigma.
-        jacobian: its derivative by the unknowns, shape (m, 12 + P); None where it was not asked for.
-        rows: row each equation comes from, shape (m,).
-        components: of each equation, numbered as in :mod:`pouring_robot.estimation.instruments`, shape (m,).
-        failed: rows that were measured but have no prediction.
-    """
+    residual: FloatArray  # shape (m,): measured minus predicted over sigma
+    jacobian: FloatArray | None  # its derivative by the unknowns, shape (m, 12 + P); None where it was not asked for
+    rows: NDArray[np.intp]  # row each equation comes from, shape (m,)
+    components: NDArray[np.intp]  # numbered as in :mod:`pouring_robot.estimation.instruments`, shape (m,)
+    failed: NDArray[np.intp]  # rows that were measured but have no prediction
 
-    residual: FloatArray
-    jacobian: FloatArray | None
-    rows: NDArray[np.intp]
-    components: NDArray[np.intp]
-    failed: NDArray[np.intp]
+    @property
+    def derivatives(self) -> FloatArray:
+        """The Jacobian.
+
+        Raises:
+            BadInputError: it was not asked for.
+        """
+        if self.jacobian is None:
+            raise BadInputError("the prediction holds no Jacobian; ask for it with linearise")
+        return self.jacobian
 
 
 def whiten(measured: MeasuredPoses, prediction: Prediction) -> WhitenedEquations:
-    """Return the equations of a fit: every measured component of every row that closes.
-
-    The Jacobian is there if the prediction has one.
-    """
-    residual = measured.residual(prediction)
-    known = measured.known
+    """Return the equations of a fit: each measured component of each row that closes; with a Jacobian if predicted."""
+    residual, known = measured.residual(prediction), measured.known
     kept = known & prediction.closed[:, None] & np.isfinite(residual)
     rows, components = np.nonzero(kept)
     jacobian = None
@@ -164,18 +157,6 @@ def whiten(measured: MeasuredPoses, prediction: Prediction) -> WhitenedEquations
         jacobian /= measured.sigma[components][:, None]
     failed = np.flatnonzero(known.any(axis=1) & ~prediction.closed)
     return WhitenedEquations(residual[kept] / measured.sigma[components], jacobian, rows, components, failed)
-
-
-def observed(measured: MeasuredPoses, prediction: Prediction) -> FloatArray:
-    """Return the whitened Jacobian of what was measured, shape (m, 12 + P).
-
-    Raises:
-        BadInputError: the prediction carries no Jacobian.
-    """
-    equations = whiten(measured, prediction)
-    if equations.jacobian is None:
-        raise BadInputError("the prediction holds no Jacobian; ask for it with linearise")
-    return -equations.jacobian
 
 
 def regressor(prediction: Prediction, sigma: FloatArray, known: BoolArray | None = None) -> FloatArray:
@@ -192,3 +173,48 @@ def regressor(prediction: Prediction, sigma: FloatArray, known: BoolArray | None
     kept = np.broadcast_to(prediction.closed[:, None], prediction.derivatives.shape[:2])
     kept = kept if known is None else kept & known
     return np.asarray((prediction.derivatives / sigma[:, None])[kept])
+
+
+@functools.cache
+def _quantiles(share: float) -> FloatArray:
+    """Return what chi-square of 1 to 3 freedoms stays below with a probability, (4,); 1 in place of none."""
+    # Of scipy.special: importing scipy.stats takes longer than many a calibration.
+    return np.array([1.0, *(scipy.special.chdtri(k, 1.0 - share) for k in (1, 2, 3))])
+
+
+def _blocks(equations: WhitenedEquations) -> tuple[NDArray[np.intp], FloatArray, NDArray[np.intp]]:
+    """Return the block of each equation, and of each block its squared size and number of components."""
+    blocks = len(KINDS) * equations.rows + kind_of(equations.components)
+    squared = np.bincount(blocks, equations.residual**2).astype(np.float64)
+    return blocks, squared, np.bincount(blocks)
+
+
+def scatter(equations: WhitenedEquations) -> float:
+    """Return the median size of the blocks over what noise makes it, at least 1."""
+    _, squared, counts = _blocks(equations)
+    median = _quantiles(0.5)
+    kept = counts > 0
+    return max(1.0, float(np.sqrt(np.median(squared[kept] / median[counts[kept]])))) if kept.any() else 1.0
+
+
+def robust_terms(equations: WhitenedEquations, loss: Loss, widened: float = 1.0) -> tuple[float, FloatArray]:
+    """Return the summed loss, and the weight of each equation, shape (m,).
+
+    ``widened`` is a factor on the bound up to which the loss is quadratic.
+
+    Raises:
+        BadInputError: there is no such loss.
+    """
+    blocks, squared, counts = _blocks(equations)
+    bound, size = widened * np.sqrt(_quantiles(_INLIER_SHARE))[counts], np.sqrt(squared)
+    if loss == "linear":
+        cost, weight = squared, np.ones(counts.size)
+    elif loss == "huber":
+        cost = np.where(size <= bound, squared, 2.0 * bound * size - bound**2)
+        weight = bound / np.maximum(size, bound)
+    elif loss == "soft_l1":
+        root = np.sqrt(1.0 + squared / bound**2)
+        cost, weight = 2.0 * bound**2 * (root - 1.0), 1.0 / root
+    else:
+        raise BadInputError(f"there is no loss '{loss}'; use huber, soft_l1 or linear")
+    return float(cost.sum()), weight[blocks]

@@ -23,19 +23,12 @@ _FEWEST_SESSIONS, _FEWEST_TRAIN, _FEWEST_TEST = 4, 12, 3
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Which rows serve for what.
+    """Which rows serve for what."""
 
-    Attributes:
-        kind: how rows belong together.
-        test: rows of the test block: no fit and no choice of groups sees them; they may refuse the whole.
-        test_name: the block's name.
-        folds: blocks of the other rows; each validates what the others are fitted to.
-    """
-
-    kind: BlockKind
-    test: Rows
-    test_name: str
-    folds: tuple[Rows, ...]
+    kind: BlockKind  # how rows belong together
+    test: Rows  # rows of the test block: no fit and no choice of groups sees them; they may refuse the whole
+    test_name: str  # the block's name
+    folds: tuple[Rows, ...]  # blocks of the other rows; each validates what the others are fitted to
 
     @property
     def train(self) -> Rows:
@@ -65,18 +58,15 @@ def split(campaign: Campaign, left_out: Rows, hold_out: HoldOut = "auto") -> Spl
     Args:
         campaign: the data.
         left_out: rows that no fit should use, such as outliers.
-        hold_out: kind of block; ``auto``: sessions where there are four or more and the last is large enough, else
-            regions of the workspace.
+        hold_out: kind of block; ``auto``: sessions if there are four or more, the last large enough, else regions.
 
     Raises:
         CalibrationError: there are too few rows.
     """
     own_frames = campaign.metadata.frames == PER_SESSION
     if own_frames and hold_out in ("session", "time"):
-        raise CalibrationError(
-            f"sessions have frames of their own, which a block held out by {hold_out} would not know",
-            "choose --hold-out region",
-        )
+        problem = f"sessions have frames of their own, which a block held out by {hold_out} would not know"
+        raise CalibrationError(problem, "choose --hold-out region")
     kinds: tuple[BlockKind, ...] = (hold_out,) if hold_out != "auto" else ("region",)
     if hold_out == "auto" and len(set(campaign.sessions)) >= _FEWEST_SESSIONS and not own_frames:
         kinds = ("session", "region")
@@ -94,9 +84,6 @@ def split(campaign: Campaign, left_out: Rows, hold_out: HoldOut = "auto") -> Spl
         f"(there are {len(folds)}), and {_FEWEST_TEST} rows to test (there are {test.size})",
         "measure more poses" + ("" if kind == "region" else ", or choose --hold-out region"),
     )
-
-
-# --- blocks ---------------------------------------------------------------------------------------------------------
 
 
 def blocks(campaign: Campaign, kind: BlockKind, count: int = BLOCKS) -> dict[str, Rows]:
@@ -140,17 +127,15 @@ def _regions(rows: Rows, campaign: Campaign, count: int) -> list[Rows]:
     """Return neighbours in drive space (each drive over its spread), by halving the largest block over and over."""
     spread = campaign.drives[rows].std(axis=0)
     scaled = campaign.drives / np.where(spread > 0.0, spread, 1.0)
-    done: list[Rows] = []
-    open_blocks = [rows]
-    while open_blocks and len(done) + len(open_blocks) < count:
-        largest = max(range(len(open_blocks)), key=lambda i: open_blocks[i].size)
-        block = open_blocks.pop(largest)
+    whole, divisible = list[Rows](), [rows]
+    while divisible and len(whole) + len(divisible) < count:
+        block = divisible.pop(int(np.argmax([part.size for part in divisible])))
         halves = _halve(block, scaled)
         if halves is None:
-            done.append(block)
+            whole.append(block)
         else:
-            open_blocks.extend(halves)
-    return sorted([*done, *open_blocks], key=lambda block: int(block.min()))
+            divisible.extend(halves)
+    return sorted([*whole, *divisible], key=lambda block: int(block.min()))
 
 
 def _halve(rows: Rows, scaled: FloatArray) -> tuple[Rows, Rows] | None:

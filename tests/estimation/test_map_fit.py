@@ -8,8 +8,7 @@ from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.levenberg_marquardt import Search
 from pouring_robot.estimation.map_fit import FitOptions, first_frames, identify
 from pouring_robot.estimation.measurement import Unknowns
-from pouring_robot.estimation.residuals import MeasuredPoses, whiten
-from pouring_robot.estimation.robust import robust_terms, scatter
+from pouring_robot.estimation.residuals import MeasuredPoses, robust_terms, scatter, whiten
 from pouring_robot.exceptions import BadInputError, CalibrationError
 from tests.estimation.virtual import SIGMA, TRUE_FRAMES, Virtual, model_of
 

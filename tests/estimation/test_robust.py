@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from pouring_robot.estimation.residuals import WhitenedEquations
-from pouring_robot.estimation.robust import robust_terms, scatter
+from pouring_robot.estimation.residuals import WhitenedEquations, robust_terms, scatter
 from pouring_robot.exceptions import BadInputError
 
 

@@ -23,7 +23,7 @@ from pouring_robot.diagnosis.problem import Library, known_effects, workmanship_
 from pouring_robot.diagnosis.processes import processes_of
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects.robot_causes import causes_of
-from pouring_robot.estimation.frames.sessions import largest_session
+from pouring_robot.estimation.frames.sessions import by_size
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.explanations import Explanation, Problem, Workmanship
 from pouring_robot.inference.nuisance import Nuisance
@@ -287,7 +287,7 @@ def _together(campaign: Campaign, possible: Candidates, diagnosis: Findings) -> 
     outer, inner = frames.T_tracker_base, frames.T_end_target
     seen = [outer * pin.SE3(pose.rotation, pose.position_m) * inner for pose in possible.poses]
     own = campaign.metadata.frames == PER_SESSION
-    session = largest_session(campaign) if own else SESSION
+    session = by_size(campaign)[0] if own else SESSION
     arrays: dict[str, Any] = {
         "drives": possible.drives,
         "approach": possible.approach,

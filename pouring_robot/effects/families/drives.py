@@ -1,15 +1,15 @@
 """Families of effects of drives: zeros, scales, errors that return with every turn, lost motion."""
 
-from __future__ import annotations
-
+import functools
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from pouring_robot.effects.base import Form
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.effects.families.base import Drives, Family, of_drive
+from pouring_robot.effects.families.base import Family, of_drive, of_each
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.definition import Drive
@@ -22,67 +22,40 @@ _PRESSING = tuple(float(f"{10.0 ** (k / 40.0):.3g}") for k in range(-20, 21))
 """Forces that press a nut against friction, over the usual one: a third to three, by R40 of the preferred numbers."""
 
 
+@dataclass(eq=False)
 class Zero(Family):
-    """Constant error of drives.
+    """Constant error of drives."""
 
-    Args:
-        id_: as of :class:`Family`.
-        story: likewise.
-        drives: likewise.
-        driven_by: condition that must vary so that it shows.
-    """
-
+    driven_by: str = "position_m"  # condition that must vary so that it shows
     _HOMING = 0.02
-
-    def __init__(self, id_: str, story: str, drives: Drives, driven_by: str = "position_m") -> None:
-        """Keep it."""
-        super().__init__(id_, story, drives)
-        self.driven_by = driven_by
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """All drives, or one alone; each session's homing may scatter by a fiftieth."""
-        one = np.ones(len(conditions))
         sessions = len(conditions.session_shares)
         homing = [
             of_drive(d, f"homing_session_{s + 1}", self._HOMING, conditions.in_session(s), main=False)
             for d in self.drives
             for s in range(sessions if sessions > 1 else 0)
         ]
-        offsets = [of_drive(d, "offset", 1.0, one) for d in self.drives]
-        single = zip(self.drives, offsets, strict=True) if len(offsets) > 1 else ()
-        forms = [Form("all", tuple(offsets)), *(Form(f"{d.symbol}_alone", (offset,)) for d, offset in single)]
+        offsets = of_each(conditions, self.drives, "offset", 1.0, np.ones(conditions.drives.shape))
+        forms = [Form("all", tuple(offsets))]
+        if len(offsets) > 1:
+            forms += [Form(f"{d.symbol}_alone", (offset,)) for d, offset in zip(self.drives, offsets, strict=True)]
         if homing:
             forms += [Form(f"{form.name}_homed", (*form.parameters, *homing)) for form in forms]
         return tuple(forms)
 
 
+@dataclass(eq=False)
 class Scale(Family):
-    """Error in proportion to the stroke of sliding drives: another lead, another gear; perhaps with a build-up.
+    """Error in proportion to the stroke of sliding drives: another lead, another gear; perhaps with a build-up."""
 
-    Args:
-        id_: as of :class:`Family`.
-        story: likewise.
-        drives: likewise.
-        middle_m: of the stroke; at 0 it counts from there.
-        half_stroke_m: to either side.
-        build_up: whether a lead that changes along the stroke makes the effect, too, as on a spool whose line lies in
-            layers; if not, it only shapes it.
-    """
-
+    middle_m: float = 0.0  # of the stroke; at 0 it counts from there
+    half_stroke_m: float = 1.0  # to either side
+    # whether a lead that changes along the stroke makes the effect, too, as on a spool whose line lies in layers; if
+    # not, it only shapes it
+    build_up: bool = False
     driven_by = "lengths_m"
-
-    def __init__(
-        self,
-        id_: str,
-        story: str,
-        drives: Drives,
-        middle_m: float = 0.0,
-        half_stroke_m: float = 1.0,
-        build_up: bool = False,
-    ) -> None:
-        """Keep the stroke."""
-        super().__init__(id_, story, drives)
-        self.middle_m, self.half_stroke_m, self.build_up = middle_m, half_stroke_m, build_up
 
     def in_words(self, values: Mapping[str, float]) -> tuple[str, ...]:
         """Of leads that change along the stroke: each drive's lead where it counts from, and how it changes."""
@@ -104,59 +77,39 @@ class Scale(Family):
         Lengths count from where the controller's count is zero. Homes are in the middle or at an end of the stroke, or
         not far from there.
         """
-        lengths = conditions.drives[:, conditions.places(self.drives)] - [drive.zero for drive in self.drives]
-        size = 1.0 if self.build_up else 0.5
-        one = np.ones(len(conditions))
+        lengths = conditions.drives - [drive.zero for drive in conditions.robot.drives]
         # A spool is as its lead says where its count is zero; a worn screw, on average over its stroke.
         mean = 0.0 if self.build_up else self.half_stroke_m**2 / 3.0
-        bent = (lengths - self.middle_m) ** 2 - mean
-        lead = [of_drive(d, "scale", 1.0, lengths[:, k], per="/m") for k, d in enumerate(self.drives)]
-        progressive = [
-            of_drive(d, "progression", size, bent[:, k], main=self.build_up, per="/m²")
-            for k, d in enumerate(self.drives)
-        ]
+        bent, size = (lengths - self.middle_m) ** 2 - mean, 1.0 if self.build_up else 0.5
+        each = functools.partial(of_each, conditions, self.drives)
+        lead = each("scale", 1.0, lengths, per="/m")
+        progressive = each("progression", size, bent, main=self.build_up, per="/m²")
         found = [Form("whole_length", (*lead, *progressive))]
         if self.middle_m:
-            home = [of_drive(d, "home", self.middle_m, one, main=False) for d in self.drives]
+            home = each("home", self.middle_m, np.ones(lengths.shape), main=False)
             for name, ends in (("from_home", 0.0), ("from_retracted", -1.0), ("from_extended", 1.0)):
                 stroke = lengths - (self.middle_m + ends * self.half_stroke_m)
-                scale = [of_drive(d, "scale", 1.0, stroke[:, k], per="/m") for k, d in enumerate(self.drives)]
-                found.append(Form(name, (*scale, *home, *progressive)))
+                found.append(Form(name, (*each("scale", 1.0, stroke, per="/m"), *home, *progressive)))
         return tuple(found)
 
 
+@dataclass(eq=False, kw_only=True)
 class Periodic(Family):
-    """Error of drives that is periodic in their own position.
+    """Error of drives that is periodic in their own position."""
 
-    Args:
-        id_: as of :class:`Family`.
-        story: likewise.
-        drives: likewise.
-        sizes: usual size of each order over the first.
-        period: ``turn`` of the joint; ``pitch``: what a turn of the motor moves a sliding drive, by the robot file or
-            the campaign's screw pitch; or ``screw_pitch_m``: the campaign's.
-        all_main: whether every order makes the effect; if not, the higher ones only shape what the first makes.
-    """
+    sizes: Sequence[float]  # usual size of each order over the first
+    # ``turn`` of the joint; ``pitch``: what a turn of the motor moves a sliding drive, by the robot file or the
+    # campaign's screw pitch; or ``screw_pitch_m``: the campaign's
+    period: str = "turn"
+    all_main: bool = False  # whether every order makes the effect; if not, higher ones only shape what the first makes
 
-    def __init__(
-        self,
-        id_: str,
-        story: str,
-        drives: Drives,
-        sizes: Sequence[float],
-        period: str = "turn",
-        all_main: bool = False,
-    ) -> None:
-        """Keep the orders."""
-        super().__init__(id_, story, drives)
-        self.sizes, self.all_main = sizes, all_main
-        self.stated = {
-            d.joint: 2.0 * np.pi * abs(d.factor) for d in drives if period == "pitch" and d.command == "angle"
-        }
-        self.of_turn = period == "turn"
+    def __post_init__(self) -> None:
+        driven = [d for d in self.drives if self.period == "pitch" and d.command == "angle"]
+        self.stated = {d.joint: 2.0 * np.pi * abs(d.factor) for d in driven}
+        self.of_turn = self.period == "turn"
         if self.of_turn:
             self.driven_by = "angles_rad"
-        elif len(self.stated) < len(drives):
+        elif len(self.stated) < len(self.drives):
             self.needs = ("screw_pitch_m",)
         else:
             self.driven_by = "lengths_m"
@@ -174,9 +127,8 @@ class Periodic(Family):
 
     def untold(self, conditions: Conditions) -> Mapping[str, int]:
         """Of waves of a joint's turn: rows at angles far from all that were seen."""
-        counts = {
-            d.words: int((known == 0.0).sum()) for d, known in zip(self.drives, self._learned(conditions), strict=True)
-        }
+        learned = zip(self.drives, self._learned(conditions), strict=True)
+        counts = {drive.words: int((known == 0.0).sum()) for drive, known in learned}
         return {words: count for words, count in counts.items() if count}
 
     def in_words(self, values: Mapping[str, float]) -> tuple[str, ...]:
@@ -185,18 +137,14 @@ class Periodic(Family):
             return ()
         lines = []
         for drive in self.drives:
-            waves = np.array(
-                [
-                    [values.get(f"{drive.symbol}_{name}_{order}", 0.0) for name in ("sine", "cosine")]
-                    for order in range(1, len(self.sizes) + 1)
-                ]
-            )
-            sizes = np.hypot(*waves.T)
+            orders = range(1, len(self.sizes) + 1)
+            waves = [[values.get(f"{drive.symbol}_{name}_{order}", 0.0) for order in orders] for name, _ in _WAVES]
+            sizes = np.hypot(*np.array(waves))
             largest = [int(k) for k in np.argsort(-sizes)[:_SHOWN_ORDERS] if sizes[k] > 0.0]
             unit = "mm" if drive.unit == "m" else "mrad"
-            orders = ", ".join(f"{k + 1} ({sizes[k]:.3f})" for k in largest)
+            said = ", ".join(f"{k + 1} ({sizes[k]:.3f})" for k in largest)
             rms = float(np.sqrt((sizes**2).sum() / 2.0))
-            lines.append(f"{drive.words}: {rms:.3f} {unit} rms over a turn; largest orders (amplitude): {orders}")
+            lines.append(f"{drive.words}: {rms:.3f} {unit} rms over a turn; largest orders (amplitude): {said}")
         return tuple(lines)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
@@ -222,81 +170,62 @@ class Periodic(Family):
         return (Form("turns", tuple(parameters)),)
 
 
+@dataclass(eq=False)
 class LostMotion(Family):
-    """Lost motion, by the side a drive was approached from.
+    """Lost motion, by the side a drive was approached from."""
 
-    Args:
-        id_: as of :class:`Family`.
-        story: likewise.
-        drives: likewise.
-        middle_m: of the stroke of sliding drives.
-        half_stroke_m: to either side.
-    """
-
+    middle_m: float = 0.0  # of the stroke of sliding drives
+    half_stroke_m: float = 1.0  # to either side
     needs, shaped_by = ("approach",), ("weight_n",)
     _LOADED, _LATER, _WORN = 0.3, 0.1, 0.1
-
-    def __init__(self, id_: str, story: str, drives: Drives, middle_m: float = 0.0, half_stroke_m: float = 1.0) -> None:
-        """Keep the stroke."""
-        super().__init__(id_, story, drives)
-        self.middle_m, self.half_stroke_m = middle_m, half_stroke_m
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Symmetrical, or on one side only; load may take up part of it, wear may make more of it along the stroke.
 
         Free play itself lies on the flank that the force presses it to, where friction does not hold it (``pressed``).
         """
-        places = conditions.places(self.drives)
-        side = np.asarray(conditions.approach)[:, places]
-        drives = list(enumerate(self.drives))
-        found = []
-        for name, sides in (
-            ("both_sides", side),
-            ("rising_only", 0.5 * (side + 1.0)),
-            ("falling_only", 0.5 * (side - 1.0)),
-        ):
-            parameters = [of_drive(d, "play", 1.0, sides[:, k]) for k, d in drives]
-            stroke = (conditions.drives[:, places] - self.middle_m) / self.half_stroke_m
-            parameters += [
-                of_drive(d, name, prior_std, sides[:, k] * stroke[:, k] ** power, main=False)
-                for name, prior_std, power in (("play_by_length", self._WORN, 1), ("play_by_length_2", self._WORN, 2))
-                for k, d in drives
-                if d.unit == "m"
+        side, drives, loaded = np.asarray(conditions.approach), self.drives, _loaded(conditions)
+        sliding = tuple(d for d in drives if d.unit == "m")
+        stroke = (conditions.drives - self.middle_m) / self.half_stroke_m
+        shapes = [(sliding, "play_by_length", self._WORN, stroke), (sliding, "play_by_length_2", self._WORN, stroke**2)]
+        if loaded:
+            relative = np.abs(np.asarray(conditions.drive_force)) / np.maximum(conditions.mean_force, 1e-9) - 1.0
+            shapes += [
+                (drives, "play_by_load", self._LOADED, relative),
+                (drives, "play_by_load_2", self._LATER, relative**2),
             ]
-            if conditions.drive_force is not None and conditions.mean_force.size:
-                force = np.abs(conditions.drive_force[:, places])
-                relative = force / np.maximum(conditions.mean_force[places], 1e-9) - 1.0
-                parameters += [
-                    of_drive(d, name, std, sides[:, k] * relative[:, k] ** power, main=False)
-                    for name, std, power in (("play_by_load", self._LOADED, 1), ("play_by_load_2", self._LATER, 2))
-                    for k, d in drives
-                ]
-            found.append(Form(name, tuple(parameters)))
-        if conditions.drive_force is not None and conditions.mean_force.size:
-            found += [self._pressed(conditions, share) for share in _PRESSING]
-        return tuple(found)
+        found = []
+        ways = {"both_sides": side, "rising_only": 0.5 * (side + 1.0), "falling_only": 0.5 * (side - 1.0)}
+        for form, sides in ways.items():
+            parameters = of_each(conditions, drives, "play", 1.0, sides)
+            for some, name, prior_std, course in shapes:
+                parameters += of_each(conditions, some, name, prior_std, sides * course, main=False)
+            found.append(Form(form, tuple(parameters)))
+        return (*found, *(self._pressed(conditions, share) for share in (_PRESSING if loaded else ())))
 
     def form(self, name: str, conditions: Conditions) -> Form:
         """As of every effect; a force to be pressed from may be any, whatever was searched."""
         share = re.fullmatch(_PRESSED + r"(\d*\.?\d+)", name)
-        if share and conditions.drive_force is not None and conditions.mean_force.size:
+        if share and _loaded(conditions):
             return self._pressed(conditions, float(share[1]))
         return super().form(name, conditions)
 
     def _pressed(self, conditions: Conditions, share: float) -> Form:
         """Return free play on the flank that the force chooses where it is beyond a share of the usual one.
 
-        Below, the nut lies where friction drags it.
+        Usual is what drives of its unit carry on average: alike nuts have like friction. Below, the nut lies where
+        friction drags it.
         """
-        force = self._relative_force(conditions)
-        dragged = np.asarray(conditions.approach)[:, conditions.places(self.drives)]
+        places, units = conditions.places(self.drives), np.array([drive.unit for drive in self.drives])
+        own = conditions.mean_force[places]
+        usual = np.array([own[units == unit].mean() for unit in units])
+        force = np.asarray(conditions.drive_force)[:, places] / np.maximum(usual, 1e-9)
+        dragged = np.asarray(conditions.approach)[:, places]
         flank = np.where(np.abs(force) > share, -np.sign(force), dragged)
         play = tuple(of_drive(d, "play", 1.0, flank[:, k]) for k, d in enumerate(self.drives))
         return Form(f"{_PRESSED}{share:g}", play, one_of="friction")  # with several it would bend like a spring
 
-    def _relative_force(self, conditions: Conditions) -> FloatArray:
-        """Return force over what drives of its unit carry on average, (n, drives): alike nuts have like friction."""
-        places, units = conditions.places(self.drives), np.array([drive.unit for drive in self.drives])
-        own = conditions.mean_force[places]
-        usual = np.array([own[units == unit].mean() for unit in units])
-        return np.asarray(np.asarray(conditions.drive_force)[:, places] / np.maximum(usual, 1e-9))
+
+def _loaded(conditions: Conditions) -> bool:
+    """Return whether the force on drives is known, also on average where shapes count from."""
+    return conditions.drive_force is not None and conditions.mean_force.size > 0

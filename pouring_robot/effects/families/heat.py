@@ -1,17 +1,15 @@
 """Families of effects of heat: drives and links grow. Thermometers are biased and lag; forms allow for it."""
 
-from __future__ import annotations
-
 import functools
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.effects.base import EffectParameter, Form
+from pouring_robot.effects.base import EffectParameter, Form, LocalChanges
 from pouring_robot.effects.conditions import RISE, Conditions
-from pouring_robot.effects.families.base import Drives, Family, channel, of_drives
+from pouring_robot.effects.families.base import Family, channel, of_drives
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.definition import RobotDefinition
 
@@ -24,47 +22,43 @@ _LAGS_S = (150.0, 600.0, 2400.0)
 """Time constants of a part behind its thermometer, from thin to thick: three span all between them."""
 
 
+def _late(conditions: Conditions, rise: FloatArray) -> Iterator[tuple[str, FloatArray]]:
+    """Yield by how much parts that lag are warmer than their thermometers say, with a name each."""
+    for lag_s in _LAGS_S:
+        yield f"lag_{lag_s:.0f}_s", conditions.behind(rise, lag_s) - rise
+
+
+@dataclass(eq=False, kw_only=True)
 class DriveGrowth(Family):
-    """Sliding drives are longer with their temperature, each with its own thermometer.
+    """Sliding drives are longer with their temperature, each with its own thermometer."""
 
-    Args:
-        id_: as of :class:`Family`.
-        story: likewise.
-        drives: likewise.
-        thermometers: kind of the thermometers on them.
-        neighbour: thermometer at their end, if there is one.
-    """
+    thermometers: str  # kind of the thermometers on them
+    neighbour: str  # thermometer at their end, if there is one
 
-    def __init__(self, id_: str, story: str, drives: Drives, thermometers: str, neighbour: str) -> None:
-        """Keep the thermometers."""
-        super().__init__(id_, story, drives)
-        self.neighbour, self.shaped_by, self.needs = neighbour, (f"{neighbour}{RISE}",), (f"{thermometers}{RISE}",)
+    def __post_init__(self) -> None:
+        self.needs, self.shaped_by = (f"{self.thermometers}{RISE}",), (f"{self.neighbour}{RISE}",)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """All of its length, or a rod of its own length; the thermometer may be biased, lag, or see another part."""
-        thermometers = conditions.causes.drive_thermometers
         lengths = conditions.spans[:, conditions.places(self.drives)]
         usual = conditions.mean_span_m[conditions.places(self.drives)].mean()
-        rise = np.column_stack([conditions.rises[thermometers[d.joint]] for d in self.drives])
-        hot = {"own_temperature": lengths, "own_length": np.full_like(lengths, usual)}
-        return tuple(
-            Form(name, self._parameters(conditions, rise, length, [o for n, o in hot.items() if n != name]))
-            for name, length in hot.items()
+        whole, rod = lengths, np.full_like(lengths, usual)
+        return (
+            Form("own_temperature", self._parameters(conditions, whole, rod)),
+            Form("own_length", self._parameters(conditions, rod, whole)),
         )
 
-    def _parameters(
-        self, conditions: Conditions, rise: FloatArray, length: FloatArray, others: Sequence[FloatArray]
-    ) -> tuple[EffectParameter, ...]:
-        """Return the parameters where so much length (n, D) of each drive is hot, or some of other ones."""
-        std = _PRIOR_STD_PPM
+    def _parameters(self, conditions: Conditions, length: FloatArray, other: FloatArray) -> tuple[EffectParameter, ...]:
+        """Return the parameters where so much length (n, D) of each drive is hot, or some of another one."""
+        std, thermometers = _PRIOR_STD_PPM, conditions.causes.drive_thermometers
+        rise = np.column_stack([conditions.rises[thermometers[d.joint]] for d in self.drives])
 
         def all_of_them(name: str, size: float, course: FloatArray) -> EffectParameter:
             return EffectParameter(name, "1e-6/K", size * std, of_drives(self.drives, _PPM, course), main=False)
 
         found = [replace(all_of_them("expansion", 1.0, length * rise), main=True, bounds=(0.0, np.inf))]
-        found += [all_of_them("other_length", 1.0, other * rise) for other in others]
-        late = ((lag_s, length * (conditions.behind(rise, lag_s) - rise)) for lag_s in _LAGS_S)
-        found += [all_of_them(f"lag_{lag_s:.0f}_s", 0.7, course) for lag_s, course in late]
+        found.append(all_of_them("other_length", 1.0, other * rise))
+        found += [all_of_them(name, 0.7, length * course) for name, course in _late(conditions, rise)]
         beside = conditions.rises.get(self.neighbour)
         if beside is not None:
             found.append(all_of_them(f"{self.neighbour}_share", 0.2, length * (beside[:, None] - rise)))
@@ -100,23 +94,23 @@ def levers(robot: RobotDefinition) -> Mapping[str, tuple[str, FloatArray]]:
     return {joint: (link, np.asarray(at.rotation.T @ at.translation)) for joint, (link, at) in placed}
 
 
+def _carrier(model: pin.Model, link: str) -> pin.Frame:
+    """Return the joint, fixed or moving, that carries a link."""
+    return model.frames[model.frames[model.getFrameId(link, pin.FrameType.BODY)].parentFrame]
+
+
 def grown_places(robot: RobotDefinition, places: Collection[str]) -> list[tuple[str, str, FloatArray]]:
-    """Return what links do to the joints on them, also through fixed joints, which nothing displaces by themselves.
+    """Return what links do to joints (``places``), also through fixed ones, which nothing displaces by themselves.
 
-    Args:
-        robot: the robot.
-        places: joints that may be displaced.
-
-    Returns:
-        The joint, a link that carries it up to the next joint that may be displaced or moves, and the place on that
-        link of what it carries there, (3,), in the joint's own axes, in m.
+    That is the joint, a link that carries it up to the next joint that may be displaced or moves, and the place on that
+    link of what it carries there, (3,), in the joint's own axes, in m.
     """
     model, known, found = robot.mechanism().shared_model, standing(robot), []
     for joint in places:
         (link, placed), turned = known[joint], known[joint][1].rotation
         while True:
             found.append((joint, link, np.asarray(turned.T @ placed.translation)))
-            carrier = model.frames[model.frames[model.getFrameId(link, pin.FrameType.BODY)].parentFrame]
+            carrier = _carrier(model, link)
             fixed = carrier.type == pin.FrameType.FIXED_JOINT and carrier.name not in ("universe", *places)
             if not fixed or link == robot.loops.base_frame:
                 break
@@ -129,21 +123,12 @@ def chain_ends(robot: RobotDefinition, places: Collection[str]) -> list[tuple[st
     """Return what the last link of a chain does that ends in a fixed joint, which nothing displaces.
 
     It moves the loop's frame on the chain as if the seat on the other side moved back: in a closed ``6d`` loop both
-    have the same axes.
-
-    Args:
-        robot: the robot.
-        places: joints that may be displaced.
-
-    Returns:
-        Of each such end the seat's joint, the link that grows, and the place of the seat's displacement, (3,), in m.
+    have the same axes. Of each such end whose seat is among the joints that may be displaced (``places``), that is the
+    seat's joint, the link that grows, and the place of the seat's displacement, (3,), in m.
     """
     known, model = levers(robot), robot.mechanism().shared_model
-
-    def carrier(frame: str) -> pin.Frame:
-        return model.frames[model.frames[model.getFrameId(frame, pin.FrameType.BODY)].parentFrame]
-
-    pairs = [(carrier(loop.frame_a), carrier(loop.frame_b)) for loop in robot.loops.loops if loop.type == "6d"]
+    ends = [(loop.frame_a, loop.frame_b) for loop in robot.loops.loops if loop.type == "6d"]
+    pairs = [(_carrier(model, chain), _carrier(model, other)) for chain, other in ends]
     return [
         (seat.name, known[end.name][0], -known[end.name][1])
         for end, seat in pairs
@@ -151,68 +136,45 @@ def chain_ends(robot: RobotDefinition, places: Collection[str]) -> list[tuple[st
     ]
 
 
-def _grown(
-    places: Mapping[str, FloatArray], courses: Callable[[str], FloatArray], axes: str = "xyz"
-) -> dict[str, FloatArray]:
+def _grown(places: Mapping[str, FloatArray], course: FloatArray) -> dict[str, FloatArray]:
+    """Return what growth along a course (n,), in 1e-6, displaces: joints by their places on the link, (3,), in m."""
     return {
-        f"{joint}.t{axis}": _PPM * courses(joint) * place["xyz".index(axis)]
+        f"{joint}.t{axis}": _PPM * course * along
         for joint, place in places.items()
-        for axis in axes
+        for axis, along in zip("xyz", place, strict=True)
     }
 
 
-def alike(course: FloatArray) -> Callable[[str], FloatArray]:
-    """Return a course that is the same for all joints, by joint."""
-    return lambda _: course
-
-
+@dataclass(eq=False, kw_only=True)
 class LinkGrowth(Family):
-    """One link grows with its temperature and carries the joints on it apart.
+    """One link grows with its temperature and carries the joints on it apart."""
 
-    Args:
-        id_: as of :class:`Family`.
-        story: likewise.
-        joints: on the link.
-        thermometer: of the link.
-    """
+    joints: tuple[str, ...]  # on the link
+    thermometer: str  # of the link
 
-    def __init__(self, id_: str, story: str, joints: tuple[str, ...], thermometer: str) -> None:
-        """Keep the thermometer."""
-        super().__init__(id_, story)
-        self.joints, self.thermometer, self.needs = joints, thermometer, (f"{thermometer}{RISE}",)
+    def __post_init__(self) -> None:
+        self.needs = (f"{self.thermometer}{RISE}",)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Evenly about its origin; perhaps each joint otherwise, with a biased thermometer, or later than its skin."""
-        rise, prior_std = conditions.rises[self.thermometer], _PRIOR_STD_PPM
-        known = levers(conditions.robot)
+        rise, std, known = conditions.rises[self.thermometer], _PRIOR_STD_PPM, levers(conditions.robot)
         places = {joint: known[joint][1] for joint in self.joints}
-        late = {lag_s: conditions.behind(rise, lag_s) - rise for lag_s in _LAGS_S}
-        one = np.ones(len(conditions))
-        grown = _grown(places, lambda _: rise)
-        size = _OWN * prior_std * float(np.sqrt(np.mean([place**2 for place in places.values()])))
-        lags = tuple(
-            EffectParameter(f"lag_{lag_s:.0f}_s", "1e-6/K", 0.7 * prior_std, _grown(places, alike(course)), main=False)
-            for lag_s, course in late.items()
-        )
-        return (
-            Form(
-                "even",
-                (
-                    EffectParameter("expansion", "1e-6/K", prior_std, grown, bounds=(0.0, np.inf)),
-                    EffectParameter(
-                        "thermometer_bias", "1e-6", _BIAS_K * prior_std, _grown(places, lambda _: one), main=False
-                    ),
-                    *lags,
-                    *(
-                        EffectParameter(
-                            f"{joint}_{axis}", "1e-6 m/K", size, {f"{joint}.t{axis}": _PPM * rise}, main=False
-                        )
-                        for joint in places
-                        for axis in "xyz"
-                    ),
-                ),
+        size = _OWN * std * float(np.sqrt(np.mean([place**2 for place in places.values()])))
+
+        def shaped(name: str, unit: str, prior_std: float, changes: LocalChanges) -> EffectParameter:
+            return EffectParameter(name, unit, prior_std, changes, main=False)
+
+        parameters = (
+            EffectParameter("expansion", "1e-6/K", std, _grown(places, rise), bounds=(0.0, np.inf)),
+            shaped("thermometer_bias", "1e-6", _BIAS_K * std, _grown(places, np.ones(len(conditions)))),
+            *(shaped(name, "1e-6/K", 0.7 * std, _grown(places, late)) for name, late in _late(conditions, rise)),
+            *(
+                shaped(f"{joint}_{axis}", "1e-6 m/K", size, {f"{joint}.t{axis}": _PPM * rise})
+                for joint in places
+                for axis in "xyz"
             ),
         )
+        return (Form("even", parameters),)
 
 
 class LinksGrowth(Family):
@@ -248,7 +210,7 @@ class LinksGrowth(Family):
             grown: dict[str, FloatArray] = {}
             for joint, by, place in carried:
                 if by in rises:
-                    for site, change in _grown({joint: place}, alike(rises[by])).items():
+                    for site, change in _grown({joint: place}, rises[by]).items():
                         grown[site] = grown.get(site, 0.0) + change
             for k, drive in enumerate(conditions.robot.drives):
                 thermometer = conditions.causes.drive_thermometers.get(drive.joint, "") if own else other
@@ -257,13 +219,9 @@ class LinksGrowth(Family):
                     grown[channel(drive)] = _PPM * conditions.drives[:, k] * rise
             return grown
 
-        shares = (
-            EffectParameter(f"{name}_share", "1e-6/K", 0.3 * prior_std, changes((name,)), main=False)
-            for name in (followed if len(followed) > 1 else ())
-        )
+        shaped = {f"lag_{lag_s:.0f}_s": (0.7, changes(followed, lag_s)) for lag_s in _LAGS_S}
+        if len(followed) > 1:
+            shaped |= {f"{name}_share": (0.3, changes((name,))) for name in followed}
         main = EffectParameter("expansion", "1e-6/K", prior_std, changes(followed), bounds=(0.0, np.inf))
-        lags = (
-            EffectParameter(f"lag_{lag_s:.0f}_s", "1e-6/K", 0.7 * prior_std, changes(followed, lag_s), main=False)
-            for lag_s in _LAGS_S
-        )
-        return Form(name, (main, *lags, *shares))
+        others = (EffectParameter(n, "1e-6/K", s * prior_std, c, main=False) for n, (s, c) in shaped.items())
+        return Form(name, (main, *others))

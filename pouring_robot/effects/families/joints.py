@@ -1,56 +1,60 @@
 """Families of effects of joints: places displaced, axes tilted."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from pouring_robot.effects.base import EffectParameter, Form
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.families.base import Family
-from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.robot.description.causes import Placements
-from pouring_robot.robot.tolerances import Tolerances
+from pouring_robot.robot.tolerances import Kinds, Tolerances
 
 Parameters = tuple[EffectParameter, ...]
 
 
-def place_parameters(placements: Placements, one: FloatArray) -> dict[str, Parameters]:
-    """Return three parameters for each joint whose place counts; ``one`` is 1 for every row.
+def _usual(conditions: Conditions) -> Kinds:
+    """Return usual sizes: the tolerances of parts that nobody has measured."""
+    return Tolerances.load(conditions.causes.placements.tolerances).kinds
 
-    They are as large as the tolerance of a part that nobody has measured.
-    """
-    std_mm = Tolerances.load(placements.tolerances).kinds.joint_centre.std
+
+def place_parameters(conditions: Conditions) -> dict[str, Parameters]:
+    """Return three parameters for each joint whose place counts, as large as the tolerance of an unmeasured part."""
+    placements, change = conditions.causes.placements, MM * np.ones(len(conditions))
+    std_mm = _usual(conditions).joint_centre.std
     return {
         joint: tuple(
-            EffectParameter(f"{joint}.t{axis}", "mm", std_mm, {f"{joint}.t{axis}": MM * one})
-            for axis in placements.along.get(joint, "xyz")
+            EffectParameter(name, "mm", std_mm, {name: change})
+            for name in (f"{joint}.t{axis}" for axis in placements.along.get(joint, "xyz"))
         )
         for joint in placements.places
     }
 
 
-def axis_parameters(placements: Placements, one: FloatArray) -> dict[str, Parameters]:
+def axis_parameters(conditions: Conditions) -> dict[str, Parameters]:
     """Return the tilts of each joint's axis, by joint: only this axis turns, if the next joint is to stay.
 
-    They are as large as the tolerance of a part that nobody has measured.
+    They are as large as the tolerance of an unmeasured part.
     """
-    std_mrad = Tolerances.load(placements.tolerances).kinds.joint_axis.std
-    return {
-        tilt.joint: tuple(
-            EffectParameter(
-                f"{tilt.joint}.tilt_{axis}",
-                "mrad",
-                std_mrad,
-                {f"{tilt.joint}.r{axis}": MRAD * one}
-                | ({f"{tilt.after}.r{axis}": tilt.back * MRAD * one} if tilt.after else {}),
-            )
-            for axis in tilt.directions
-        )
-        for tilt in placements.tilts
-    }
+    std_mrad, change = _usual(conditions).joint_axis.std, MRAD * np.ones(len(conditions))
+    found: dict[str, Parameters] = {}
+    for tilt in conditions.causes.placements.tilts:
+        parameters = []
+        for axis in tilt.directions:
+            changes = {f"{tilt.joint}.r{axis}": change}
+            if tilt.after:
+                changes[f"{tilt.after}.r{axis}"] = tilt.back * change
+            parameters.append(EffectParameter(f"{tilt.joint}.tilt_{axis}", "mrad", std_mrad, changes))
+        found[tilt.joint] = tuple(parameters)
+    return found
+
+
+def _twists(conditions: Conditions) -> Parameters:
+    """Return the twists of what comes behind joints about their own axes."""
+    std_mrad, change = _usual(conditions).joint_axis.std, MRAD * np.ones(len(conditions))
+    twists = conditions.causes.placements.twists.items()
+    return tuple(EffectParameter(name, "mrad", std_mrad, {f"{joint}.rz": change}) for name, joint in twists)
 
 
 def together(found: Mapping[str, Parameters]) -> Parameters:
@@ -58,104 +62,59 @@ def together(found: Mapping[str, Parameters]) -> Parameters:
     return tuple(parameter for parameters in found.values() for parameter in parameters)
 
 
+@dataclass(eq=False)
 class Centres(Family):
-    """Joints displaced.
+    """Joints displaced."""
 
-    Args:
-        id_: as of :class:`Family`.
-        story: likewise.
-        driven_by: condition that must vary so that it shows.
-    """
-
-    def __init__(self, id_: str, story: str, driven_by: str) -> None:
-        """Keep it."""
-        super().__init__(id_, story)
-        self.driven_by = driven_by
+    driven_by: str = ""  # condition that must vary so that it shows
 
     def workmanship(self, conditions: Conditions) -> Parameters:
         """All places."""
-        one = np.ones(len(conditions))
-        return together(place_parameters(conditions.causes.placements, one))
+        return together(place_parameters(conditions))
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """All places, those of one part of the machine, or a single one."""
-        placements = conditions.causes.placements
-        by_joint = place_parameters(placements, np.ones(len(conditions)))
-        parts = {name: [by_joint[joint] for joint in joints] for name, joints in placements.centres.items()}
+        by_joint, parts = place_parameters(conditions), conditions.causes.placements.centres
         return (
             Form("all", together(by_joint)),
-            *(Form(name, tuple(p for found in parameters for p in found)) for name, parameters in parts.items()),
+            *(Form(name, together({joint: by_joint[joint] for joint in joints})) for name, joints in parts.items()),
             *(Form(f"{joint}_alone", found) for joint, found in by_joint.items()),
         )
 
 
+@dataclass(eq=False, kw_only=True)
 class Tilts(Family):
-    """Axes tilted.
+    """Axes tilted."""
 
-    Args:
-        id_: as of :class:`Family`.
-        story: likewise.
-        driven_by: condition that must vary so that it shows.
-        forms: of some joints' axes alone, by form; that without joints has the twists.
-    """
-
+    driven_by: str = ""  # condition that must vary so that it shows
+    joints: Mapping[str, tuple[str, ...]]  # of whose axes alone forms are, by form; that without joints has the twists
     loosened_by_load = True
-
-    def __init__(self, id_: str, story: str, driven_by: str, forms: Mapping[str, tuple[str, ...]]) -> None:
-        """Keep the forms."""
-        super().__init__(id_, story)
-        self.driven_by, self.joints = driven_by, forms
 
     def workmanship(self, conditions: Conditions) -> Parameters:
         """All axes, and twists."""
-        one, placements = np.ones(len(conditions)), conditions.causes.placements
-        return together(axis_parameters(placements, one)) + _twists(placements, one)
+        return together(axis_parameters(conditions)) + _twists(conditions)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """All axes and twists, or some of them."""
-        one, placements = np.ones(len(conditions)), conditions.causes.placements
-        by_joint, twists = axis_parameters(placements, one), _twists(placements, one)
-        some = {
-            name: tuple(p for joint in joints for p in by_joint[joint]) or twists
-            for name, joints in self.joints.items()
-        }
+        by_joint, twists = axis_parameters(conditions), _twists(conditions)
+        some = {name: together({j: by_joint[j] for j in joints}) or twists for name, joints in self.joints.items()}
         return (Form("all", self.workmanship(conditions)), *(Form(name, found) for name, found in some.items()))
 
 
-def _twists(placements: Placements, one: FloatArray) -> Parameters:
-    std_mrad = Tolerances.load(placements.tolerances).kinds.joint_axis.std
-    return tuple(
-        EffectParameter(name, "mrad", std_mrad, {f"{joint}.rz": MRAD * one})
-        for name, joint in placements.twists.items()
-    )
-
-
+@dataclass(eq=False)
 class Placement(Family):
-    """Joints displaced and their axes tilted.
+    """Joints displaced and their axes tilted."""
 
-    Args:
-        id_: as of :class:`Family`.
-        story: likewise.
-        loosened_by_load: as :attr:`Effect.loosened_by_load`.
-    """
-
+    loosened_by_load: bool = False
     driven_by = "position_m"
-
-    def __init__(self, id_: str, story: str, loosened_by_load: bool) -> None:
-        """Keep it."""
-        super().__init__(id_, story)
-        self.loosened_by_load = loosened_by_load
 
     def workmanship(self, conditions: Conditions) -> Parameters:
         """All places and axes."""
-        one, placements = np.ones(len(conditions)), conditions.causes.placements
-        places = place_parameters(placements, one)
-        return together(places) + together(axis_parameters(placements, one))
+        return together(place_parameters(conditions)) + together(axis_parameters(conditions))
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """All places and axes, all of one kind, or those of a single joint."""
-        one, placements = np.ones(len(conditions)), conditions.causes.placements
-        places, axes = place_parameters(placements, one), axis_parameters(placements, one)
+        places, axes = place_parameters(conditions), axis_parameters(conditions)
         kinds = {"places": together(places), "axes": together(axes)}
         kept = {name: found for name, found in kinds.items() if found}
         both = {"all": kinds["places"] + kinds["axes"]} if len(kept) > 1 else {}

@@ -1,15 +1,14 @@
 """Families of effects of weight: sliding drives stretch, turning drives yield, a beam sinks and rolls."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from pouring_robot.effects.base import EffectParameter, Form
 from pouring_robot.effects.conditions import FORCE, Conditions
-from pouring_robot.effects.families.base import Drives, Family, channel, of_drives
+from pouring_robot.effects.families.base import Family, channel, of_drives
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 
@@ -20,37 +19,39 @@ _ORDERS = 6
 """Of a beam's line under a load that moves along it: x^3 (1 - x)^3 where its ends are built in."""
 
 
+def _at(load: float, unit: str) -> str:
+    """Return in words at which load a size is given."""
+    return f"at {load / 1e3:g} k{unit}" if load >= 1e3 else f"at {load:g} {unit}"
+
+
+def _contact(load: FloatArray) -> FloatArray:
+    """Return how contacts of balls or teeth yield: with the power 2/3."""
+    return np.asarray(np.sign(load) * np.abs(load) ** (2.0 / 3.0))
+
+
+@dataclass(eq=False, kw_only=True)
 class Stretch(Family):
-    """Sliding drives stretch under the force along them.
+    """Sliding drives stretch under the force along them."""
 
-    Args:
-        id_: as of :class:`Family`.
-        story: likewise.
-        drives: likewise.
-        group: they are.
-        force_n: at which a stretch is given.
-        length_m: of a rod that stretches as much by itself.
-    """
+    group: str  # they are
+    force_n: float  # at which a stretch is given
+    length_m: float  # of a rod that stretches as much by itself
 
-    def __init__(self, id_: str, story: str, drives: Drives, group: str, force_n: float, length_m: float) -> None:
-        """Keep the sizes."""
-        super().__init__(id_, story, drives)
-        self.needs = (f"{group}{FORCE}",)
-        self.force_n, self.length_m = force_n, length_m
+    def __post_init__(self) -> None:
+        self.needs = (f"{self.group}{FORCE}",)
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Rods (with pull and length), nuts and bearings (with pull), ball contacts (with its power 2/3)."""
         places = conditions.places(self.drives)
         pull = np.asarray(conditions.drive_force)[:, places] / self.force_n
         rod = pull * conditions.spans[:, places] / self.length_m
-        courses = {"rod": rod, "nut": pull, "contact": np.sign(pull) * np.abs(pull) ** (2.0 / 3.0)}
-        unit = f"mm at {self.force_n / 1e3:g} kN" if self.force_n >= 1e3 else f"mm at {self.force_n:g} N"
+        unit = f"mm {_at(self.force_n, 'N')}"
 
         def together(name: str, prior_std: float, course: FloatArray) -> EffectParameter:
             return EffectParameter(name, unit, prior_std, of_drives(self.drives, MM, course), main=False)
 
         found = []
-        for name, course in courses.items():
+        for name, course in {"rod": rod, "nut": pull, "contact": _contact(pull)}.items():
             shape = [
                 together("stiffening", _LATER, pull * np.abs(pull)),
                 together("rod_share", 0.3, rod - pull),
@@ -65,35 +66,26 @@ class Stretch(Family):
         return tuple(found)
 
 
+@dataclass(eq=False, kw_only=True)
 class Spring(Family):
-    """Turning drives yield to the moment on them.
+    """Turning drives yield to the moment on them."""
 
-    Args:
-        id_: as of :class:`Family`.
-        story: likewise.
-        drives: likewise.
-        group: they are.
-        load: moment at which the yield is given, in Nm.
-        strengths: moment that each drive is made for, in Nm; by default alike. Of like shape and material at like
-            stress, gears wind up by like angles: one made for less is softer in proportion. How soft all are together
-            does not hang on it.
-    """
+    group: str  # they are
+    load: float  # moment at which the yield is given, in Nm
+    # moment that each drive is made for, in Nm; by default alike. Of like shape and material at like stress, gears wind
+    # up by like angles: one made for less is softer in proportion. How soft all are together does not hang on it.
+    strengths: Sequence[float] = ()
 
-    def __init__(
-        self, id_: str, story: str, drives: Drives, group: str, load: float, strengths: Sequence[float] = ()
-    ) -> None:
-        """Keep the sizes."""
-        super().__init__(id_, story, drives)
-        self.needs = (f"{group}{FORCE}",)
-        self.load = load
-        strong = np.array(strengths) if strengths else np.ones(len(drives))
+    def __post_init__(self) -> None:
+        self.needs = (f"{self.group}{FORCE}",)
+        strong = np.array(self.strengths) if self.strengths else np.ones(len(self.drives))
         self.sizes = (np.exp(np.log(strong).mean()) / strong).tolist()
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """In proportion to the moment, or with its power 2/3 (contacts of teeth); perhaps stiffening or softening."""
         moments = np.asarray(conditions.drive_force)[:, conditions.places(self.drives)] / self.load
-        unit = f"mrad at {self.load / 1e3:g} kNm" if self.load >= 1e3 else f"mrad at {self.load:g} Nm"
-        courses = {"spring": moments, "contact": np.sign(moments) * np.abs(moments) ** (2.0 / 3.0)}
+        unit = f"mrad {_at(self.load, 'Nm')}"
+        courses = {"spring": moments, "contact": _contact(moments)}
         later = {"cubic": moments**3, "quadratic": moments * np.abs(moments)}
         found = []
         for form, course in courses.items():
@@ -110,21 +102,15 @@ class Spring(Family):
         return tuple(found)
 
 
+@dataclass(eq=False, kw_only=True)
 class Deflection(Family):
-    """The base sinks and rolls with its place along a beam, and with the load.
+    """The base sinks and rolls with its place along a beam, and with the load."""
 
-    Args:
-        id_: as of :class:`Family`.
-        story: likewise.
-        travel: condition that says where it stands.
-        weight_n: load at which deflections are given.
-    """
+    travel: str  # condition that says where it stands
+    weight_n: float  # load at which deflections are given
 
-    def __init__(self, id_: str, story: str, travel: str, weight_n: float) -> None:
-        """Keep the travel."""
-        super().__init__(id_, story)
-        self.travel, self.weight_n = travel, weight_n
-        self.needs, self.driven_by = ("weight_n", travel, "truss_span_m"), travel
+    def __post_init__(self) -> None:
+        self.needs, self.driven_by = ("weight_n", self.travel, "truss_span_m"), self.travel
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """A moving load on two posts, an even load, half a sine, to which torsion and dead load may add; or any line.
@@ -138,7 +124,7 @@ class Deflection(Family):
             "even_load": (3.2 * x * (1.0 - x) * (1.0 + x - x**2), 3.2 * (1.0 - 6.0 * x**2 + 4.0 * x**3) / span),
             "half_sine": (np.sin(np.pi * x), np.pi / span * np.cos(np.pi * x)),
         }
-        load, at = np.asarray(conditions.weight_n) / self.weight_n, f"at {self.weight_n / 1e3:g} kN"
+        load, at = np.asarray(conditions.weight_n) / self.weight_n, _at(self.weight_n, "N")
         found = []
         for name, (sink, slope) in lines.items():
             courses = (

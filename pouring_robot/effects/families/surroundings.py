@@ -1,7 +1,5 @@
 """Families of effects of what stands around the robot: the ground under it and the device that measures it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -31,16 +29,8 @@ class BaseDrift(Family):
         """Steady with a slow change of rate, settling, or with the logarithm of time."""
         t = conditions.passed
         middle = t - 0.5
-        forms = [
-            Form(
-                "steady",
-                (
-                    *_moved(middle),
-                    *_moved(middle**2 - 1.0 / 12.0, "bend", 0.3),
-                    *_moved(middle**3 - 0.15 * middle, "turn", 0.15),
-                ),
-            )
-        ]
+        bend, turn = _moved(middle**2 - 1.0 / 12.0, "bend", 0.3), _moved(middle**3 - 0.15 * middle, "turn", 0.15)
+        forms = [Form("steady", (*_moved(middle), *bend, *turn))]
         # Less the mean over even times; which constant is taken does not matter, as the frames are free.
         courses = {f"settling_{s:g}": s * (1.0 - np.exp(-1.0 / s)) - np.exp(-t / s) for s in _SETTLING}
         courses["logarithmic"] = (np.log1p(4.0 * t) + 1.0) / np.log(5.0) - 1.25
@@ -88,11 +78,7 @@ class MetrologyScale(Family):
         constant = EffectParameter("scale", "1e-6", 100.0, {"metrology.scale": ppm})
         if "ambient" not in conditions.rises:
             return (Form("constant", (constant,)),)
-        rise = conditions.rises["ambient"]
-        air = EffectParameter(
-            "scale_by_air", "1e-6/K", 3.0, {"metrology.scale": ppm * (rise - conditions.mean_rise_k("ambient"))}
-        )
-        return (
-            Form("constant", (constant, replace(air, main=False))),
-            Form("air", (air, replace(constant, main=False))),
-        )
+        change = ppm * (conditions.rises["ambient"] - conditions.mean_rise_k("ambient"))
+        air = EffectParameter("scale_by_air", "1e-6/K", 3.0, {"metrology.scale": change})
+        forms = {"constant": (constant, replace(air, main=False)), "air": (air, replace(constant, main=False))}
+        return tuple(Form(name, parameters) for name, parameters in forms.items())

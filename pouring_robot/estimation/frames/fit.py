@@ -38,31 +38,17 @@ _WORSE, _HALVINGS = 1.1, 12  # near the answer the weights, not the steps, make 
 
 @dataclass(frozen=True, eq=False)
 class FrameFit:
-    """The two fitted frames and what they leave over.
+    """The two fitted frames and what they leave over."""
 
-    Attributes:
-        frames: the two.
-        untold: what the data do not tell of the frames: combinations of :data:`FRAME_PARAMETERS`, by name and in m
-            and rad, that change nothing of what is seen. The first name of each is held: a place of the target is 0
-            along it, a rotation stays where the fit started, for positions only at the unit rotation.
-        position_residual_m: (n, 3) measured minus fitted position in tracker axes, in m; NaN where missing.
-        rotation_residual_rad: (n, 3) rotation vector from fitted to measured, in tracker axes, in rad; NaN where
-            missing; None for positions only.
-        position_scale_m: robust standard deviation of a position coordinate, in m.
-        rotation_scale_rad: robust standard deviation of a rotation component, in rad; None for positions only.
-    """
-
-    frames: OuterFrames
+    frames: OuterFrames  # the two
+    # what the data do not tell of the frames: combinations of :data:`FRAME_PARAMETERS`, by name and in m and rad, that
+    # change nothing of what is seen. The first name of each is held: a place of the target is 0 along it, a rotation
+    # stays where the fit started, for positions only at the unit rotation.
     untold: tuple[dict[str, float], ...]
-    position_residual_m: FloatArray
-    rotation_residual_rad: FloatArray | None
-    position_scale_m: float
-    rotation_scale_rad: float | None
-
-    def to_fixed_platform(self, vectors: FloatArray) -> FloatArray:
-        """Turn vectors (n, 3) from tracker axes into the axes of the fixed platform."""
-        turned: FloatArray = vectors @ self.frames.T_tracker_base.rotation
-        return turned
+    position_residual_m: FloatArray  # (n, 3) measured minus fitted position in tracker axes, in m; NaN where missing
+    rotation_residual_rad: FloatArray | None  # (n, 3) rotation vectors, in rad, likewise; None for positions only
+    position_scale_m: float  # robust standard deviation of a position coordinate, in m
+    rotation_scale_rad: float | None  # robust standard deviation of a rotation component, in rad; None likewise
 
 
 def robust_sigma(values: FloatArray) -> float:
@@ -92,7 +78,8 @@ def fit_frames(
     Raises:
         FrameFitError: fewer than :data:`FEWEST_ROWS` rows have a pose and a complete position.
     """
-    fit = _Fit(poses, position_m, rotation, metres_per_rad)
+    turned = rotation if rotation is not None else np.full((len(poses), 3, 3), np.nan)
+    fit = _Fit(poses, PoseStack(position_m, turned), metres_per_rad)
     if rough:
         return fit.at(min(fit.starts(), key=fit.absolute_misfit), ())
     tried = [fit.refined(start, fit.untold(start), _TRIAL_STEPS) for start in fit.starts()]
@@ -108,16 +95,11 @@ class _Axes:
     """Twelve unknowns that hardly mix, lengths in the spread of the target's places.
 
     The base turns about the middle of these, the target about its own origin.
-
-    Attributes:
-        middle: of the target's places in the base, (3,), in m.
-        length: root mean square of their distances from it, in m.
-        inner: place of the target in the moving platform, (3,), in m.
     """
 
-    middle: FloatArray
-    length: float
-    inner: FloatArray
+    middle: FloatArray  # of the target's places in the base, (3,), in m
+    length: float  # root mean square of their distances from it, in m
+    inner: FloatArray  # place of the target in the moving platform, (3,), in m
 
     @classmethod
     def of(cls, frames: OuterFrames, poses: PoseStack) -> _Axes:
@@ -145,19 +127,12 @@ class _Axes:
 
 @dataclass(frozen=True, eq=False)
 class _Untold:
-    """What the data do not tell of the frames.
+    """What the data do not tell of the frames."""
 
-    Attributes:
-        axes: the unknowns it is written in.
-        base: (6, k) orthonormal directions of the base that show by nothing.
-        tool: (6, l) orthonormal directions of the target that show by nothing when the base gives way.
-        answer: (6, l) how the base gives way.
-    """
-
-    axes: _Axes
-    base: FloatArray
-    tool: FloatArray
-    answer: FloatArray
+    axes: _Axes  # the unknowns it is written in
+    base: FloatArray  # (6, k) orthonormal directions of the base that show by nothing
+    tool: FloatArray  # (6, l) orthonormal directions of the target that show by nothing when the base gives way
+    answer: FloatArray  # (6, l) how the base gives way
 
     @property
     def free(self) -> FloatArray:
@@ -205,20 +180,15 @@ def _led(directions: FloatArray) -> FloatArray:
 class _Fit:
     """The search, for one campaign; see :func:`fit_frames`."""
 
-    def __init__(
-        self, poses: PoseStack, position_m: FloatArray, rotation: FloatArray | None, metres_per_rad: float
-    ) -> None:
-        """Keep what is compared."""
-        turned = rotation if rotation is not None else np.full((len(poses), 3, 3), np.nan)
-        self.poses, self.measured, self.arm = poses, PoseStack(position_m, turned), metres_per_rad
+    def __init__(self, poses: PoseStack, measured: PoseStack, metres_per_rad: float) -> None:
+        self.poses, self.measured, self.arm = poses, measured, metres_per_rad
 
     def starts(self) -> list[OuterFrames]:
         """Return where the search starts, the best first."""
         complete = self.poses.complete & np.isfinite(self.measured.position_m).all(axis=1)
         if complete.sum() < FEWEST_ROWS:
             raise FrameFitError(int(complete.sum()), FEWEST_ROWS)
-        found = frame_starts(self.poses[complete], self.measured[complete], self.arm)
-        return [OuterFrames(*pair) for pair in found]
+        return frame_starts(self.poses[complete], self.measured[complete], self.arm)
 
     def at(self, frames: OuterFrames, untold: tuple[dict[str, float], ...]) -> FrameFit:
         """Return what frames leave over."""

@@ -32,15 +32,10 @@ FRAMES = len(FRAME_PARAMETERS)
 
 @dataclass(frozen=True, eq=False)
 class OuterFrames:
-    """Where the tracker sees the fixed platform, and where the target sits on the moving one.
+    """Where the tracker sees the fixed platform, and where the target sits on the moving one."""
 
-    Attributes:
-        T_tracker_base: pose of the fixed platform in the tracker frame.
-        T_end_target: pose of the target in the moving platform.
-    """
-
-    T_tracker_base: pin.SE3
-    T_end_target: pin.SE3
+    T_tracker_base: pin.SE3  # pose of the fixed platform in the tracker frame
+    T_end_target: pin.SE3  # pose of the target in the moving platform
 
     def moved(self, values: FloatArray) -> OuterFrames:
         """Return the frames displaced by the twelve unknowns of :data:`FRAME_PARAMETERS`, (12,), in m and rad.

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import pinocchio as pin
@@ -22,7 +21,7 @@ from pouring_robot.estimation.frames.fit import fit_frames, robust_sigma
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS
 from pouring_robot.exceptions import CampaignError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.parameters import COMPONENTS
+from pouring_robot.mechanism.parameters import COMPONENTS, component_unit
 from pouring_robot.mechanism.rotations import rotation_matrices, rotation_vectors
 
 SESSION = "session "
@@ -32,15 +31,10 @@ _ROUNDS, _HUBER = 12, 1.5
 
 @dataclass(frozen=True)
 class SessionParameter:
-    """One of the six numbers by which a session sees the base displaced against the largest session.
+    """One of the six numbers by which a session sees the base displaced against the largest session."""
 
-    Attributes:
-        session: its name.
-        component: tx, ty, tz, rx, ry or rz, in the base's axes.
-    """
-
-    session: str
-    component: str
+    session: str  # its name
+    component: str  # tx, ty, tz, rx, ry or rz, in the base's axes
 
     @property
     def name(self) -> str:
@@ -48,25 +42,21 @@ class SessionParameter:
         return f"{SESSION}{self.session}: base.{self.component}"
 
     @property
-    def unit(self) -> Literal["m", "rad"]:
+    def unit(self) -> str:
         """``m`` or ``rad``."""
-        return "m" if self.component.startswith("t") else "rad"
+        return component_unit(self.component)
 
 
 def session_parameters(campaign: Campaign) -> tuple[SessionParameter, ...]:
     """Return the unknowns of all sessions but the largest; none where all see the base at one place."""
     if campaign.metadata.frames != PER_SESSION:
         return ()
-    _, *others = _by_size(campaign)
+    _, *others = by_size(campaign)
     return tuple(SessionParameter(name, component) for name in others for component in COMPONENTS)
 
 
-def largest_session(campaign: Campaign) -> str:
-    """Return the name of the session whose frame the others are brought into."""
-    return _by_size(campaign)[0]
-
-
-def _by_size(campaign: Campaign) -> list[str]:
+def by_size(campaign: Campaign) -> list[str]:
+    """Return the names of the sessions, the one first whose frame the others are brought into: the largest."""
     usable = [name for name, used in zip(campaign.sessions, campaign.usable, strict=True) if used]
     return sorted(dict.fromkeys(campaign.sessions), key=lambda name: -usable.count(name))
 
@@ -79,9 +69,8 @@ def _too_few(campaign: Campaign, name: str) -> CampaignError:
 def in_one_frame(campaign: Campaign, poses: PoseStack) -> Campaign:
     """Return a campaign whose sessions all measure from where the tracker stood in the largest one.
 
-    Args:
-        campaign: the data; those of one frame are returned as they are.
-        poses: of the end body in the base for every row, by the present robot; NaN where unknown.
+    One of one frame is returned as it is. The ``poses`` are those of the present robot's end body in the base for every
+    row, NaN where unknown.
 
     Raises:
         CampaignError: a session has too few whole positions to tell where it measured from.
@@ -89,7 +78,7 @@ def in_one_frame(campaign: Campaign, poses: PoseStack) -> Campaign:
     """
     if campaign.metadata.frames != PER_SESSION or len(set(campaign.sessions)) < 2:
         return campaign
-    sessions, names = np.array(campaign.sessions), _by_size(campaign)
+    sessions, names = np.array(campaign.sessions), by_size(campaign)
     vectors = campaign.rotation_vector_rad
     rotation = np.full((len(campaign), 3, 3), np.nan) if vectors is None else rotation_matrices(vectors)
     measured = PoseStack(np.array(campaign.position_m), rotation)
@@ -98,9 +87,7 @@ def in_one_frame(campaign: Campaign, poses: PoseStack) -> Campaign:
         raise _too_few(campaign, names[0])
     noise_m, noise_rad = campaign.metadata.sigma_position_m, campaign.metadata.sigma_rotation_rad
     arm_m = noise_m / noise_rad if noise_m and noise_rad else 1.0
-    first = fit_frames(
-        poses[largest], measured.position_m[largest], None if vectors is None else rotation[largest], arm_m
-    ).frames
+    first = fit_frames(poses[largest], measured.position_m[largest], rotation[largest], arm_m).frames
     target = PoseStack(first.places(poses), poses.rotation @ first.T_end_target.rotation)
     for name in names[1:]:
         rows = np.flatnonzero((sessions == name) & campaign.usable)
@@ -141,9 +128,7 @@ def _seen_from(target: PoseStack, measured: PoseStack, arm_m: float) -> pin.SE3 
 def base_displacements(values: FloatArray, session: NDArray[np.intp]) -> FloatArray:
     """Return the displacement of the base that each row sees, (n, 6), in m and rad.
 
-    Args:
-        values: of the session parameters, shape (6 s,).
-        session: number of each row's session among them, (n,); -1: none.
+    ``values`` are those of the session parameters, (6 s,); ``session`` is the number of each row's among them, (n,), or
+    -1.
     """
-    displaced: FloatArray = np.concatenate([values.reshape(-1, 6), np.zeros((1, 6))])
-    return displaced[session]
+    return np.asarray(np.concatenate([values.reshape(-1, 6), np.zeros((1, 6))])[session])

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.campaign.nominal import PoseStack
+from pouring_robot.estimation.frames.outer import OuterFrames
 from pouring_robot.mechanism.arrays import FloatArray, evenly
 from pouring_robot.mechanism.rotations import rotation_matrices, skew
 
@@ -39,8 +40,8 @@ _TURNS = 1e-6
 _ROUND_OFF = 1e-9
 
 
-def frame_starts(poses: PoseStack, measured: PoseStack, metres_per_rad: float) -> list[tuple[pin.SE3, pin.SE3]]:
-    """Return up to three starts that differ, T_tracker_base and T_end_target each, the best first.
+def frame_starts(poses: PoseStack, measured: PoseStack, metres_per_rad: float) -> list[OuterFrames]:
+    """Return up to three starts that differ, the best first.
 
     Args:
         poses: of the moving platform in the fixed one; complete.
@@ -48,18 +49,25 @@ def frame_starts(poses: PoseStack, measured: PoseStack, metres_per_rad: float) -
         metres_per_rad: how rotations weigh against positions, in m.
     """
     chosen = evenly(len(poses), _MOST_ROWS)
-    p, turned = poses.position_m[chosen], poses.rotation[chosen]
-    seen, seen_turned = measured.position_m[chosen], measured.rotation[chosen]
-    middle, centre = np.median(seen, axis=0), np.median(p, axis=0)
-    form = _Form(p - centre, turned, seen - middle, seen_turned, metres_per_rad, _row_sets(len(chosen)))
+    there, seen = poses[chosen], measured[chosen]
+    middle, centre = np.median(seen.position_m, axis=0), np.median(there.position_m, axis=0)
+    # All rows, and sets of six drawn at random.
+    drawn = np.random.default_rng(_SEED).random((_SETS, len(chosen))).argsort(axis=1).argsort(axis=1) < FEWEST_ROWS
+    sets = np.vstack([np.ones(len(chosen)), drawn])
+    form = _Form(
+        PoseStack(there.position_m - centre, there.rotation),
+        PoseStack(seen.position_m - middle, seen.rotation),
+        metres_per_rad,
+        sets,
+    )
     rotations = form.least()
     misfit, constants, inner, inner_rotation = form.rest(rotations)
-    starts: list[tuple[pin.SE3, pin.SE3]] = []
+    starts: list[OuterFrames] = []
     for k in np.argsort(misfit):
         outer = rotations[k].T
-        if all(np.linalg.norm(other.rotation - outer) > _APART for other, _ in starts):
+        if all(np.linalg.norm(other.T_tracker_base.rotation - outer) > _APART for other in starts):
             place = outer @ (constants[k] - centre) + middle
-            starts.append((pin.SE3(outer, place), pin.SE3(inner_rotation[k], inner[k])))
+            starts.append(OuterFrames(pin.SE3(outer, place), pin.SE3(inner_rotation[k], inner[k])))
         if len(starts) == _MOST_STARTS:
             break
     return starts
@@ -74,18 +82,13 @@ def affine_map(poses: PoseStack, position_m: FloatArray, rows: NDArray[np.bool_]
     """
     p, r = poses.position_m[rows], poses.rotation[rows].reshape(-1, 9)
     p, r = p - p.mean(axis=0), r - r.mean(axis=0)
-    turns = _varying(r)
+    left, varying, _ = np.linalg.svd(r, full_matrices=False)
+    turns = left[:, varying > _TURNS * np.sqrt(len(r))]
     design = np.column_stack([p, turns, np.ones(len(p))])
     rest = p - turns @ (turns.T @ p)
     singular = np.linalg.svd(rest, compute_uv=False)
     spread = float(singular[-1] / singular[0]) if len(p) > design.shape[1] and singular[0] > 0.0 else 0.0
     return _robust_linear(design, position_m[rows])[:3].T, spread
-
-
-def _varying(terms: FloatArray) -> FloatArray:
-    """Return orthonormal columns that span centred columns (n, k), as far as they vary."""
-    left, singular, _ = np.linalg.svd(terms, full_matrices=False)
-    return np.asarray(left[:, singular > _TURNS * np.sqrt(len(terms))])
 
 
 def _robust_linear(design: FloatArray, target: FloatArray) -> FloatArray:
@@ -103,39 +106,19 @@ def _robust_linear(design: FloatArray, target: FloatArray) -> FloatArray:
     return solution
 
 
-def _row_sets(count: int) -> FloatArray:
-    """Return the sets of rows, (1 + sets, count), 1 where a row is in: all rows, and sets of six drawn at random."""
-    random = np.random.default_rng(_SEED)
-    drawn = random.random((_SETS, count)).argsort(axis=1).argsort(axis=1) < FEWEST_ROWS
-    return np.vstack([np.ones(count), drawn])
-
-
 class _Form:
     """The quadratic forms of A, one a set of rows: their sum of squares with c, t_2 and R_2 at their best.
 
-    Args:
-        p: (n, 3) positions of the poses, in m; ``turned`` their rotations (n, 3, 3).
-        seen: (n, 3) measured positions, in m; ``seen_turned`` measured rotations (n, 3, 3), NaN where missing.
-        metres_per_rad: how rotations weigh against positions, in m.
-        sets: (K, n) weights of the rows in each set.
+    They are those of :func:`frame_starts` for n rows; ``sets`` holds the weights of the rows in each set, (K, n).
     """
 
-    def __init__(
-        self,
-        p: FloatArray,
-        turned: FloatArray,
-        seen: FloatArray,
-        seen_turned: FloatArray,
-        metres_per_rad: float,
-        sets: FloatArray,
-    ) -> None:
-        """Sum up the rows of each set."""
-        n, self.arm = len(p), metres_per_rad
+    def __init__(self, poses: PoseStack, measured: PoseStack, metres_per_rad: float, sets: FloatArray) -> None:
+        n, self.arm = len(poses), metres_per_rad
         # Equations of a row: (A s - R t_2 - p) - c, by the entries of A, by t_2 and by one.
         self.rows = np.zeros((n, 3, 13))
         for axis in range(3):
-            self.rows[:, axis, 3 * axis : 3 * axis + 3] = seen
-        self.rows[:, :, 9:12], self.rows[:, :, 12] = -turned, -p
+            self.rows[:, axis, 3 * axis : 3 * axis + 3] = measured.position_m
+        self.rows[:, :, 9:12], self.rows[:, :, 12] = -poses.rotation, -poses.position_m
         weight = sets.sum(axis=1)
         self.mean = np.einsum("kn,nij->kij", sets, self.rows, optimize=True) / weight[:, None, None]
         squares = np.einsum("nij,nil->njl", self.rows, self.rows).reshape(n, -1)
@@ -150,8 +133,8 @@ class _Form:
         reduced = gram[:, kept][:, :, kept] + gram[:, kept, 9:12] @ self.to_inner
         self.matrix, self.vector = reduced[:, :9, :9], -reduced[:, :9, 9]
         # Rᵀ A S is R_2 of a row; entry by entry it is (Rᵀ ⊗ Sᵀ) times those of A.
-        known = np.isfinite(seen_turned).all(axis=(1, 2))
-        turns = np.einsum("nji,nlk->nikjl", turned[known], seen_turned[known]).reshape(-1, 81)
+        known = np.isfinite(measured.rotation).all(axis=(1, 2))
+        turns = np.einsum("nji,nlk->nikjl", poses.rotation[known], measured.rotation[known]).reshape(-1, 81)
         counts = np.maximum(sets[:, known].sum(axis=1), 1.0)[:, None, None]
         self.turns = turns.reshape(-1, 9, 9)
         self.mean_turn = (sets[:, known] @ turns).reshape(-1, 9, 9) / counts

@@ -52,7 +52,7 @@ _FAMILIES: dict[str, tuple[str, dict[str, Any]]] = {
     "drive_cyclic": ("periodic", {"drives": _LEGS, "sizes": (1.0, 0.25, 0.1), "period": "screw_pitch_m"}),
     "drive_backlash": ("lost_motion", {"drives": DRIVE_JOINTS, **_STROKE}),
     "joint_centre_offset": ("centres", {"driven_by": "tilt_rad"}),
-    "joint_axis_tilt": ("tilts", {"driven_by": "tilt_rad", "forms": {"twisted_legs": (), "bores": _BORES}}),
+    "joint_axis_tilt": ("tilts", {"driven_by": "tilt_rad", "joints": {"twisted_legs": (), "bores": _BORES}}),
     "leg_thermal_expansion": ("drive_growth", {"drives": _LEGS, "thermometers": "leg", "neighbour": "platform"}),
     "platform_thermal_expansion": ("link_growth", {"joints": SEATS, "thermometer": "platform"}),
     "leg_compliance": ("stretch", {"drives": _LEGS, "group": "legs", "force_n": 5000.0, "length_m": 0.6}),
