@@ -200,12 +200,12 @@ class _Work:
         rows, options = CampaignRows(campaign, self.model, noise), SearchOptions(false_names=self.options.false_names)
         library = Library.of(rows, self.effects)
         for turn in itertools.count(1):
-            diagnoser = Diagnoser(rows.with_noise(noise), library, fitted, options)
+            diagnoser = Diagnoser(rows, library, fitted, options)
             after, hypothesis = diagnoser.found(start)
             better = _noise_from(noise, after, hypothesis)
             if better is None or turn == _NOISE_ROUNDS:
                 break
-            noise, start = better, hypothesis
+            noise, rows, start = better, rows.with_noise(better), hypothesis
         if noise.from_residuals:
             notes.append(
                 "the noise is not stated and comes from what is left over: whether a gap is left cannot be said"

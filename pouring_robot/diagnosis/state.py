@@ -133,7 +133,8 @@ class Diagnoser:
     def _searched(self, start: Hypothesis | None) -> tuple[LinearState, Hypothesis]:
         state = self.at_rest()
         problem = self.problem_at(state)
-        vars(self).setdefault("chance", self._chance_in(problem))  # or it would linearise all rows once more
+        if "chance" not in vars(self):  # worked out by itself it would linearise all rows once more
+            vars(self)["chance"] = self._chance_in(problem)
         thresholds = self.thresholds
         hypothesis = search(problem, thresholds, start.on(problem) if start else None)
         for turn in range(_ROUNDS):
