@@ -74,7 +74,7 @@ class Cause:
         indices: of its items in the hypothesis, several where it takes more than one form; none for workmanship
             that is all there is.
         alternatives: effects that these data cannot tell apart from it.
-        probability: that it is at work rather than an alternative or chance.
+        probability: that it is at work rather than an alternative, chance or something that the library lacks.
         evidence: log evidence of the hypothesis with it against the best one without it, in nats.
         size: root mean square of its part in the predictions, free unknowns taken out, in noise standard deviations.
     """
@@ -243,9 +243,18 @@ def _cause(hypothesis: Hypothesis, effect: str, thresholds: Thresholds) -> Cause
     choices = [e for e in hypothesis.problem.explanations if e.cause and e.effect in hypothesis.rivals]
     left = {e: Nuisance.of(e.columns[:, e.main], _RANK).cleared(part) for e in choices}
     same = {e.effect for e, rest in left.items() if rest @ rest < thresholds.hidden}
-    chance = float(expit(evidence - np.log(len(hypothesis.problem.known))) * np.exp(-total))
+    chance = _chance(hypothesis, evidence, thresholds) * float(np.exp(-total))
     size = float(np.sqrt(part @ part / max(len(part), 1)))
     return Cause(effect, hypothesis.items[main].form, indices, tuple(sorted(likely | same)), chance, evidence, size)
+
+
+def _chance(hypothesis: Hypothesis, evidence: float, thresholds: Thresholds) -> float:
+    """Return the probability that a part of such log evidence is neither noise nor of something unknown.
+
+    Beforehand each effect of the library is as likely as noise is to look like any of them. That something which the
+    library does not hold looks like one no data of one campaign tell: it counts with the accepted rate of false names.
+    """
+    return (1.0 - thresholds.false_names) * float(expit(evidence - np.log(len(hypothesis.problem.known))))
 
 
 def _rivals(hypothesis: Hypothesis, indices: Sequence[int], close: float = 12.0) -> dict[str, float]:
@@ -308,6 +317,6 @@ def _small(
     evidence = hypothesis.log_evidence - without
     part = hypothesis.workmanship_part(kind)
     size = float(np.sqrt(part @ part / max(len(part), 1)))
-    chance = float(expit(evidence - np.log(len(hypothesis.problem.known)))) / (1 + len(alternatives))
+    chance = _chance(hypothesis, evidence, thresholds) / (1 + len(alternatives))
     effect = hypothesis.problem.workmanship[kind].effect
     return Cause(effect, WORKMANSHIP_FORM, (), alternatives, chance, evidence, size)

@@ -188,7 +188,7 @@ def coverage(trials: Sequence[Trial]) -> list[tuple[str, ...]]:
     ]
 
 
-_STATED = (0.0, 0.5, 0.9, 0.95, 0.99, 0.999, 1.0)
+_STATED = (0.0, 0.5, 0.9, 0.95, 0.98, 1.0)
 _SIZES = (0.0, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, math.inf)
 
 

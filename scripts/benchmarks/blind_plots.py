@@ -12,7 +12,7 @@ from pouring_robot.report.plots import COLOURS, DARK_GREY, new_figure, png_of, t
 from scripts.benchmarks.blind_metrics import Share, power, reliability
 from tests.diagnosis.trial import Trial
 
-_LEAST = 1e-4
+_LEAST = 1e-3
 """The least chance of being wrong that the reliability diagram shows; no false name at all is drawn there, too."""
 
 

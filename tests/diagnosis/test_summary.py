@@ -80,7 +80,7 @@ def test_the_gap_is_per_coordinate(hot):
 
 
 def test_the_headline_names_the_effect_and_how_sure_it_is(hot):
-    assert hot.headline == "NAMED: the model lacks leg_thermal_expansion (more than 99.9 % sure)."
+    assert hot.headline == "NAMED: the model lacks leg_thermal_expansion (99 % sure)."
     assert "noise" in gap_sentence(hot)
     assert "of the gap in position closed" in gap_sentence(hot)
     assert "warm legs are longer" in words(hot)
@@ -268,7 +268,8 @@ def test_a_model_that_is_worse_on_held_out_rows_says_so(hot):
 
 
 @pytest.mark.parametrize(
-    ("probability", "words"), [(0.9995, "more than 99.9 % sure"), (0.9986, "99 % sure"), (0.5, "50 % sure")]
+    ("probability", "words"),
+    [(0.9995, "more than 99.9 % sure"), (0.9986, "99 % sure"), (0.99 - 1e-9, "99 % sure"), (0.5, "50 % sure")],
 )
 def test_nobody_is_a_hundred_percent_sure(probability, words):
     assert sure_text(probability) == words

@@ -34,6 +34,8 @@ from tests.inference.problems import ROWS, explanation, log_density, problem
 AXES = np.eye(ROWS)
 SCALES = np.exp(LOG_SCALES)
 SURE = 20.0
+HELD = 1.0 - Thresholds().false_names
+"""How likely what is at work is something that the library holds."""
 """Amplitude of something beyond doubt, in noise standard deviations."""
 EITHER_SIDE = ((1.0 - 1e-6, True), (1.0 + 1e-6, False))
 
@@ -168,7 +170,7 @@ def test_a_sure_cause_alone():
     found = _cause(fitted({3: SURE}, [explanation("a", axis(3), "bent")]), "a", Thresholds())
     assert (found.effect, found.form, found.indices, found.alternatives) == ("a", "bent", (0,), ())
     assert found.evidence == pytest.approx(worth(SURE))
-    assert found.probability == pytest.approx(1.0)
+    assert found.probability == pytest.approx(HELD)
     assert found.size == pytest.approx(share(SURE) / np.sqrt(ROWS))
 
 
@@ -183,7 +185,7 @@ def test_identical_effects_are_a_group_with_equal_chances():
     for count in (2, 3):
         found = _cause(fitted({0: SURE}, twins[:count]), "a", Thresholds())
         assert found.alternatives == tuple("bc"[: count - 1])
-        assert found.probability == pytest.approx(1.0 / count)
+        assert found.probability == pytest.approx(HELD / count)
     assert judge(fitted({0: SURE}, twins), Left()).verdict == "group"
 
 
@@ -193,7 +195,7 @@ def test_a_doubtful_cause_shares_its_chance_with_chance_and_with_others():
     items = [explanation(name, axis(k)) for k, name in enumerate("abcd")]
     found = _cause(fitted({0: amplitude, 1: 0.5, 2: 0.5, 3: 0.5}, items), "a", Thresholds())
     own, other = np.exp(3.0), np.exp(worth(0.5))
-    assert found.probability == pytest.approx(own / (own + 4.0) * own / (own + 3.0 * other))
+    assert found.probability == pytest.approx(HELD * own / (own + 4.0) * own / (own + 3.0 * other))
     assert found.evidence == pytest.approx(3.0)
     assert found.alternatives == ("b", "c", "d")  # all of it is less than what such data show
 
@@ -202,10 +204,10 @@ def test_a_doubtful_cause_shares_its_chance_with_chance_and_with_others():
 def test_an_alternative_is_as_likely_as_one_in_twenty(probability, named):
     nearly = amplitude_worth(worth(SURE) + logit(probability))
     items = [explanation("a", axis(0)), explanation("b", tilted(0, 1, nearly / SURE))]
-    found = _cause(fitted({0: SURE}, items), "a", Thresholds(false_names=1.0))
-    assert share(SURE) ** 2 * (1.0 - (nearly / SURE) ** 2) > hidden(1.0)
+    found = _cause(fitted({0: SURE}, items), "a", Thresholds(false_names=0.5))
+    assert share(SURE) ** 2 * (1.0 - (nearly / SURE) ** 2) > hidden(0.5)
     assert found.alternatives == (("b",) if named else ())
-    assert found.probability == pytest.approx(1.0 - probability)
+    assert found.probability == pytest.approx(0.5 * (1.0 - probability))
 
 
 @pytest.mark.parametrize(("factor", "named"), [(0.99, True), (1.01, False)])
@@ -442,11 +444,12 @@ def test_small_errors_that_the_data_ask_for_are_a_cause():
     assert best == TYPICAL
     evidence = told(values, workmanship, (TYPICAL,)) - told(values, workmanship, (0,))
     for factor, silent in EITHER_SIDE:
-        found = workmanship_cause(hypothesis, Thresholds(false_names=factor * np.exp(-evidence)))
+        asked = factor * np.exp(-evidence)
+        found = workmanship_cause(hypothesis, Thresholds(false_names=asked))
         assert (found == []) == silent
     assert [(c.effect, c.form, c.indices, c.alternatives) for c in found] == [("small", "background", (), ())]
     assert found[0].evidence == pytest.approx(evidence)
-    assert found[0].probability == pytest.approx(np.exp(evidence) / (np.exp(evidence) + 3.0))
+    assert found[0].probability == pytest.approx((1.0 - asked) * np.exp(evidence) / (np.exp(evidence) + 3.0))
     assert found[0].size == pytest.approx(0.5 * 1.5 * np.sqrt(8 / ROWS))
 
 
@@ -522,7 +525,7 @@ def test_kinds_that_explain_as_well_are_alternatives():
     for factor, likely in EITHER_SIDE:
         found = workmanship_cause(hypothesis, Thresholds(alternative=factor * ratio))
         assert [(c.effect, c.alternatives) for c in found] == [("one", ("other",) if likely else ())]
-        assert found[0].probability == pytest.approx(0.5 if likely else 1.0, abs=0.01)
+        assert found[0].probability == pytest.approx(HELD * (0.5 if likely else 1.0), abs=0.01)
 
 
 def test_chances_of_kinds_that_are_the_same_are_equal():
@@ -530,7 +533,7 @@ def test_chances_of_kinds_that_are_the_same_are_equal():
     hypothesis = at_levels(spread(3.0), same, (3, 3, 3), [explanation("one", axis(40))])
     found = workmanship_cause(hypothesis, Thresholds())
     assert {found[0].effect, *found[0].alternatives} == {"one", "two", "three"}
-    assert found[0].probability == pytest.approx(1.0 / 3.0, abs=1e-3)
+    assert found[0].probability == pytest.approx(HELD / 3.0, abs=1e-3)
 
 
 def averaged(values, columns):

@@ -30,7 +30,7 @@ def plain(name: str) -> str:
 
 def sure_text(probability: float) -> str:
     """Return a probability in percent."""
-    return "more than 99.9 % sure" if probability > 0.999 else f"{math.floor(100.0 * probability)} % sure"
+    return "more than 99.9 % sure" if probability > 0.999 else f"{math.floor(100.0 * round(probability, 4))} % sure"
 
 
 def headline(diagnosis: Conclusions) -> str:
