@@ -223,7 +223,7 @@ def _roles(mechanism: ClosedChainMechanism, chains: list[list[int]]) -> tuple[In
     """Return chain and joint of each drive, and each chain's passive joints, filled up with -1."""
     model = mechanism.shared_model
     where = {model.idx_vs[j]: (i, k) for i, chain in enumerate(chains) for k, j in enumerate(chain)}
-    drives = np.array([where.get(c, (-1, -1)) for c in mechanism.drive_columns.tolist()], dtype=np.int64)
+    drives = np.array([where.get(c, (-1, -1)) for c in mechanism.drive_columns.tolist()], dtype=np.int64).reshape(-1, 2)
     if not mechanism.anchors:
         return drives, np.full((1, 1), -1, dtype=np.int64)
     free_body = mechanism.anchors[0].joint_b

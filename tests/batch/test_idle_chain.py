@@ -3,6 +3,7 @@
 import numpy as np
 
 from pouring_robot.batch import CompiledEngine, GeneralEngine, HomotopyStarts, engine_for
+from pouring_robot.batch.samples import STATUS_NAMES
 from pouring_robot.mechanism.parameters import drive_parameters
 from tests.mechanism.struts import CRANK, GROUND, STROKE, crank_end, strut_star
 
@@ -39,3 +40,18 @@ def test_its_transfer_matrix_is_that_of_the_general_engine():
         # The spin that is left to chance turns what happens at the rod itself, but not what the crank feels of it.
         if parameter.name.startswith(("hinge", "arm", "rod_seat", "ball1_y", "drive.")):
             np.testing.assert_allclose(matrices[0][..., column], matrices[1][..., column], rtol=0, atol=1e-9)
+
+
+def test_a_platform_that_nothing_holds_stays_where_the_loops_close():
+    """Its Hessian is singular but for round-off, whose sign is chance: none of a hundred starts may feel it."""
+    mechanism = strut_star()
+    driven = engine_for(mechanism)
+    strokes = np.linspace(0.45, 0.75, 100)[:, None]
+    start = driven.close(strokes, HomotopyStarts(driven, home()).starts(strokes)).require_all().as_start()
+    engine = engine_for(mechanism.with_drives(()))
+    assert isinstance(engine, CompiledEngine)
+    closed = engine.close(np.zeros((100, 0)), start).require_all()
+    np.testing.assert_allclose(closed.position, start.position, rtol=0, atol=1e-9)
+    moved = engine.close(np.zeros((100, 0)), driven.close(strokes + 1e-5, start).as_start()).require_all()
+    np.testing.assert_allclose(np.hypot(*moved.position[:, [0, 2]].T), CRANK, rtol=0, atol=1e-12)
+    assert set(engine.transfer(closed, engine.parameters).status.tolist()) == {STATUS_NAMES.index("singular")}

@@ -46,8 +46,8 @@ CLOSED, NOT_CONVERGED, GAP_TOO_LARGE, NOT_FINITE, SINGULAR = 0, 1, 2, 3, 4
 
 # Share of the diagonal that keeps soft directions (1e-6 of the stiff ones) from moving.
 _FLOOR_DAMPING = 1e-4
-# A pivot that is a smaller share of its joint's stiffness is round-off of zero.
-_IDLE_RATIO = 1e-12
+# A pivot that is a smaller share of its joint's stiffness is round-off of zero; the platform's, of all loops'.
+_IDLE_RATIO, _SINGULAR_RATIO = 1e-12, 1e-13
 
 
 @compiled
@@ -161,7 +161,7 @@ def solve_step(star: Star, room: Room) -> float:
 
 @compiled
 def factorise(star: Star, room: Room, exact: bool, damping: float) -> bool:
-    """Factorise the Hessian at the evaluated state; return whether it is positive definite."""
+    """Factorise the Hessian at the evaluated state; return whether it is positive semidefinite."""
     s = room.schur
     for c in range(36):
         s[c] = 0.0
@@ -173,7 +173,7 @@ def factorise(star: Star, room: Room, exact: bool, damping: float) -> bool:
     for c in range(6):
         s[7 * c] *= 1.0 + damping
     subtract_chains(star, room)
-    return cholesky(s)
+    return cholesky(s, _SINGULAR_RATIO * star.revolute.shape[0] * star.stiffness[0])
 
 
 @compiled
@@ -293,8 +293,11 @@ def subtract_chains(star: Star, room: Room) -> None:
 
 
 @compiled
-def cholesky(s: FloatArray) -> bool:
-    """Factorise the platform's block in place; return whether it is positive definite."""
+def cholesky(s: FloatArray, idle: float) -> bool:
+    """Factorise the platform's block in place; return whether it is positive semidefinite.
+
+    A pivot no larger than ``idle`` is round-off of zero: nothing moves the platform that way, and it stays where it is.
+    """
     for c in range(6):
         for k in range(c):
             total = s[6 * c + k]
@@ -304,9 +307,9 @@ def cholesky(s: FloatArray) -> bool:
         pivot = s[7 * c]
         for m in range(c):
             pivot -= s[6 * c + m] * s[6 * c + m]
-        if not pivot > 0.0:
+        if not pivot >= -idle:
             return False
-        s[7 * c] = 1.0 / math.sqrt(pivot)
+        s[7 * c] = 1.0 / math.sqrt(pivot) if pivot > idle else 0.0
     return True
 
 

@@ -49,8 +49,6 @@ from pouring_robot.mechanism.arrays import FloatArray
 
 # Loops open by less carry no wrench that counts (m or rad).
 _SECOND_ORDER_ABOVE = 1e-12
-# A pivot of the platform's block that is a smaller share of the chains' stiffness is round-off of zero.
-_SINGULAR_RATIO = 1e-13
 
 
 class Columns(NamedTuple):
@@ -71,12 +69,12 @@ def fill(matrix: FloatArray, value: float) -> None:
 
 
 @compiled
-def determined(star: Star, room: Room) -> bool:
+def determined(room: Room) -> bool:
     """Return whether no pivot of the factorised platform's block is round-off: the drives determine the platform."""
-    largest = 0.0
+    least = math.inf
     for c in range(6):
-        largest = max(largest, room.schur[7 * c])  # the diagonal holds one over the pivot's root
-    return bool(_SINGULAR_RATIO * star.revolute.shape[0] * star.stiffness[0] * largest * largest < 1.0)
+        least = min(least, room.schur[7 * c])  # see ``newton.cholesky``
+    return bool(least > 0.0)
 
 
 @compiled
@@ -232,7 +230,7 @@ def transfer_samples(
             _, residual = evaluate(star, room)
             exact = residual >= _SECOND_ORDER_ABOVE
             status[row] = SINGULAR
-            if factorise(star, room, exact, 0.0) and determined(star, room):
+            if factorise(star, room, exact, 0.0) and determined(room):
                 status[row] = CLOSED
         if status[row] == CLOSED:
             transfer_one(star, room, columns, matrix[row], exact)
