@@ -31,11 +31,7 @@ class GeneralStructure(Structure):
 
 
 class GeneralEngine(Engine):
-    """Closes any mechanism, whose joints samples may displace further, for many samples, one after the other.
-
-    Raises:
-        BadInputError: the mechanism names no end frame.
-    """
+    """Closes any mechanism, sample by sample; raises BadInputError where it names no end frame."""
 
     def __init__(self, mechanism: ClosedChainMechanism, options: ClosureOptions = DEFAULT_OPTIONS) -> None:
         if mechanism.loops.end_frame is None:

@@ -19,11 +19,7 @@ ends in a fold before errors are whole, no pose is continuous with it, and none 
 
 @dataclass(frozen=True, eq=False)
 class BatchStart:
-    """Where closures start. What an engine does not need of it may be NaN.
-
-    Raises:
-        BadInputError: the arrays do not fit each other.
-    """
+    """Where closures start; what an engine does not need may be NaN. Misfits raise BadInputError."""
 
     position: FloatArray  # origin of the end frame in the base frame, in m, shape (n, 3)
     rotation: FloatArray  # axes of the end frame in the base frame, shape (n, 3, 3)
@@ -92,11 +88,7 @@ class SiteErrors:
 
     @classmethod
     def one_each(cls, site: IntArray, error: FloatArray) -> SiteErrors:
-        """Displace one site a sample (n,) by its error (n, 6), m and rad, for one-at-a-time studies.
-
-        Raises:
-            BadInputError: the shapes do not fit.
-        """
+        """Displace one site a sample (n,) by its error (n, 6), m and rad; raises BadInputError if shapes do not fit."""
         site, error = fixed(site, np.int64), fixed(error)
         if site.ndim != 1 or error.shape != (len(site), 6):
             raise BadInputError(f"one error a sample needs site (n,) and error (n, 6), not {site.shape}, {error.shape}")
@@ -104,11 +96,7 @@ class SiteErrors:
 
     @classmethod
     def one_parameter_each(cls, parameter: IntArray, value: FloatArray) -> SiteErrors:
-        """Set one of the engine's placement parameters a sample: its column (n,), and its value (n,) in m or rad.
-
-        Raises:
-            BadInputError: the shapes do not fit.
-        """
+        """Set one placement parameter a sample: its column (n,), its value (n,) in m or rad; as :meth:`one_each`."""
         parameter = np.asarray(parameter, dtype=np.int64)
         shaped(value, parameter.shape, "the values")
         return cls.one_each(parameter // 6, np.asarray(value)[:, None] * np.eye(6)[parameter % 6])
@@ -124,11 +112,7 @@ class SiteErrors:
 
     @classmethod
     def take(cls, errors: SiteErrors | FloatArray | None, count: int, sites: int) -> SiteErrors:
-        """Return what the kernels take for ``count`` samples from what the engine's methods accept.
-
-        Raises:
-            BadInputError: a shape does not fit, or a site does not exist.
-        """
+        """Return what kernels take for ``count`` samples from what engines accept; raises BadInputError for misfits."""
         nothing = fixed(np.zeros(0), np.int64)
         if errors is None:
             return cls(fixed(np.zeros((0, sites, 6))), nothing)
@@ -197,11 +181,7 @@ class BatchClosure:
         self.status[samples] = status
 
     def require_all(self) -> BatchClosure:
-        """Return the same, if every sample is closed.
-
-        Raises:
-            BatchClosureError: some are not; holds their numbers by status.
-        """
+        """Return the same if every sample is closed; raises BatchClosureError with their numbers by status."""
         failed = np.flatnonzero(self.status)
         if failed.size:
             counts = np.bincount(self.status[failed], minlength=len(STATUS_NAMES))

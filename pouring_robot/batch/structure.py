@@ -74,11 +74,7 @@ class Structure(ABC):
         """Return the values of joints of one coordinate, (n,) each in m or rad, by name, from the engine's joints."""
 
     def site(self, joint: str) -> int:
-        """Return the number of the site that displaces a joint's placement.
-
-        Raises:
-            UnknownJointError: no site displaces it.
-        """
+        """Return the number of the site that displaces a joint; raises UnknownJointError where none does."""
         if joint not in self.site_joints or not joint:
             raise UnknownJointError(joint, filter(None, self.site_joints))
         return self.site_joints.index(joint)

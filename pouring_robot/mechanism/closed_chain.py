@@ -103,12 +103,7 @@ class ClosedChainMechanism:
         return type(self), (self.urdf, self.loops, self._source, self._displacements, self._built_in)
 
     def displaced(self, displacements: Mapping[str, pin.SE3]) -> ClosedChainMechanism:
-        """Return the mechanism with joints displaced further by poses in their placements; faster than a new one.
-
-        Raises:
-            UnknownJointError: there is no such joint.
-            BadInputError: a joint is cut, so that displacing it changes nothing.
-        """
+        """Return the mechanism with joints displaced further, faster than a new one; raises as require_placement."""
         for name in displacements:
             self.require_placement(name)
         other = self._twin()
@@ -141,12 +136,7 @@ class ClosedChainMechanism:
         return type(self)(self.urdf, loops, self._source, self._displacements, self._built_in)
 
     def require_placement(self, joint: str) -> None:
-        """Refuse a joint that cannot be displaced.
-
-        Raises:
-            UnknownJointError: there is no such joint, fixed or moving.
-            BadInputError: it is cut, so that displacing it changes nothing.
-        """
+        """Raise UnknownJointError for an absent joint, BadInputError for a cut one: displacing it changes nothing."""
         if joint not in self.path_depths:
             raise UnknownJointError(joint, self.path_depths)
         if joint in self.loops.cut_joints:

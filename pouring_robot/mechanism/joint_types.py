@@ -90,11 +90,7 @@ class Mimic:
 
 
 def read_mimics(urdf: str) -> tuple[Mimic, ...]:
-    """Return the joints of a URDF that mimic others; one that mimics a mimic follows its leader.
-
-    Raises:
-        BadInputError: joints mimic each other in a ring, or a number is none.
-    """
+    """Return joints that mimic others, mimics of mimics by the first; raises BadInputError where they are wrong."""
     own = {}
     for joint in etree.fromstring(urdf.encode()).iterfind("joint"):
         tied = joint.find("mimic")

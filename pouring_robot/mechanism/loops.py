@@ -104,11 +104,7 @@ class LoopsFile(StrictModel):
 
     @property
     def working_frame(self) -> str:
-        """The frame whose error counts: the last of the reported ones.
-
-        Raises:
-            BadInputError: the file names neither an end frame nor a tool frame.
-        """
+        """The frame whose error counts: the last of the reported ones; raises BadInputError where there is none."""
         if not self.reported_frames:
             raise BadInputError("the loops file names no end_frame and no tool_frames; name the frame that counts")
         return self.reported_frames[-1]
@@ -173,11 +169,7 @@ def _gepetto_joint_types(content: CommentedMap, path: Path) -> dict[str, str]:
 
 
 def load_loops(path: Path | str) -> LoopsFile:
-    """Read a loops file of either dialect.
-
-    Raises:
-        DescriptionError: the file is missing, is not YAML, or a key is unknown, missing or of the wrong kind.
-    """
+    """Read a loops file of either dialect; raises DescriptionError where it is missing or a key in it is wrong."""
     path = Path(path)
     content = read_yaml(path)
     if "closed_loop" in content:

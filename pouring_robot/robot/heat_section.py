@@ -61,11 +61,7 @@ class HeatSection(StrictModel):
         return self
 
     def thermal_properties(self) -> ThermalProperties:
-        """Return the shipped properties with this section's values in place.
-
-        Raises:
-            ValueError: a section or name is unknown, or a value is impossible.
-        """
+        """Return the shipped properties, this section's in place; raises ValueError where a name or value is wrong."""
         shipped = load_thermal_properties()
         content = shipped.model_dump()
         for section, values in self.properties.items():

@@ -163,11 +163,7 @@ def error_dataset(
 
 
 def as_poses(poses: ArrayLike | Sequence[PlatformPose]) -> FloatArray:
-    """Return poses as an array (n, 4): x, y, z in m and the tilt in rad.
-
-    Raises:
-        BadInputError: they have another shape, or a number is not finite.
-    """
+    """Return poses (n, 4): x, y, z in m, tilt in rad; raises BadInputError for other shapes and NaN."""
     given: list[Any] = list(np.asarray(poses, dtype=object))
     rows = [(*pose.position_m, pose.tilt_rad) if isinstance(pose, PlatformPose) else pose for pose in given]
     try:

@@ -143,11 +143,7 @@ class RobotModel(StrictModel):
 
     @classmethod
     def load(cls, path: Path | str) -> RobotModel:
-        """Read a model file and check that the robot has the joints and drives it names; of a robot file, the drawing.
-
-        Raises:
-            ModelFileError: the file cannot be read, or a key, value, layout or joint in it is wrong.
-        """
+        """Read a model file, or the drawing of a robot file; raises ModelFileError where something in it is wrong."""
         path = Path(path)
         content = read_yaml(path, ModelFileError)
         if content.get("format") == ROBOT_FORMAT:
@@ -167,12 +163,7 @@ class RobotModel(StrictModel):
 
     @classmethod
     def of(cls, model: RobotModel | Path | str | None) -> RobotModel:
-        """Return a model: itself, read from its file, or for None the drawing of the default layout.
-
-        Raises:
-            ModelFileError: the model file is wrong.
-            BadInputError: it is none of these.
-        """
+        """Return a model: itself, of its file, or (None) the default drawing; raises BadInputError for all else."""
         if isinstance(model, Path | str):
             return cls.load(model)
         if not isinstance(model, RobotModel | None):
@@ -190,11 +181,7 @@ class RobotModel(StrictModel):
     __hash__ = None  # type: ignore[assignment]
 
     def save(self, path: Path | str) -> Path:
-        """Write the model file, whole or not at all; what equals the default is left out.
-
-        Raises:
-            OutputError: the place cannot be written to.
-        """
+        """Write the model file, whole or not at all, without defaults; raises OutputError where that is impossible."""
         return write_whole(path, self.file_text(Path(path).parent))
 
     def file_text(self, folder: Path) -> str:

@@ -18,11 +18,7 @@ _UNITS = {"x": ("mm", "m"), "y": ("mm", "m"), "z": ("mm", "m"), "tilt": ("deg", 
 
 
 def read_poses(path: Path | str) -> list[PlatformPose]:
-    """Read commanded poses in the file's order; see :func:`read_pose_lines`.
-
-    Raises:
-        TableError: the file is wrong.
-    """
+    """Read commanded poses in the file's order; raises as :func:`read_pose_lines`."""
     return list(read_pose_lines(path).values())
 
 

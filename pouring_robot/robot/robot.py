@@ -164,11 +164,7 @@ class Robot:
         return self.engine().close(drives + np.array(list(offsets.values())), start)
 
     def engine(self) -> Engine:
-        """Return what closes the robot as built for many drive values at once.
-
-        Raises:
-            BadInputError: the robot carries loads, under which it is closed pose by pose.
-        """
+        """Return what closes the robot as built for many drives; raises BadInputError where it carries loads."""
         from pouring_robot.batch import engine_for
 
         loads = self.actual_solver.energy.loads
@@ -187,11 +183,7 @@ class Robot:
         return ()
 
     def read_commands(self, path: Path, beside: Iterable[str] = ()) -> Mapping[int, Command]:
-        """Read commands by line from a table, in which headings ``beside`` may stand; see ``robot.pose_table``.
-
-        Raises:
-            TableError: the file is wrong.
-        """
+        """Read commands by line from a table, in which headings ``beside`` may stand, or raise TableError."""
         return read_command_lines(path, self.model.definition)
 
     def pose_command(self, position_m: FloatArray, turn_rad: FloatArray | None) -> Command:
@@ -231,11 +223,7 @@ class Robot:
         return self._located(values, nominal)
 
     def location_in_the_middle(self) -> Location:
-        """Return where the robot should be and where it is at its home, or in the middle of its workspace.
-
-        Raises:
-            NoSolutionError: it cannot stand at its home.
-        """
+        """Return the location at the home, or in the middle of the workspace; raises NoSolutionError."""
         definition = self.model.definition
         try:
             return self.location_at(definition.home_drives)

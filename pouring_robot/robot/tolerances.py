@@ -66,11 +66,7 @@ class Tolerances(StrictModel):
 
     @classmethod
     def load(cls, path: Path | str | None = None) -> Tolerances:
-        """Read a tolerances file, by default the shipped one.
-
-        Raises:
-            DescriptionError: the file cannot be read, or a key or value in it is wrong.
-        """
+        """Read a tolerances file (default: the shipped one); raises DescriptionError where something in it is wrong."""
         return _shipped() if path is None else _read(Path(path))
 
     @classmethod

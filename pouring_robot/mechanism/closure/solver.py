@@ -131,11 +131,7 @@ class ClosureResult(Result):
         return pd.DataFrame(table)
 
     def within(self, options: ClosureOptions) -> Self:
-        """Return the same, if no loop is open further than options allow; redundant drives need not agree.
-
-        Raises:
-            ClosureError: one is.
-        """
+        """Return the same; raises ClosureError where a loop that must close is open further than options allow."""
         if self.mechanism.loops.redundant_drives:
             return self
         if self.gap_m > options.max_gap_m or self.gap_rad > options.max_gap_rad:
@@ -241,11 +237,7 @@ class ClosureSolver:
         return self._solve(self.mechanism.with_joint_values(start, drives), drives)
 
     def solve_from(self, configuration: FloatArray) -> ClosureResult:
-        """Close the loops from a configuration that already holds the drive values; shape (nq,).
-
-        Raises:
-            ClosureError: the loops stay open, or Newton does not converge.
-        """
+        """Close the loops from a configuration (nq,) that already holds the drive values; raises as :meth:`solve`."""
         return self._solve(configuration, {})
 
     def _solve(self, configuration: FloatArray, values: Mapping[str, float]) -> ClosureResult:

@@ -88,11 +88,7 @@ class Drive:
 
 
 class RobotDefinition:
-    """A robot of the drawing, by its file and path: everything that holds for all machines built after it.
-
-    Raises:
-        DescriptionError: the URDF or the loops file is wrong, or a joint in the file is none of the URDF's.
-    """
+    """A robot of the drawing, by its file and path; raises DescriptionError where what they say is wrong."""
 
     inner_joints: frozenset[str] = frozenset()
     """Joints whose distances from the one before are machined in one part; they have a tolerance of their own."""
@@ -133,11 +129,7 @@ class RobotDefinition:
 
     @classmethod
     def load(cls, path: Path | str) -> RobotDefinition:
-        """Read a robot file and all that it names.
-
-        Raises:
-            DescriptionError: a file cannot be read, or something in it is wrong.
-        """
+        """Read a robot file and all that it names; raises DescriptionError where something in them is wrong."""
         return cls(RobotFile.load(path), Path(path))
 
     def __repr__(self) -> str:
@@ -209,11 +201,7 @@ class RobotDefinition:
         return self.path.parent / (self.file.urdf or self.file.xacro or "")
 
     def urdf(self) -> str:
-        """Return the robot of the drawing as URDF, as it was when it was first asked for.
-
-        Raises:
-            DescriptionError: the file is missing or wrong.
-        """
+        """Return the drawing as URDF, as it was when first asked for; raises DescriptionError where it is wrong."""
         return self._drawn
 
     @functools.cached_property

@@ -41,11 +41,7 @@ class DHTable:
 
     @classmethod
     def from_mechanism(cls, mechanism: ClosedChainMechanism) -> DHTable:
-        """Derive the table from a loaded nominal robot; nothing is typed in.
-
-        Raises:
-            NotUPUError: a chain is not of the UPU kind, or the robot is not nominal.
-        """
+        """Derive the table from a loaded nominal robot; raises NotUPUError where a chain is of another kind."""
         chains = [dh_chain(mechanism, index) for index in range(len(mechanism.anchors))]
         return cls(chains, mechanism.loops.drives)
 

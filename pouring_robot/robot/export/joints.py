@@ -62,11 +62,7 @@ def joints_json(rows: Sequence[JointRow]) -> dict[str, Any]:
 
 
 def joints_text(rows: Sequence[JointRow], path: Path) -> str:
-    """Return the table as the file it is for: JSON or, with units on the headings, CSV.
-
-    Raises:
-        BadInputError: the file's name ends in neither.
-    """
+    """Return the table as CSV, headings with units, or JSON; raises BadInputError for a file of another suffix."""
     if path.suffix == ".json":
         return json.dumps(joints_json(rows), indent=1, allow_nan=False) + "\n"
     if path.suffix != ".csv":

@@ -79,11 +79,7 @@ class FourUPUKinematics:
         return chain_joints(self.fixed_centres_m, self.moving_centres_m, positions_m, tilts_rad)
 
     def commands(self, poses: FloatArray) -> BatchCommand:
-        """Run the nominal inverse kinematics for poses (n, 4): x, y, z in m, tilt in rad; joint limits do not count.
-
-        Raises:
-            BadInputError: the array has another shape.
-        """
+        """Return drives and closed poses of poses (n, 4): x, y, z in m, tilt in rad; joint limits do not count."""
         from pouring_robot.batch.samples import BatchCommand, BatchStart
 
         poses = np.ascontiguousarray(poses, dtype=float)
@@ -134,11 +130,7 @@ class FourUPUKinematics:
         return dict(zip(self.joint_names, joints.ravel().tolist(), strict=True))
 
     def inverse(self, pose: PlatformPose) -> dict[str, float]:
-        """Return the drive values that the controller commands for a pose, in m and rad.
-
-        Raises:
-            UnreachablePoseError: a joint would pass its limits; the error names the one that limits.
-        """
+        """Return the commanded drive values of a pose, in m and rad; raises UnreachablePoseError beyond limits."""
         values = self.joint_values(pose)
         self.refuse_beyond_limits(values)
         return {drive: values[drive] for drive in self.mechanism.loops.drives}
@@ -206,11 +198,7 @@ class FourUPUKinematics:
         return min(poses, key=lambda pose: _branch_distance(pose, near))
 
     def check_drives(self, drives: Mapping[str, float]) -> None:
-        """Check that there is one value for each drive and for nothing else.
-
-        Raises:
-            BadInputError: a drive value is missing, or a name is no drive.
-        """
+        """Refuse drive values (BadInputError) unless there is one for each drive and for nothing else."""
         wanted = self.mechanism.loops.drives
         for name in drives:
             if name not in wanted:

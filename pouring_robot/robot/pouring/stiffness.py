@@ -83,11 +83,7 @@ class StiffnessProperties(StrictModel):
 
 
 def load_stiffness(path: Path | str | None = None) -> StiffnessProperties:
-    """Read a stiffness file (default: the shipped one).
-
-    Raises:
-        DescriptionError: the file is missing or wrong; names file, line and key.
-    """
+    """Read a stiffness file (default: the shipped one); raises DescriptionError where it is missing or wrong."""
     path = Path(path) if path is not None else description_folder() / "config" / "stiffness.yaml"
     return validate(StiffnessProperties, read_yaml(path, DescriptionError), path, DescriptionError)
 
