@@ -75,16 +75,12 @@ class BatchCommand:
 
 @dataclass(frozen=True, eq=False)
 class SiteErrors:
-    """Placement errors of samples; see :meth:`take` and :meth:`one_each`.
+    """Placement errors of samples; see :meth:`take` and :meth:`one_each`."""
 
-    Attributes:
-        errors: translation (m) and rotation vector (rad), shape (n, sites, 6); (n, 1, 6) if each sample displaces
-            one site; (0, sites, 6) for none.
-        site: the site each sample displaces, shape (n,), or (0,).
-    """
-
+    # translation (m) and rotation vector (rad), shape (n, sites, 6); (n, 1, 6) if each sample displaces one site;
+    # (0, sites, 6) for none
     errors: FloatArray
-    site: IntArray
+    site: IntArray  # the site each sample displaces, shape (n,), or (0,)
 
     @classmethod
     def one_each(cls, site: IntArray, error: FloatArray) -> SiteErrors:
@@ -196,20 +192,14 @@ class BatchClosure:
 
 @dataclass(frozen=True, eq=False)
 class BatchTransfer:
-    """G of many samples, read-only.
+    """G of many samples, read-only."""
 
-    Attributes:
-        parameters: one a column.
-        matrix: shape (n, 6, columns): displacement of the end frame's origin (m) and rotation vector (rad), in base
-            axes, per unit of each parameter. NaN where the status is not 0.
-        status: as in :class:`BatchClosure`, shape (n,); 4 where the
-            sample is closed but its drives do not determine the platform.
-        disagreement: derivative of that of :class:`BatchClosure`, shape (n, r, columns); None without redundant drives.
-    """
-
-    parameters: tuple[LocalParameter, ...]
+    parameters: tuple[LocalParameter, ...]  # one a column
+    # displacement of the end frame's origin (m) and rotation vector (rad), in base axes, per unit of each parameter,
+    # shape (n, 6, columns); NaN where the status is not 0
     matrix: FloatArray
-    status: ByteArray
+    status: ByteArray  # as in :class:`BatchClosure`, (n,); 4 where a sample is closed, its platform not determined
+    # derivative of that of :class:`BatchClosure`, shape (n, r, columns); None without redundant drives
     disagreement: FloatArray | None = None
 
     def __post_init__(self) -> None:

@@ -49,15 +49,10 @@ class Star(NamedTuple):
 
 @dataclass(frozen=True)
 class Structure(ABC):
-    """Where samples may displace a mechanism: its sites, one a joint placement.
+    """Where samples may displace a mechanism: its sites, one a joint placement."""
 
-    Attributes:
-        mechanism: that the samples displace.
-        site_joints: joint whose placement each site displaces; a site's number is its index. Empty: a site not used.
-    """
-
-    mechanism: ClosedChainMechanism
-    site_joints: tuple[str, ...]
+    mechanism: ClosedChainMechanism  # that the samples displace
+    site_joints: tuple[str, ...]  # joint that each site, by its number, displaces; empty: a site not used
 
     @property
     def site_count(self) -> int:

@@ -18,18 +18,13 @@ from pouring_robot.mechanism.transfer import closed_chain_transfer
 
 @dataclass(frozen=True, eq=False)
 class DriveJacobians:
-    """How the closed mechanism moves with its drives (columns, in the order of the loops file).
+    """How the closed mechanism moves with its drives (columns, in the order of the loops file)."""
 
-    Attributes:
-        platform: twist of the end frame (linear velocity of its origin, angular velocity, both in the axes of the
-            base frame) per unit drive velocity, shape (6, drives).
-        joints: velocity of every joint column of the model per unit drive velocity, shape (nv, drives).
-        closure_margin: smallest singular value of the loops' Jacobian over the free joints (m, rad); zero where
-            the platform can move with the drives locked, infinite where no joint is free.
-    """
-
+    # twist of the end frame (velocity of its origin, then angular) in base axes per drive velocity, shape (6, drives)
     platform: FloatArray
-    joints: FloatArray
+    joints: FloatArray  # velocity of every joint column of the model per unit drive velocity, shape (nv, drives)
+    # smallest singular value of the loops' Jacobian over the free joints (m, rad); zero where the platform can move
+    # with the drives locked, infinite where no joint is free
     closure_margin: float
 
     def __post_init__(self) -> None:

@@ -60,36 +60,24 @@ class LoopStiffness(StrictModel):
 
 
 class LoopsFile(StrictModel):
-    """A loops file as written, in our own dialect.
+    """A loops file as written, in our own dialect."""
 
-    Attributes:
-        mechanism: what it is called.
-        base_frame: poses are seen from it.
-        end_frame: the body that all chains carry; a mechanism without loops must name it.
-        tool_frames: further frames on that body that are reported; the last is where the tool works.
-        cut_joints: joints that carry the end body in the tree only.
-        locked_joints: joints that take no part in the closure.
-        joint_types: joints of another kind than the URDF says, such as ``spherical``, which URDF does not know.
-        drives: driven joints.
-        loops: what is closed; nothing for a serial arm.
-        stiffness: of each closure.
-        redundant_drives: whether there are more drives than freedoms, so that all rarely agree: loops may stay open,
-            and what they leave is measured.
-    """
-
-    mechanism: str = "closed chain"
-    base_frame: str = "universe"
-    end_frame: str | None = None
-    tool_frames: tuple[str, ...] = ()
-    cut_joints: tuple[str, ...] = ()
-    locked_joints: tuple[str, ...] = ()
+    mechanism: str = "closed chain"  # what it is called
+    base_frame: str = "universe"  # poses are seen from it
+    end_frame: str | None = None  # the body that all chains carry; a mechanism without loops must name it
+    tool_frames: tuple[str, ...] = ()  # further frames on that body that are reported; the last is where the tool works
+    cut_joints: tuple[str, ...] = ()  # joints that carry the end body in the tree only
+    locked_joints: tuple[str, ...] = ()  # joints that take no part in the closure
+    # joints of another kind than the URDF says, such as ``spherical``, which URDF does not know
     joint_types: dict[str, JointKind] = pydantic.Field(default_factory=dict)
     drives: tuple[str, ...] = pydantic.Field(min_length=1)
-    loops: tuple[LoopSpec, ...] = ()
+    loops: tuple[LoopSpec, ...] = ()  # what is closed; nothing for a serial arm
+    # of each closure
     stiffness: LoopStiffness = LoopStiffness(
         translation=Quantity(value=DEFAULT_TRANSLATION_STIFFNESS, unit="N/m", source="assumed"),
         rotation=Quantity(value=DEFAULT_ROTATION_STIFFNESS, unit="Nm/rad", source="assumed"),
     )
+    # whether drives outnumber freedoms, so that all rarely agree: loops may stay open, and what they leave is measured
     redundant_drives: bool = False
 
     @property

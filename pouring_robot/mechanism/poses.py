@@ -17,15 +17,10 @@ MRAD = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class PoseDifference:
-    """Where the actual frame stands, seen from where it should be; both axes of the fixed platform.
+    """Where the actual frame stands, seen from where it should be; both axes of the fixed platform."""
 
-    Attributes:
-        translation_m: actual minus nominal origin, shape (3,), in m.
-        rotation_rad: rotation vector that turns the nominal axes into the actual ones, shape (3,), in rad.
-    """
-
-    translation_m: FloatArray
-    rotation_rad: FloatArray
+    translation_m: FloatArray  # actual minus nominal origin, shape (3,), in m
+    rotation_rad: FloatArray  # rotation vector that turns the nominal axes into the actual ones, shape (3,), in rad
 
     def __post_init__(self) -> None:
         lock_fields(self, "translation_m", "rotation_rad")

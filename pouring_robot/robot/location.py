@@ -90,17 +90,11 @@ class Location(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LadleLocation(Location):
-    """Where the ladle of the pouring robot should be and is for one commanded pose. Arrays are read-only.
+    """Where the ladle of the pouring robot should be and is for one commanded pose. Arrays are read-only."""
 
-    Attributes:
-        commanded: the pose the controller was asked for.
-        outside_workspace_m: by how far the position leaves the workspace box, per axis, in m; zero inside.
-        outside_workspace_rad: by how far the tilt leaves it, in rad.
-    """
-
-    commanded: PlatformPose
-    outside_workspace_m: FloatArray
-    outside_workspace_rad: float
+    commanded: PlatformPose  # the pose the controller was asked for
+    outside_workspace_m: FloatArray  # by how far the position leaves the workspace box, per axis, in m; zero inside
+    outside_workspace_rad: float  # by how far the tilt leaves it, in rad
 
     def __post_init__(self) -> None:
         lock_fields(self, "outside_workspace_m")

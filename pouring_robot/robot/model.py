@@ -39,15 +39,10 @@ _LARGEST_SHARE, _LARGEST_MRAD = 0.1, 100.0
 
 
 class JointPlacement(StrictModel):
-    """How one joint is displaced from its nominal placement, in its own nominal frame.
+    """How one joint is displaced from its nominal placement, in its own nominal frame."""
 
-    Attributes:
-        translation_mm: displacement of the joint's origin.
-        rotation_mrad: rotation vector that turns its nominal axes into the actual ones.
-    """
-
-    translation_mm: Triple = _ZERO
-    rotation_mrad: Triple = _ZERO
+    translation_mm: Triple = _ZERO  # displacement of the joint's origin
+    rotation_mrad: Triple = _ZERO  # rotation vector that turns its nominal axes into the actual ones
 
     def to_si(self) -> PlacementError:
         """Return the same error in m and rad."""
@@ -89,31 +84,18 @@ class DriveOffset(StrictModel):
 
 
 class RobotModel(StrictModel):
-    """A robot as built: a layout and its errors.
-
-    Attributes:
-        format: kind and version of the file.
-        description: a line for people.
-        robot: another robot than the pouring robot: its robot file, relative to the model file's folder.
-        layout: name of the pouring robot's layout in the dimensions file.
-        layouts_file: another dimensions file than the shipped one, relative to the model file's folder.
-        joint_placements: placement error of each joint that has one, by URDF joint name.
-        drive_offsets: what is added to the command of each drive that has an offset, by URDF joint name.
-        heat: how warm it is; left out: as cold as the drawing.
-        effects: effects that diagnosis found, in the order they were added.
-        learned: campaigns that effects were learned in, by name.
-    """
+    """A robot as built: a layout and its errors, by URDF joint name; files are relative to the model file's folder."""
 
     format: Literal["pouring_robot/model/1"] = "pouring_robot/model/1"
-    description: str = ""
-    robot: str | None = None
-    layout: str = "paper"
-    layouts_file: str | None = None
+    description: str = ""  # a line for people
+    robot: str | None = None  # robot file of another robot than the pouring robot
+    layout: str = "paper"  # name of the pouring robot's layout in the dimensions file
+    layouts_file: str | None = None  # another dimensions file than the shipped one
     joint_placements: dict[str, JointPlacement] = pydantic.Field(default_factory=dict)
-    drive_offsets: dict[str, DriveOffset] = pydantic.Field(default_factory=dict)
-    heat: HeatSection | None = None
-    effects: list[EffectEntry] = pydantic.Field(default_factory=list)
-    learned: dict[str, LearnedCampaign] = pydantic.Field(default_factory=dict)
+    drive_offsets: dict[str, DriveOffset] = pydantic.Field(default_factory=dict)  # added to commands
+    heat: HeatSection | None = None  # how warm it is; left out: as cold as the drawing
+    effects: list[EffectEntry] = pydantic.Field(default_factory=list)  # found by diagnosis, the oldest first
+    learned: dict[str, LearnedCampaign] = pydantic.Field(default_factory=dict)  # in which effects were learned
 
     _folder: Path = pydantic.PrivateAttr(default_factory=Path)
     _placed: dict[str, JointPlacement] = pydantic.PrivateAttr(default_factory=dict)

@@ -40,20 +40,13 @@ _SERIES_LENGTHS = ((1e-3, 2), (1e-2, 4), (np.inf, 8))
 
 @dataclass(frozen=True)
 class Loads:
-    """What bends the mechanism: weight and yielding drives. The default is none.
+    """What bends the mechanism: weight and yielding drives. The default is none."""
 
-    Attributes:
-        gravity: whether the links' weight acts.
-        payload_kg: mass carried in addition to the URDF's links.
-        payload_frame: frame that carries it; None: the loops file's end frame.
-        payload_centre_m: its centre of mass in that frame, in m.
-        drive_stiffness: stiffness of yielding drives by joint, in N/m or Nm/rad; others are rigid.
-    """
-
-    gravity: bool = False
-    payload_kg: float = 0.0
-    payload_frame: str | None = None
-    payload_centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gravity: bool = False  # whether the links' weight acts
+    payload_kg: float = 0.0  # mass carried in addition to the URDF's links
+    payload_frame: str | None = None  # frame that carries it; None: the loops file's end frame
+    payload_centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # its centre of mass in that frame, in m
+    # stiffness of yielding drives by joint, in N/m or Nm/rad; others are rigid
     drive_stiffness: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:

@@ -14,16 +14,11 @@ from pouring_robot.mechanism.parameters import LocalParameter, PlacementParamete
 class PlacedTwists:
     """The placement parameters among n of any kind, whose others are zero here; frames in ``data`` are up to date.
 
-    Attributes:
-        world: twist per unit of each parameter, in world coordinates, shape (6, n).
-
-    Raises:
-        UnknownJointError: a parameter names an absent joint.
-        BadInputError: a parameter displaces a cut joint.
+    Its ``world`` is the twist per unit of each parameter, in world coordinates, shape (6, n). Raises as
+    :meth:`ClosedChainMechanism.require_placement`.
     """
 
     def __init__(self, mechanism: ClosedChainMechanism, data: pin.Data, parameters: Sequence[LocalParameter]) -> None:
-        """Place every joint once, however many parameters displace it."""
         self._mechanism, count = mechanism, len(parameters)
         placed = [(k, p) for k, p in enumerate(parameters) if isinstance(p, PlacementParameter)]
         self._joints = tuple(dict.fromkeys(parameter.joint for _, parameter in placed))

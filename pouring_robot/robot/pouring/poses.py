@@ -14,18 +14,10 @@ from pouring_robot.mechanism.poses import MM
 
 @dataclass(frozen=True)
 class PlatformPose:
-    """What the controller commands: position of the moving platform and its tilt about y.
+    """What the controller commands: position and tilt of the moving platform, or BadInputError if one is not finite."""
 
-    Attributes:
-        position_m: origin o of the moving platform in the fixed platform O, in m.
-        tilt_rad: r, rotation about y, in rad.
-
-    Raises:
-        BadInputError: a number is not finite.
-    """
-
-    position_m: tuple[float, float, float]
-    tilt_rad: float
+    position_m: tuple[float, float, float]  # origin o of the moving platform in the fixed platform O, in m
+    tilt_rad: float  # r, rotation about y, in rad
 
     def __post_init__(self) -> None:
         if len(self.position_m) != 3:
