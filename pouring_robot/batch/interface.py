@@ -1,13 +1,16 @@
-"""What every batch engine offers, whatever the robot's topology: type against this."""
+"""What every batch engine offers, whatever the robot's topology, and starts where nobody knows inverse kinematics."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+
+import numpy as np
 
 from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
-from pouring_robot.batch.structure import Structure
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.batch.structure import Structure, fixed
+from pouring_robot.exceptions import BadInputError, ClosureError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closure.solver import ClosureOptions
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
 from pouring_robot.mechanism.parameters import DriveParameter, GeometricParameter, LocalParameter, PlacementParameter
 
 
@@ -83,3 +86,75 @@ class Engine(ABC):
                 )
             chosen.append(parameter)
         return tuple(chosen)
+
+
+def closed_home(
+    mechanism: ClosedChainMechanism, home: Mapping[str, float], options: ClosureOptions = DEFAULT_OPTIONS
+) -> ClosureResult:
+    """Return a closed configuration at or near given joint values, by name in m or rad.
+
+    Drives stand where ``home`` says, and passive joints start there; joints that are not named start at zero. Where
+    the loops do not close with all drives so, those that are not named give way.
+
+    Raises:
+        UnknownJointError: a name is no joint.
+        BadInputError: a value is not finite, or a named joint has several freedoms.
+        ClosureError: the mechanism does not close there.
+    """
+    start = mechanism.with_joint_values(mechanism.neutral_configuration(), home)
+    named = tuple(name for name in mechanism.loops.drives if name in home)
+    solver = ClosureSolver(mechanism, options=options)
+    try:
+        return solver.solve_from(start)
+    except ClosureError:
+        if len(named) == len(mechanism.loops.drives):
+            raise
+        yielding = ClosureSolver(mechanism.with_drives(named), options=options)
+        return solver.solve_from(yielding.solve_from(start).configuration)
+
+
+class HomotopyStarts:
+    """Closed poses for any drive values, followed from one closed home configuration.
+
+    The drives go straight from home to target in even steps, all samples at once; each step starts from the last.
+
+    Args:
+        engine: of the mechanism.
+        home: joint values near which it closes, m or rad, as :func:`closed_home` takes them.
+        steps: from home to target.
+        last: engine of the last step, which may ask for more than those on the way; by default the same.
+
+    Raises:
+        UnknownJointError: a name is no joint.
+        BadInputError: a value is not finite, a named joint has several freedoms, or there is no step.
+        ClosureError: the mechanism does not close at its home.
+    """
+
+    def __init__(self, engine: Engine, home: Mapping[str, float], steps: int = 8, last: Engine | None = None) -> None:
+        if steps < 1:
+            raise BadInputError(f"the number of steps must be positive, not {steps}")
+        self.engine, self.steps, self._last = engine, steps, last or engine
+        mechanism = engine.structure.mechanism
+        closed = closed_home(mechanism, home, engine.options)
+        self._home = engine.start_at(closed.configuration[None])
+        values = closed.joint_values | dict(home)  # a configuration does not know of whole turns
+        self._home_drives = np.array([values[name] for name in mechanism.loops.drives])
+
+    def starts(self, drives: FloatArray) -> BatchStart:
+        """Return closed poses for drive values, shape (n, drives), in m and rad; NaN where a step finds none.
+
+        A serial arm needs no start: it gets its home's locked joints.
+
+        Raises:
+            BadInputError: the shape is wrong.
+        """
+        drives = fixed(drives)
+        if drives.ndim != 2 or drives.shape[1] != self._home_drives.size:
+            raise BadInputError(f"drives must have the shape (n, {self._home_drives.size}), not {drives.shape}")
+        start = self._home[np.zeros(len(drives), dtype=np.int64)]
+        serial = not self.engine.structure.mechanism.anchors
+        for step in range(self.steps if serial else 1, self.steps + 1):
+            share = step / self.steps
+            engine = self._last if step == self.steps else self.engine
+            start = engine.close((1.0 - share) * self._home_drives + share * drives, start).as_start()
+        return start

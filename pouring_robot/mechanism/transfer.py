@@ -26,9 +26,8 @@ from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import ClosureEnergy, EnergyState
 from pouring_robot.mechanism.closure.null_space import SINGULAR_RATIO, Spectrum, unit_scale
-from pouring_robot.mechanism.closure.placed_twists import PlacedTwists
+from pouring_robot.mechanism.closure.placements import PlacedTwists, Weight
 from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
-from pouring_robot.mechanism.closure.weight import Weight
 from pouring_robot.mechanism.parameters import (
     DriveParameter,
     FrameParameter,
