@@ -57,8 +57,7 @@ class GeneralEngine(Engine):
                 result.status[row] = _NOT_FINITE
                 continue
             try:
-                named = dict(zip(mechanism.loops.drives, drives[row].tolist(), strict=True))
-                closed = solver.solve(named, start.joints[row])
+                closed = solver.solve(mechanism.named_drives(drives[row]), start.joints[row])
             except ClosureError as problem:
                 result.status[row] = STATUS_NAMES.index(problem.status)
                 result.iterations[row] = problem.iterations

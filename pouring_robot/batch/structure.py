@@ -237,15 +237,11 @@ def _roles(mechanism: ClosedChainMechanism, chains: list[list[int]]) -> tuple[In
 
 def _turns(mechanism: ClosedChainMechanism, chain: list[int]) -> tuple[FloatArray, BoolArray]:
     """Return for each joint a rotation that puts z on its axis, shape (joints, 3, 3), and whether it is revolute."""
-    model = mechanism.shared_model
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    turns, revolute = [], []
-    for j in chain:
-        subspace = pin.getJointJacobian(model, data, j, pin.LOCAL)[:, model.idx_vs[j]]
+    turns, revolute, names = [], [], mechanism.shared_model.names
+    for j, subspace in zip(chain, mechanism.joint_axes(chain), strict=True):
         linear, angular = np.linalg.norm(subspace[:3]), np.linalg.norm(subspace[3:])
         if max(linear, angular) < 1.0 - 1e-9 or min(linear, angular) > 1e-12:
-            raise UnsupportedMechanismError(f"joint '{model.names[j]}' is neither revolute nor prismatic")
+            raise UnsupportedMechanismError(f"joint '{names[j]}' is neither revolute nor prismatic")
         revolute.append(bool(angular > linear))
         turns.append(_turn_to(subspace[3:] if revolute[-1] else subspace[:3]))
     return np.array(turns), np.array(revolute)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -90,9 +90,11 @@ class ClosedChainMechanism:
         displace_model(self.shared_model, displacements)
         self.anchors = self._find_anchors()
         for name in (loops.base_frame, *loops.reported_frames):
-            self._frame_id(name, f"'{name}' is not a frame of the robot")
-        self._drive_ids = tuple(self._joint_id(name) for name in loops.drives)
-        self._locked_ids = tuple(self._joint_id(name) for name in loops.locked_joints)
+            self._declared(self.frame_id, name, f"'{name}' is not a frame of the robot")
+        self._drive_ids, self._locked_ids = (
+            tuple(self._declared(self.joint_id, name, f"'{name}' is not a moving joint of the robot") for name in names)
+            for names in (loops.drives, loops.locked_joints)
+        )
         for name, joint in zip(loops.drives, self._drive_ids, strict=True):
             if self.shared_model.joints[joint].nv != 1:
                 raise DescriptionError(self._source, f"drive '{name}' must have one freedom")
@@ -162,31 +164,19 @@ class ClosedChainMechanism:
                     self._source, f"drive '{mimic.joint}' mimics '{mimic.leader}' in the URDF; drive that one instead"
                 )
 
-    def _frame_id(self, name: str, problem: str) -> int:
-        if not self.shared_model.existFrame(name):
-            known = [frame.name for frame in self.shared_model.frames]
-            raise DescriptionError(self._source, problem + closest(name, known))
-        return self._frame_named(name)
-
-    def _frame_named(self, name: str) -> int:
-        bodies = self.shared_model.existFrame(
-            name, pin.FrameType.BODY
-        )  # a joint may be called as a link is; the link counts
-        return int(
-            self.shared_model.getFrameId(name, pin.FrameType.BODY) if bodies else self.shared_model.getFrameId(name)
-        )
-
-    def _joint_id(self, name: str) -> int:
-        if not self.shared_model.existJointName(name):
-            known = list(self.shared_model.names)[1:]
-            raise DescriptionError(self._source, f"'{name}' is not a moving joint of the robot{closest(name, known)}")
-        return int(self.shared_model.getJointId(name))
+    def _declared(self, find: Callable[[str], int], name: str, problem: str) -> int:
+        """Return the index of a part that the loops file names."""
+        try:
+            return find(name)
+        except (UnknownFrameError, UnknownJointError) as unknown:
+            raise DescriptionError(self._source, problem + closest(name, unknown.known)) from unknown
 
     def _find_anchors(self) -> tuple[LoopAnchor, ...]:
         anchors = []
         for loop in self.loops.loops:
+            absent = f"loop '{loop.name}' names the absent frame '{{}}'"
             a, b = (
-                self.shared_model.frames[self._frame_id(name, f"loop '{loop.name}' names the absent frame '{name}'")]
+                self.shared_model.frames[self._declared(self.frame_id, name, absent.format(name))]
                 for name in (loop.frame_a, loop.frame_b)
             )
             anchors.append(LoopAnchor(loop.name, loop.type, a.parentJoint, a.placement, b.parentJoint, b.placement))
@@ -276,9 +266,11 @@ class ClosedChainMechanism:
 
     def frame_id(self, name: str) -> int:
         """Return Pinocchio's index of a frame; raises UnknownFrameError where there is no such frame."""
-        if not self.shared_model.existFrame(name):
-            raise UnknownFrameError(name, (frame.name for frame in self.shared_model.frames))
-        return self._frame_named(name)
+        model = self.shared_model
+        if not model.existFrame(name):
+            raise UnknownFrameError(name, (frame.name for frame in model.frames))
+        link = pin.FrameType.BODY  # a joint may be called as a link is; the link counts
+        return int(model.getFrameId(name, link) if model.existFrame(name, link) else model.getFrameId(name))
 
     @property
     def T_end_tool(self) -> pin.SE3:  # noqa: N802 - frames as everywhere
@@ -356,6 +348,17 @@ class ClosedChainMechanism:
             if joint.nv == 1:
                 values[name] = float(stored[0] if joint.nq == 1 else np.arctan2(stored[1], stored[0]))
         return values
+
+    def joint_axes(self, joints: Sequence[int]) -> FloatArray:
+        """Return the first motion of joints, by Pinocchio's indices, in their own frames at zero: twists, (n, 6)."""
+        model, data = self.shared_model, self.shared_model.createData()
+        pin.computeJointJacobians(model, data, pin.neutral(model))
+        columns = [pin.getJointJacobian(model, data, j, pin.LOCAL)[:, model.idx_vs[j]] for j in joints]
+        return np.array(columns).reshape(-1, 6)
+
+    def named_drives(self, values: FloatArray) -> dict[str, float]:
+        """Return drive values (drives,), in m and rad, by name."""
+        return dict(zip(self.loops.drives, values.tolist(), strict=True))
 
     def joint_limits(self) -> dict[str, tuple[float, float]]:
         """Return lower and upper limit of every one-freedom joint with limits, in m or rad."""

@@ -318,14 +318,10 @@ class RobotModel(StrictModel):
         if not self.drive_offsets:
             return self
         self.check_errors()
-        mechanism = self.mechanism()
-        model = mechanism.shared_model
-        data = model.createData()
-        pin.computeJointJacobians(model, data, pin.neutral(model))
-        placed = dict[str, JointPlacement]()
-        for name, offset in mechanism.followed(self.drive_offset_values()).items():
-            joint = model.getJointId(name)
-            axis = pin.getJointJacobian(model, data, joint, pin.LOCAL)[:, model.idx_vs[joint]]
+        mechanism, placed = self.mechanism(), dict[str, JointPlacement]()
+        offsets = mechanism.followed(self.drive_offset_values())
+        axes = mechanism.joint_axes([mechanism.joint_id(name) for name in offsets])
+        for (name, offset), axis in zip(offsets.items(), axes, strict=True):
             present = self.joint_placements.get(name, JointPlacement()).to_se3()
             placed[name] = JointPlacement.from_se3(present * pin.exp6(pin.Motion(axis * offset)))
         placements = {**self.joint_placements, **placed}

@@ -128,15 +128,10 @@ def _read_placements(mechanism: ClosedChainMechanism, index: int) -> _Placements
 
 def _joint_axes(mechanism: ClosedChainMechanism, ids: list[int], chain: str) -> FloatArray:
     """Return the axis of each joint in its own frame, shape (5, 3), once the joints prove to be R R P R R."""
-    model = mechanism.shared_model
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
     kinds, axes = "", []
-    for joint in ids:
-        freedoms = model.joints[joint].nv
-        column = pin.getJointJacobian(model, data, joint, pin.LOCAL)[:, model.joints[joint].idx_v]
+    for joint, column in zip(ids, mechanism.joint_axes(ids), strict=True):
         linear, angular = column[:3], column[3:]
-        pure = freedoms == 1 and (not linear.any() or not angular.any())
+        pure = mechanism.shared_model.nvs[joint] == 1 and (not linear.any() or not angular.any())
         kinds += ("R" if angular.any() else "P") if pure else "?"
         axes.append(np.array(angular if angular.any() else linear))
     if kinds != JOINT_KINDS:

@@ -100,7 +100,7 @@ class FourUPUKinematics:
         poses = np.full((len(drives), 4), np.nan)
         for row in np.flatnonzero(np.isfinite(drives).all(axis=1)):
             try:
-                pose = self.forward(dict(zip(self.mechanism.loops.drives, drives[row].tolist(), strict=True)))
+                pose = self.forward(self.mechanism.named_drives(drives[row]))
             except (NoSolutionError, BadInputError):
                 continue
             poses[row] = *pose.position_m, pose.tilt_rad
@@ -108,7 +108,7 @@ class FourUPUKinematics:
 
     def configuration_at(self, drives: FloatArray, /) -> FloatArray:
         """Return the closed nominal configuration, (nq,), for drive values (4,), in m and rad."""
-        return self.configuration(self.forward(dict(zip(self.mechanism.loops.drives, drives.tolist(), strict=True))))
+        return self.configuration(self.forward(self.mechanism.named_drives(drives)))
 
     def within_limits(self, joints: FloatArray) -> NDArray[np.bool_]:
         """Return where all joints are within their limits, shape (n,), for joint values (n, chains, joints)."""
