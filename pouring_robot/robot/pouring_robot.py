@@ -21,12 +21,11 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult
 from pouring_robot.mechanism.jacobians import AxisWeakness, DriveJacobians, axis_weakness, drive_jacobians
-from pouring_robot.robot.description.urdf import read_text
 from pouring_robot.robot.location import OUT_OF_REACH, LadleLocation, Location, as_poses, error_dataset, frames_of
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pose_table import read_pose_lines
 from pouring_robot.robot.pouring.kinematics import TASK_ROWS, FourUPUKinematics
-from pouring_robot.robot.pouring.layout import Layout, check_layout, load_layout, shipped_layouts_file, stale_mesh_note
+from pouring_robot.robot.pouring.layout import Layout, load_layout, stale_mesh_note
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import Command, Robot, as_it_stands
@@ -57,11 +56,10 @@ class PouringRobot(Robot):
         """Workspace and ladle of the layout, in SI units."""
         return load_layout(self.model.layout, self.model.layouts_path)
 
-    @functools.cached_property
+    @property
     def dimensions(self) -> LayoutEntry:
         """Sizes of every part, as the dimensions file has them."""
-        path = self.model.layouts_path or shipped_layouts_file()
-        return check_layout(self.model.layout, path, read_text(path))
+        return self.layout.entry
 
     def forward(self, drives: dict[str, float], near: PlatformPose | None = None) -> ClosureResult:
         """Close the robot as built for commanded drive values (m, rad).

@@ -20,7 +20,7 @@ def stiffness_at(
     """Return the stiffness of the parts at a pose of the drawing, bearings under a quarter of the ladle's weight."""
     values = robot.kinematics.joint_values(pose)
     lengths = np.array([values[f"leg{i}_s3"] for i in (1, 2, 3, 4)])
-    carried = 0.25 * GRAVITY_M_S2 * (payload_kg + robot.layout.ladle.tare_kg)
+    carried = 0.25 * GRAVITY_M_S2 * (payload_kg + robot.layout.ladle.tare.value)
     return PartStiffness.of(robot.dimensions, lengths, carried, properties)
 
 
@@ -39,7 +39,7 @@ def under_weight(robot: PouringRobot, stiffness: PartStiffness, payload_kg: floa
         gravity=True,
         payload_kg=payload_kg,
         payload_frame="ladle",
-        payload_centre_m=(0.0, 0.0, -0.5 * ladle.height_m),
+        payload_centre_m=(0.0, 0.0, -0.5 * ladle.height.metres),
         drive_stiffness={name: axial[name] for name in legs} | {tilt: stiffness.tilt_drive},
     )
     held = LoopStiffness(

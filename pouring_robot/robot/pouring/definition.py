@@ -19,9 +19,8 @@ from pouring_robot.robot.description.robot_file import RobotFile
 from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.dh.table import DHTable
 from pouring_robot.robot.pouring.causes import CAUSES
-from pouring_robot.robot.pouring.description import render_urdf
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
-from pouring_robot.robot.pouring.layout import load_layout
+from pouring_robot.robot.pouring.layout import load_layout, render_urdf
 from pouring_robot.robot.pouring.names import DRIVE_SYMBOLS, DRIVE_WORDS, GROUPS, INNER_JOINTS, LEGS, SETS
 
 if TYPE_CHECKING:

@@ -23,7 +23,6 @@ from typing import Annotated, Literal
 import numpy as np
 import pydantic
 
-from pouring_robot.exceptions import DescriptionError
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.urdf import description_folder
@@ -85,7 +84,7 @@ class StiffnessProperties(StrictModel):
 def load_stiffness(path: Path | str | None = None) -> StiffnessProperties:
     """Read a stiffness file (default: the shipped one); raises DescriptionError where it is missing or wrong."""
     path = Path(path) if path is not None else description_folder() / "config" / "stiffness.yaml"
-    return validate(StiffnessProperties, read_yaml(path, DescriptionError), path, DescriptionError)
+    return validate(StiffnessProperties, read_yaml(path), path)
 
 
 @dataclass(frozen=True)
