@@ -6,15 +6,13 @@ joint, every chain, the carrying one included, is closed onto the platform by a 
 carrying chain drops out of all results.
 """
 
-from __future__ import annotations
-
 import functools
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 import pinocchio as pin
@@ -100,11 +98,11 @@ class ClosedChainMechanism:
                 raise DescriptionError(self._source, f"drive '{name}' must have one freedom")
         self._check_mimics()
 
-    def __reduce__(self) -> tuple[type[ClosedChainMechanism], tuple[Any, ...]]:
+    def __reduce__(self) -> tuple[type[Self], tuple[Any, ...]]:
         """Pickle as what it was built from: Pinocchio's constraint models cannot be pickled."""
         return type(self), (self.urdf, self.loops, self._source, self._displacements, self._built_in)
 
-    def displaced(self, displacements: Mapping[str, pin.SE3]) -> ClosedChainMechanism:
+    def displaced(self, displacements: Mapping[str, pin.SE3]) -> Self:
         """Return the mechanism with joints displaced further, faster than a new one; raises as require_placement."""
         for name in displacements:
             self.require_placement(name)
@@ -115,7 +113,7 @@ class ClosedChainMechanism:
         other._displacements = _composed(self._displacements, displacements)
         return other
 
-    def _twin(self) -> ClosedChainMechanism:
+    def _twin(self) -> Self:
         """Return a copy: names, indices and workspaces depend neither on where joints stand nor on stiffness."""
         twin = object.__new__(type(self))
         twin.__dict__.update(self.__dict__)
@@ -126,13 +124,13 @@ class ClosedChainMechanism:
         """How joints are displaced from the drawing: the pose of the actual placement in the drawn one, by joint."""
         return _composed(self._built_in, self._displacements)
 
-    def with_stiffness(self, stiffness: LoopStiffness) -> ClosedChainMechanism:
+    def with_stiffness(self, stiffness: LoopStiffness) -> Self:
         """Return the mechanism with other stiffness of its closures; where joints stand does not depend on it."""
         other = self._twin()
         other.loops = self.loops.model_copy(update={"stiffness": stiffness})
         return other
 
-    def with_drives(self, drives: tuple[str, ...]) -> ClosedChainMechanism:
+    def with_drives(self, drives: tuple[str, ...]) -> Self:
         """Return the mechanism with other drives, or none: what is driven no longer is found by the closure."""
         loops = self.loops.model_copy(update={"drives": drives})
         return type(self)(self.urdf, loops, self._source, self._displacements, self._built_in)

@@ -5,10 +5,8 @@ our own (``robot_description/config/loops.yaml``) and the ``robot.yaml`` of Gepe
 (keys ``closed_loop``, ``type``, ``name_mot``).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import pydantic
 from ruamel.yaml.comments import CommentedMap
@@ -54,7 +52,7 @@ class LoopStiffness(StrictModel):
     rotation: Quantity
 
     @pydantic.model_validator(mode="after")
-    def _units_and_sign(self) -> LoopStiffness:
+    def _units_and_sign(self) -> Self:
         for quantity, unit in ((self.translation, "N/m"), (self.rotation, "Nm/rad")):
             if quantity.unit != unit:
                 raise ValueError(f"the stiffness must be given in {unit}")
@@ -107,7 +105,7 @@ class LoopsFile(StrictModel):
         return self.stiffness.translation.value, self.stiffness.rotation.value
 
     @pydantic.model_validator(mode="after")
-    def _no_name_twice(self) -> LoopsFile:
+    def _no_name_twice(self) -> Self:
         for what, names in (("loop", self.names), ("drive", self.drives), ("cut joint", self.cut_joints)):
             twice = {name for name in names if names.count(name) > 1}
             if twice:
@@ -121,7 +119,7 @@ class LoopsFile(StrictModel):
         return self
 
     @pydantic.model_validator(mode="after")
-    def _complete_without_loops(self) -> LoopsFile:
+    def _complete_without_loops(self) -> Self:
         if self.loops:
             return self
         if self.end_frame is None:

@@ -1,10 +1,9 @@
 """Differences of poses, and the units of the user's edge: mm and mrad."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import pinocchio as pin
@@ -26,7 +25,7 @@ class PoseDifference:
         lock_fields(self, "translation_m", "rotation_rad")
 
     @classmethod
-    def between(cls, nominal: pin.SE3, actual: pin.SE3) -> PoseDifference:
+    def between(cls, nominal: pin.SE3, actual: pin.SE3) -> Self:
         """Compare two poses of one frame in the same base."""
         rotation = pin.log3(actual.rotation @ nominal.rotation.T)
         return cls(actual.translation - nominal.translation, np.asarray(rotation))
@@ -76,7 +75,7 @@ class PlacementError:
                 raise ValueError(f"{name} must be three finite numbers, not {part}")
 
     @classmethod
-    def from_se3(cls, displacement: pin.SE3) -> PlacementError:
+    def from_se3(cls, displacement: pin.SE3) -> Self:
         """Take a displacement given as the pose of the actual placement in the nominal one."""
         x, y, z = displacement.translation.tolist()
         rx, ry, rz = pin.log3(displacement.rotation).tolist()

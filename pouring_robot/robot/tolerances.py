@@ -1,10 +1,8 @@
 """How far a part may be off before anybody has measured it."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
 import pydantic
@@ -61,13 +59,13 @@ class Tolerances(StrictModel):
     kinds: Kinds  # one tolerance a kind
 
     @classmethod
-    def load(cls, path: Path | str | None = None) -> Tolerances:
+    def load(cls, path: Path | str | None = None) -> Self:
         """Read a tolerances file (default: the shipped one); raises DescriptionError where something in it is wrong."""
         path = description_folder() / "config" / "tolerances.yaml" if path is None else Path(path)
         return validate(cls, read_yaml(path), path)
 
     @classmethod
-    def of(cls, robot: RobotDefinition) -> Tolerances:
+    def of(cls, robot: RobotDefinition) -> Self:
         """Return those of a robot: its own, or the shipped ones; raises DescriptionError as :meth:`load`."""
         return cls.load(robot.tolerances_file)
 

@@ -9,11 +9,10 @@ Conventions, and why a DH error is a displaced joint placement: see :mod:`~pouri
 and :mod:`~pouring_robot.robot.dh.chain`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from types import MappingProxyType
+from typing import Self
 
 import numpy as np
 import pinocchio as pin
@@ -40,7 +39,7 @@ class DHTable:
         self._sites = {joint: (chain, k) for chain in chains for k, joint in enumerate(chain.joints)}
 
     @classmethod
-    def from_mechanism(cls, mechanism: ClosedChainMechanism) -> DHTable:
+    def from_mechanism(cls, mechanism: ClosedChainMechanism) -> Self:
         """Derive the table from a loaded nominal robot; raises NotUPUError where a chain is of another kind."""
         chains = [dh_chain(mechanism, index) for index in range(len(mechanism.anchors))]
         return cls(chains, mechanism.loops.drives)

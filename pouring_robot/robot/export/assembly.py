@@ -1,11 +1,9 @@
 """A closed robot as bodies, joints and loops, each body where it stands: what MJCF and SDF are written from."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import PurePosixPath
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pinocchio as pin
@@ -83,7 +81,7 @@ class Assembly:
     mimics: Mapping[tuple[str, str], float]  # ratio by follower and leader
 
     @classmethod
-    def of(cls, closed: ClosedRobot) -> Assembly:
+    def of(cls, closed: ClosedRobot) -> Self:
         """Read it off a closed robot; raises DescriptionError for a joint or shape that cannot be written."""
         root, mechanism = etree.fromstring(closed.urdf.encode()), closed.mechanism
         paint = {

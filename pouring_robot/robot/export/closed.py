@@ -7,10 +7,9 @@ where the package says, and each foot is off its seat by that chain's own share.
 another one; :meth:`ClosedRobot.over_workspace` says how much that does.
 """
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import pinocchio as pin
@@ -44,7 +43,7 @@ class ClosedRobot:
     result: ClosureResult  # the closure at the command
 
     @classmethod
-    def of(cls, model: RobotModel, command: Command | None = None) -> ClosedRobot:
+    def of(cls, model: RobotModel, command: Command | None = None) -> Self:
         """Close the robot of a model at a command, by default in the middle of its workspace or at its home.
 
         Raises:

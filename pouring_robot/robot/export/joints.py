@@ -1,7 +1,5 @@
 """Tables of joint values, by which other programs stand closed: a row a pose, names of the exported tree, SI."""
 
-from __future__ import annotations
-
 import io
 import json
 import math
@@ -9,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -30,7 +28,7 @@ class JointRow:
     gap_rad: float
 
     @classmethod
-    def of(cls, closed: ClosureResult, offsets: Mapping[str, float] = MappingProxyType({})) -> JointRow:
+    def of(cls, closed: ClosureResult, offsets: Mapping[str, float] = MappingProxyType({})) -> Self:
         """Take them from a closure whose drives stand beyond commands by offsets, which the tree's joints hold."""
         beyond = closed.mechanism.followed(offsets)
         values = {name: value - beyond.get(name, 0.0) for name, value in closed.joint_values.items()}
@@ -38,7 +36,7 @@ class JointRow:
         return cls(values, units, closed.gap_m, closed.gap_rad)
 
     @classmethod
-    def of_many(cls, structure: Structure, closed: BatchClosure, model: RobotModel) -> list[JointRow]:
+    def of_many(cls, structure: Structure, closed: BatchClosure, model: RobotModel) -> list[Self]:
         """Take them from an engine's closures, less the model's drive offsets; without an answer all values are NaN."""
         offsets, mechanism = model.drive_offset_values(), structure.mechanism
         columns = dict.fromkeys(mechanism.loops.locked_joints, np.zeros(len(closed)))

@@ -4,13 +4,11 @@ Bodies stand closed when the file is loaded, and ``ref`` gives the joints the pa
 hangs free between all of its chains, so no chain is preferred.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import PurePosixPath
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pinocchio as pin
@@ -188,7 +186,7 @@ class _Weld:
     torque_scale: float
 
     @classmethod
-    def of(cls, loop: LoopSpec, assembly: Assembly, mobilities: Mapping[str, tuple[float, float]]) -> _Weld:
+    def of(cls, loop: LoopSpec, assembly: Assembly, mobilities: Mapping[str, tuple[float, float]]) -> Self:
         ends = (mobilities[assembly.solid(frame)] for frame in (loop.frame_a, loop.frame_b))
         slide, turn = (sum(parts) for parts in zip(*ends, strict=True))
         along, about = assembly.loops.stiffness_si

@@ -5,12 +5,10 @@ drives make large ones of the platform: where the smallest singular value of ∂
 as lengths at the arm of the moving U joints, so that both are in metres.
 """
 
-from __future__ import annotations
-
 import io
 import math
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from ruamel.yaml import YAML
@@ -61,7 +59,7 @@ class NewLayout:
                 raise BadInputError(f"{one.name}: give the lower end first, not {value[0]:g} to {value[1]:g}")
 
     @classmethod
-    def usual(cls) -> NewLayout:
+    def usual(cls) -> Self:
         """Return the paper's robot, under a name of its own."""
         paper = load_layout()
         corners = [np.ptp(centres[:, :2], axis=0) / MM for centres in (paper.fixed_centres_m, paper.moving_centres_m)]

@@ -14,11 +14,9 @@ it adds tan² 0.32 · G J / (E I), 8 %, to the torsion's compliance. Leg 4 holds
 supports with a moment at one end, which turns there by :math:`T L / (3 E I)`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
 import pydantic
@@ -100,7 +98,7 @@ class PartStiffness:
     @classmethod
     def of(
         cls, layout: LayoutEntry, lengths_m: FloatArray, load_N: float, properties: StiffnessProperties | None = None
-    ) -> PartStiffness:
+    ) -> Self:
         """Compute it for a layout, lengths of the legs (4,), in m, and a load along a leg, in N, that bearings feel."""
         given = properties or load_stiffness()
         leg, E, G = layout.leg, given.steel.youngs_modulus.value, given.steel.shear_modulus.value
