@@ -69,7 +69,7 @@ class CompiledEngine(Engine):
 
         Of a serial arm's start nothing but the locked joints counts.
         """
-        start.check(self.structure.star.revolute.shape)
+        shaped(start.joints, (len(start), *self.structure.star.revolute.shape), "the start's joints")
         for i, names in enumerate(self.structure.joint_names):
             if np.any(np.nan_to_num(start.joints[:, i, len(names) :])):
                 raise BadInputError(f"chain {i + 1} has {len(names)} joints; the start's values beyond them must be 0")
@@ -100,9 +100,8 @@ class CompiledEngine(Engine):
         before = np.full(len(start), np.inf)
         for step in range(steps + 1):
             engine = self if step == steps or not self._largest_turn else self._smaller[step / steps]
-            closed = engine._straight(
-                drives[rows], start[rows], placed[rows].scaled(step / steps), None if step == steps else np.inf
-            )
+            smaller = SiteErrors(step / steps * placed[rows].errors, placed[rows].site)
+            closed = engine._straight(drives[rows], start[rows], smaller, None if step == steps else np.inf)
             spent[rows] += closed.iterations
             if step:
                 moved = np.linalg.norm(closed.position - start.position[rows], axis=1)

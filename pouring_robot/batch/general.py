@@ -8,7 +8,7 @@ import pinocchio as pin
 
 from pouring_robot.batch.compiled import CompiledEngine
 from pouring_robot.batch.interface import Engine
-from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart, BatchTransfer, SiteErrors
+from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
 from pouring_robot.batch.structure import Structure, seat_joint
 from pouring_robot.exceptions import BadInputError, ClosureError, SingularPoseError, UnsupportedMechanismError
 from pouring_robot.mechanism.arrays import FloatArray
@@ -48,7 +48,7 @@ class GeneralEngine(Engine):
 
     def _closed(self, drives: FloatArray, start: BatchStart, placed: SiteErrors) -> BatchClosure:
         mechanism, count = self.structure.mechanism, len(start)
-        start.check((mechanism.shared_model.nq,))
+        shaped(start.joints, (count, mechanism.shared_model.nq), "the start's joints")
         solvers, redundant = _Solvers(self.structure, placed, self.options), redundant_drives(mechanism)
         result = BatchClosure.empty(count, (mechanism.shared_model.nq,), len(mechanism.anchors), redundant)
         for row in range(count):

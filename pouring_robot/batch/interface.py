@@ -8,7 +8,7 @@ import numpy as np
 from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
 from pouring_robot.batch.structure import Structure, fixed
 from pouring_robot.exceptions import BadInputError, ClosureError
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
 from pouring_robot.mechanism.parameters import DriveParameter, GeometricParameter, LocalParameter, PlacementParameter
@@ -45,7 +45,9 @@ class Engine(ABC):
             BadInputError: a shape does not fit.
         """
         drives = shaped(drives, (len(start), len(self.structure.mechanism.loops.drives)), "'drives'")
-        return self._closed(drives, start, SiteErrors.take(errors, len(start), self.structure.site_count)).locked()
+        closed = self._closed(drives, start, SiteErrors.take(errors, len(start), self.structure.site_count))
+        lock_fields(closed, *vars(closed))
+        return closed
 
     @abstractmethod
     def _closed(self, drives: FloatArray, start: BatchStart, placed: SiteErrors) -> BatchClosure: ...

@@ -41,10 +41,6 @@ class BatchStart:
     def __len__(self) -> int:
         return len(self.position)
 
-    def check(self, joints: tuple[int, ...]) -> None:
-        """Raise BadInputError unless the joints of a sample have that shape."""
-        shaped(self.joints, (len(self), *joints), "the start's joints")
-
     def __getitem__(self, samples: IntArray | slice) -> BatchStart:
         return BatchStart(self.position[samples], self.rotation[samples], self.joints[samples])
 
@@ -102,10 +98,6 @@ class SiteErrors:
             return SiteErrors(self.errors[samples], self.site[samples])
         return self if len(self.errors) < 2 else SiteErrors(self.errors[samples], self.site)
 
-    def scaled(self, share: float) -> SiteErrors:
-        """Return a share of the errors."""
-        return SiteErrors(share * self.errors, self.site)
-
     @classmethod
     def take(cls, errors: SiteErrors | FloatArray | None, count: int, sites: int) -> SiteErrors:
         """Return what kernels take for ``count`` samples from what engines accept; raises BadInputError for misfits."""
@@ -151,11 +143,6 @@ class BatchClosure:
         position, rotation, values, residual, apart = (np.full((count, *shape), np.nan) for shape in shapes)
         iterations, status = np.zeros(count, dtype=np.int32), np.zeros(count, dtype=np.uint8)
         return cls(position, rotation, values, residual, iterations, status, apart)
-
-    def locked(self) -> BatchClosure:
-        """Return the same, locked against writing."""
-        lock_fields(self, *(one.name for one in fields(self)))
-        return self
 
     def __len__(self) -> int:
         return len(self.position)

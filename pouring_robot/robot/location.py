@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
+from pouring_robot.batch.samples import STATUS_NAMES
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -133,8 +134,6 @@ def error_dataset(
     ``status`` says of each pose whether it is closed, otherwise it is NaN; ``coordinates`` what was commanded.
     """
     import xarray as xr
-
-    from pouring_robot.batch.samples import STATUS_NAMES
 
     found = (status == STATUS_NAMES[0])[:, None, None, None]
     nominal, actual = np.where(found, nominal, np.nan), np.where(found, actual, np.nan)

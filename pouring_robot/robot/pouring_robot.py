@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from pouring_robot.batch import STATUS_NAMES
+from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchCommand
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
@@ -32,8 +32,6 @@ from pouring_robot.robot.robot import Command, Robot, as_it_stands
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from pouring_robot.batch import BatchClosure, BatchCommand
 
 
 class PouringRobot(Robot):

@@ -21,6 +21,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from pouring_robot.batch.interface import Engine
+from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachableTargetError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
@@ -39,7 +41,6 @@ from pouring_robot.robot.pouring.poses import PlatformPose
 if TYPE_CHECKING:
     import xarray as xr
 
-    from pouring_robot.batch import BatchClosure, BatchStart, Engine
     from pouring_robot.robot.description.command import CommandAxis
     from pouring_robot.robot.parameters import ParameterCatalogue
 
@@ -138,8 +139,6 @@ class Robot:
         Raises:
             BadInputError: the array has another shape or holds a number that is not finite.
         """
-        from pouring_robot.batch import STATUS_NAMES
-
         names = self.nominal_solver.mechanism.loops.drives
         commanded = np.asarray(drives, dtype=float)
         if commanded.ndim != 2 or commanded.shape[1] != len(names) or not np.isfinite(commanded).all():

@@ -1,5 +1,6 @@
 """The robot as built under its weight: legs, joints and tilt drive yield as their parts do."""
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -47,9 +48,7 @@ def under_weight(robot: PouringRobot, stiffness: PartStiffness, payload_kg: floa
         rotation=Quantity(value=float(stiffness.leg_torsion.mean()), unit="Nm/rad", source="assumed"),
     )
     mechanism = robot.actual_solver.mechanism.with_stiffness(held)
-    loaded = object.__new__(type(robot))
-    # Not a new robot: the nominal side is the given one's, and building takes time.
-    loaded.__dict__.update(vars(robot))
+    loaded = copy.copy(robot)  # not a new robot: the nominal side is the given one's, and building takes time
     loaded.actual_solver = ClosureSolver(mechanism, loads, robot.actual_solver.options)
     return loaded
 

@@ -1,6 +1,5 @@
 """Tables of joint values, by which other programs stand closed: a row a pose, names of the exported tree, SI."""
 
-import io
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -14,6 +13,7 @@ import numpy as np
 from pouring_robot.batch.samples import BatchClosure
 from pouring_robot.batch.structure import Structure
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.tables import csv_text
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.robot.model import RobotModel
 
@@ -65,9 +65,6 @@ def joints_text(rows: Sequence[JointRow], path: Path) -> str:
         return json.dumps(joints_json(rows), indent=1, allow_nan=False) + "\n"
     if path.suffix != ".csv":
         raise BadInputError(f"{path}: a table of joints is a .csv or a .json; name it so")
-    out = io.StringIO()
     heads = [f"{name}_{unit}" for name, unit in rows[0].units.items()] if rows else []
-    print(*heads, "left_open_m", "left_open_rad", sep=",", file=out)
-    for row in rows:
-        print(*(repr(float(v)) for v in (*row.values.values(), row.gap_m, row.gap_rad)), sep=",", file=out)
-    return out.getvalue()
+    values = ([*map(float, row.values.values()), row.gap_m, row.gap_rad] for row in rows)
+    return csv_text([*heads, "left_open_m", "left_open_rad"], values)

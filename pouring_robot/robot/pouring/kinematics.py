@@ -4,27 +4,21 @@ The nominal robot closes exactly, with two pairs of equal planar chains, so both
 They give the drives a controller commands, and start the closure of the actual robot.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from pouring_robot.batch.samples import BatchCommand, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError, closest
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.reach import JointReach, joint_reach, refuse_beyond
 from pouring_robot.robot.pouring.names import CHAIN_JOINTS, DRIVE_JOINTS, LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
-
-if TYPE_CHECKING:
-    from pouring_robot.batch.samples import BatchCommand, BatchStart
-
 
 TASK_ROWS = (0, 1, 2, 4)
 """Rows of the platform's twist that the four drives control: x, y, z and the tilt about y."""
@@ -80,8 +74,6 @@ class FourUPUKinematics:
 
     def commands(self, poses: FloatArray) -> BatchCommand:
         """Return drives and closed poses of poses (n, 4): x, y, z in m, tilt in rad; joint limits do not count."""
-        from pouring_robot.batch.samples import BatchCommand, BatchStart
-
         poses = np.ascontiguousarray(poses, dtype=float)
         if poses.ndim != 2 or poses.shape[1] != 4:
             raise BadInputError(f"poses must have the shape (n, 4): x, y, z, tilt; not {poses.shape}")
