@@ -31,13 +31,10 @@ _NOT_CONVERGED, _MODE_ENDS = STATUS_NAMES.index("not converged"), STATUS_NAMES.i
 
 
 class CompiledEngine(Engine):
-    """Closes a star mechanism, or places a serial arm, for many samples, on threads. Safe to use from several threads.
+    """Closes a star mechanism, or places a serial arm, for many samples. Safe to use from several threads.
 
-    Results do not depend on their number, by default one a core.
-
-    Raises:
-        UnsupportedMechanismError: the mechanism is no star of serial chains.
-        BadInputError: the number of threads is not positive.
+    Its own threads, by default one a core, change no result. Raises UnsupportedMechanismError where the mechanism is no
+    star of serial chains, BadInputError where the number of threads is not positive.
     """
 
     def __init__(

@@ -135,11 +135,7 @@ def _site_joints(mechanism: ClosedChainMechanism) -> tuple[str, ...]:
 def engine_for(
     mechanism: ClosedChainMechanism, threads: int | None = None, options: ClosureOptions = DEFAULT_OPTIONS
 ) -> Engine:
-    """Return the fastest engine that takes a mechanism with an end frame; results depend on neither it nor its threads.
-
-    Raises:
-        BadInputError: the mechanism names no end frame, or the number of threads is not positive.
-    """
+    """Return the fastest engine that takes a mechanism; results do not depend on it. Raises as the engines do."""
     if mechanism.loops.redundant_drives:
         return GeneralEngine(mechanism, options)
     try:

@@ -93,10 +93,9 @@ class Engine(ABC):
 def closed_home(
     mechanism: ClosedChainMechanism, home: Mapping[str, float], options: ClosureOptions = DEFAULT_OPTIONS
 ) -> ClosureResult:
-    """Return a closed configuration at or near given joint values, by name in m or rad.
+    """Return a closed configuration at or near given joint values, by name in m or rad; others start at zero.
 
-    Drives stand where ``home`` says, and passive joints start there; joints that are not named start at zero. Where
-    the loops do not close with all drives so, those that are not named give way.
+    Drives stand where ``home`` says; where the loops do not close so, drives that are not named give way.
 
     Raises:
         UnknownJointError: a name is no joint.
@@ -116,20 +115,10 @@ def closed_home(
 
 
 class HomotopyStarts:
-    """Closed poses for any drive values, followed from one closed home configuration.
+    """Closed poses for any drive values, followed from one closed home in even steps, all samples at once.
 
-    The drives go straight from home to target in even steps, all samples at once; each step starts from the last.
-
-    Args:
-        engine: of the mechanism.
-        home: joint values near which it closes, m or rad, as :func:`closed_home` takes them.
-        steps: from home to target.
-        last: engine of the last step, which may ask for more than those on the way; by default the same.
-
-    Raises:
-        UnknownJointError: a name is no joint.
-        BadInputError: a value is not finite, a named joint has several freedoms, or there is no step.
-        ClosureError: the mechanism does not close at its home.
+    The last step may have an engine of its own, ``last``, that asks for more than those on the way. Raises as
+    :func:`closed_home`, and BadInputError where there is no step.
     """
 
     def __init__(self, engine: Engine, home: Mapping[str, float], steps: int = 8, last: Engine | None = None) -> None:
@@ -143,12 +132,9 @@ class HomotopyStarts:
         self._home_drives = np.array([values[name] for name in mechanism.loops.drives])
 
     def starts(self, drives: FloatArray) -> BatchStart:
-        """Return closed poses for drive values, shape (n, drives), in m and rad; NaN where a step finds none.
+        """Return closed poses for drives (n, drives), in m and rad; NaN where a step finds none.
 
-        A serial arm needs no start: it gets its home's locked joints.
-
-        Raises:
-            BadInputError: the shape is wrong.
+        A serial arm needs no start: it gets its home's locked joints. Raises BadInputError where the shape is wrong.
         """
         drives = fixed(drives)
         if drives.ndim != 2 or drives.shape[1] != self._home_drives.size:

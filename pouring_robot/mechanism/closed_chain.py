@@ -302,10 +302,8 @@ class ClosedChainMechanism:
     def with_joint_values(self, configuration: FloatArray, values: Mapping[str, float]) -> FloatArray:
         """Return a copy of a configuration with the given one-freedom joints set (m or rad); shape (nq,).
 
-        Raises:
-            UnknownJointError: there is no such joint.
-            BadInputError: a value is not finite, the configuration has another length, or the joint has more than
-                one freedom.
+        Raises UnknownJointError for an absent joint, BadInputError for one of several freedoms, a value that is not
+        finite or a configuration of another length.
         """
         result = np.array(configuration, dtype=float)
         if result.shape != (self.shared_model.nq,):

@@ -52,11 +52,7 @@ class AxisWeakness:
 
 
 def axis_weakness(solver: ClosureSolver, result: ClosureResult, frame: str) -> AxisWeakness:
-    """Return the largest sideways entry of a frame's G over all axis tilts of the chains, at a closure of the solver.
-
-    Raises:
-        SingularPoseError: the drives do not determine the platform here.
-    """
+    """Return the largest sideways entry of a frame's G over all axis tilts of the chains; raises SingularPoseError."""
     paths, loops = solver.mechanism.frame_paths, solver.mechanism.loops
     shared = {*paths[loops.base_frame], *loops.cut_joints}
     chains = dict.fromkeys(name for loop in loops.loops for name in (*paths[loop.frame_a], *paths[loop.frame_b]))
@@ -69,9 +65,7 @@ def axis_weakness(solver: ClosureSolver, result: ClosureResult, frame: str) -> A
 def drive_jacobians(solver: ClosureSolver, result: ClosureResult) -> DriveJacobians:
     """Return the exact Jacobians at a closed configuration that the solver, whose loads count, found.
 
-    Raises:
-        SingularPoseError: the free joints are not determined by the drives here.
-        BadInputError: the loops file names no end frame.
+    Raises as :func:`closed_chain_transfer`.
     """
     drives = drive_parameters(solver.mechanism)
     transfer = closed_chain_transfer(solver, result, drives)

@@ -27,13 +27,9 @@ _lock = threading.Lock()
 
 
 def change_joints(urdf: str, kinds: Mapping[str, str]) -> str:
-    """Return the URDF with joints of other kinds; spherical ones, which URDF does not know, turn about one axis yet.
+    """Return the URDF with joints of other kinds (``JointKind`` or ``floating``); a spherical one turns about one axis.
 
-    Kinds are :data:`JointKind` or ``floating``, by joint.
-
-    Raises:
-        UnknownJointError: the URDF has no such joint.
-        etree.XMLSyntaxError: the text is not XML.
+    Raises UnknownJointError where the URDF has no such joint, etree.XMLSyntaxError where it is no XML.
     """
     root = etree.fromstring(urdf.encode())
     found = {joint.get("name"): joint for joint in root.iterfind("joint")}
@@ -132,9 +128,7 @@ class Tree(NamedTuple):
 def tree_of(urdf: str, loops: LoopsFile, source: Path) -> Tree:
     """Return the tree of a URDF text with joints as loops want them; the model is the caller's own.
 
-    Raises:
-        DescriptionError: a joint is absent, the text is no URDF, or Pinocchio cannot build it: says why in its
-            parser's words.
+    Raises DescriptionError: a joint is absent, or the text is no URDF that Pinocchio can build, in its parser's words.
     """
     tree = _tree_of(urdf, tuple(loops.joint_types.items()), tuple(loops.cut_joints), source)
     return tree._replace(model=tree.model.copy())

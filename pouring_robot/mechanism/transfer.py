@@ -206,11 +206,7 @@ def _imposed(
 
 
 def _answer(energy: ClosureEnergy, hessian: FloatArray, gradient_change: FloatArray, twists: FloatArray) -> FloatArray:
-    """Return how the joints answer a change of the gradient, (nv, n), where idle freedoms do not show in ``twists``.
-
-    Raises:
-        SingularPoseError: a freedom that nothing holds moves the frame, or a parameter pushes at it.
-    """
+    """Return how the joints answer a change of the gradient, (nv, n); what idles must not show in ``twists``."""
     block, wanted = energy.reduced_block(hessian), energy.reduced(gradient_change)
     if not block.size or not wanted.size:
         return energy.expanded(wanted)

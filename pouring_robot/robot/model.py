@@ -252,11 +252,9 @@ class RobotModel(StrictModel):
         return self.model_copy(update={"joint_placements": joints, "drive_offsets": offsets})
 
     def check_errors(self) -> None:
-        """Check that every offset is one of a drive, in its unit, and that no error is too large to be one.
+        """Raise BadInputError unless each offset is one of a drive in its unit, and no error is too large to be one.
 
-        Raises:
-            BadInputError: there is no such drive, or it is a length where an angle is given or the other way round; or
-                something is off by more than a tenth of the robot's reach, or 100 mrad.
+        More than a tenth of the robot's reach, or 100 mrad, is.
         """
         drives = {drive.joint: drive for drive in self.definition.drives} if self.drive_offsets else {}
         for joint, offset in self.drive_offsets.items():
@@ -293,9 +291,7 @@ class RobotModel(StrictModel):
     def urdf(self) -> str:
         """Return the robot as built as URDF: the drawing with every joint displaced by its error.
 
-        Raises:
-            UnknownJointError: the model displaces a joint that the robot does not have.
-            BadInputError: the model displaces the joint at which the tree is cut.
+        Raises UnknownJointError where there is no such joint, BadInputError where the tree is cut at it.
         """
         for joint in self.loops().cut_joints:
             if joint in self.joint_placements:

@@ -35,11 +35,7 @@ if TYPE_CHECKING:
 
 
 class PouringRobot(Robot):
-    """The pouring robot (default: the drawing of the default layout): a :class:`Robot` that is commanded by poses.
-
-    Raises:
-        BadInputError: the model names a joint or drive that the robot does not have, or is one of another robot.
-    """
+    """The pouring robot (default: its drawing), a :class:`Robot` commanded by poses; BadInputError for another one."""
 
     def __init__(
         self, model: RobotModel | None = None, loads: Loads = NO_LOADS, options: ClosureOptions = DEFAULT_OPTIONS
@@ -223,13 +219,9 @@ def robot_of(model: RobotModel) -> Robot:
 
 
 def load_robot(model: RobotModel | Path | str | None = None) -> PouringRobot:
-    """Load a robot from a model, its file, or (default) the drawing of the default layout.
+    """Load a robot from a model, its file, or (default) the drawing of the default layout; raises as ``Robot.load``.
 
     The robot stands cold and without effects that depend on conditions: where the model tells of them, a warning says
     so. ``HeatedRobot(robot, robot.model.heat)`` cares for the heat, ``robots_under`` for the effects.
-
-    Raises:
-        ModelFileError: the model file is wrong.
-        UnknownLayoutError: it names a layout that does not exist.
     """
     return PouringRobot(as_it_stands(model, "load_robot"))

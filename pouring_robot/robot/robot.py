@@ -62,10 +62,8 @@ class Robot:
 
     ``loads``, weight and yielding drives, act on the actual robot; ``options`` say when a closure counts as found.
     What takes a command raises BadInputError where it is none of this robot, UnreachablePoseError where a joint of the
-    drawing or of the robot as built would pass its limits, NoSolutionError where no pose answers it.
-
-    Raises:
-        BadInputError: the model names a joint or drive that the robot does not have.
+    drawing or of the robot as built would pass its limits, NoSolutionError where no pose answers it; the constructor
+    BadInputError where the model names a joint or drive that the robot does not have.
     """
 
     def __init__(
@@ -80,13 +78,10 @@ class Robot:
 
     @classmethod
     def load(cls, model: RobotModel | Path | str | None = None) -> Self:
-        """Load a robot from a model, a model file or a robot file.
+        """Load a robot from a model, a model file or a robot file; raises DescriptionError where a file is wrong.
 
         The robot stands cold and without effects that depend on conditions: where the model tells of them, a warning
         says so. ``robots_under`` applies them.
-
-        Raises:
-            DescriptionError: a file is wrong.
         """
         return cls(as_it_stands(model, f"{cls.__name__}.load"))
 

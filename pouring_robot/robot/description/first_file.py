@@ -95,8 +95,7 @@ def _link(joint: etree._Element, end: str) -> str:
 def first_robot(urdf: Path, path: Path) -> tuple[str, RobotDefinition]:
     """Return the text of a robot file that is to stand at ``path`` for a URDF or xacro, and the robot it loads as.
 
-    Raises:
-        DescriptionError: as :func:`first_robot_file`, or the robot cannot be loaded, for instance for its meshes.
+    Raises DescriptionError as :func:`first_robot_file`, or where the robot cannot be loaded, such as for its meshes.
     """
     text = first_robot_file(urdf, path.parent)
     return text, RobotDefinition(validate(RobotFile, parse_yaml(text, path), path), path)

@@ -5,8 +5,7 @@
     urdf = perturb_urdf(nominal_urdf, placements)                                 # the same robot, exactly
     table.errors_from_placements(placements)                                      # and back
 
-Conventions, and why a DH error is a displaced joint placement: see :mod:`~pouring_robot.robot.dh.derivation`
-and :mod:`~pouring_robot.robot.dh.chain`.
+Conventions, and why a DH error is a displaced joint placement: see :mod:`~pouring_robot.robot.dh.chain`.
 """
 
 import math
@@ -21,8 +20,7 @@ from pouring_robot.exceptions import BadInputError, UnknownJointError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import PlacementError
-from pouring_robot.robot.dh.chain import DHChain
-from pouring_robot.robot.dh.derivation import dh_chain
+from pouring_robot.robot.dh.chain import DHChain, dh_chain
 from pouring_robot.robot.dh.fit import fit_errors
 from pouring_robot.robot.dh.parameters import DHParameter, UnknownParameterError, chain_parameters
 
@@ -81,15 +79,10 @@ class DHTable:
     def chain_poses(
         self, chain: int, joint_values: Sequence[float] | FloatArray, errors: Mapping[str, float] | None = None
     ) -> FloatArray:
-        """Return the poses of the moving platform o in the fixed platform O that one chain gives, its joints held.
+        """Return the poses (..., 4, 4) of the moving platform o in the fixed one, O, on one chain, its joints held.
 
-        Args:
-            chain: its number.
-            joint_values: values of its five URDF joints in order, in m and rad, shape (..., 5).
-            errors: errors by parameter name, in m and rad; those of other chains do not count.
-
-        Returns:
-            Homogeneous matrices, shape (..., 4, 4).
+        Joint values (..., 5) are of its URDF joints in order, in m and rad; errors, by parameter name in m and rad, of
+        other chains do not count.
         """
         values = np.asarray(joint_values, dtype=float)
         if values.shape[-1:] != (5,) or not np.isfinite(values).all():

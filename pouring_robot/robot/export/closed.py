@@ -46,9 +46,7 @@ class ClosedRobot:
     def of(cls, model: RobotModel, command: Command | None = None) -> Self:
         """Close the robot of a model at a command, by default in the middle of its workspace or at its home.
 
-        Raises:
-            BadInputError: it is no command of this robot.
-            NoSolutionError: no pose has it.
+        Raises BadInputError where it is no command of this robot, NoSolutionError where no pose has it.
         """
         robot = robot_of(model.with_offsets_placed())
         location = robot.location_in_the_middle() if command is None else robot.location_of(command)

@@ -26,11 +26,8 @@ def exported_files(
     """Return what an export of a closed robot into a folder writes, by path; the description last.
 
     It is a URDF with an SRDF and the file that says how it closes, MJCF, SDF whose loops are joints, or for Drake
-    bushings. ``zero_here``: the URDF's joints count from the command, so that its zero is closed, and not as the
-    package's. ``absolute_meshes``: meshes are addressed from the root, for readers that know no folder.
-
-    Raises:
-        DescriptionError: a mesh is missing, or something has no words in the format.
+    bushings. ``zero_here``: the URDF's joints count from the command, so that its zero is closed. ``absolute_meshes``:
+    meshes are addressed from the root. Raises DescriptionError: a mesh is missing, or the format cannot say something.
     """
     assembly = Assembly.of(closed)
     pairs = joined_or_touching(closed, assembly)

@@ -36,8 +36,7 @@ def text(values: Iterable[float]) -> str:
 def mjcf(closed: ClosedRobot, assembly: Assembly, touching: Iterable[tuple[str, str]] = ()) -> str:
     """Return the robot as MJCF, without contacts of pairs that touch; meshes are OBJ files in ``meshes``.
 
-    Raises:
-        DescriptionError: a moving body has no mass, which MuJoCo refuses.
+    Raises DescriptionError where a moving body has no mass, which MuJoCo refuses.
     """
     root = etree.Element("mujoco", model=assembly.name)
     # Frames without mass stay bodies, visuals stay, and no mass is invented or changed.

@@ -26,12 +26,7 @@ THERMOMETERS = ("melt", *LEGS, "platform")
 
 
 class PouringDefinition(RobotDefinition):
-    """The pouring robot of one layout of a dimensions file, by default the shipped one.
-
-    Raises:
-        DescriptionError: the description or the dimensions file is broken.
-        UnknownLayoutError: there is no such layout.
-    """
+    """The pouring robot of a layout; raises DescriptionError, or UnknownLayoutError where there is no such layout."""
 
     parameter_groups, parameter_sets, inner_joints, causes = GROUPS, SETS, INNER_JOINTS, CAUSES
     thermometers = expected_thermometers = THERMOMETERS

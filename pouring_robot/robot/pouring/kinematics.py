@@ -159,19 +159,14 @@ class FourUPUKinematics:
         return centres[0], centres[1]
 
     def forward(self, drives: Mapping[str, float], near: PlatformPose | None = None) -> PlatformPose:
-        """Return the nominal pose for drive values, in closed form.
+        """Return the nominal pose for drive values (m, rad) by joint name, in closed form.
 
-        Legs 1 and 2 give y; seen along y, leg pair 3-4 is then a rod fixed to the platform at the angle theta46,
-        and the rear fixed joints lie where two circles meet. Of the two meetings the one nearer to ``near``
-        (default: the assembly in which the platform hangs upright) is taken.
+        Legs 1 and 2 give y; seen along y, leg pair 3-4 is then a rod fixed to the platform at the angle theta46, and
+        the rear fixed joints lie where two circles meet. Of the two meetings the one nearer to ``near`` (default: the
+        assembly in which the platform hangs upright) is taken.
 
-        Args:
-            drives: l1, l2, l3 in m and theta46 in rad, by joint name.
-            near: a pose on the wanted branch.
-
-        Raises:
-            BadInputError: a drive value is missing or not finite, or a name is no drive.
-            NoSolutionError: no pose has these leg lengths, or y cannot be found from them (equal half-widths).
+        Raises BadInputError where a value is missing or not finite, or a name is no drive; NoSolutionError where no
+        pose has these leg lengths, or y cannot be found from them (equal half-widths).
         """
         self.check_drives(drives)
         l1, l2, l3, theta = (float(drives[name]) for name in DRIVE_JOINTS)

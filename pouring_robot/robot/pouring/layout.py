@@ -182,21 +182,19 @@ def render_urdf(
     layouts_file: Path | None = None,
     mesh_folder: Path | None = None,
 ) -> str:
-    """Return the robot's URDF.
+    """Return the robot's URDF; safe to call from several threads.
 
     Rendering takes half a second; the result is kept on disk by a hash of everything it depends on, so a changed
-    file is seen and an unchanged one is rendered once a machine. Safe to call from several threads.
+    file is seen and an unchanged one is rendered once a machine.
 
     Args:
         layout: name of a layout in the dimensions file.
-        chain_order: the four chains; the first carries the moving platform in the tree, the others
-            close on it.
+        chain_order: the four chains; the first carries the platform in the tree, the others close on it.
         layouts_file: dimensions file (default: the shipped one).
         mesh_folder: folder written into the mesh addresses (default: ``package://pouring_robot_description/meshes``).
 
     Raises:
-        DescriptionError: the dimensions file or a xacro file is wrong; names file and, where known, line
-            and key.
+        DescriptionError: a file is wrong; names it and, where known, line and key.
         UnknownLayoutError: the dimensions file holds no such layout.
         ValueError: ``chain_order`` is not an order of 1, 2, 3, 4.
     """
