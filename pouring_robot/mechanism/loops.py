@@ -105,7 +105,7 @@ class LoopsFile(StrictModel):
         return self.stiffness.translation.value, self.stiffness.rotation.value
 
     @pydantic.model_validator(mode="after")
-    def _no_name_twice(self) -> Self:
+    def _sound(self) -> Self:
         for what, names in (("loop", self.names), ("drive", self.drives), ("cut joint", self.cut_joints)):
             twice = {name for name in names if names.count(name) > 1}
             if twice:
@@ -116,10 +116,6 @@ class LoopsFile(StrictModel):
         both = set(self.drives) & {*self.locked_joints, *self.cut_joints}
         if both:
             raise ValueError(f"joint '{min(both)}' cannot be a drive and locked or cut as well")
-        return self
-
-    @pydantic.model_validator(mode="after")
-    def _complete_without_loops(self) -> Self:
         if self.loops:
             return self
         if self.end_frame is None:

@@ -1,14 +1,16 @@
-"""Differences of poses, and the units of the user's edge: mm and mrad."""
+"""Differences of poses, how joints stand within their limits, and the units of the user's edge: mm and mrad."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 import pinocchio as pin
 
+from pouring_robot.exceptions import UnreachablePoseError
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 
 MM = 1e-3
 MRAD = 1e-3
@@ -84,3 +86,42 @@ class PlacementError:
     def to_se3(self) -> pin.SE3:
         """Return the same as the pose of the actual placement in the nominal one."""
         return pin.SE3(pin.exp3(np.array(self.rotation_rad)), np.array(self.translation_m))
+
+
+@dataclass(frozen=True)
+class JointReach:
+    """How one joint stands within its limits at a pose."""
+
+    joint: str
+    unit: Literal["m", "rad"]  # ``m`` or ``rad``, of the three values
+    value: float  # where it stands
+    lower: float  # lower limit
+    upper: float  # upper limit
+
+    @property
+    def margin(self) -> float:
+        """Distance to the nearer limit, negative beyond it."""
+        return min(self.value - self.lower, self.upper - self.value)
+
+    @property
+    def relative_margin(self) -> float:
+        """The margin as a share of the joint's range, so that lengths and angles compare."""
+        return self.margin / (self.upper - self.lower)
+
+
+def joint_reach(mechanism: ClosedChainMechanism, values: Mapping[str, float]) -> tuple[JointReach, ...]:
+    """Return how joints of given values (m, rad) stand within their limits, the most limiting first.
+
+    Joints without limits, locked ones and those that cannot move are left out.
+    """
+    limits, locked = mechanism.joint_limits(), mechanism.loops.locked_joints
+    moving = [name for name in values if name in limits and name not in locked and limits[name][0] < limits[name][1]]
+    reaches = [JointReach(name, mechanism.unit_of(name), values[name], *limits[name]) for name in moving]
+    return tuple(sorted(reaches, key=lambda reach: reach.relative_margin))
+
+
+def refuse_beyond(reaches: Sequence[JointReach]) -> None:
+    """Refuse joints beyond their limits; raises UnreachablePoseError, which names the one that is furthest."""
+    for worst in reaches[:1]:
+        if worst.margin < 0.0:
+            raise UnreachablePoseError(worst.joint, worst.value, worst.lower, worst.upper, worst.unit)

@@ -17,8 +17,7 @@ from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.loops import LoopsFile
-from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
-from pouring_robot.mechanism.reach import JointReach
+from pouring_robot.mechanism.poses import MM, MRAD, JointReach, PoseDifference
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.report.result import Result
 from pouring_robot.robot.pouring.poses import PlatformPose

@@ -102,14 +102,10 @@ class RobotModel(StrictModel):
     _defined: tuple[Any, RobotDefinition] | None = pydantic.PrivateAttr(default=None)
 
     @pydantic.model_validator(mode="after")
-    def _learned_somewhere(self) -> RobotModel:
+    def _sound(self) -> RobotModel:
         for entry in self.effects:
             if entry.learned and entry.learned not in self.learned:
                 raise ValueError(f"'{entry.effect}' was learned in '{entry.learned}', which 'learned' does not have")
-        return self
-
-    @pydantic.model_validator(mode="after")
-    def _one_robot(self) -> RobotModel:
         if self.robot is not None:
             for key in ("layout", "layouts_file", "heat"):
                 if key in self.model_fields_set and getattr(self, key) is not None:

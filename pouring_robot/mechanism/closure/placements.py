@@ -19,14 +19,14 @@ from pouring_robot.mechanism.parameters import LocalParameter, PlacementParamete
 
 
 class PlacedTwists:
-    """The placement parameters among n of any kind, whose others are zero here; frames in ``data`` are up to date.
+    """The placement ones among n ``parameters``, whose others are zero here; frames in ``data`` are up to date.
 
     Its ``world`` is the twist per unit of each parameter, in world coordinates, shape (6, n). Raises as
     :meth:`ClosedChainMechanism.require_placement`.
     """
 
     def __init__(self, mechanism: ClosedChainMechanism, data: pin.Data, parameters: Sequence[LocalParameter]) -> None:
-        self._mechanism, count = mechanism, len(parameters)
+        self._mechanism, self.parameters, count = mechanism, tuple(parameters), len(parameters)
         placed = [(k, p) for k, p in enumerate(parameters) if isinstance(p, PlacementParameter)]
         self._joints = tuple(dict.fromkeys(parameter.joint for _, parameter in placed))
         self.world, self._owner = np.zeros((6, count)), np.full(count, len(self._joints))
@@ -118,15 +118,14 @@ class Weight:
         velocities = _velocity(self._data.J, body.centre) * self._carries(body)
         return np.asarray(-self._gravity @ velocities)
 
-    def placement_derivative(self, parameters: Sequence[LocalParameter]) -> FloatArray:
+    def placement_derivative(self, placed: PlacedTwists) -> FloatArray:
         """Return the derivative of the gravity gradient by placement parameters; shape (nv, n)."""
-        change = np.zeros((self._model.nv, len(parameters)))
+        change = np.zeros((self._model.nv, len(placed.parameters)))
         joints = self._energy.joint_depths
-        for k, parameter in enumerate(parameters):
+        for k, parameter in enumerate(placed.parameters):
             if not isinstance(parameter, PlacementParameter):
                 continue
-            pose = self._mechanism.pose_world_to_placement(self._data, parameter.joint)
-            twist = (pose.toActionMatrix() @ np.array(parameter.twist))[:, None]
+            twist = placed.world[:, k, None]
             first = self._mechanism.path_depths[parameter.joint] < joints
             for body in self._bodies:
                 if parameter.joint not in body.path:
