@@ -224,10 +224,8 @@ def _roles(mechanism: ClosedChainMechanism, chains: list[list[int]]) -> tuple[In
         raise UnsupportedMechanismError("the body the chains end on is driven or locked")
     outside = (set(mechanism.drive_columns.tolist()) | set(passive_columns)) - set(where) - free
     if outside:
-        owner = next(
-            j for j in range(1, model.njoints) if min(outside) in range(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])
-        )
-        raise UnsupportedMechanismError(f"joint '{model.names[owner]}' belongs to no chain")
+        owner = next(name for name, own in mechanism.joint_columns.items() if min(outside) in own)
+        raise UnsupportedMechanismError(f"joint '{owner}' belongs to no chain")
     per_chain = [[where[c][1] for c in passive_columns if where.get(c, (-1, 0))[0] == i] for i in range(len(chains))]
     passive = np.full((len(chains), max(1, *map(len, per_chain))), -1, dtype=np.int64)
     for i, places in enumerate(per_chain):

@@ -310,13 +310,11 @@ class ClosureEnergy:
         for i, anchor in enumerate(self.mechanism.anchors):
             for side, joint in enumerate((anchor.joint_a, anchor.joint_b)):
                 for support in list(self.model.supports[joint])[1:]:
-                    first = self.model.idx_vs[support]
-                    masks[side, i, first : first + self.model.nvs[support]] = 1.0
+                    masks[side, i, self.mechanism.joint_columns[self.model.names[support]]] = 1.0
         return masks[0], masks[1]
 
     @functools.cached_property
     def joint_depths(self) -> FloatArray:
         """Return how deep in the tree each joint column acts; (nv,)."""
-        paths = self.mechanism.path_depths
-        names = list(self.model.names)
-        return np.array([paths[names[j]] + 0.5 for j in range(1, self.model.njoints) for _ in range(self.model.nvs[j])])
+        paths, columns = self.mechanism.path_depths, self.mechanism.joint_columns
+        return np.array([paths[name] + 0.5 for name, own in columns.items() for _ in own])

@@ -108,9 +108,8 @@ class Weight:
 
     def _carries(self, body: _Body) -> FloatArray:
         """Return 1 for every joint column that carries a body; (nv,)."""
-        names = list(self._model.names)
-        flags = [names[j] in body.path for j in range(1, self._model.njoints) for _ in range(self._model.nvs[j])]
-        return np.array(flags, dtype=float)
+        columns = self._mechanism.joint_columns
+        return np.array([name in body.path for name, own in columns.items() for _ in own], dtype=float)
 
     def payload_derivative(self) -> FloatArray:
         """Return the derivative of the gravity gradient by the payload's mass; shape (nv,), in N or Nm per kg."""

@@ -15,7 +15,6 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
-from pouring_robot.batch import engine_for
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.poses import PlacementError
@@ -104,7 +103,7 @@ class ClosedRobot:
         drives, start = self.robot.model.definition.workspace(self.robot.drawing)
         closed = self.robot.close(drives, start)
         good = np.flatnonzero(closed.closed)
-        values = engine_for(self.mechanism).structure.joint_values(closed.joints)
+        values = self.robot.engine().structure.joint_values(closed.joints)
         expected = frames_of(self.mechanism, closed.position, closed.rotation)[:, -1, :, 3]
         data, off = tree.createData(), np.empty(len(good))
         base, tip = (tree.getFrameId(name) for name in (loops.base_frame, loops.working_frame))
