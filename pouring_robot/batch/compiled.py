@@ -143,11 +143,7 @@ class CompiledEngine(Engine):
     ) -> BatchTransfer:
         """Return G of open branches: each column moves the platform as its own chain alone would carry it.
 
-        Joints (n, chains, joints), in m and rad, are held; parameters and errors as in :meth:`transfer`.
-
-        Raises:
-            UnknownJointError: a parameter names a joint that is in no chain.
-            BadInputError: a parameter is of another kind, or a shape does not fit.
+        Joints (n, chains, joints), in m and rad, are held; parameters, errors and what is raised as :meth:`transfer`.
         """
         count = len(joints)
         joints = shaped(joints, (count, *self.structure.star.revolute.shape), "'joints'")

@@ -32,7 +32,7 @@ class Engine(ABC):
     def close(
         self, drives: FloatArray, start: BatchStart, errors: SiteErrors | FloatArray | None = None
     ) -> BatchClosure:
-        """Close the loops of every sample.
+        """Close the loops of every sample; raises BadInputError where a shape does not fit.
 
         Args:
             drives: drive values in the order of the loops file, m or rad, shape (n, drives).
@@ -40,9 +40,6 @@ class Engine(ABC):
             errors: placement errors that displace the mechanism's present placements, as ``perturb_urdf`` does: one set
                 for all samples, shape (sites * 6,), translation (m) and rotation vector (rad) site by site; a set for
                 each, shape (n, sites * 6); or one displaced site a sample.
-
-        Raises:
-            BadInputError: a shape does not fit.
         """
         drives = shaped(drives, (len(start), len(self.structure.mechanism.loops.drives)), "'drives'")
         closed = self._closed(drives, start, SiteErrors.take(errors, len(start), self.structure.site_count))
@@ -58,16 +55,10 @@ class Engine(ABC):
         parameters: Sequence[LocalParameter] | None = None,
         errors: SiteErrors | FloatArray | None = None,
     ) -> BatchTransfer:
-        """Return the closed chain's G, exact at any residual.
+        """Return the closed chain's G, exact at any residual (default: of all placement parameters).
 
-        Args:
-            closed: closed samples; those that failed give NaN and keep their status.
-            parameters: placement and drive parameters, each a twist at one joint; by default all of :attr:`parameters`.
-            errors: the placement errors the samples were closed with.
-
-        Raises:
-            UnknownJointError: a parameter names a joint that the engine does not displace.
-            BadInputError: a parameter is of another kind, or a shape does not fit.
+        Samples that failed give NaN and keep their status; ``errors`` are those that the others were closed with.
+        Raises UnknownJointError where the engine does not displace a joint, BadInputError for other parameters and shapes.
         """
         placed = SiteErrors.take(errors, len(closed), self.structure.site_count)
         return self._transfer(closed, self._chosen(parameters), placed)

@@ -52,7 +52,7 @@ class ClosedChainMechanism:
     What is asked for by name raises UnknownFrameError or UnknownJointError where the robot has none of that name.
 
     Args:
-        urdf: the robot as URDF text.
+        urdf: the robot as URDF text, before any displacement.
         loops: the declaration of loops and drives.
         source: the file to name in error messages.
         displacements: joints, fixed or moving, that stand off from where the URDF puts them: the pose of the actual
@@ -60,16 +60,13 @@ class ClosedChainMechanism:
         built_in: displacements from the drawing that the URDF holds already, which closures of large ones must know.
 
     Attributes:
-        urdf: the URDF text, before any displacement.
-        tree_urdf: the same with cut joints floating and ``joint_types`` applied; spherical joints turn about one axis.
-        loops: the declaration of loops and drives.
+        tree_urdf: the URDF with cut joints floating and ``joint_types`` applied; spherical ones turn about one axis.
         mimics: joints that follow others.
         anchors: where each loop is closed.
         shared_model: Pinocchio's model itself, for solvers of this package: read it, never change it.
 
     Raises:
         DescriptionError: Pinocchio cannot build the URDF, or the loops name absent frames or joints.
-        UnknownJointError: there is no joint of a displacement's name.
     """
 
     def __init__(

@@ -56,11 +56,9 @@ class PouringRobot(Robot):
         return self.layout.entry
 
     def forward(self, drives: dict[str, float], near: PlatformPose | None = None) -> ClosureResult:
-        """Close the robot as built for commanded drive values (m, rad).
+        """Close the robot as built for drives l1, l2, l3 (m), theta46 (rad) by joint name, from the pose ``near`` them.
 
-        Args:
-            drives: l1, l2, l3 (m) and theta46 (rad) by joint name: ``leg1_s3``, ``leg2_s3``, ``leg3_s3``, ``leg4_s5``.
-            near: a pose to start from; by default the nominal pose for these drives.
+        That is by default the nominal pose for these drives.
         """
         self.kinematics.check_drives(drives)
         start = near or self.kinematics.forward(drives)

@@ -121,10 +121,7 @@ class Robot:
         return {name: value + self._drive_offsets.get(name, 0.0) for name, value in drives.items()}
 
     def locate_drives(self, drives: ArrayLike) -> xr.Dataset:
-        """Return where the robot should be and where it is for many commands.
-
-        Args:
-            drives: commanded drives in the order of the robot file, shape (n, drives), in m and rad.
+        """Return where the robot should be and where it is for commands (n, drives), in m and rad.
 
         Returns:
             A dataset with the dimensions ``pose``, ``frame`` and ``axis``: nominal and actual positions (m), rotation
@@ -330,10 +327,8 @@ class Robot:
             Dimensions ``component`` (displacement x, y, z, rotation vector rx, ry, rz, in the base's axes) and
             ``parameter``; the coordinates ``unit`` and ``per`` give the units of a number: ``unit`` per ``per``.
 
-        Raises:
-            BadInputError: no parameter has a name, or as all that take a command.
-            UnknownFrameError: there is no such frame.
-            NoSolutionError: no pose answers the command, or the drives do not determine the frame there.
+        Raises as all that take a command, and UnknownFrameError; BadInputError too where no parameter has a name,
+        NoSolutionError where the drives do not determine the frame.
         """
         closed = self.actual_of(command)
         named = (parameters,) if isinstance(parameters, str) else parameters

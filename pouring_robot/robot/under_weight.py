@@ -28,10 +28,9 @@ def stiffness_at(
 def under_weight(robot: PouringRobot, stiffness: PartStiffness, payload_kg: float) -> PouringRobot:
     """Return the robot as built, carrying its own weight and a payload; for one pose, as stiffness depends on it.
 
-    The robot given carries no loads. The centre of the melt is in the middle of the ladle's height.
-
-    The leg drives yield along their legs and the tilt drive about its axis; each chain's end yields against the
-    platform as its two U joints do along the leg, and turns as the leg's torsion lets it; alike in all directions.
+    The robot given carries no loads; the centre of the melt is in the middle of the ladle's height. Leg drives yield
+    along their legs and the tilt drive about its axis; each chain's end yields against the platform as its two U joints
+    do along the leg, and turns as the leg's torsion lets it; alike in all directions.
     """
     *legs, tilt = robot.nominal_solver.mechanism.loops.drives
     axial = {f"leg{i}_s3": float(k) for i, k in enumerate(stiffness.leg_axial, start=1)}

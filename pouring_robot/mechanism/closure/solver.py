@@ -200,11 +200,7 @@ class ClosureSolver:
         self._factors: eigenpy.LLT | None = None  # Eigen's: nothing to load, no threads
 
     def solve(self, drives: Mapping[str, float], start: FloatArray) -> ClosureResult:
-        """Close the loops.
-
-        Args:
-            drives: value of each drive, in m or rad; drives left out keep their value of ``start``.
-            start: configuration to start from, shape (nq,); also fixes the locked joints.
+        """Close the loops for drives, in m or rad, from a configuration (nq,) that says all else, locked joints too.
 
         Raises:
             UnknownJointError: a name is no joint.

@@ -105,10 +105,8 @@ def first_robot_file(urdf: Path, beside: Path) -> str:
     """Return the text of a robot file for a URDF or a xacro, with paths relative to the folder in which it is to stand.
 
     Loops are taken over from a Gepetto ``robot.yaml`` that lies beside it (see :func:`loops_beside`); else links at
-    which branches end together in the zero pose are proposed in a comment.
-
-    Raises:
-        DescriptionError: the URDF cannot be read, Pinocchio cannot build it, or nothing moves in it.
+    which branches end together in the zero pose are proposed in a comment. Raises DescriptionError: the URDF cannot be
+    read, Pinocchio cannot build it, or nothing moves in it.
     """
     rendered = urdf.suffix == ".xacro"
     text = run_xacro(urdf, {}) if rendered else read_text(urdf)

@@ -110,20 +110,15 @@ class DHTable:
     def errors_from_placements(
         self, placements: Mapping[str, PlacementError], *, drop_outs: bool = True
     ) -> dict[str, float]:
-        """Return the DH errors that describe chains with displaced joints.
+        """Return the DH errors (m, rad; in table order) of every chain with a joint that is displaced.
 
         A chain has more numbers than its pose shows. The answer is the smallest one, each error measured in the
-        paper's size of it (0.2 mm, 4 mrad); it gives the same pose for all joint values, to 1e-12.
+        paper's size of it (0.2 mm, 4 mrad); it gives the same pose for all joint values, to 1e-12. The convention's
+        parameters are not listed.
 
-        Args:
-            placements: displacements by URDF joint.
-            drop_outs: with them, passive joint variables carry errors as well, so that the described chain has the
-                same pose at the same joint values. Without, they are left out: the same machine, its passive joints
-                counted from another zero.
-
-        Returns:
-            Errors in m and rad, in table order, of every chain with a displaced joint. The convention's parameters are
-            zero and not listed.
+        With ``drop_outs``, passive joint variables carry errors as well, so that the described chain has the same pose
+        at the same joint values. Without, they are left out: the same machine, its passive joints counted from another
+        zero.
 
         Raises:
             UnknownJointError: a joint is not part of a chain.

@@ -27,13 +27,9 @@ TASK_ROWS = (0, 1, 2, 4)
 def chain_joints(
     fixed_m: FloatArray, moving_m: FloatArray, positions_m: FloatArray, tilts_rad: FloatArray
 ) -> FloatArray:
-    """Return the joints of all chains for arrays of poses (nominal inverse kinematics).
+    """Return the joints of all chains for poses (nominal inverse kinematics): positions (..., 3), m, tilts (...), rad.
 
-    Args:
-        fixed_m: upper U-joint centres in the fixed platform, shape (4, 3), in m.
-        moving_m: lower ones in the moving platform, likewise.
-        positions_m: of the moving platform's origin, shape (..., 3), in m.
-        tilts_rad: shape (...), in rad.
+    ``fixed_m`` and ``moving_m`` are the U-joint centres in the fixed and in the moving platform, shape (4, 3), in m.
 
     Returns:
         Shape (..., 4, 5): chains 1 to 4; in each the turn of the leg about y (S1) and about x (S2) in rad, the
