@@ -58,7 +58,7 @@ class Engine(ABC):
         """Return the closed chain's G, exact at any residual (default: of all placement parameters).
 
         Samples that failed give NaN and keep their status; ``errors`` are those that the others were closed with.
-        Raises UnknownJointError where the engine does not displace a joint, BadInputError for other parameters and shapes.
+        Raises UnknownJointError where the engine does not displace a joint, BadInputError for what else does not fit.
         """
         placed = SiteErrors.take(errors, len(closed), self.structure.site_count)
         return self._transfer(closed, self._chosen(parameters), placed)

@@ -21,7 +21,7 @@ from pouring_robot.report.page import templates
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.rendering import run_xacro
 from pouring_robot.robot.description.robot_file import FORMAT, TAKEN, RobotFile
-from pouring_robot.robot.description.urdf import carriers, parsed, read_text
+from pouring_robot.robot.description.urdf import carriers, joint_limits, parsed, read_text
 
 _DRIVABLE = ("revolute", "continuous", "prismatic")
 _TOOLS = ("tool0", "tcp", "tool", "flange", "ee", "end_effector")  # usual names of the last frame, the likeliest first
@@ -79,11 +79,10 @@ class _Tree:
         """Return the middle of the range (m, rad) of each joint that cannot stand at zero."""
         found: dict[str, float] = {}
         for name, joint in self.joints.items():
-            limit = joint.find("limit")
-            if limit is not None and joint.get("type") in ("revolute", "prismatic") and joint.find("mimic") is None:
-                lower, upper = (float(limit.get(end, "0")) for end in ("lower", "upper"))
-                if not lower <= 0.0 <= upper:
-                    found[name] = (lower + upper) / 2.0
+            lower, upper = joint_limits(joint)
+            bounded = joint.get("type") in ("revolute", "prismatic") and joint.find("mimic") is None
+            if bounded and not lower <= 0.0 <= upper:
+                found[name] = (lower + upper) / 2.0
         return found
 
 

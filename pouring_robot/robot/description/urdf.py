@@ -89,6 +89,12 @@ def carriers(root: etree._Element, frame: str) -> list[str]:
     return found
 
 
+def joint_limits(joint: etree._Element) -> tuple[float, float]:
+    """Return the limits of a joint, m or rad; zeros where it says none."""
+    limit = joint.find("limit")
+    return (0.0, 0.0) if limit is None else (float(limit.get("lower", "0")), float(limit.get("upper", "0")))
+
+
 def perturb_urdf(urdf: str, placements: Mapping[str, PlacementError], source: Path | str = "URDF") -> str:
     """Return the URDF with single joints, by name, displaced; ``source`` is the file that errors name.
 
