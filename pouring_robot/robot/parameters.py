@@ -15,7 +15,7 @@ from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.parameters import GeometricParameter, drive_parameters, placement_parameters
 from pouring_robot.robot.description.definition import RobotDefinition
-from pouring_robot.robot.dh.parameters import DHParameter
+from pouring_robot.robot.dh.table import DHParameter
 
 
 @dataclass(frozen=True)
