@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from pouring_robot.io.files import write_whole
 from pouring_robot.robot.description.urdf import description_folder
-from pouring_robot.robot.pouring.layout import LadleDimensions, load_layout
+from pouring_robot.robot.pouring.layout import load_layout
+from pouring_robot.robot.pouring.layout_schema import Ladle
 
 SEGMENTS = 72
 """Facets around the ladle; the lip needs about ten of them."""
@@ -24,19 +25,16 @@ LIP_DEPTH = 0.45
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
-def ladle_profile(ladle: LadleDimensions) -> NDArray[np.float64]:
+def ladle_profile(ladle: Ladle) -> NDArray[np.float64]:
     """Return the outline of half the vessel's section as (n, 2) points (radius, z) in m.
 
     It runs from the middle of the outer bottom over the rim, at z = 0, to the middle of the inner bottom.
     """
     top, bottom, height, wall = (
-        ladle.outer_radius_top_m,
-        ladle.outer_radius_bottom_m,
-        ladle.height_m,
-        ladle.wall_m,
+        size.metres for size in (ladle.outer_radius_top, ladle.outer_radius_bottom, ladle.height, ladle.wall)
     )
     slope = (top - bottom) / height
-    flange, flange_height = ladle.rim_flange_m, ladle.rim_flange_height_m
+    flange, flange_height = ladle.rim_flange.metres, ladle.rim_flange_height.metres
     outer = [bottom + slope * height * share for share in np.linspace(0.0, 1.0 - flange_height / height, 8)]
     outer_z = np.linspace(-height, -flange_height, 8)
     inner_depth = height - wall
@@ -48,7 +46,7 @@ def ladle_profile(ladle: LadleDimensions) -> NDArray[np.float64]:
     return np.array(points)
 
 
-def ladle_triangles(ladle: LadleDimensions) -> NDArray[np.float64]:
+def ladle_triangles(ladle: Ladle) -> NDArray[np.float64]:
     """Return the closed surface of the ladle as (n, 3, 3) triangle corners in m, normals outwards.
 
     The profile is turned about z; towards +x and near the rim both walls bulge outwards into a pouring lip.
@@ -58,9 +56,9 @@ def ladle_triangles(ladle: LadleDimensions) -> NDArray[np.float64]:
     angles = np.linspace(-np.pi, np.pi, SEGMENTS, endpoint=False)
     radius, z = profile[:, 0], profile[:, 1]
     # The flange already reaches out by its width; the bulge adds the rest, so the tip is at radius + reach.
-    around = np.exp(-((angles / ladle.lip_half_angle_rad) ** 2))
-    near_rim = np.clip(1.0 + z / (LIP_DEPTH * ladle.height_m), 0.0, 1.0) ** 2
-    bulge = (ladle.lip_reach_m - ladle.rim_flange_m) * np.outer(near_rim * (radius > 0.0), around)
+    around = np.exp(-((angles / ladle.lip_half_angle.radians) ** 2))
+    near_rim = np.clip(1.0 + z / (LIP_DEPTH * ladle.height.metres), 0.0, 1.0) ** 2
+    bulge = (ladle.lip_reach.metres - ladle.rim_flange.metres) * np.outer(near_rim * (radius > 0.0), around)
     turned = radius[:, None] + bulge
     height = np.broadcast_to(z[:, None], turned.shape)
     grid = np.stack([turned * np.cos(angles), turned * np.sin(angles), height], axis=-1)
@@ -98,8 +96,8 @@ def main(argv: list[str] | None = None) -> None:
     arguments = parser.parse_args(argv)
     ladle = load_layout(arguments.layout, arguments.layouts).ladle
     folder = arguments.out or description_folder() / "meshes"
-    write_stl(folder / ladle.mesh, ladle_triangles(ladle))
-    print(folder / ladle.mesh)
+    write_stl(folder / ladle.mesh.value, ladle_triangles(ladle))
+    print(folder / ladle.mesh.value)
 
 
 if __name__ == "__main__":

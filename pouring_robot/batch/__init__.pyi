@@ -1,8 +1,8 @@
 from .compiled import CompiledEngine as CompiledEngine
-from .engines import engine_for as engine_for
 from .general import GeneralEngine as GeneralEngine
-from .homotopy import HomotopyStarts as HomotopyStarts
+from .general import engine_for as engine_for
 from .interface import Engine as Engine
+from .interface import HomotopyStarts as HomotopyStarts
 from .samples import STATUS_NAMES as STATUS_NAMES
 from .samples import BatchClosure as BatchClosure
 from .samples import BatchCommand as BatchCommand

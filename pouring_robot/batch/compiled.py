@@ -31,13 +31,10 @@ _NOT_CONVERGED, _MODE_ENDS = STATUS_NAMES.index("not converged"), STATUS_NAMES.i
 
 
 class CompiledEngine(Engine):
-    """Closes a star mechanism, or places a serial arm, for many samples, on threads. Safe to use from several threads.
+    """Closes a star mechanism, or places a serial arm, for many samples. Safe to use from several threads.
 
-    Results do not depend on their number, by default one a core.
-
-    Raises:
-        UnsupportedMechanismError: the mechanism is no star of serial chains.
-        BadInputError: the number of threads is not positive.
+    Its own threads, by default one a core, change no result. Raises UnsupportedMechanismError where the mechanism is no
+    star of serial chains, BadInputError where the number of threads is not positive.
     """
 
     def __init__(
@@ -69,7 +66,7 @@ class CompiledEngine(Engine):
 
         Of a serial arm's start nothing but the locked joints counts.
         """
-        start.check(self.structure.star.revolute.shape)
+        shaped(start.joints, (len(start), *self.structure.star.revolute.shape), "the start's joints")
         for i, names in enumerate(self.structure.joint_names):
             if np.any(np.nan_to_num(start.joints[:, i, len(names) :])):
                 raise BadInputError(f"chain {i + 1} has {len(names)} joints; the start's values beyond them must be 0")
@@ -100,9 +97,8 @@ class CompiledEngine(Engine):
         before = np.full(len(start), np.inf)
         for step in range(steps + 1):
             engine = self if step == steps or not self._largest_turn else self._smaller[step / steps]
-            closed = engine._straight(
-                drives[rows], start[rows], placed[rows].scaled(step / steps), None if step == steps else np.inf
-            )
+            smaller = SiteErrors(step / steps * placed[rows].errors, placed[rows].site)
+            closed = engine._straight(drives[rows], start[rows], smaller, None if step == steps else np.inf)
             spent[rows] += closed.iterations
             if step:
                 moved = np.linalg.norm(closed.position - start.position[rows], axis=1)
@@ -147,11 +143,7 @@ class CompiledEngine(Engine):
     ) -> BatchTransfer:
         """Return G of open branches: each column moves the platform as its own chain alone would carry it.
 
-        Joints (n, chains, joints), in m and rad, are held; parameters and errors as in :meth:`transfer`.
-
-        Raises:
-            UnknownJointError: a parameter names a joint that is in no chain.
-            BadInputError: a parameter is of another kind, or a shape does not fit.
+        Joints (n, chains, joints), in m and rad, are held; parameters, errors and what is raised as :meth:`transfer`.
         """
         count = len(joints)
         joints = shaped(joints, (count, *self.structure.star.revolute.shape), "'joints'")

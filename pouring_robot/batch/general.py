@@ -1,15 +1,16 @@
-"""Batches of any mechanism, row by row with Pinocchio: any loops, joints of several freedoms, shared joints.
+"""Which engine a mechanism gets, and that of any mechanism: any loops, joints of several freedoms, shared joints.
 
-It gives what the one-at-a-time solver and G give, and is as fast as they are.
+Row by row with Pinocchio, it gives what the one-at-a-time solver and G give, and is as fast as they are.
 """
 
 import numpy as np
 import pinocchio as pin
 
+from pouring_robot.batch.compiled import CompiledEngine
 from pouring_robot.batch.interface import Engine
-from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart, BatchTransfer, SiteErrors
+from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
 from pouring_robot.batch.structure import Structure, seat_joint
-from pouring_robot.exceptions import BadInputError, ClosureError, SingularPoseError
+from pouring_robot.exceptions import BadInputError, ClosureError, SingularPoseError, UnsupportedMechanismError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.redundancy import disagreement, redundant_drives
@@ -31,11 +32,7 @@ class GeneralStructure(Structure):
 
 
 class GeneralEngine(Engine):
-    """Closes any mechanism, whose joints samples may displace further, for many samples, one after the other.
-
-    Raises:
-        BadInputError: the mechanism names no end frame.
-    """
+    """Closes any mechanism, sample by sample; raises BadInputError where it names no end frame."""
 
     def __init__(self, mechanism: ClosedChainMechanism, options: ClosureOptions = DEFAULT_OPTIONS) -> None:
         if mechanism.loops.end_frame is None:
@@ -51,7 +48,7 @@ class GeneralEngine(Engine):
 
     def _closed(self, drives: FloatArray, start: BatchStart, placed: SiteErrors) -> BatchClosure:
         mechanism, count = self.structure.mechanism, len(start)
-        start.check((mechanism.shared_model.nq,))
+        shaped(start.joints, (count, mechanism.shared_model.nq), "the start's joints")
         solvers, redundant = _Solvers(self.structure, placed, self.options), redundant_drives(mechanism)
         result = BatchClosure.empty(count, (mechanism.shared_model.nq,), len(mechanism.anchors), redundant)
         for row in range(count):
@@ -60,8 +57,7 @@ class GeneralEngine(Engine):
                 result.status[row] = _NOT_FINITE
                 continue
             try:
-                named = dict(zip(mechanism.loops.drives, drives[row].tolist(), strict=True))
-                closed = solver.solve(named, start.joints[row])
+                closed = solver.solve(mechanism.named_drives(drives[row]), start.joints[row])
             except ClosureError as problem:
                 result.status[row] = STATUS_NAMES.index(problem.status)
                 result.iterations[row] = problem.iterations
@@ -134,3 +130,15 @@ def _site_joints(mechanism: ClosedChainMechanism) -> tuple[str, ...]:
     moving = [n for n in every if n not in common and n not in loops.cut_joints and model.existJointName(n)]
     seats = (seat_joint(mechanism, i) for i in range(len(loops.loops)))
     return tuple(dict.fromkeys([*moving, *(name for name in seats if name and name not in loops.cut_joints)]))
+
+
+def engine_for(
+    mechanism: ClosedChainMechanism, threads: int | None = None, options: ClosureOptions = DEFAULT_OPTIONS
+) -> Engine:
+    """Return the fastest engine that takes a mechanism; results do not depend on it. Raises as the engines do."""
+    if mechanism.loops.redundant_drives:
+        return GeneralEngine(mechanism, options)
+    try:
+        return CompiledEngine(mechanism, threads, options)
+    except UnsupportedMechanismError:  # no star, no serial arm
+        return GeneralEngine(mechanism, options)

@@ -1,13 +1,16 @@
-"""What every batch engine offers, whatever the robot's topology: type against this."""
+"""What every batch engine offers, whatever the robot's topology, and starts where nobody knows inverse kinematics."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+
+import numpy as np
 
 from pouring_robot.batch.samples import BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
-from pouring_robot.batch.structure import Structure
-from pouring_robot.exceptions import BadInputError
-from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closure.solver import ClosureOptions
+from pouring_robot.batch.structure import Structure, fixed
+from pouring_robot.exceptions import BadInputError, ClosureError
+from pouring_robot.mechanism.arrays import FloatArray, lock_fields
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
 from pouring_robot.mechanism.parameters import DriveParameter, GeometricParameter, LocalParameter, PlacementParameter
 
 
@@ -29,7 +32,7 @@ class Engine(ABC):
     def close(
         self, drives: FloatArray, start: BatchStart, errors: SiteErrors | FloatArray | None = None
     ) -> BatchClosure:
-        """Close the loops of every sample.
+        """Close the loops of every sample; raises BadInputError where a shape does not fit.
 
         Args:
             drives: drive values in the order of the loops file, m or rad, shape (n, drives).
@@ -37,12 +40,11 @@ class Engine(ABC):
             errors: placement errors that displace the mechanism's present placements, as ``perturb_urdf`` does: one set
                 for all samples, shape (sites * 6,), translation (m) and rotation vector (rad) site by site; a set for
                 each, shape (n, sites * 6); or one displaced site a sample.
-
-        Raises:
-            BadInputError: a shape does not fit.
         """
         drives = shaped(drives, (len(start), len(self.structure.mechanism.loops.drives)), "'drives'")
-        return self._closed(drives, start, SiteErrors.take(errors, len(start), self.structure.site_count)).locked()
+        closed = self._closed(drives, start, SiteErrors.take(errors, len(start), self.structure.site_count))
+        lock_fields(closed, *vars(closed))
+        return closed
 
     @abstractmethod
     def _closed(self, drives: FloatArray, start: BatchStart, placed: SiteErrors) -> BatchClosure: ...
@@ -53,16 +55,10 @@ class Engine(ABC):
         parameters: Sequence[LocalParameter] | None = None,
         errors: SiteErrors | FloatArray | None = None,
     ) -> BatchTransfer:
-        """Return the closed chain's G, exact at any residual.
+        """Return the closed chain's G, exact at any residual (default: of all placement parameters).
 
-        Args:
-            closed: closed samples; those that failed give NaN and keep their status.
-            parameters: placement and drive parameters, each a twist at one joint; by default all of :attr:`parameters`.
-            errors: the placement errors the samples were closed with.
-
-        Raises:
-            UnknownJointError: a parameter names a joint that the engine does not displace.
-            BadInputError: a parameter is of another kind, or a shape does not fit.
+        Samples that failed give NaN and keep their status; ``errors`` are those that the others were closed with.
+        Raises UnknownJointError where the engine does not displace a joint, BadInputError for what else does not fit.
         """
         placed = SiteErrors.take(errors, len(closed), self.structure.site_count)
         return self._transfer(closed, self._chosen(parameters), placed)
@@ -83,3 +79,61 @@ class Engine(ABC):
                 )
             chosen.append(parameter)
         return tuple(chosen)
+
+
+def closed_home(
+    mechanism: ClosedChainMechanism, home: Mapping[str, float], options: ClosureOptions = DEFAULT_OPTIONS
+) -> ClosureResult:
+    """Return a closed configuration at or near given joint values, by name in m or rad; others start at zero.
+
+    Drives stand where ``home`` says; where the loops do not close so, drives that are not named give way.
+
+    Raises:
+        UnknownJointError: a name is no joint.
+        BadInputError: a value is not finite, or a named joint has several freedoms.
+        ClosureError: the mechanism does not close there.
+    """
+    start = mechanism.with_joint_values(mechanism.neutral_configuration(), home)
+    named = tuple(name for name in mechanism.loops.drives if name in home)
+    solver = ClosureSolver(mechanism, options=options)
+    try:
+        return solver.solve_from(start)
+    except ClosureError:
+        if len(named) == len(mechanism.loops.drives):
+            raise
+        yielding = ClosureSolver(mechanism.with_drives(named), options=options)
+        return solver.solve_from(yielding.solve_from(start).configuration)
+
+
+class HomotopyStarts:
+    """Closed poses for any drive values, followed from one closed home in even steps, all samples at once.
+
+    The last step may have an engine of its own, ``last``, that asks for more than those on the way. Raises as
+    :func:`closed_home`, and BadInputError where there is no step.
+    """
+
+    def __init__(self, engine: Engine, home: Mapping[str, float], steps: int = 8, last: Engine | None = None) -> None:
+        if steps < 1:
+            raise BadInputError(f"the number of steps must be positive, not {steps}")
+        self.engine, self.steps, self._last = engine, steps, last or engine
+        mechanism = engine.structure.mechanism
+        closed = closed_home(mechanism, home, engine.options)
+        self._home = engine.start_at(closed.configuration[None])
+        values = closed.joint_values | dict(home)  # a configuration does not know of whole turns
+        self._home_drives = np.array([values[name] for name in mechanism.loops.drives])
+
+    def starts(self, drives: FloatArray) -> BatchStart:
+        """Return closed poses for drives (n, drives), in m and rad; NaN where a step finds none.
+
+        A serial arm needs no start: it gets its home's locked joints. Raises BadInputError where the shape is wrong.
+        """
+        drives = fixed(drives)
+        if drives.ndim != 2 or drives.shape[1] != self._home_drives.size:
+            raise BadInputError(f"drives must have the shape (n, {self._home_drives.size}), not {drives.shape}")
+        start = self._home[np.zeros(len(drives), dtype=np.int64)]
+        serial = not self.engine.structure.mechanism.anchors
+        for step in range(self.steps if serial else 1, self.steps + 1):
+            share = step / self.steps
+            engine = self._last if step == self.steps else self.engine
+            start = engine.close((1.0 - share) * self._home_drives + share * drives, start).as_start()
+        return start

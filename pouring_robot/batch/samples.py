@@ -19,11 +19,7 @@ ends in a fold before errors are whole, no pose is continuous with it, and none 
 
 @dataclass(frozen=True, eq=False)
 class BatchStart:
-    """Where closures start. What an engine does not need of it may be NaN.
-
-    Raises:
-        BadInputError: the arrays do not fit each other.
-    """
+    """Where closures start; what an engine does not need may be NaN. Misfits raise BadInputError."""
 
     position: FloatArray  # origin of the end frame in the base frame, in m, shape (n, 3)
     rotation: FloatArray  # axes of the end frame in the base frame, shape (n, 3, 3)
@@ -44,10 +40,6 @@ class BatchStart:
 
     def __len__(self) -> int:
         return len(self.position)
-
-    def check(self, joints: tuple[int, ...]) -> None:
-        """Raise BadInputError unless the joints of a sample have that shape."""
-        shaped(self.joints, (len(self), *joints), "the start's joints")
 
     def __getitem__(self, samples: IntArray | slice) -> BatchStart:
         return BatchStart(self.position[samples], self.rotation[samples], self.joints[samples])
@@ -79,24 +71,16 @@ class BatchCommand:
 
 @dataclass(frozen=True, eq=False)
 class SiteErrors:
-    """Placement errors of samples; see :meth:`take` and :meth:`one_each`.
+    """Placement errors of samples; see :meth:`take` and :meth:`one_each`."""
 
-    Attributes:
-        errors: translation (m) and rotation vector (rad), shape (n, sites, 6); (n, 1, 6) if each sample displaces
-            one site; (0, sites, 6) for none.
-        site: the site each sample displaces, shape (n,), or (0,).
-    """
-
+    # translation (m) and rotation vector (rad), shape (n, sites, 6); (n, 1, 6) if each sample displaces one site;
+    # (0, sites, 6) for none
     errors: FloatArray
-    site: IntArray
+    site: IntArray  # the site each sample displaces, shape (n,), or (0,)
 
     @classmethod
     def one_each(cls, site: IntArray, error: FloatArray) -> SiteErrors:
-        """Displace one site a sample (n,) by its error (n, 6), m and rad, for one-at-a-time studies.
-
-        Raises:
-            BadInputError: the shapes do not fit.
-        """
+        """Displace one site a sample (n,) by its error (n, 6), m and rad; raises BadInputError if shapes do not fit."""
         site, error = fixed(site, np.int64), fixed(error)
         if site.ndim != 1 or error.shape != (len(site), 6):
             raise BadInputError(f"one error a sample needs site (n,) and error (n, 6), not {site.shape}, {error.shape}")
@@ -104,11 +88,7 @@ class SiteErrors:
 
     @classmethod
     def one_parameter_each(cls, parameter: IntArray, value: FloatArray) -> SiteErrors:
-        """Set one of the engine's placement parameters a sample: its column (n,), and its value (n,) in m or rad.
-
-        Raises:
-            BadInputError: the shapes do not fit.
-        """
+        """Set one placement parameter a sample: its column (n,), its value (n,) in m or rad; as :meth:`one_each`."""
         parameter = np.asarray(parameter, dtype=np.int64)
         shaped(value, parameter.shape, "the values")
         return cls.one_each(parameter // 6, np.asarray(value)[:, None] * np.eye(6)[parameter % 6])
@@ -118,17 +98,9 @@ class SiteErrors:
             return SiteErrors(self.errors[samples], self.site[samples])
         return self if len(self.errors) < 2 else SiteErrors(self.errors[samples], self.site)
 
-    def scaled(self, share: float) -> SiteErrors:
-        """Return a share of the errors."""
-        return SiteErrors(share * self.errors, self.site)
-
     @classmethod
     def take(cls, errors: SiteErrors | FloatArray | None, count: int, sites: int) -> SiteErrors:
-        """Return what the kernels take for ``count`` samples from what the engine's methods accept.
-
-        Raises:
-            BadInputError: a shape does not fit, or a site does not exist.
-        """
+        """Return what kernels take for ``count`` samples from what engines accept; raises BadInputError for misfits."""
         nothing = fixed(np.zeros(0), np.int64)
         if errors is None:
             return cls(fixed(np.zeros((0, sites, 6))), nothing)
@@ -172,11 +144,6 @@ class BatchClosure:
         iterations, status = np.zeros(count, dtype=np.int32), np.zeros(count, dtype=np.uint8)
         return cls(position, rotation, values, residual, iterations, status, apart)
 
-    def locked(self) -> BatchClosure:
-        """Return the same, locked against writing."""
-        lock_fields(self, *(one.name for one in fields(self)))
-        return self
-
     def __len__(self) -> int:
         return len(self.position)
 
@@ -197,11 +164,7 @@ class BatchClosure:
         self.status[samples] = status
 
     def require_all(self) -> BatchClosure:
-        """Return the same, if every sample is closed.
-
-        Raises:
-            BatchClosureError: some are not; holds their numbers by status.
-        """
+        """Return the same if every sample is closed; raises BatchClosureError with their numbers by status."""
         failed = np.flatnonzero(self.status)
         if failed.size:
             counts = np.bincount(self.status[failed], minlength=len(STATUS_NAMES))
@@ -216,20 +179,14 @@ class BatchClosure:
 
 @dataclass(frozen=True, eq=False)
 class BatchTransfer:
-    """G of many samples, read-only.
+    """G of many samples, read-only."""
 
-    Attributes:
-        parameters: one a column.
-        matrix: shape (n, 6, columns): displacement of the end frame's origin (m) and rotation vector (rad), in base
-            axes, per unit of each parameter. NaN where the status is not 0.
-        status: as in :class:`BatchClosure`, shape (n,); 4 where the
-            sample is closed but its drives do not determine the platform.
-        disagreement: derivative of that of :class:`BatchClosure`, shape (n, r, columns); None without redundant drives.
-    """
-
-    parameters: tuple[LocalParameter, ...]
+    parameters: tuple[LocalParameter, ...]  # one a column
+    # displacement of the end frame's origin (m) and rotation vector (rad), in base axes, per unit of each parameter,
+    # shape (n, 6, columns); NaN where the status is not 0
     matrix: FloatArray
-    status: ByteArray
+    status: ByteArray  # as in :class:`BatchClosure`, (n,); 4 where a sample is closed, its platform not determined
+    # derivative of that of :class:`BatchClosure`, shape (n, r, columns); None without redundant drives
     disagreement: FloatArray | None = None
 
     def __post_init__(self) -> None:

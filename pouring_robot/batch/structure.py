@@ -49,15 +49,10 @@ class Star(NamedTuple):
 
 @dataclass(frozen=True)
 class Structure(ABC):
-    """Where samples may displace a mechanism: its sites, one a joint placement.
+    """Where samples may displace a mechanism: its sites, one a joint placement."""
 
-    Attributes:
-        mechanism: that the samples displace.
-        site_joints: joint whose placement each site displaces; a site's number is its index. Empty: a site not used.
-    """
-
-    mechanism: ClosedChainMechanism
-    site_joints: tuple[str, ...]
+    mechanism: ClosedChainMechanism  # that the samples displace
+    site_joints: tuple[str, ...]  # joint that each site, by its number, displaces; empty: a site not used
 
     @property
     def site_count(self) -> int:
@@ -74,11 +69,7 @@ class Structure(ABC):
         """Return the values of joints of one coordinate, (n,) each in m or rad, by name, from the engine's joints."""
 
     def site(self, joint: str) -> int:
-        """Return the number of the site that displaces a joint's placement.
-
-        Raises:
-            UnknownJointError: no site displaces it.
-        """
+        """Return the number of the site that displaces a joint; raises UnknownJointError where none does."""
         if joint not in self.site_joints or not joint:
             raise UnknownJointError(joint, filter(None, self.site_joints))
         return self.site_joints.index(joint)
@@ -233,10 +224,8 @@ def _roles(mechanism: ClosedChainMechanism, chains: list[list[int]]) -> tuple[In
         raise UnsupportedMechanismError("the body the chains end on is driven or locked")
     outside = (set(mechanism.drive_columns.tolist()) | set(passive_columns)) - set(where) - free
     if outside:
-        owner = next(
-            j for j in range(1, model.njoints) if min(outside) in range(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])
-        )
-        raise UnsupportedMechanismError(f"joint '{model.names[owner]}' belongs to no chain")
+        owner = next(name for name, own in mechanism.joint_columns.items() if min(outside) in own)
+        raise UnsupportedMechanismError(f"joint '{owner}' belongs to no chain")
     per_chain = [[where[c][1] for c in passive_columns if where.get(c, (-1, 0))[0] == i] for i in range(len(chains))]
     passive = np.full((len(chains), max(1, *map(len, per_chain))), -1, dtype=np.int64)
     for i, places in enumerate(per_chain):
@@ -246,15 +235,11 @@ def _roles(mechanism: ClosedChainMechanism, chains: list[list[int]]) -> tuple[In
 
 def _turns(mechanism: ClosedChainMechanism, chain: list[int]) -> tuple[FloatArray, BoolArray]:
     """Return for each joint a rotation that puts z on its axis, shape (joints, 3, 3), and whether it is revolute."""
-    model = mechanism.shared_model
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    turns, revolute = [], []
-    for j in chain:
-        subspace = pin.getJointJacobian(model, data, j, pin.LOCAL)[:, model.idx_vs[j]]
+    turns, revolute, names = [], [], mechanism.shared_model.names
+    for j, subspace in zip(chain, mechanism.joint_axes(chain), strict=True):
         linear, angular = np.linalg.norm(subspace[:3]), np.linalg.norm(subspace[3:])
         if max(linear, angular) < 1.0 - 1e-9 or min(linear, angular) > 1e-12:
-            raise UnsupportedMechanismError(f"joint '{model.names[j]}' is neither revolute nor prismatic")
+            raise UnsupportedMechanismError(f"joint '{names[j]}' is neither revolute nor prismatic")
         revolute.append(bool(angular > linear))
         turns.append(_turn_to(subspace[3:] if revolute[-1] else subspace[:3]))
     return np.array(turns), np.array(revolute)

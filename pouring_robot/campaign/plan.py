@@ -143,7 +143,7 @@ def _random_conditions(robot: Robot, count: int, random: np.random.Generator) ->
     if isinstance(robot, PouringRobot):
         filled = 1.0 - (np.arange(count) % _POUR_CYCLE) / _POUR_CYCLE
         conditions |= {
-            "payload": np.round(robot.layout.ladle.payload_kg * filled, 1),
+            "payload": np.round(robot.layout.ladle.payload.value * filled, 1),
             "truss_travel": np.round(random.uniform(0.0, robot.layout.truss_span_m, count), 4),
             "melt": np.full(count, round(float(random.uniform(1400.0, 1700.0)), 1)),
         }

@@ -185,7 +185,7 @@ def _campaign(
     if isinstance(robot, PouringRobot):
         ladle = robot.layout.ladle
         facts = {"screw_pitch_m": _SCREW_PITCH_M, "truss_span_m": robot.layout.truss_span_m}
-        facts |= {"ladle_tare_kg": ladle.tare_kg, "ladle_centre_of_mass_m": ladle.centre_of_mass_m}
+        facts |= {"ladle_tare_kg": ladle.tare.value, "ladle_centre_of_mass_m": ladle.centre_of_mass.metres}
     metadata = metadata.model_copy(update=facts)
     definition = robot.model.definition
     both = zip(definition.drives, plan.drives.T, strict=True)

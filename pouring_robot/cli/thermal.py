@@ -64,7 +64,7 @@ class Moved:
         drawing, carried, sag = heated.robot, heated, 0.0
         if self.under != "heat":
             parts = load_stiffness(self.stiffness)
-            melt = drawing.layout.ladle.payload_kg if self.payload_kg is None else self.payload_kg
+            melt = drawing.layout.ladle.payload.value if self.payload_kg is None else self.payload_kg
             loaded = under_weight(drawing, stiffness_at(drawing, pose, melt, parts), melt)
             carried = Heated(loaded, heated.heat, heated.network) if self.under == "both" else Heated(loaded)
             sag = truss_sag_m(drawing, melt, parts)

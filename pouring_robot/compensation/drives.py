@@ -10,8 +10,7 @@ import numpy as np
 
 from pouring_robot.exceptions import CompensationError, UnreachablePoseError
 from pouring_robot.io.tables import csv_text
-from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
-from pouring_robot.mechanism.reach import joint_reach
+from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference, joint_reach
 from pouring_robot.report.result import Result
 from pouring_robot.robot.description.command import CommandAxis
 from pouring_robot.robot.inverse import Target, bring

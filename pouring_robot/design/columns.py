@@ -46,7 +46,8 @@ class Columns:
         self._lip_m = np.array(nominal.T_end_tool.translation)
         self._ladle_at, self._tare_kg = np.zeros(3), 0.0
         if isinstance(robot, PouringRobot):
-            self._ladle_at, self._tare_kg = np.array(robot.layout.ladle.centre_of_mass_m), robot.layout.ladle.tare_kg
+            ladle = robot.layout.ladle
+            self._ladle_at, self._tare_kg = np.array(ladle.centre_of_mass.metres), ladle.tare.value
 
     @property
     def unknowns(self) -> int:

@@ -62,8 +62,8 @@ class Planner:
         if not isinstance(robot, PouringRobot):
             if loads or temperatures:
                 raise BadInputError("loads and leg temperatures are planned for the pouring robot only")
-        elif max(loads, default=0.0) > robot.layout.ladle.payload_kg:
-            most = robot.layout.ladle.payload_kg
+        elif max(loads, default=0.0) > robot.layout.ladle.payload.value:
+            most = robot.layout.ladle.payload.value
             raise BadInputError(f"the ladle holds at most {most:g} kg of melt, not {max(loads):g} kg")
         shown: dict[Condition, bool] = {
             "backlash": self.request.both_sides > 0,

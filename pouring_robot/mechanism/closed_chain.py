@@ -6,15 +6,13 @@ joint, every chain, the carrying one included, is closed onto the platform by a 
 carrying chain drops out of all results.
 """
 
-from __future__ import annotations
-
 import functools
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 import pinocchio as pin
@@ -54,7 +52,7 @@ class ClosedChainMechanism:
     What is asked for by name raises UnknownFrameError or UnknownJointError where the robot has none of that name.
 
     Args:
-        urdf: the robot as URDF text.
+        urdf: the robot as URDF text, before any displacement.
         loops: the declaration of loops and drives.
         source: the file to name in error messages.
         displacements: joints, fixed or moving, that stand off from where the URDF puts them: the pose of the actual
@@ -62,16 +60,13 @@ class ClosedChainMechanism:
         built_in: displacements from the drawing that the URDF holds already, which closures of large ones must know.
 
     Attributes:
-        urdf: the URDF text, before any displacement.
-        tree_urdf: the same with cut joints floating and ``joint_types`` applied; spherical joints turn about one axis.
-        loops: the declaration of loops and drives.
+        tree_urdf: the URDF with cut joints floating and ``joint_types`` applied; spherical ones turn about one axis.
         mimics: joints that follow others.
         anchors: where each loop is closed.
         shared_model: Pinocchio's model itself, for solvers of this package: read it, never change it.
 
     Raises:
         DescriptionError: Pinocchio cannot build the URDF, or the loops name absent frames or joints.
-        UnknownJointError: there is no joint of a displacement's name.
     """
 
     def __init__(
@@ -90,25 +85,22 @@ class ClosedChainMechanism:
         displace_model(self.shared_model, displacements)
         self.anchors = self._find_anchors()
         for name in (loops.base_frame, *loops.reported_frames):
-            self._frame_id(name, f"'{name}' is not a frame of the robot")
-        self._drive_ids = tuple(self._joint_id(name) for name in loops.drives)
-        self._locked_ids = tuple(self._joint_id(name) for name in loops.locked_joints)
+            self._declared(self.frame_id, name, f"'{name}' is not a frame of the robot")
+        self._drive_ids, self._locked_ids = (
+            tuple(self._declared(self.joint_id, name, f"'{name}' is not a moving joint of the robot") for name in names)
+            for names in (loops.drives, loops.locked_joints)
+        )
         for name, joint in zip(loops.drives, self._drive_ids, strict=True):
             if self.shared_model.joints[joint].nv != 1:
                 raise DescriptionError(self._source, f"drive '{name}' must have one freedom")
         self._check_mimics()
 
-    def __reduce__(self) -> tuple[type[ClosedChainMechanism], tuple[Any, ...]]:
+    def __reduce__(self) -> tuple[type[Self], tuple[Any, ...]]:
         """Pickle as what it was built from: Pinocchio's constraint models cannot be pickled."""
         return type(self), (self.urdf, self.loops, self._source, self._displacements, self._built_in)
 
-    def displaced(self, displacements: Mapping[str, pin.SE3]) -> ClosedChainMechanism:
-        """Return the mechanism with joints displaced further by poses in their placements; faster than a new one.
-
-        Raises:
-            UnknownJointError: there is no such joint.
-            BadInputError: a joint is cut, so that displacing it changes nothing.
-        """
+    def displaced(self, displacements: Mapping[str, pin.SE3]) -> Self:
+        """Return the mechanism with joints displaced further, faster than a new one; raises as require_placement."""
         for name in displacements:
             self.require_placement(name)
         other = self._twin()
@@ -118,7 +110,7 @@ class ClosedChainMechanism:
         other._displacements = _composed(self._displacements, displacements)
         return other
 
-    def _twin(self) -> ClosedChainMechanism:
+    def _twin(self) -> Self:
         """Return a copy: names, indices and workspaces depend neither on where joints stand nor on stiffness."""
         twin = object.__new__(type(self))
         twin.__dict__.update(self.__dict__)
@@ -129,24 +121,19 @@ class ClosedChainMechanism:
         """How joints are displaced from the drawing: the pose of the actual placement in the drawn one, by joint."""
         return _composed(self._built_in, self._displacements)
 
-    def with_stiffness(self, stiffness: LoopStiffness) -> ClosedChainMechanism:
+    def with_stiffness(self, stiffness: LoopStiffness) -> Self:
         """Return the mechanism with other stiffness of its closures; where joints stand does not depend on it."""
         other = self._twin()
         other.loops = self.loops.model_copy(update={"stiffness": stiffness})
         return other
 
-    def with_drives(self, drives: tuple[str, ...]) -> ClosedChainMechanism:
+    def with_drives(self, drives: tuple[str, ...]) -> Self:
         """Return the mechanism with other drives, or none: what is driven no longer is found by the closure."""
         loops = self.loops.model_copy(update={"drives": drives})
         return type(self)(self.urdf, loops, self._source, self._displacements, self._built_in)
 
     def require_placement(self, joint: str) -> None:
-        """Refuse a joint that cannot be displaced.
-
-        Raises:
-            UnknownJointError: there is no such joint, fixed or moving.
-            BadInputError: it is cut, so that displacing it changes nothing.
-        """
+        """Raise UnknownJointError for an absent joint, BadInputError for a cut one: displacing it changes nothing."""
         if joint not in self.path_depths:
             raise UnknownJointError(joint, self.path_depths)
         if joint in self.loops.cut_joints:
@@ -172,31 +159,19 @@ class ClosedChainMechanism:
                     self._source, f"drive '{mimic.joint}' mimics '{mimic.leader}' in the URDF; drive that one instead"
                 )
 
-    def _frame_id(self, name: str, problem: str) -> int:
-        if not self.shared_model.existFrame(name):
-            known = [frame.name for frame in self.shared_model.frames]
-            raise DescriptionError(self._source, problem + closest(name, known))
-        return self._frame_named(name)
-
-    def _frame_named(self, name: str) -> int:
-        bodies = self.shared_model.existFrame(
-            name, pin.FrameType.BODY
-        )  # a joint may be called as a link is; the link counts
-        return int(
-            self.shared_model.getFrameId(name, pin.FrameType.BODY) if bodies else self.shared_model.getFrameId(name)
-        )
-
-    def _joint_id(self, name: str) -> int:
-        if not self.shared_model.existJointName(name):
-            known = list(self.shared_model.names)[1:]
-            raise DescriptionError(self._source, f"'{name}' is not a moving joint of the robot{closest(name, known)}")
-        return int(self.shared_model.getJointId(name))
+    def _declared(self, find: Callable[[str], int], name: str, problem: str) -> int:
+        """Return the index of a part that the loops file names."""
+        try:
+            return find(name)
+        except (UnknownFrameError, UnknownJointError) as unknown:
+            raise DescriptionError(self._source, problem + closest(name, unknown.known)) from unknown
 
     def _find_anchors(self) -> tuple[LoopAnchor, ...]:
         anchors = []
         for loop in self.loops.loops:
+            absent = f"loop '{loop.name}' names the absent frame '{{}}'"
             a, b = (
-                self.shared_model.frames[self._frame_id(name, f"loop '{loop.name}' names the absent frame '{name}'")]
+                self.shared_model.frames[self._declared(self.frame_id, name, absent.format(name))]
                 for name in (loop.frame_a, loop.frame_b)
             )
             anchors.append(LoopAnchor(loop.name, loop.type, a.parentJoint, a.placement, b.parentJoint, b.placement))
@@ -286,9 +261,11 @@ class ClosedChainMechanism:
 
     def frame_id(self, name: str) -> int:
         """Return Pinocchio's index of a frame; raises UnknownFrameError where there is no such frame."""
-        if not self.shared_model.existFrame(name):
-            raise UnknownFrameError(name, (frame.name for frame in self.shared_model.frames))
-        return self._frame_named(name)
+        model = self.shared_model
+        if not model.existFrame(name):
+            raise UnknownFrameError(name, (frame.name for frame in model.frames))
+        link = pin.FrameType.BODY  # a joint may be called as a link is; the link counts
+        return int(model.getFrameId(name, link) if model.existFrame(name, link) else model.getFrameId(name))
 
     @property
     def T_end_tool(self) -> pin.SE3:  # noqa: N802 - frames as everywhere
@@ -322,10 +299,8 @@ class ClosedChainMechanism:
     def with_joint_values(self, configuration: FloatArray, values: Mapping[str, float]) -> FloatArray:
         """Return a copy of a configuration with the given one-freedom joints set (m or rad); shape (nq,).
 
-        Raises:
-            UnknownJointError: there is no such joint.
-            BadInputError: a value is not finite, the configuration has another length, or the joint has more than
-                one freedom.
+        Raises UnknownJointError for an absent joint, BadInputError for one of several freedoms, a value that is not
+        finite or a configuration of another length.
         """
         result = np.array(configuration, dtype=float)
         if result.shape != (self.shared_model.nq,):
@@ -358,18 +333,31 @@ class ClosedChainMechanism:
         """Return offsets of joints (m or rad) with those of the joints that mimic them, as their leaders move them."""
         return {**offsets, **{m.joint: m.ratio * offsets[m.leader] for m in self.mimics if m.leader in offsets}}
 
+    def _moving(self) -> Iterator[tuple[str, Any]]:
+        return zip(list(self.shared_model.names)[1:], list(self.shared_model.joints)[1:], strict=True)
+
     def joint_values(self, configuration: FloatArray) -> dict[str, float]:
         """Return the value of every one-freedom joint by name, in m or rad."""
         values = {}
-        for name, joint in zip(list(self.shared_model.names)[1:], list(self.shared_model.joints)[1:], strict=True):
+        for name, joint in self._moving():
             stored = configuration[joint.idx_q : joint.idx_q + joint.nq]
             if joint.nv == 1:
                 values[name] = float(stored[0] if joint.nq == 1 else np.arctan2(stored[1], stored[0]))
         return values
 
+    def joint_axes(self, joints: Sequence[int]) -> FloatArray:
+        """Return the first motion of joints, by Pinocchio's indices, in their own frames at zero: twists, (n, 6)."""
+        model, data = self.shared_model, self.shared_model.createData()
+        pin.computeJointJacobians(model, data, pin.neutral(model))
+        columns = [pin.getJointJacobian(model, data, j, pin.LOCAL)[:, model.idx_vs[j]] for j in joints]
+        return np.array(columns).reshape(-1, 6)
+
+    def named_drives(self, values: FloatArray) -> dict[str, float]:
+        """Return drive values (drives,), in m and rad, by name."""
+        return dict(zip(self.loops.drives, values.tolist(), strict=True))
+
     def joint_limits(self) -> dict[str, tuple[float, float]]:
         """Return lower and upper limit of every one-freedom joint with limits, in m or rad."""
         lower, upper = self.shared_model.lowerPositionLimit, self.shared_model.upperPositionLimit
-        named = zip(list(self.shared_model.names)[1:], list(self.shared_model.joints)[1:], strict=True)
-        edges = {name: (float(lower[joint.idx_q]), float(upper[joint.idx_q])) for name, joint in named if joint.nq == 1}
+        edges = {name: (float(lower[j.idx_q]), float(upper[j.idx_q])) for name, j in self._moving() if j.nq == 1}
         return {name: pair for name, pair in edges.items() if np.isfinite(pair).all()}

@@ -18,18 +18,13 @@ from pouring_robot.mechanism.transfer import closed_chain_transfer
 
 @dataclass(frozen=True, eq=False)
 class DriveJacobians:
-    """How the closed mechanism moves with its drives (columns, in the order of the loops file).
+    """How the closed mechanism moves with its drives (columns, in the order of the loops file)."""
 
-    Attributes:
-        platform: twist of the end frame (linear velocity of its origin, angular velocity, both in the axes of the
-            base frame) per unit drive velocity, shape (6, drives).
-        joints: velocity of every joint column of the model per unit drive velocity, shape (nv, drives).
-        closure_margin: smallest singular value of the loops' Jacobian over the free joints (m, rad); zero where
-            the platform can move with the drives locked, infinite where no joint is free.
-    """
-
+    # twist of the end frame (velocity of its origin, then angular) in base axes per drive velocity, shape (6, drives)
     platform: FloatArray
-    joints: FloatArray
+    joints: FloatArray  # velocity of every joint column of the model per unit drive velocity, shape (nv, drives)
+    # smallest singular value of the loops' Jacobian over the free joints (m, rad); zero where the platform can move
+    # with the drives locked, infinite where no joint is free
     closure_margin: float
 
     def __post_init__(self) -> None:
@@ -57,11 +52,7 @@ class AxisWeakness:
 
 
 def axis_weakness(solver: ClosureSolver, result: ClosureResult, frame: str) -> AxisWeakness:
-    """Return the largest sideways entry of a frame's G over all axis tilts of the chains, at a closure of the solver.
-
-    Raises:
-        SingularPoseError: the drives do not determine the platform here.
-    """
+    """Return the largest sideways entry of a frame's G over all axis tilts of the chains; raises SingularPoseError."""
     paths, loops = solver.mechanism.frame_paths, solver.mechanism.loops
     shared = {*paths[loops.base_frame], *loops.cut_joints}
     chains = dict.fromkeys(name for loop in loops.loops for name in (*paths[loop.frame_a], *paths[loop.frame_b]))
@@ -74,9 +65,7 @@ def axis_weakness(solver: ClosureSolver, result: ClosureResult, frame: str) -> A
 def drive_jacobians(solver: ClosureSolver, result: ClosureResult) -> DriveJacobians:
     """Return the exact Jacobians at a closed configuration that the solver, whose loads count, found.
 
-    Raises:
-        SingularPoseError: the free joints are not determined by the drives here.
-        BadInputError: the loops file names no end frame.
+    Raises as :func:`closed_chain_transfer`.
     """
     drives = drive_parameters(solver.mechanism)
     transfer = closed_chain_transfer(solver, result, drives)

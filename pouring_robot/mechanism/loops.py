@@ -5,19 +5,21 @@ our own (``robot_description/config/loops.yaml``) and the ``robot.yaml`` of Gepe
 (keys ``closed_loop``, ``type``, ``name_mot``).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import pydantic
 from ruamel.yaml.comments import CommentedMap
 
 from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
-from pouring_robot.mechanism.joint_types import JointKind
 
 LoopKind = Literal["6d", "3d"]
+JointKind = Literal[
+    "fixed", "spherical", "universal_xy", "universal_xz", "universal_yx", "universal_yz", "universal_zx", "universal_zy"
+]
+"""What a joint may be changed to. A universal joint turns about two axes of its placement, the first one first, in two
+joints ``<name>_X`` and ``<name>_Y`` (or Z)."""
 
 # Legs of steel between yokes: stiff along, softer against turning. The pose hardly depends on their ratio, as long as
 # sqrt(k_rot / k_trans), here 0.03 m, is at most 0.1 m.
@@ -50,7 +52,7 @@ class LoopStiffness(StrictModel):
     rotation: Quantity
 
     @pydantic.model_validator(mode="after")
-    def _units_and_sign(self) -> LoopStiffness:
+    def _units_and_sign(self) -> Self:
         for quantity, unit in ((self.translation, "N/m"), (self.rotation, "Nm/rad")):
             if quantity.unit != unit:
                 raise ValueError(f"the stiffness must be given in {unit}")
@@ -60,36 +62,24 @@ class LoopStiffness(StrictModel):
 
 
 class LoopsFile(StrictModel):
-    """A loops file as written, in our own dialect.
+    """A loops file as written, in our own dialect."""
 
-    Attributes:
-        mechanism: what it is called.
-        base_frame: poses are seen from it.
-        end_frame: the body that all chains carry; a mechanism without loops must name it.
-        tool_frames: further frames on that body that are reported; the last is where the tool works.
-        cut_joints: joints that carry the end body in the tree only.
-        locked_joints: joints that take no part in the closure.
-        joint_types: joints of another kind than the URDF says, such as ``spherical``, which URDF does not know.
-        drives: driven joints.
-        loops: what is closed; nothing for a serial arm.
-        stiffness: of each closure.
-        redundant_drives: whether there are more drives than freedoms, so that all rarely agree: loops may stay open,
-            and what they leave is measured.
-    """
-
-    mechanism: str = "closed chain"
-    base_frame: str = "universe"
-    end_frame: str | None = None
-    tool_frames: tuple[str, ...] = ()
-    cut_joints: tuple[str, ...] = ()
-    locked_joints: tuple[str, ...] = ()
+    mechanism: str = "closed chain"  # what it is called
+    base_frame: str = "universe"  # poses are seen from it
+    end_frame: str | None = None  # the body that all chains carry; a mechanism without loops must name it
+    tool_frames: tuple[str, ...] = ()  # further frames on that body that are reported; the last is where the tool works
+    cut_joints: tuple[str, ...] = ()  # joints that carry the end body in the tree only
+    locked_joints: tuple[str, ...] = ()  # joints that take no part in the closure
+    # joints of another kind than the URDF says, such as ``spherical``, which URDF does not know
     joint_types: dict[str, JointKind] = pydantic.Field(default_factory=dict)
     drives: tuple[str, ...] = pydantic.Field(min_length=1)
-    loops: tuple[LoopSpec, ...] = ()
+    loops: tuple[LoopSpec, ...] = ()  # what is closed; nothing for a serial arm
+    # of each closure
     stiffness: LoopStiffness = LoopStiffness(
         translation=Quantity(value=DEFAULT_TRANSLATION_STIFFNESS, unit="N/m", source="assumed"),
         rotation=Quantity(value=DEFAULT_ROTATION_STIFFNESS, unit="Nm/rad", source="assumed"),
     )
+    # whether drives outnumber freedoms, so that all rarely agree: loops may stay open, and what they leave is measured
     redundant_drives: bool = False
 
     @property
@@ -104,11 +94,7 @@ class LoopsFile(StrictModel):
 
     @property
     def working_frame(self) -> str:
-        """The frame whose error counts: the last of the reported ones.
-
-        Raises:
-            BadInputError: the file names neither an end frame nor a tool frame.
-        """
+        """The frame whose error counts: the last of the reported ones; raises BadInputError where there is none."""
         if not self.reported_frames:
             raise BadInputError("the loops file names no end_frame and no tool_frames; name the frame that counts")
         return self.reported_frames[-1]
@@ -119,7 +105,7 @@ class LoopsFile(StrictModel):
         return self.stiffness.translation.value, self.stiffness.rotation.value
 
     @pydantic.model_validator(mode="after")
-    def _no_name_twice(self) -> LoopsFile:
+    def _sound(self) -> Self:
         for what, names in (("loop", self.names), ("drive", self.drives), ("cut joint", self.cut_joints)):
             twice = {name for name in names if names.count(name) > 1}
             if twice:
@@ -130,10 +116,6 @@ class LoopsFile(StrictModel):
         both = set(self.drives) & {*self.locked_joints, *self.cut_joints}
         if both:
             raise ValueError(f"joint '{min(both)}' cannot be a drive and locked or cut as well")
-        return self
-
-    @pydantic.model_validator(mode="after")
-    def _complete_without_loops(self) -> LoopsFile:
         if self.loops:
             return self
         if self.end_frame is None:
@@ -173,11 +155,7 @@ def _gepetto_joint_types(content: CommentedMap, path: Path) -> dict[str, str]:
 
 
 def load_loops(path: Path | str) -> LoopsFile:
-    """Read a loops file of either dialect.
-
-    Raises:
-        DescriptionError: the file is missing, is not YAML, or a key is unknown, missing or of the wrong kind.
-    """
+    """Read a loops file of either dialect; raises DescriptionError where it is missing or a key in it is wrong."""
     path = Path(path)
     content = read_yaml(path)
     if "closed_loop" in content:

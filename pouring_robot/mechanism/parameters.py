@@ -6,7 +6,7 @@ the error-transfer matrix (:mod:`pouring_robot.mechanism.transfer`) carries them
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -30,29 +30,27 @@ class PlacementParameter:
 
 
 @dataclass(frozen=True)
-class DriveParameter:
-    """Error of a commanded drive value: the drive stands at command plus error."""
-
+class _OfDrive:
+    kind: ClassVar[str]
     joint: str  # the driven joint
-    unit: str  # ``m`` or ``rad``
+    unit: str
 
     @property
     def name(self) -> str:
-        """``drive.<joint>``."""
-        return f"drive.{self.joint}"
+        """Kind and joint, such as ``drive.elbow``."""
+        return f"{self.kind}.{self.joint}"
 
 
-@dataclass(frozen=True)
-class StiffnessParameter:
-    """Stiffness of a yielding drive, in N/m or Nm/rad."""
+class DriveParameter(_OfDrive):
+    """Error of a commanded drive value, in ``m`` or ``rad``: the drive stands at command plus error."""
 
-    joint: str  # the yielding drive
-    unit: str  # ``N/m`` or ``Nm/rad``
+    kind = "drive"
 
-    @property
-    def name(self) -> str:
-        """``stiffness.<joint>``."""
-        return f"stiffness.{self.joint}"
+
+class StiffnessParameter(_OfDrive):
+    """Stiffness of a yielding drive, in ``N/m`` or ``Nm/rad``."""
+
+    kind = "stiffness"
 
 
 @dataclass(frozen=True)

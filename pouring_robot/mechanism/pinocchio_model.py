@@ -1,12 +1,17 @@
-"""Pinocchio's model of a URDF, what its parser says of one that it does not take, and joints displaced in the model."""
+"""Pinocchio's model of a URDF: joints that are not what it says, the parser's words, and joints displaced in the model.
+
+Joints may be released, fixed, universal, spherical, or tied to another by ``mimic``.
+"""
 
 import contextlib
+import copy
 import functools
 import os
 import sys
 import tempfile
 import threading
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,11 +19,102 @@ import pinocchio as pin
 from lxml import etree
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownJointError
-from pouring_robot.mechanism.joint_types import Mimic, change_joints, make_spherical, read_mimics
 from pouring_robot.mechanism.loops import LoopsFile
 
+_AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 # The parser writes to the process's standard error, of which there is one.
 _lock = threading.Lock()
+
+
+def change_joints(urdf: str, kinds: Mapping[str, str]) -> str:
+    """Return the URDF with joints of other kinds (``JointKind`` or ``floating``); a spherical one turns about one axis.
+
+    Raises UnknownJointError where the URDF has no such joint, etree.XMLSyntaxError where it is no XML.
+    """
+    root = etree.fromstring(urdf.encode())
+    found = {joint.get("name"): joint for joint in root.iterfind("joint")}
+    for name, kind in kinds.items():
+        if name not in found:
+            raise UnknownJointError(name, found)
+        joint = found[name]
+        for tied in joint.findall("mimic"):
+            joint.remove(tied)
+        if kind.startswith("universal"):
+            _split(joint, *kind[-2:])
+        else:
+            joint.set("type", "continuous" if kind == "spherical" else kind)
+    return str(etree.tostring(root, encoding="unicode"))
+
+
+def _split(joint: etree._Element, first: str, second: str) -> None:
+    """Turn a joint into two that turn about different axes, with a link of no mass between them."""
+    name, robot = str(joint.get("name")), joint.getparent()
+    between = f"{name}_{first.upper()}_link"
+    other = copy.deepcopy(joint)
+    for part, letter in ((joint, first), (other, second)):
+        part.set("name", f"{name}_{letter.upper()}")
+        part.set("type", "continuous")
+        axis = part.find("axis")
+        (etree.SubElement(part, "axis") if axis is None else axis).set("xyz", _AXES[letter])
+    joint.find("child").set("link", between)
+    other.find("parent").set("link", between)
+    for origin in other.findall("origin"):
+        other.remove(origin)
+    etree.SubElement(robot, "link", name=between)
+    robot.append(other)
+
+
+def make_spherical(model: pin.Model, names: set[str]) -> pin.Model:
+    """Return the model with the named joints made spherical; frames, masses and limits stay."""
+    made = pin.Model()
+    made.name, made.gravity = model.name, model.gravity
+    for j in range(1, model.njoints):
+        name, joint = str(model.names[j]), model.joints[j]
+        kind = pin.JointModelSpherical() if name in names else joint
+        new = made.addJoint(model.parents[j], kind, model.jointPlacements[j], name)
+        made.appendBodyToJoint(new, model.inertias[j], pin.SE3.Identity())
+        if name not in names:
+            own, old = made.joints[new], slice(joint.idx_q, joint.idx_q + joint.nq)
+            here = slice(own.idx_q, own.idx_q + own.nq)
+            made.lowerPositionLimit[here] = model.lowerPositionLimit[old]
+            made.upperPositionLimit[here] = model.upperPositionLimit[old]
+    for frame in list(model.frames)[1:]:
+        made.addFrame(frame, False)
+    return made
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint that follows another: its value is ``ratio`` times the leader's plus ``offset`` (m or rad)."""
+
+    joint: str  # the follower
+    leader: str  # what it follows, itself free to move
+    ratio: float  # of the two values
+    offset: float  # in m or rad
+
+
+def read_mimics(urdf: str) -> tuple[Mimic, ...]:
+    """Return joints that mimic others, mimics of mimics by the first; raises BadInputError where they are wrong."""
+    own = {}
+    for joint in etree.fromstring(urdf.encode()).iterfind("joint"):
+        tied = joint.find("mimic")
+        if tied is not None and joint.get("type") != "fixed":
+            name = str(joint.get("name"))
+            try:
+                ratio, offset = float(tied.get("multiplier", 1.0)), float(tied.get("offset", 0.0))
+            except ValueError as problem:
+                raise BadInputError(f"joint '{name}': multiplier and offset of mimic must be numbers") from problem
+            own[name] = Mimic(name, str(tied.get("joint")), ratio, offset)
+    return tuple(_resolved(mimic, own) for mimic in own.values())
+
+
+def _resolved(mimic: Mimic, every: Mapping[str, Mimic]) -> Mimic:
+    for _ in every:
+        if mimic.leader not in every:
+            return mimic
+        above = every[mimic.leader]
+        mimic = Mimic(mimic.joint, above.leader, mimic.ratio * above.ratio, mimic.ratio * above.offset + mimic.offset)
+    raise BadInputError(f"joint '{mimic.joint}' mimics itself by way of others; let one of them be free")
 
 
 class Tree(NamedTuple):
@@ -32,9 +128,7 @@ class Tree(NamedTuple):
 def tree_of(urdf: str, loops: LoopsFile, source: Path) -> Tree:
     """Return the tree of a URDF text with joints as loops want them; the model is the caller's own.
 
-    Raises:
-        DescriptionError: a joint is absent, the text is no URDF, or Pinocchio cannot build it: says why in its
-            parser's words.
+    Raises DescriptionError: a joint is absent, or the text is no URDF that Pinocchio can build, in its parser's words.
     """
     tree = _tree_of(urdf, tuple(loops.joint_types.items()), tuple(loops.cut_joints), source)
     return tree._replace(model=tree.model.copy())

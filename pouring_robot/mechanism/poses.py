@@ -1,15 +1,16 @@
-"""Differences of poses, and the units of the user's edge: mm and mrad."""
-
-from __future__ import annotations
+"""Differences of poses, how joints stand within their limits, and the units of the user's edge: mm and mrad."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal, Self
 
 import numpy as np
 import pinocchio as pin
 
+from pouring_robot.exceptions import UnreachablePoseError
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 
 MM = 1e-3
 MRAD = 1e-3
@@ -17,21 +18,16 @@ MRAD = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class PoseDifference:
-    """Where the actual frame stands, seen from where it should be; both axes of the fixed platform.
+    """Where the actual frame stands, seen from where it should be; both axes of the fixed platform."""
 
-    Attributes:
-        translation_m: actual minus nominal origin, shape (3,), in m.
-        rotation_rad: rotation vector that turns the nominal axes into the actual ones, shape (3,), in rad.
-    """
-
-    translation_m: FloatArray
-    rotation_rad: FloatArray
+    translation_m: FloatArray  # actual minus nominal origin, shape (3,), in m
+    rotation_rad: FloatArray  # rotation vector that turns the nominal axes into the actual ones, shape (3,), in rad
 
     def __post_init__(self) -> None:
         lock_fields(self, "translation_m", "rotation_rad")
 
     @classmethod
-    def between(cls, nominal: pin.SE3, actual: pin.SE3) -> PoseDifference:
+    def between(cls, nominal: pin.SE3, actual: pin.SE3) -> Self:
         """Compare two poses of one frame in the same base."""
         rotation = pin.log3(actual.rotation @ nominal.rotation.T)
         return cls(actual.translation - nominal.translation, np.asarray(rotation))
@@ -81,7 +77,7 @@ class PlacementError:
                 raise ValueError(f"{name} must be three finite numbers, not {part}")
 
     @classmethod
-    def from_se3(cls, displacement: pin.SE3) -> PlacementError:
+    def from_se3(cls, displacement: pin.SE3) -> Self:
         """Take a displacement given as the pose of the actual placement in the nominal one."""
         x, y, z = displacement.translation.tolist()
         rx, ry, rz = pin.log3(displacement.rotation).tolist()
@@ -90,3 +86,42 @@ class PlacementError:
     def to_se3(self) -> pin.SE3:
         """Return the same as the pose of the actual placement in the nominal one."""
         return pin.SE3(pin.exp3(np.array(self.rotation_rad)), np.array(self.translation_m))
+
+
+@dataclass(frozen=True)
+class JointReach:
+    """How one joint stands within its limits at a pose."""
+
+    joint: str
+    unit: Literal["m", "rad"]  # ``m`` or ``rad``, of the three values
+    value: float  # where it stands
+    lower: float  # lower limit
+    upper: float  # upper limit
+
+    @property
+    def margin(self) -> float:
+        """Distance to the nearer limit, negative beyond it."""
+        return min(self.value - self.lower, self.upper - self.value)
+
+    @property
+    def relative_margin(self) -> float:
+        """The margin as a share of the joint's range, so that lengths and angles compare."""
+        return self.margin / (self.upper - self.lower)
+
+
+def joint_reach(mechanism: ClosedChainMechanism, values: Mapping[str, float]) -> tuple[JointReach, ...]:
+    """Return how joints of given values (m, rad) stand within their limits, the most limiting first.
+
+    Joints without limits, locked ones and those that cannot move are left out.
+    """
+    limits, locked = mechanism.joint_limits(), mechanism.loops.locked_joints
+    moving = [name for name in values if name in limits and name not in locked and limits[name][0] < limits[name][1]]
+    reaches = [JointReach(name, mechanism.unit_of(name), values[name], *limits[name]) for name in moving]
+    return tuple(sorted(reaches, key=lambda reach: reach.relative_margin))
+
+
+def refuse_beyond(reaches: Sequence[JointReach]) -> None:
+    """Refuse joints beyond their limits; raises UnreachablePoseError, which names the one that is furthest."""
+    for worst in reaches[:1]:
+        if worst.margin < 0.0:
+            raise UnreachablePoseError(worst.joint, worst.value, worst.lower, worst.upper, worst.unit)

@@ -26,9 +26,8 @@ from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import ClosureEnergy, EnergyState
 from pouring_robot.mechanism.closure.null_space import SINGULAR_RATIO, Spectrum, unit_scale
-from pouring_robot.mechanism.closure.placed_twists import PlacedTwists
+from pouring_robot.mechanism.closure.placements import PlacedTwists, Weight
 from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
-from pouring_robot.mechanism.closure.weight import Weight
 from pouring_robot.mechanism.parameters import (
     DriveParameter,
     FrameParameter,
@@ -99,16 +98,10 @@ class TransferMatrix(Result):
 def closed_chain_transfer(
     solver: ClosureSolver, result: ClosureResult, parameters: Sequence[LocalParameter], frame: str | None = None
 ) -> TransferMatrix:
-    """Return G of the closed mechanism at a closed configuration.
+    """Return G of the closed mechanism at a closure of the solver, whose loads count; by default of the end frame.
 
     Joints that idle answer with their least motion. (Where an error strains the loops, an idle joint of a real machine
     may turn to where it strains them least.)
-
-    Args:
-        solver: the solver that found ``result``; its loads count.
-        result: the closed configuration.
-        parameters: what may be wrong with the mechanism.
-        frame: the observed frame; by default the end frame of the loops file.
 
     Raises:
         UnknownJointError: a parameter names an absent joint.
@@ -120,11 +113,11 @@ def closed_chain_transfer(
     state = energy.evaluate(result.configuration, result.commanded)
     hessian = energy.hessian(state)
     placed = PlacedTwists(solver.mechanism, observer.data, parameters)
-    motion, gradient_change = _imposed(solver, result, state, hessian, parameters, placed)
+    motion, gradient_change = _imposed(solver, result, state, hessian, placed)
     twists = observer.joint_twists()
     motion -= _answer(energy, hessian, gradient_change, twists)
-    matrix = twists @ motion + observer.direct_twists(parameters, placed)
-    return TransferMatrix(observer.frame, tuple(parameters), matrix, motion)
+    matrix = twists @ motion + observer.direct_twists(placed)
+    return TransferMatrix(observer.frame, placed.parameters, matrix, motion)
 
 
 class _Observer:
@@ -155,10 +148,10 @@ class _Observer:
         tip, base = (pin.getFrameJacobian(self._model, self.data, k, pin.WORLD) for k in ids)
         return self.from_world(tip - base)
 
-    def direct_twists(self, parameters: Sequence[LocalParameter], placed: PlacedTwists) -> FloatArray:
+    def direct_twists(self, placed: PlacedTwists) -> FloatArray:
         """Return the frame's twist per parameter with all joints held; (6, n)."""
         twists = self.from_world(placed.world * (placed.carried(self.frame) - placed.carried(self.base)))
-        for k, parameter in enumerate(parameters):
+        for k, parameter in enumerate(placed.parameters):
             if isinstance(parameter, FrameParameter):
                 twist = unit_twist(parameter.component)
                 pose = self.pose_base_to_frame
@@ -171,20 +164,16 @@ class _Observer:
 
 
 def _imposed(
-    solver: ClosureSolver,
-    result: ClosureResult,
-    state: EnergyState,
-    hessian: FloatArray,
-    parameters: Sequence[LocalParameter],
-    placed: PlacedTwists,
+    solver: ClosureSolver, result: ClosureResult, state: EnergyState, hessian: FloatArray, placed: PlacedTwists
 ) -> tuple[FloatArray, FloatArray]:
     """Return what parameters do by themselves, (nv, n) each: motion of rigid drives, and change of the gradient."""
     energy, drives = solver.energy, solver.mechanism.loops.drives
-    motion, change = np.zeros((energy.model.nv, len(parameters))), energy.gradient_derivative(state, placed.columns())
+    change = energy.gradient_derivative(state, placed.columns())
+    motion = np.zeros_like(change)
     weight = Weight(energy, result.configuration) if energy.loads.gravity else None
     if weight:
-        change += weight.placement_derivative(parameters)
-    for k, parameter in enumerate(parameters):
+        change += weight.placement_derivative(placed)
+    for k, parameter in enumerate(placed.parameters):
         if isinstance(parameter, PayloadParameter):
             if weight is None:
                 raise BadInputError("the payload's mass has no effect without gravity; switch gravity on in the loads")
@@ -207,11 +196,7 @@ def _imposed(
 
 
 def _answer(energy: ClosureEnergy, hessian: FloatArray, gradient_change: FloatArray, twists: FloatArray) -> FloatArray:
-    """Return how the joints answer a change of the gradient, (nv, n), where idle freedoms do not show in ``twists``.
-
-    Raises:
-        SingularPoseError: a freedom that nothing holds moves the frame, or a parameter pushes at it.
-    """
+    """Return how the joints answer a change of the gradient, (nv, n); what idles must not show in ``twists``."""
     block, wanted = energy.reduced_block(hessian), energy.reduced(gradient_change)
     if not block.size or not wanted.size:
         return energy.expanded(wanted)

@@ -4,10 +4,8 @@ Temperatures are in °C and times in minutes, as people write them. Properties a
 """
 
 # ruff: noqa: N815 - units keep their capitals: K, W, degC
-from __future__ import annotations
-
 import functools
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import pydantic
 
@@ -52,7 +50,7 @@ class HeatSection(StrictModel):
     properties: dict[str, dict[str, float]] = pydantic.Field(default_factory=dict)
 
     @pydantic.model_validator(mode="after")
-    def _known_names(self) -> HeatSection:
+    def _known_names(self) -> Self:
         for part in self.measured_degC:
             if part not in PARTS:
                 raise ValueError(f"measured_degC: there is no part '{part}'{closest(part, PARTS)}")
@@ -61,11 +59,7 @@ class HeatSection(StrictModel):
         return self
 
     def thermal_properties(self) -> ThermalProperties:
-        """Return the shipped properties with this section's values in place.
-
-        Raises:
-            ValueError: a section or name is unknown, or a value is impossible.
-        """
+        """Return the shipped properties, this section's in place; raises ValueError where a name or value is wrong."""
         shipped = load_thermal_properties()
         content = shipped.model_dump()
         for section, values in self.properties.items():
@@ -87,10 +81,10 @@ class HeatSection(StrictModel):
                 f"properties: {section}.{name} = {entry['value']:g}{unit}: {_first_words(problem)}"
             ) from problem
 
-    def with_values(self, **values: Any) -> HeatSection:
+    def with_values(self, **values: Any) -> Self:
         """Return the section with some values replaced; raises BadInputError where a value is impossible; names it."""
         try:
-            return HeatSection.model_validate(self.model_dump() | values)
+            return type(self).model_validate(self.model_dump() | values)
         except pydantic.ValidationError as problem:
             where = ".".join(str(part) for part in problem.errors()[0]["loc"])
             raise BadInputError(f"{where}: {_first_words(problem)}") from problem

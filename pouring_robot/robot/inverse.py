@@ -59,20 +59,10 @@ def bring(
     start: FloatArray,
     ranks: tuple[int, int] | None = None,
 ) -> Reached:
-    """Return the drives nearest to a target that Newton finds.
+    """Return the drives nearest to a target that Newton finds from ``drives`` (m, rad) and ``start``, (nq,).
 
-    Args:
-        solver: of the robot.
-        close: closes it.
-        target: the pose wanted.
-        drives: to begin with, shape (drives,), in m and rad.
-        start: configuration to begin with, shape (nq,).
-        ranks: as :class:`Reached` has them of the drawing; errors make a robot as built seem to command what its drives
-            hardly move. None: those found on the way.
-
-    Raises:
-        ClosureError: the robot does not close on the way.
-        SingularPoseError: its drives do not determine its pose on the way.
+    ``close`` closes the robot of the solver; ``ranks`` are those of the drawing, as errors make a robot as built seem
+    to command what its drives hardly move, or None: found on the way. What does not close or is singular there raises.
     """
     mechanism, base = solver.mechanism, solver.mechanism.loops.base_frame
     parameters = drive_parameters(mechanism)

@@ -11,13 +11,13 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
+from pouring_robot.batch.samples import STATUS_NAMES
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray, lock_fields
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.loops import LoopsFile
-from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
-from pouring_robot.mechanism.reach import JointReach
+from pouring_robot.mechanism.poses import MM, MRAD, JointReach, PoseDifference
 from pouring_robot.mechanism.rotations import rotation_vectors
 from pouring_robot.report.result import Result
 from pouring_robot.robot.pouring.poses import PlatformPose
@@ -90,17 +90,11 @@ class Location(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LadleLocation(Location):
-    """Where the ladle of the pouring robot should be and is for one commanded pose. Arrays are read-only.
+    """Where the ladle of the pouring robot should be and is for one commanded pose. Arrays are read-only."""
 
-    Attributes:
-        commanded: the pose the controller was asked for.
-        outside_workspace_m: by how far the position leaves the workspace box, per axis, in m; zero inside.
-        outside_workspace_rad: by how far the tilt leaves it, in rad.
-    """
-
-    commanded: PlatformPose
-    outside_workspace_m: FloatArray
-    outside_workspace_rad: float
+    commanded: PlatformPose  # the pose the controller was asked for
+    outside_workspace_m: FloatArray  # by how far the position leaves the workspace box, per axis, in m; zero inside
+    outside_workspace_rad: float  # by how far the tilt leaves it, in rad
 
     def __post_init__(self) -> None:
         lock_fields(self, "outside_workspace_m")
@@ -140,8 +134,6 @@ def error_dataset(
     """
     import xarray as xr
 
-    from pouring_robot.batch.samples import STATUS_NAMES
-
     found = (status == STATUS_NAMES[0])[:, None, None, None]
     nominal, actual = np.where(found, nominal, np.nan), np.where(found, actual, np.nan)
     turn = actual[..., :3] @ np.swapaxes(nominal[..., :3], -1, -2)
@@ -163,11 +155,7 @@ def error_dataset(
 
 
 def as_poses(poses: ArrayLike | Sequence[PlatformPose]) -> FloatArray:
-    """Return poses as an array (n, 4): x, y, z in m and the tilt in rad.
-
-    Raises:
-        BadInputError: they have another shape, or a number is not finite.
-    """
+    """Return poses (n, 4): x, y, z in m, tilt in rad; raises BadInputError for other shapes and NaN."""
     given: list[Any] = list(np.asarray(poses, dtype=object))
     rows = [(*pose.position_m, pose.tilt_rad) if isinstance(pose, PlatformPose) else pose for pose in given]
     try:

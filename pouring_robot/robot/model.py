@@ -39,15 +39,10 @@ _LARGEST_SHARE, _LARGEST_MRAD = 0.1, 100.0
 
 
 class JointPlacement(StrictModel):
-    """How one joint is displaced from its nominal placement, in its own nominal frame.
+    """How one joint is displaced from its nominal placement, in its own nominal frame."""
 
-    Attributes:
-        translation_mm: displacement of the joint's origin.
-        rotation_mrad: rotation vector that turns its nominal axes into the actual ones.
-    """
-
-    translation_mm: Triple = _ZERO
-    rotation_mrad: Triple = _ZERO
+    translation_mm: Triple = _ZERO  # displacement of the joint's origin
+    rotation_mrad: Triple = _ZERO  # rotation vector that turns its nominal axes into the actual ones
 
     def to_si(self) -> PlacementError:
         """Return the same error in m and rad."""
@@ -89,45 +84,28 @@ class DriveOffset(StrictModel):
 
 
 class RobotModel(StrictModel):
-    """A robot as built: a layout and its errors.
-
-    Attributes:
-        format: kind and version of the file.
-        description: a line for people.
-        robot: another robot than the pouring robot: its robot file, relative to the model file's folder.
-        layout: name of the pouring robot's layout in the dimensions file.
-        layouts_file: another dimensions file than the shipped one, relative to the model file's folder.
-        joint_placements: placement error of each joint that has one, by URDF joint name.
-        drive_offsets: what is added to the command of each drive that has an offset, by URDF joint name.
-        heat: how warm it is; left out: as cold as the drawing.
-        effects: effects that diagnosis found, in the order they were added.
-        learned: campaigns that effects were learned in, by name.
-    """
+    """A robot as built: a layout and its errors, by URDF joint name; files are relative to the model file's folder."""
 
     format: Literal["pouring_robot/model/1"] = "pouring_robot/model/1"
-    description: str = ""
-    robot: str | None = None
-    layout: str = "paper"
-    layouts_file: str | None = None
+    description: str = ""  # a line for people
+    robot: str | None = None  # robot file of another robot than the pouring robot
+    layout: str = "paper"  # name of the pouring robot's layout in the dimensions file
+    layouts_file: str | None = None  # another dimensions file than the shipped one
     joint_placements: dict[str, JointPlacement] = pydantic.Field(default_factory=dict)
-    drive_offsets: dict[str, DriveOffset] = pydantic.Field(default_factory=dict)
-    heat: HeatSection | None = None
-    effects: list[EffectEntry] = pydantic.Field(default_factory=list)
-    learned: dict[str, LearnedCampaign] = pydantic.Field(default_factory=dict)
+    drive_offsets: dict[str, DriveOffset] = pydantic.Field(default_factory=dict)  # added to commands
+    heat: HeatSection | None = None  # how warm it is; left out: as cold as the drawing
+    effects: list[EffectEntry] = pydantic.Field(default_factory=list)  # found by diagnosis, the oldest first
+    learned: dict[str, LearnedCampaign] = pydantic.Field(default_factory=dict)  # in which effects were learned
 
     _folder: Path = pydantic.PrivateAttr(default_factory=Path)
     _placed: dict[str, JointPlacement] = pydantic.PrivateAttr(default_factory=dict)
     _defined: tuple[Any, RobotDefinition] | None = pydantic.PrivateAttr(default=None)
 
     @pydantic.model_validator(mode="after")
-    def _learned_somewhere(self) -> RobotModel:
+    def _sound(self) -> RobotModel:
         for entry in self.effects:
             if entry.learned and entry.learned not in self.learned:
                 raise ValueError(f"'{entry.effect}' was learned in '{entry.learned}', which 'learned' does not have")
-        return self
-
-    @pydantic.model_validator(mode="after")
-    def _one_robot(self) -> RobotModel:
         if self.robot is not None:
             for key in ("layout", "layouts_file", "heat"):
                 if key in self.model_fields_set and getattr(self, key) is not None:
@@ -143,11 +121,7 @@ class RobotModel(StrictModel):
 
     @classmethod
     def load(cls, path: Path | str) -> RobotModel:
-        """Read a model file and check that the robot has the joints and drives it names; of a robot file, the drawing.
-
-        Raises:
-            ModelFileError: the file cannot be read, or a key, value, layout or joint in it is wrong.
-        """
+        """Read a model file, or the drawing of a robot file; raises ModelFileError where something in it is wrong."""
         path = Path(path)
         content = read_yaml(path, ModelFileError)
         if content.get("format") == ROBOT_FORMAT:
@@ -167,12 +141,7 @@ class RobotModel(StrictModel):
 
     @classmethod
     def of(cls, model: RobotModel | Path | str | None) -> RobotModel:
-        """Return a model: itself, read from its file, or for None the drawing of the default layout.
-
-        Raises:
-            ModelFileError: the model file is wrong.
-            BadInputError: it is none of these.
-        """
+        """Return a model: itself, of its file, or (None) the default drawing; raises BadInputError for all else."""
         if isinstance(model, Path | str):
             return cls.load(model)
         if not isinstance(model, RobotModel | None):
@@ -190,11 +159,7 @@ class RobotModel(StrictModel):
     __hash__ = None  # type: ignore[assignment]
 
     def save(self, path: Path | str) -> Path:
-        """Write the model file, whole or not at all; what equals the default is left out.
-
-        Raises:
-            OutputError: the place cannot be written to.
-        """
+        """Write the model file, whole or not at all, without defaults; raises OutputError where that is impossible."""
         return write_whole(path, self.file_text(Path(path).parent))
 
     def file_text(self, folder: Path) -> str:
@@ -283,11 +248,9 @@ class RobotModel(StrictModel):
         return self.model_copy(update={"joint_placements": joints, "drive_offsets": offsets})
 
     def check_errors(self) -> None:
-        """Check that every offset is one of a drive, in its unit, and that no error is too large to be one.
+        """Raise BadInputError unless each offset is one of a drive in its unit, and no error is too large to be one.
 
-        Raises:
-            BadInputError: there is no such drive, or it is a length where an angle is given or the other way round; or
-                something is off by more than a tenth of the robot's reach, or 100 mrad.
+        More than a tenth of the robot's reach, or 100 mrad, is.
         """
         drives = {drive.joint: drive for drive in self.definition.drives} if self.drive_offsets else {}
         for joint, offset in self.drive_offsets.items():
@@ -324,9 +287,7 @@ class RobotModel(StrictModel):
     def urdf(self) -> str:
         """Return the robot as built as URDF: the drawing with every joint displaced by its error.
 
-        Raises:
-            UnknownJointError: the model displaces a joint that the robot does not have.
-            BadInputError: the model displaces the joint at which the tree is cut.
+        Raises UnknownJointError where there is no such joint, BadInputError where the tree is cut at it.
         """
         for joint in self.loops().cut_joints:
             if joint in self.joint_placements:
@@ -349,14 +310,10 @@ class RobotModel(StrictModel):
         if not self.drive_offsets:
             return self
         self.check_errors()
-        mechanism = self.mechanism()
-        model = mechanism.shared_model
-        data = model.createData()
-        pin.computeJointJacobians(model, data, pin.neutral(model))
-        placed = dict[str, JointPlacement]()
-        for name, offset in mechanism.followed(self.drive_offset_values()).items():
-            joint = model.getJointId(name)
-            axis = pin.getJointJacobian(model, data, joint, pin.LOCAL)[:, model.idx_vs[joint]]
+        mechanism, placed = self.mechanism(), dict[str, JointPlacement]()
+        offsets = mechanism.followed(self.drive_offset_values())
+        axes = mechanism.joint_axes([mechanism.joint_id(name) for name in offsets])
+        for (name, offset), axis in zip(offsets.items(), axes, strict=True):
             present = self.joint_placements.get(name, JointPlacement()).to_se3()
             placed[name] = JointPlacement.from_se3(present * pin.exp6(pin.Motion(axis * offset)))
         placements = {**self.joint_placements, **placed}

@@ -15,7 +15,7 @@ from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.parameters import GeometricParameter, drive_parameters, placement_parameters
 from pouring_robot.robot.description.definition import RobotDefinition
-from pouring_robot.robot.dh.parameters import DHParameter
+from pouring_robot.robot.dh.table import DHParameter
 
 
 @dataclass(frozen=True)
@@ -73,12 +73,9 @@ class ParameterCatalogue:
         self.parameters = {p.name: p for p in parameters}
 
     def match(self, name: str) -> tuple[Parameter, ...]:
-        """Return the parameters of a set, a group, a name or a shell pattern.
+        """Return the parameters of a set, a group, a name or a shell pattern; raises BadInputError where there is none.
 
         A pattern means the errors of the machine: DH numbers that drop out must be asked for by their full names.
-
-        Raises:
-            BadInputError: there is none.
         """
         if name in self.parameters:
             return (self.parameters[name],)
@@ -99,8 +96,7 @@ class ParameterCatalogue:
     def groups(self, wanted: Sequence[str] = ("geometry",)) -> tuple[ParameterGroup, ...]:
         """Return what is to be identified: groups of sets, groups and patterns, each parameter in the first only.
 
-        Raises:
-            BadInputError: a name matches nothing that measurements can show, or nothing is wanted.
+        Raises BadInputError where a name matches nothing that measurements can show, or nothing is wanted.
         """
         taken: set[str] = set()
         groups = []

@@ -18,22 +18,15 @@ _UNITS = {"x": ("mm", "m"), "y": ("mm", "m"), "z": ("mm", "m"), "tilt": ("deg", 
 
 
 def read_poses(path: Path | str) -> list[PlatformPose]:
-    """Read commanded poses in the file's order; see :func:`read_pose_lines`.
-
-    Raises:
-        TableError: the file is wrong.
-    """
+    """Read commanded poses in the file's order; raises as :func:`read_pose_lines`."""
     return list(read_pose_lines(path).values())
 
 
 def read_pose_lines(path: Path | str, beside: Iterable[str] = ()) -> dict[int, PlatformPose]:
     """Read commanded poses by line: columns x, y, z (``_mm`` or ``_m``) and tilt (``_deg``, ``_rad`` or ``_mrad``).
 
-    Columns ``sample``, which plans have, and ``beside`` may stand there and are left out.
-
-    Raises:
-        TableError: the file cannot be read, a column is missing, doubled or unknown, a row has too many cells, or
-            a cell is no finite number.
+    Columns ``sample``, which plans have, and ``beside`` may stand there and are left out. Raises TableError where the
+    file cannot be read, another column stands in it or one is missing, or a cell is no finite number.
     """
     table = read_table(path, "x_mm, y_mm, z_mm, tilt_deg")
     table.refuse_others([*(f"{name}_{unit}" for name, units in _UNITS.items() for unit in units), "sample", *beside])
@@ -55,13 +48,9 @@ def _column(table: Table, name: str) -> FloatArray:
 
 
 def read_command_lines(path: Path | str, robot: RobotDefinition) -> dict[int, FloatArray | Target]:
-    """Read commands of any robot: a column for each drive; or x, y, z of the end frame and, if wanted, rx, ry, rz.
+    """Return drives (drives,), in m and rad, or targets, by line: a column a drive, or x, y, z and maybe rx, ry, rz.
 
-    Returns:
-        Drive values (drives,), in m and rad, or targets, in the file's order by the line they stand on.
-
-    Raises:
-        TableError: the file cannot be read, a heading is misspelt, or a value is missing.
+    Raises TableError where the file cannot be read, a heading is misspelt, or a value is missing.
     """
     places = tuple(Quantity(name, "length", part_of="a position") for name in "xyz")
     turns = tuple(Quantity(f"r{name}", "angle", part_of="a rotation vector") for name in "xyz")

@@ -15,18 +15,17 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from pouring_robot.batch import STATUS_NAMES
+from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchCommand
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult
 from pouring_robot.mechanism.jacobians import AxisWeakness, DriveJacobians, axis_weakness, drive_jacobians
-from pouring_robot.robot.description.urdf import read_text
 from pouring_robot.robot.location import OUT_OF_REACH, LadleLocation, Location, as_poses, error_dataset, frames_of
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pose_table import read_pose_lines
 from pouring_robot.robot.pouring.kinematics import TASK_ROWS, FourUPUKinematics
-from pouring_robot.robot.pouring.layout import Layout, check_layout, load_layout, shipped_layouts_file, stale_mesh_note
+from pouring_robot.robot.pouring.layout import Layout, load_layout, stale_mesh_note
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.robot import Command, Robot, as_it_stands
@@ -34,15 +33,9 @@ from pouring_robot.robot.robot import Command, Robot, as_it_stands
 if TYPE_CHECKING:
     import xarray as xr
 
-    from pouring_robot.batch import BatchClosure, BatchCommand
-
 
 class PouringRobot(Robot):
-    """The pouring robot (default: the drawing of the default layout): a :class:`Robot` that is commanded by poses.
-
-    Raises:
-        BadInputError: the model names a joint or drive that the robot does not have, or is one of another robot.
-    """
+    """The pouring robot (default: its drawing), a :class:`Robot` commanded by poses; BadInputError for another one."""
 
     def __init__(
         self, model: RobotModel | None = None, loads: Loads = NO_LOADS, options: ClosureOptions = DEFAULT_OPTIONS
@@ -57,18 +50,15 @@ class PouringRobot(Robot):
         """Workspace and ladle of the layout, in SI units."""
         return load_layout(self.model.layout, self.model.layouts_path)
 
-    @functools.cached_property
+    @property
     def dimensions(self) -> LayoutEntry:
         """Sizes of every part, as the dimensions file has them."""
-        path = self.model.layouts_path or shipped_layouts_file()
-        return check_layout(self.model.layout, path, read_text(path))
+        return self.layout.entry
 
     def forward(self, drives: dict[str, float], near: PlatformPose | None = None) -> ClosureResult:
-        """Close the robot as built for commanded drive values (m, rad).
+        """Close the robot as built for drives l1, l2, l3 (m), theta46 (rad) by joint name, from the pose ``near`` them.
 
-        Args:
-            drives: l1, l2, l3 (m) and theta46 (rad) by joint name: ``leg1_s3``, ``leg2_s3``, ``leg3_s3``, ``leg4_s5``.
-            near: a pose to start from; by default the nominal pose for these drives.
+        That is by default the nominal pose for these drives.
         """
         self.kinematics.check_drives(drives)
         start = near or self.kinematics.forward(drives)
@@ -227,13 +217,9 @@ def robot_of(model: RobotModel) -> Robot:
 
 
 def load_robot(model: RobotModel | Path | str | None = None) -> PouringRobot:
-    """Load a robot from a model, its file, or (default) the drawing of the default layout.
+    """Load a robot from a model, its file, or (default) the drawing of the default layout; raises as ``Robot.load``.
 
     The robot stands cold and without effects that depend on conditions: where the model tells of them, a warning says
     so. ``HeatedRobot(robot, robot.model.heat)`` cares for the heat, ``robots_under`` for the effects.
-
-    Raises:
-        ModelFileError: the model file is wrong.
-        UnknownLayoutError: it names a layout that does not exist.
     """
     return PouringRobot(as_it_stands(model, "load_robot"))

@@ -21,6 +21,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from pouring_robot.batch.interface import Engine
+from pouring_robot.batch.samples import STATUS_NAMES, BatchClosure, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachableTargetError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
@@ -28,7 +30,7 @@ from pouring_robot.mechanism.closure.redundancy import redundant_drives
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions, ClosureResult, ClosureSolver
 from pouring_robot.mechanism.jacobians import AxisWeakness, Dexterity, dexterity, drive_jacobians
 from pouring_robot.mechanism.parameters import LocalParameter
-from pouring_robot.mechanism.reach import JointReach, joint_reach, refuse_beyond
+from pouring_robot.mechanism.poses import JointReach, joint_reach, refuse_beyond
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.inverse import REACHED, Reached, Target, bring
 from pouring_robot.robot.location import OUT_OF_REACH, Location, error_dataset, frames_of
@@ -39,7 +41,6 @@ from pouring_robot.robot.pouring.poses import PlatformPose
 if TYPE_CHECKING:
     import xarray as xr
 
-    from pouring_robot.batch import BatchClosure, BatchStart, Engine
     from pouring_robot.robot.description.command import CommandAxis
     from pouring_robot.robot.parameters import ParameterCatalogue
 
@@ -61,10 +62,8 @@ class Robot:
 
     ``loads``, weight and yielding drives, act on the actual robot; ``options`` say when a closure counts as found.
     What takes a command raises BadInputError where it is none of this robot, UnreachablePoseError where a joint of the
-    drawing or of the robot as built would pass its limits, NoSolutionError where no pose answers it.
-
-    Raises:
-        BadInputError: the model names a joint or drive that the robot does not have.
+    drawing or of the robot as built would pass its limits, NoSolutionError where no pose answers it; the constructor
+    BadInputError where the model names a joint or drive that the robot does not have.
     """
 
     def __init__(
@@ -79,13 +78,10 @@ class Robot:
 
     @classmethod
     def load(cls, model: RobotModel | Path | str | None = None) -> Self:
-        """Load a robot from a model, a model file or a robot file.
+        """Load a robot from a model, a model file or a robot file; raises DescriptionError where a file is wrong.
 
         The robot stands cold and without effects that depend on conditions: where the model tells of them, a warning
         says so. ``robots_under`` applies them.
-
-        Raises:
-            DescriptionError: a file is wrong.
         """
         return cls(as_it_stands(model, f"{cls.__name__}.load"))
 
@@ -125,10 +121,7 @@ class Robot:
         return {name: value + self._drive_offsets.get(name, 0.0) for name, value in drives.items()}
 
     def locate_drives(self, drives: ArrayLike) -> xr.Dataset:
-        """Return where the robot should be and where it is for many commands.
-
-        Args:
-            drives: commanded drives in the order of the robot file, shape (n, drives), in m and rad.
+        """Return where the robot should be and where it is for commands (n, drives), in m and rad.
 
         Returns:
             A dataset with the dimensions ``pose``, ``frame`` and ``axis``: nominal and actual positions (m), rotation
@@ -138,8 +131,6 @@ class Robot:
         Raises:
             BadInputError: the array has another shape or holds a number that is not finite.
         """
-        from pouring_robot.batch import STATUS_NAMES
-
         names = self.nominal_solver.mechanism.loops.drives
         commanded = np.asarray(drives, dtype=float)
         if commanded.ndim != 2 or commanded.shape[1] != len(names) or not np.isfinite(commanded).all():
@@ -164,11 +155,7 @@ class Robot:
         return self.engine().close(drives + np.array(list(offsets.values())), start)
 
     def engine(self) -> Engine:
-        """Return what closes the robot as built for many drive values at once.
-
-        Raises:
-            BadInputError: the robot carries loads, under which it is closed pose by pose.
-        """
+        """Return what closes the robot as built for many drives; raises BadInputError where it carries loads."""
         from pouring_robot.batch import engine_for
 
         loads = self.actual_solver.energy.loads
@@ -187,11 +174,7 @@ class Robot:
         return ()
 
     def read_commands(self, path: Path, beside: Iterable[str] = ()) -> Mapping[int, Command]:
-        """Read commands by line from a table, in which headings ``beside`` may stand; see ``robot.pose_table``.
-
-        Raises:
-            TableError: the file is wrong.
-        """
+        """Read commands by line from a table, in which headings ``beside`` may stand, or raise TableError."""
         return read_command_lines(path, self.model.definition)
 
     def pose_command(self, position_m: FloatArray, turn_rad: FloatArray | None) -> Command:
@@ -231,11 +214,7 @@ class Robot:
         return self._located(values, nominal)
 
     def location_in_the_middle(self) -> Location:
-        """Return where the robot should be and where it is at its home, or in the middle of its workspace.
-
-        Raises:
-            NoSolutionError: it cannot stand at its home.
-        """
+        """Return the location at the home, or in the middle of the workspace; raises NoSolutionError."""
         definition = self.model.definition
         try:
             return self.location_at(definition.home_drives)
@@ -348,10 +327,8 @@ class Robot:
             Dimensions ``component`` (displacement x, y, z, rotation vector rx, ry, rz, in the base's axes) and
             ``parameter``; the coordinates ``unit`` and ``per`` give the units of a number: ``unit`` per ``per``.
 
-        Raises:
-            BadInputError: no parameter has a name, or as all that take a command.
-            UnknownFrameError: there is no such frame.
-            NoSolutionError: no pose answers the command, or the drives do not determine the frame there.
+        Raises as all that take a command, and UnknownFrameError; BadInputError too where no parameter has a name,
+        NoSolutionError where the drives do not determine the frame.
         """
         closed = self.actual_of(command)
         named = (parameters,) if isinstance(parameters, str) else parameters

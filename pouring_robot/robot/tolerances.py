@@ -1,24 +1,18 @@
 """How far a part may be off before anybody has measured it."""
 
-from __future__ import annotations
-
-import functools
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
 import pydantic
 
-from pouring_robot.exceptions import DescriptionError
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.parameters import DriveParameter, GeometricParameter
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.urdf import description_folder
-
-Kind = Literal["leg_drive_offset", "tilt_drive_offset", "joint_centre", "joint_axis", "inner_offset"]
 
 
 class Tolerance(StrictModel):
@@ -65,16 +59,13 @@ class Tolerances(StrictModel):
     kinds: Kinds  # one tolerance a kind
 
     @classmethod
-    def load(cls, path: Path | str | None = None) -> Tolerances:
-        """Read a tolerances file, by default the shipped one.
-
-        Raises:
-            DescriptionError: the file cannot be read, or a key or value in it is wrong.
-        """
-        return _shipped() if path is None else _read(Path(path))
+    def load(cls, path: Path | str | None = None) -> Self:
+        """Read a tolerances file (default: the shipped one); raises DescriptionError where something in it is wrong."""
+        path = description_folder() / "config" / "tolerances.yaml" if path is None else Path(path)
+        return validate(cls, read_yaml(path), path)
 
     @classmethod
-    def of(cls, robot: RobotDefinition) -> Tolerances:
+    def of(cls, robot: RobotDefinition) -> Self:
         """Return those of a robot: its own, or the shipped ones; raises DescriptionError as :meth:`load`."""
         return cls.load(robot.tolerances_file)
 
@@ -84,19 +75,10 @@ class Tolerances(StrictModel):
         return np.array([getattr(self.kinds, kind).to_si() for kind in kinds], dtype=float)
 
 
-def kind_of(parameter: GeometricParameter, inner_joints: Collection[str]) -> Kind:
-    """Return what kind of error a parameter is; a DH error is of the kind of the placement it displaces."""
+def kind_of(parameter: GeometricParameter, inner_joints: Collection[str]) -> str:
+    """Return which of :class:`Kinds` a parameter is; a DH error is of the kind of the placement it displaces."""
     if isinstance(parameter, DriveParameter):
         return "leg_drive_offset" if parameter.unit == "m" else "tilt_drive_offset"
     if parameter.unit == "rad":
         return "joint_axis"
     return "inner_offset" if parameter.joint in inner_joints else "joint_centre"
-
-
-def _read(path: Path) -> Tolerances:
-    return validate(Tolerances, read_yaml(path, DescriptionError), path, DescriptionError)
-
-
-@functools.cache
-def _shipped() -> Tolerances:
-    return _read(description_folder() / "config" / "tolerances.yaml")

@@ -1,5 +1,6 @@
 """The robot as built under its weight: legs, joints and tilt drive yield as their parts do."""
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -20,17 +21,16 @@ def stiffness_at(
     """Return the stiffness of the parts at a pose of the drawing, bearings under a quarter of the ladle's weight."""
     values = robot.kinematics.joint_values(pose)
     lengths = np.array([values[f"leg{i}_s3"] for i in (1, 2, 3, 4)])
-    carried = 0.25 * GRAVITY_M_S2 * (payload_kg + robot.layout.ladle.tare_kg)
+    carried = 0.25 * GRAVITY_M_S2 * (payload_kg + robot.layout.ladle.tare.value)
     return PartStiffness.of(robot.dimensions, lengths, carried, properties)
 
 
 def under_weight(robot: PouringRobot, stiffness: PartStiffness, payload_kg: float) -> PouringRobot:
     """Return the robot as built, carrying its own weight and a payload; for one pose, as stiffness depends on it.
 
-    The robot given carries no loads. The centre of the melt is in the middle of the ladle's height.
-
-    The leg drives yield along their legs and the tilt drive about its axis; each chain's end yields against the
-    platform as its two U joints do along the leg, and turns as the leg's torsion lets it; alike in all directions.
+    The robot given carries no loads; the centre of the melt is in the middle of the ladle's height. Leg drives yield
+    along their legs and the tilt drive about its axis; each chain's end yields against the platform as its two U joints
+    do along the leg, and turns as the leg's torsion lets it; alike in all directions.
     """
     *legs, tilt = robot.nominal_solver.mechanism.loops.drives
     axial = {f"leg{i}_s3": float(k) for i, k in enumerate(stiffness.leg_axial, start=1)}
@@ -39,7 +39,7 @@ def under_weight(robot: PouringRobot, stiffness: PartStiffness, payload_kg: floa
         gravity=True,
         payload_kg=payload_kg,
         payload_frame="ladle",
-        payload_centre_m=(0.0, 0.0, -0.5 * ladle.height_m),
+        payload_centre_m=(0.0, 0.0, -0.5 * ladle.height.metres),
         drive_stiffness={name: axial[name] for name in legs} | {tilt: stiffness.tilt_drive},
     )
     held = LoopStiffness(
@@ -47,9 +47,7 @@ def under_weight(robot: PouringRobot, stiffness: PartStiffness, payload_kg: floa
         rotation=Quantity(value=float(stiffness.leg_torsion.mean()), unit="Nm/rad", source="assumed"),
     )
     mechanism = robot.actual_solver.mechanism.with_stiffness(held)
-    loaded = object.__new__(type(robot))
-    # Not a new robot: the nominal side is the given one's, and building takes time.
-    loaded.__dict__.update(vars(robot))
+    loaded = copy.copy(robot)  # not a new robot: the nominal side is the given one's, and building takes time
     loaded.actual_solver = ClosureSolver(mechanism, loads, robot.actual_solver.options)
     return loaded
 

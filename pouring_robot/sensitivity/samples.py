@@ -11,7 +11,7 @@ import numpy as np
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.robot.dh.parameters import DHParameter
+from pouring_robot.robot.dh.table import DHParameter
 from pouring_robot.robot.parameters import Parameter
 
 AXES = "XYZ"

@@ -24,9 +24,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.batch.engines import engine_for
-from pouring_robot.batch.homotopy import closed_home
-from pouring_robot.batch.interface import Engine
+from pouring_robot.batch.general import engine_for
+from pouring_robot.batch.interface import Engine, closed_home
 from pouring_robot.batch.samples import BatchClosure
 from pouring_robot.exceptions import PouringRobotError, SingularPoseError
 from pouring_robot.mechanism.arrays import FloatArray

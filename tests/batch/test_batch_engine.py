@@ -32,8 +32,8 @@ from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureSolver
 from pouring_robot.mechanism.parameters import DriveParameter, PayloadParameter, PlacementParameter
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pouring.description import render_urdf
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
+from pouring_robot.robot.pouring.layout import render_urdf
 from pouring_robot.robot.pouring.poses import PlatformPose
 from tests.support import BOX_LOWER, BOX_UPPER, ROOT, perturbed, placement_error, platform_star
 

@@ -271,7 +271,7 @@ def test_compliance_columns_are_the_yielding_drives_of_the_closure(robot):
     """With loops so stiff that they hardly open; what opens all the same, a rigid drive shows, and is taken off."""
     planner = Planner(robot, PlanRequest(parameters=("drives",), loads_kg=(0.0, 100.0), **SMALL))
     pose, ladle, stiffness = planner.poses[[90]], robot.layout.ladle, 1e8
-    conditions = Conditions(1, 100.0 - ladle.tare_kg)
+    conditions = Conditions(1, 100.0 - ladle.tare.value)
     rows, _ = planner.columns.measured(pose, [conditions], NoiseLevel.stated(1.0, 1.0), np.zeros(3))
     command = robot.kinematics.commands(pose)
     drives = dict(zip([d.joint for d in planner.columns.drives], command.drives[0], strict=True))
@@ -286,7 +286,7 @@ def test_compliance_columns_are_the_yielding_drives_of_the_closure(robot):
     def loaded_shift(drive_stiffness):
         places = []
         for mass in (0.0, 100.0):
-            loads = Loads(True, mass, "moving_platform", ladle.centre_of_mass_m, drive_stiffness)
+            loads = Loads(True, mass, "moving_platform", ladle.centre_of_mass.metres, drive_stiffness)
             closed = ClosureSolver(mechanism, loads).solve(drives, start)
             places.append(closed.pose("fixed_platform", "moving_platform").translation)
         return places[1] - places[0]

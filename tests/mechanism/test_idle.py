@@ -9,9 +9,9 @@ from pouring_robot.exceptions import BadInputError, DescriptionError, SingularPo
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureSolver
-from pouring_robot.mechanism.joint_types import read_mimics
 from pouring_robot.mechanism.loops import LoopsFile
 from pouring_robot.mechanism.parameters import drive_parameters
+from pouring_robot.mechanism.pinocchio_model import read_mimics
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from tests.mechanism.struts import GROUND, STROKE, crank_end, start_of, strut
 from tests.support import central_differences, circle_meeting, planar_urdf, relative_error

@@ -27,9 +27,8 @@ from pouring_robot.io.cache import CACHE_VARIABLE
 from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.description import urdf
 from pouring_robot.robot.description.urdf import description_folder, perturb_urdf, write_urdf
-from pouring_robot.robot.pouring import description
-from pouring_robot.robot.pouring.description import render_urdf
-from pouring_robot.robot.pouring.layout import layout_names, load_layout
+from pouring_robot.robot.pouring import layout as layouts
+from pouring_robot.robot.pouring.layout import layout_names, load_layout, render_urdf
 from tests.support import round_off
 
 LAYOUTS = ("paper", "wide")
@@ -155,7 +154,7 @@ def test_every_chain_order_is_the_same_robot(order: tuple[int, ...]) -> None:
     assert listed == [f"leg{i}_s1" for i in order]
     model = pin.buildModelFromXML(render_urdf(chain_order=order))
     q = configuration(model, inverse_kinematics("paper", position, tilt))
-    ladle_in_platform = np.array(load_layout().ladle.rim_centre_m)
+    ladle_in_platform = np.array(load_layout().ladle.rim_centre.metres)
     expected = position + Rotation.from_rotvec([0.0, tilt, 0.0]).apply(ladle_in_platform)
     np.testing.assert_allclose(frame_pose(model, q, "ladle").translation, expected, rtol=0, atol=1e-12)
 
@@ -239,8 +238,8 @@ def test_ladle_has_its_tare_at_its_centre_of_mass() -> None:
     ladle = load_layout().ladle
     inertial = etree.fromstring(render_urdf().encode()).find("link[@name='ladle']/inertial")
     origin = np.array([float(v) for v in inertial.find("origin").get("xyz").split()])
-    assert float(inertial.find("mass").get("value")) == ladle.tare_kg == 180.0
-    np.testing.assert_allclose(origin + ladle.rim_centre_m, [0.05, 0.0, -0.28], atol=1e-15)
+    assert float(inertial.find("mass").get("value")) == ladle.tare.value == 180.0
+    np.testing.assert_allclose(origin + ladle.rim_centre.metres, [0.05, 0.0, -0.28], atol=1e-15)
 
 
 def test_every_body_can_be_seen_and_touched() -> None:
@@ -373,17 +372,17 @@ def test_mesh_folder_is_written_into_the_urdf(tmp_path: Path) -> None:
 
 def test_mesh_agrees_with_the_dimensions() -> None:
     ladle = load_layout().ladle
-    path = description_folder() / "meshes" / ladle.mesh
+    path = description_folder() / "meshes" / ladle.mesh.value
     mesh = trimesh.load_mesh(path)
-    flange_m = ladle.outer_radius_top_m + ladle.rim_flange_m
+    flange_m = ladle.outer_radius_top.metres + ladle.rim_flange.metres
     lip_m = joint_origin(render_urdf(), "ladle_lip_mount").translation[0]
     assert mesh.is_watertight
-    np.testing.assert_allclose(mesh.bounds[:, 2], [-ladle.height_m, 0.0], atol=1e-6)
+    np.testing.assert_allclose(mesh.bounds[:, 2], [-ladle.height.metres, 0.0], atol=1e-6)
     np.testing.assert_allclose(mesh.bounds[1], [lip_m, flange_m, 0.0], rtol=3e-3, atol=1e-6)
     # An open vessel: straight down the middle lies the inner bottom, a wall above the outer one.
-    depth = trimesh.proximity.closest_point(mesh, [[0.0, 0.0, -ladle.height_m + ladle.wall_m]])[1][0]
+    depth = trimesh.proximity.closest_point(mesh, [[0.0, 0.0, -ladle.height.metres + ladle.wall.metres]])[1][0]
     assert depth == pytest.approx(0.0, abs=1e-6)
-    assert not mesh.contains([[0.0, 0.0, -0.5 * ladle.height_m]])[0]
+    assert not mesh.contains([[0.0, 0.0, -0.5 * ladle.height.metres]])[0]
 
 
 def test_mesh_is_the_one_the_generator_makes(tmp_path: Path) -> None:
@@ -418,21 +417,21 @@ def test_changed_layouts_file_is_rendered_again(tmp_path: Path) -> None:
 
 def test_a_rendering_is_made_once_a_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "not" / "yet" / "there"))
-    description._rendered.cache_clear()
+    layouts._rendered.cache_clear()
     urdf = render_urdf()
     (kept,) = (tmp_path / "not").rglob("*.urdf")
     assert kept.read_text(encoding="utf-8") == urdf
     kept.write_text("<robot/>", encoding="utf-8")  # as nobody else would: shows that it is read
-    description._rendered.cache_clear()
+    layouts._rendered.cache_clear()
     assert render_urdf() == "<robot/>"
     assert render_urdf("wide") != render_urdf(chain_order=(2, 1, 3, 4)) != "<robot/>"
-    description._rendered.cache_clear()
+    layouts._rendered.cache_clear()
 
 
 def test_threads_do_not_mix_their_robots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     expected = {order: render_urdf("wide", chain_order=order) for order in CARRIERS}
     monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
-    description._rendered.cache_clear()
+    layouts._rendered.cache_clear()
     results = {}
 
     def work(order: tuple[int, ...]) -> None:
@@ -590,7 +589,7 @@ def test_broken_xacro_is_refused_on_one_line(
     text = path.read_text(encoding="utf-8")
     assert shipped in text
     path.write_text(text.replace(shipped, broken), encoding="utf-8")
-    monkeypatch.setattr(description, "description_folder", lambda: folder)
+    monkeypatch.setattr(layouts, "description_folder", lambda: folder)
     with pytest.raises(DescriptionError, match=complaint) as caught:
         render_urdf()
     assert caught.value.path == path

@@ -10,8 +10,8 @@ from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.dh import DHTable, NotUPUError, UnknownParameterError
 from pouring_robot.robot.dh.chain import adjoint, inverse
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.pouring.description import render_urdf
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
+from pouring_robot.robot.pouring.layout import render_urdf
 from tests.support import perturbed
 
 LAYOUTS = ("paper", "wide")

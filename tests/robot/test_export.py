@@ -17,8 +17,7 @@ from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureSolver
 from pouring_robot.robot.export.assembly import Assembly
 from pouring_robot.robot.export.closed import ClosedRobot
-from pouring_robot.robot.export.contacts import joined_or_touching
-from pouring_robot.robot.export.folder import FORMATS, exported_files
+from pouring_robot.robot.export.folder import FORMATS, exported_files, joined_or_touching
 from pouring_robot.robot.export.joints import JointRow, joints_text
 from pouring_robot.robot.export.mjcf import mjcf
 from pouring_robot.robot.export.sdf import mimic_notes

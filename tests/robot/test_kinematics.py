@@ -7,8 +7,7 @@ import pytest
 
 from pouring_robot.exceptions import BadInputError, NoSolutionError, PouringRobotError, UnreachablePoseError
 from pouring_robot.mechanism.closure.solver import ClosureSolver
-from pouring_robot.mechanism.poses import PlacementError
-from pouring_robot.mechanism.reach import JointReach
+from pouring_robot.mechanism.poses import JointReach, PlacementError
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.poses import PlatformPose

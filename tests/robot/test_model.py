@@ -19,8 +19,7 @@ from pouring_robot.exceptions import (
 )
 from pouring_robot.robot.description.urdf import perturb_urdf
 from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
-from pouring_robot.robot.pouring.description import render_urdf
-from pouring_robot.robot.pouring.layout import shipped_layouts_file
+from pouring_robot.robot.pouring.layout import render_urdf, shipped_layouts_file
 from tests.support import ACTUAL, ROOT, crooked_model
 
 HEAD = "format: pouring_robot/model/1\nlayout: paper\n"

@@ -74,7 +74,7 @@ def test_impossible_temperatures(value):
 
 def test_a_shell_as_thick_as_the_wall_is_refused(drawing):
     content = load_thermal_properties().model_dump()
-    wall = load_layout().ladle.wall_m
+    wall = load_layout().ladle.wall.metres
     content["ladle"]["shell_thickness"]["value"] = wall * 1e3
     with pytest.raises(Exception, match="shell_thickness of 50 mm"):
         ThermalNetwork(drawing, ThermalProperties.model_validate(content))

@@ -69,7 +69,7 @@ def test_a_leg_drive_yields_as_its_force_says(drawing):
     at_melt = drawing.transfer(POSE, drives, "ladle").to_numpy()
     at_o = drawing.transfer(POSE, drives, "moving_platform").to_numpy()
     turn = drawing.locate(POSE).nominal.pose("fixed_platform", "ladle").rotation
-    lever = turn @ np.array([0.0, 0.0, -0.5 * drawing.layout.ladle.height_m])
+    lever = turn @ np.array([0.0, 0.0, -0.5 * drawing.layout.ladle.height.metres])
     rise = at_melt[2] + np.cross(at_melt[3:].T, lever)[:, 2]  # of the melt's centre for each drive
     force = -500.0 * g * rise
     assert by_melt == pytest.approx(float(at_o[2] @ (force / soft.leg_axial[:3])), rel=0.05)

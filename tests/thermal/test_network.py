@@ -272,7 +272,7 @@ def test_bare_bars_over_the_mouth_would_glow(drawing):
 
 def test_the_melt_tilts_with_the_ladle(network, drawing):
     """The disc's frame against the ladle's link in the closed mechanism."""
-    level = drawing.layout.ladle.melt_below_rim_m
+    level = drawing.layout.ladle.melt_below_rim.metres
     for pose in random_poses(4, seed=21):
         exposure, closed = network.exposure(pose), drawing.locate(pose).nominal
         lower = exposure.centres_m[:, 2] + 2.5 * network.bodies.grid.step_m[0] * exposure.down

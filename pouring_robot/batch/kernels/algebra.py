@@ -16,8 +16,6 @@ All of it is isotropic: turning v and w into other axes turns the result. So the
 Rotations are tuples of nine numbers, row by row. Nothing here allocates.
 """
 
-from __future__ import annotations
-
 import math
 
 from pouring_robot.batch.kernels.compiler import compiled

@@ -3,8 +3,6 @@
 The working arrays, one room a thread, are made outside, so that kernels allocate nothing.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -17,8 +17,6 @@ The chains meet in the platform only. So each chain's joints are eliminated (``L
 complement is solved, and the joints follow.
 """
 
-from __future__ import annotations
-
 import math
 
 from pouring_robot.batch.kernels.algebra import Triple, cross, dot, minus, plus, scaled, wrench_stiffness

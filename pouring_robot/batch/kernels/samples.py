@@ -3,8 +3,6 @@
 A sample's result depends on its own input only, never on the range or the thread it fell to.
 """
 
-from __future__ import annotations
-
 import math
 
 from pouring_robot.batch.kernels.algebra import dot

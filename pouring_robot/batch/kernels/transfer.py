@@ -13,8 +13,6 @@ in front of J by the dyad of :math:`\lambda_k` and :math:`(W - W^T) D_k`, the br
 Matrices of six output rows are stored column by column, so that a loop over rows is one run of neighbours.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -126,7 +126,7 @@ def _reach(campaign: Campaign, model: RobotModel, count: int, seed: int) -> _Rea
         span = campaign.metadata.truss_span_m or robot.layout.truss_span_m
         places = tuple(EndPose(pose.translation, pose.rotation) for pose in poses)
         travels = dict.fromkeys(campaign.robot.travels, (0.0, span))
-        return _Reach(places, plan.drives, robot.layout.ladle.payload_kg, travels)
+        return _Reach(places, plan.drives, robot.layout.ladle.payload.value, travels)
     drives, start = _between(campaign, model, count, seed)
     places = tuple(EndPose(p, r) for p, r in zip(start.position, start.rotation, strict=True))
     given = campaign.conditions

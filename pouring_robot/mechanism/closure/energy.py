@@ -40,20 +40,13 @@ _SERIES_LENGTHS = ((1e-3, 2), (1e-2, 4), (np.inf, 8))
 
 @dataclass(frozen=True)
 class Loads:
-    """What bends the mechanism: weight and yielding drives. The default is none.
+    """What bends the mechanism: weight and yielding drives. The default is none."""
 
-    Attributes:
-        gravity: whether the links' weight acts.
-        payload_kg: mass carried in addition to the URDF's links.
-        payload_frame: frame that carries it; None: the loops file's end frame.
-        payload_centre_m: its centre of mass in that frame, in m.
-        drive_stiffness: stiffness of yielding drives by joint, in N/m or Nm/rad; others are rigid.
-    """
-
-    gravity: bool = False
-    payload_kg: float = 0.0
-    payload_frame: str | None = None
-    payload_centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gravity: bool = False  # whether the links' weight acts
+    payload_kg: float = 0.0  # mass carried in addition to the URDF's links
+    payload_frame: str | None = None  # frame that carries it; None: the loops file's end frame
+    payload_centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # its centre of mass in that frame, in m
+    # stiffness of yielding drives by joint, in N/m or Nm/rad; others are rigid
     drive_stiffness: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
@@ -317,13 +310,11 @@ class ClosureEnergy:
         for i, anchor in enumerate(self.mechanism.anchors):
             for side, joint in enumerate((anchor.joint_a, anchor.joint_b)):
                 for support in list(self.model.supports[joint])[1:]:
-                    first = self.model.idx_vs[support]
-                    masks[side, i, first : first + self.model.nvs[support]] = 1.0
+                    masks[side, i, self.mechanism.joint_columns[self.model.names[support]]] = 1.0
         return masks[0], masks[1]
 
     @functools.cached_property
     def joint_depths(self) -> FloatArray:
         """Return how deep in the tree each joint column acts; (nv,)."""
-        paths = self.mechanism.path_depths
-        names = list(self.model.names)
-        return np.array([paths[names[j]] + 0.5 for j in range(1, self.model.njoints) for _ in range(self.model.nvs[j])])
+        paths, columns = self.mechanism.path_depths, self.mechanism.joint_columns
+        return np.array([paths[name] + 0.5 for name, own in columns.items() for _ in own])

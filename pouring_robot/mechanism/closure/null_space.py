@@ -4,9 +4,8 @@ A rod between two ball joints spins as it likes, and nothing else feels it. The 
 then, but the step that closes the loops, and the motion that an error causes, are determined in all other directions.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import eigenpy
 import numpy as np
@@ -44,7 +43,7 @@ class Spectrum:
     vectors: FloatArray  # one a column, shape (n, n)
 
     @classmethod
-    def of(cls, matrix: FloatArray) -> Spectrum:
+    def of(cls, matrix: FloatArray) -> Self:
         """Decompose a symmetric matrix, shape (n, n)."""
         scale = unit_scale(matrix)
         return cls(scale, *np.linalg.eigh(matrix * scale[:, None] * scale))

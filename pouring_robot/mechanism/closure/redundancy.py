@@ -22,7 +22,7 @@ import pinocchio as pin
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.closure.placed_twists import PlacedTwists
+from pouring_robot.mechanism.closure.placements import PlacedTwists
 from pouring_robot.mechanism.closure.solver import RANK_TOLERANCE, ClosureResult, ClosureSolver
 from pouring_robot.mechanism.parameters import DriveParameter, LocalParameter
 
@@ -31,12 +31,9 @@ _MOVES = 1e-6
 
 
 def redundant_drives(mechanism: ClosedChainMechanism) -> int:
-    """Return by how many the drives outnumber the freedoms that are theirs: 0 unless the robot file says so.
+    """Return by how many drives outnumber their freedoms: 0 unless the robot file says so, or BadInputError if none.
 
     Counted as 6 or 3 equations a loop less the passive freedoms: no loop may hold anything twice.
-
-    Raises:
-        BadInputError: the drives are said to be redundant and are not.
     """
     if not mechanism.loops.redundant_drives:
         return 0

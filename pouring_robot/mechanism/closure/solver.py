@@ -37,35 +37,23 @@ _IDLE_SHARE = 1e-6
 
 @dataclass(frozen=True)
 class ClosureOptions:
-    """When a closure counts as found.
+    """When a closure counts as found."""
 
-    Attributes:
-        step_tolerance: largest component of the last Newton step, in m or rad.
-        left_over: what the last step may leave, in m or rad: its length times the share by which steps shrink.
-        round_off: steps that are shorter and no longer shrink are round-off, in m or rad.
-        max_iterations: Newton steps before giving up.
-        max_gap_m: largest distance that may be left open; ``max_gap_rad``: largest angle.
-        closed_below: loops open by less than this (m or rad) count as closed exactly, where Gauss-Newton
-            converges quadratically and the exact Hessian adds nothing.
-        one_go: largest turn of a displaced joint (rad) that is closed in one go. Beyond that a mechanism may have
-            several assembly modes; errors grow, so that the one is found that grows out of the drawing's.
-        growth_step: turn by which they grow at a time (rad), in ``most_steps`` at most.
-        smooth_below: where a step of growth takes more Newton steps, or jumps, all are made finer.
-        refinements: how many times finer they become, in turn; a mode from which the finest jump ends there.
-    """
-
-    step_tolerance: float = 1e-7
-    left_over: float = 3e-14
-    round_off: float = 1e-9
-    max_iterations: int = 240
-    max_gap_m: float = 0.01
+    step_tolerance: float = 1e-7  # largest component of the last Newton step, in m or rad
+    left_over: float = 3e-14  # what it may leave, in m or rad: its length times the share by which steps shrink
+    round_off: float = 1e-9  # steps that are shorter and no longer shrink are round-off, in m or rad
+    max_iterations: int = 240  # Newton steps before giving up
+    max_gap_m: float = 0.01  # largest distance that may be left open; ``max_gap_rad``: largest angle
     max_gap_rad: float = 0.1
+    # loops open by less (m or rad) count as closed exactly: Gauss-Newton then converges quadratically
     closed_below: float = 1e-9
+    # largest turn of a displaced joint (rad) that is closed in one go. Beyond that a mechanism may have several
+    # assembly modes; errors grow, so that the one is found that grows out of the drawing's.
     one_go: float = 0.02
-    growth_step: float = 0.007
+    growth_step: float = 0.007  # turn by which they grow at a time (rad), in ``most_steps`` at most
     most_steps: int = 10
-    smooth_below: int = 10
-    refinements: tuple[int, ...] = (1, 8, 64)
+    smooth_below: int = 10  # where a step of growth takes more Newton steps, or jumps, all are made finer
+    refinements: tuple[int, ...] = (1, 8, 64)  # times finer, in turn; a mode from which the finest jump ends there
 
     def growth_passes(self, steps: int) -> list[tuple[int, int]]:
         """Return in how many steps errors grow, finer in turn, and how many Newton steps each may take to be smooth."""
@@ -88,28 +76,17 @@ def largest_norm(vectors: FloatArray) -> float:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ClosureResult(Result):
-    """A closed configuration and how well it is closed. Its arrays are read-only; results compare by identity.
-
-    Attributes:
-        mechanism: the mechanism that was closed.
-        configuration: Pinocchio configuration, shape (nq,).
-        residual: what is left open in each loop, log6, shape (loops, 6), in m and rad.
-        internal_wrench: what each loop carries: the wrench with which frame b pulls at frame a's chain, in the axes
-            of frame b, shape (loops, 6), in N and Nm.
-        energy: closure energy at the minimum, in J.
-        iterations: Newton steps taken.
-        jacobian: derivative of the residual by all joint velocities, shape (loops, 6, nv).
-        commanded: configuration that holds the commanded drives, shape (nq,); differs where drives yield.
-    """
+    """A closed configuration and how well it is closed. Its arrays are read-only; results compare by identity."""
 
     mechanism: ClosedChainMechanism
-    configuration: FloatArray
-    residual: FloatArray
+    configuration: FloatArray  # Pinocchio's, shape (nq,)
+    residual: FloatArray  # what is left open in each loop, log6, shape (loops, 6), in m and rad
+    # with which frame b of each loop pulls at frame a's chain, in the axes of frame b, shape (loops, 6), in N and Nm
     internal_wrench: FloatArray
-    energy: float
-    iterations: int
-    jacobian: FloatArray
-    commanded: FloatArray
+    energy: float  # closure energy at the minimum, in J
+    iterations: int  # Newton steps taken
+    jacobian: FloatArray  # derivative of the residual by all joint velocities, shape (loops, 6, nv)
+    commanded: FloatArray  # configuration that holds the commanded drives, shape (nq,); differs where drives yield
 
     @property
     def headline(self) -> str:
@@ -131,11 +108,7 @@ class ClosureResult(Result):
         return pd.DataFrame(table)
 
     def within(self, options: ClosureOptions) -> Self:
-        """Return the same, if no loop is open further than options allow; redundant drives need not agree.
-
-        Raises:
-            ClosureError: one is.
-        """
+        """Return the same; raises ClosureError where a loop that must close is open further than options allow."""
         if self.mechanism.loops.redundant_drives:
             return self
         if self.gap_m > options.max_gap_m or self.gap_rad > options.max_gap_rad:
@@ -227,11 +200,7 @@ class ClosureSolver:
         self._factors: eigenpy.LLT | None = None  # Eigen's: nothing to load, no threads
 
     def solve(self, drives: Mapping[str, float], start: FloatArray) -> ClosureResult:
-        """Close the loops.
-
-        Args:
-            drives: value of each drive, in m or rad; drives left out keep their value of ``start``.
-            start: configuration to start from, shape (nq,); also fixes the locked joints.
+        """Close the loops for drives, in m or rad, from a configuration (nq,) that says all else, locked joints too.
 
         Raises:
             UnknownJointError: a name is no joint.
@@ -241,11 +210,7 @@ class ClosureSolver:
         return self._solve(self.mechanism.with_joint_values(start, drives), drives)
 
     def solve_from(self, configuration: FloatArray) -> ClosureResult:
-        """Close the loops from a configuration that already holds the drive values; shape (nq,).
-
-        Raises:
-            ClosureError: the loops stay open, or Newton does not converge.
-        """
+        """Close the loops from a configuration (nq,) that already holds the drive values; raises as :meth:`solve`."""
         return self._solve(configuration, {})
 
     def _solve(self, configuration: FloatArray, values: Mapping[str, float]) -> ClosureResult:

@@ -31,12 +31,12 @@ from pouring_robot.io.quantities import Quantity
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptions
-from pouring_robot.mechanism.joint_types import change_joints
 from pouring_robot.mechanism.loops import LoopsFile, load_loops
+from pouring_robot.mechanism.pinocchio_model import change_joints
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.description.robot_file import DriveEntry, RobotFile
-from pouring_robot.robot.description.urdf import carriers, meshes_from, parsed, reach, read_text
+from pouring_robot.robot.description.urdf import carriers, joint_limits, meshes_from, parsed, reach, read_text
 
 if TYPE_CHECKING:
     from pouring_robot.batch import BatchStart
@@ -88,11 +88,7 @@ class Drive:
 
 
 class RobotDefinition:
-    """A robot of the drawing, by its file and path: everything that holds for all machines built after it.
-
-    Raises:
-        DescriptionError: the URDF or the loops file is wrong, or a joint in the file is none of the URDF's.
-    """
+    """A robot of the drawing, by its file and path; raises DescriptionError where what they say is wrong."""
 
     inner_joints: frozenset[str] = frozenset()
     """Joints whose distances from the one before are machined in one part; they have a tolerance of their own."""
@@ -133,11 +129,7 @@ class RobotDefinition:
 
     @classmethod
     def load(cls, path: Path | str) -> RobotDefinition:
-        """Read a robot file and all that it names.
-
-        Raises:
-            DescriptionError: a file cannot be read, or something in it is wrong.
-        """
+        """Read a robot file and all that it names; raises DescriptionError where something in them is wrong."""
         return cls(RobotFile.load(path), Path(path))
 
     def __repr__(self) -> str:
@@ -164,7 +156,7 @@ class RobotDefinition:
     def _check_home(self, joints: Iterable[etree._Element]) -> None:
         """Refuse a home beyond a joint's limits."""
         for joint in joints:
-            name, (lower, upper) = str(joint.get("name")), _limits(joint)
+            name, (lower, upper) = str(joint.get("name")), joint_limits(joint)
             value = self.file.home.get(name, lower)
             bounded = lower < upper and joint.get("type") in ("revolute", "prismatic")
             if bounded and not lower - _LIMIT_SLACK <= value <= upper + _LIMIT_SLACK:
@@ -177,7 +169,7 @@ class RobotDefinition:
         At a command of zero a drive may stand beyond its limits, at a switch, but hardly by more than they are apart; a
         turn is known but for whole ones. A slide without limits stands within the robot's size.
         """
-        limits = {str(joint.get("name")): _limits(joint) for joint in joints}
+        limits = {str(joint.get("name")): joint_limits(joint) for joint in joints}
         for drive in (drive for drive in self.drives if drive.zero):
             lower, upper = limits[drive.joint]
             whole = 2.0 * math.pi if drive.unit == "rad" else 0.0 if lower < upper else self.reach_m
@@ -209,11 +201,7 @@ class RobotDefinition:
         return self.path.parent / (self.file.urdf or self.file.xacro or "")
 
     def urdf(self) -> str:
-        """Return the robot of the drawing as URDF, as it was when it was first asked for.
-
-        Raises:
-            DescriptionError: the file is missing or wrong.
-        """
+        """Return the drawing as URDF, as it was when first asked for; raises DescriptionError where it is wrong."""
         return self._drawn
 
     @functools.cached_property
@@ -371,9 +359,3 @@ class RobotDefinition:
     def travels(self) -> tuple[str, ...]:
         """Names of the columns that say where the base stands, in m."""
         return self.file.travel
-
-
-def _limits(joint: etree._Element) -> tuple[float, float]:
-    """Return the limits of a joint, m or rad; zeros where it says none."""
-    limit = joint.find("limit")
-    return (0.0, 0.0) if limit is None else (float(limit.get("lower", "0")), float(limit.get("upper", "0")))

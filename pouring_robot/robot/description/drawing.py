@@ -31,11 +31,7 @@ class Drawing(Protocol):
         """Return where all joints of closed poses are within their limits, (n,)."""
 
     def configuration_at(self, drives: FloatArray, /) -> FloatArray:
-        """Return Pinocchio's configuration of one closed pose, (nq,), for drive values (drives,), in m and rad.
-
-        Raises:
-            NoSolutionError: no pose has these drive values.
-        """
+        """Return the closed configuration (nq,) of drives (drives,), in m and rad, or raise NoSolutionError."""
 
 
 class HomeDrawing:
@@ -55,7 +51,7 @@ class HomeDrawing:
         return HomotopyStarts(engine_for(self.mechanism), self._home, last=last)
 
     def starts(self, drives: FloatArray, /) -> BatchStart:
-        """Return the closed poses of drive values (n, drives), in m and rad; NaN where no pose has them."""
+        """As :meth:`Drawing.starts`."""
         key = len(drives), drives.tobytes()
         if key not in self._known:  # one campaign is asked for many times
             if len(self._known) == _KEPT:
@@ -68,7 +64,7 @@ class HomeDrawing:
         return BatchCommand(commands, commands, self.starts(commands))
 
     def in_reach(self, start: BatchStart) -> NDArray[np.bool_]:
-        """Return where all joints of closed poses are within their limits, (n,)."""
+        """As :meth:`Drawing.in_reach`."""
         values, limits = self._followed.engine.structure.joint_values(start.joints), self.mechanism.joint_limits()
         within = np.ones(len(start), dtype=bool)
         for name, (lower, upper) in limits.items():
@@ -77,7 +73,7 @@ class HomeDrawing:
         return within
 
     def configuration_at(self, drives: FloatArray, /) -> FloatArray:
-        """Return Pinocchio's configuration of one closed pose, (nq,), for drive values (drives,), in m and rad."""
+        """As :meth:`Drawing.configuration_at`."""
         start, structure = self.starts(drives[None]), self._followed.engine.structure
         if not np.isfinite(start.joints).all():
             raise NoSolutionError("no pose of the drawing has these drive values; check them against the joint limits")

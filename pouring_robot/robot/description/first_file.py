@@ -21,7 +21,7 @@ from pouring_robot.report.page import templates
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.description.rendering import run_xacro
 from pouring_robot.robot.description.robot_file import FORMAT, TAKEN, RobotFile
-from pouring_robot.robot.description.urdf import carriers, parsed, read_text
+from pouring_robot.robot.description.urdf import carriers, joint_limits, parsed, read_text
 
 _DRIVABLE = ("revolute", "continuous", "prismatic")
 _TOOLS = ("tool0", "tcp", "tool", "flange", "ee", "end_effector")  # usual names of the last frame, the likeliest first
@@ -79,11 +79,10 @@ class _Tree:
         """Return the middle of the range (m, rad) of each joint that cannot stand at zero."""
         found: dict[str, float] = {}
         for name, joint in self.joints.items():
-            limit = joint.find("limit")
-            if limit is not None and joint.get("type") in ("revolute", "prismatic") and joint.find("mimic") is None:
-                lower, upper = (float(limit.get(end, "0")) for end in ("lower", "upper"))
-                if not lower <= 0.0 <= upper:
-                    found[name] = (lower + upper) / 2.0
+            lower, upper = joint_limits(joint)
+            bounded = joint.get("type") in ("revolute", "prismatic") and joint.find("mimic") is None
+            if bounded and not lower <= 0.0 <= upper:
+                found[name] = (lower + upper) / 2.0
         return found
 
 
@@ -95,8 +94,7 @@ def _link(joint: etree._Element, end: str) -> str:
 def first_robot(urdf: Path, path: Path) -> tuple[str, RobotDefinition]:
     """Return the text of a robot file that is to stand at ``path`` for a URDF or xacro, and the robot it loads as.
 
-    Raises:
-        DescriptionError: as :func:`first_robot_file`, or the robot cannot be loaded, for instance for its meshes.
+    Raises DescriptionError as :func:`first_robot_file`, or where the robot cannot be loaded, such as for its meshes.
     """
     text = first_robot_file(urdf, path.parent)
     return text, RobotDefinition(validate(RobotFile, parse_yaml(text, path), path), path)
@@ -106,10 +104,8 @@ def first_robot_file(urdf: Path, beside: Path) -> str:
     """Return the text of a robot file for a URDF or a xacro, with paths relative to the folder in which it is to stand.
 
     Loops are taken over from a Gepetto ``robot.yaml`` that lies beside it (see :func:`loops_beside`); else links at
-    which branches end together in the zero pose are proposed in a comment.
-
-    Raises:
-        DescriptionError: the URDF cannot be read, Pinocchio cannot build it, or nothing moves in it.
+    which branches end together in the zero pose are proposed in a comment. Raises DescriptionError: the URDF cannot be
+    read, Pinocchio cannot build it, or nothing moves in it.
     """
     rendered = urdf.suffix == ".xacro"
     text = run_xacro(urdf, {}) if rendered else read_text(urdf)

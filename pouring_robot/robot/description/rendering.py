@@ -22,10 +22,9 @@ _lock = threading.Lock()
 
 
 def run_xacro(path: Path, arguments: Mapping[str, str], also: Iterable[Path] = ()) -> str:
-    """Return what xacro makes of a file, which may be a stranger's (see ``strangers``), with its mappings; thread-safe.
+    """Return what xacro makes of a file, maybe a stranger's (see ``strangers``), with its mappings; thread-safe.
 
-    Raises:
-        DescriptionError: the file, or one it includes, is wrong; names the one at fault.
+    Raises DescriptionError where the file, or one it includes, is wrong; names the one at fault.
     """
     with _lock, confined(path.parent, also):
         try:

@@ -1,16 +1,13 @@
 """The robot file, ``robot.yaml``, as it is written: its keys, and what is wrong with them by themselves."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
 
 import pydantic
 
 from pouring_robot.exceptions import closest
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
-from pouring_robot.mechanism.joint_types import JointKind
-from pouring_robot.mechanism.loops import LoopSpec, LoopStiffness
+from pouring_robot.mechanism.loops import JointKind, LoopSpec, LoopStiffness
 
 FORMAT = "pouring_robot/robot/1"
 POSITION, ROTATION = ("x", "y", "z"), ("rx", "ry", "rz")
@@ -30,7 +27,7 @@ class DriveEntry(StrictModel):
     zero: float = 0.0  # value of the joint at a command of zero, in m or rad
 
     @pydantic.model_validator(mode="after")
-    def _moves(self) -> DriveEntry:
+    def _moves(self) -> Self:
         if self.ratio == 0.0 or self.mm_per_turn == 0.0:
             raise ValueError("a ratio of 0 moves nothing")
         if self.ratio != 1.0 and self.mm_per_turn is not None:
@@ -77,7 +74,7 @@ class RobotFile(StrictModel):
     home: dict[str, float] = pydantic.Field(default_factory=dict)
 
     @pydantic.model_validator(mode="after")
-    def _whole(self) -> RobotFile:
+    def _whole(self) -> Self:
         if (self.urdf is None) == (self.xacro is None):
             raise ValueError("give either urdf or xacro")
         if not isinstance(self.loops, str) and (self.base_frame is None or self.end_frame is None):
@@ -105,6 +102,6 @@ class RobotFile(StrictModel):
         return self
 
     @classmethod
-    def load(cls, path: Path | str) -> RobotFile:
+    def load(cls, path: Path | str) -> Self:
         """Read a robot file; raises DescriptionError where it cannot be read, or a key or value in it is wrong."""
         return validate(cls, read_yaml(path), path)

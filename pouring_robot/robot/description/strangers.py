@@ -32,12 +32,9 @@ _INTROSPECTION = re.compile(
 
 
 def readable(path: Path | str, folder: Path, also: Iterable[Path] = ()) -> Path:
-    """Return a path, absolute or relative to a description's folder, that the description may read.
+    """Return a path, absolute or in a description's folder, that the description may read, or raise DescriptionError.
 
     It may read from the folder above its own down, and the files ``also`` wherever they are.
-
-    Raises:
-        DescriptionError: it lies elsewhere.
     """
     target = Path(os.path.realpath(folder / path))
     own = Path(os.path.realpath(folder))

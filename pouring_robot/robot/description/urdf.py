@@ -89,15 +89,18 @@ def carriers(root: etree._Element, frame: str) -> list[str]:
     return found
 
 
+def joint_limits(joint: etree._Element) -> tuple[float, float]:
+    """Return the limits of a joint, m or rad; zeros where it says none."""
+    limit = joint.find("limit")
+    return (0.0, 0.0) if limit is None else (float(limit.get("lower", "0")), float(limit.get("upper", "0")))
+
+
 def perturb_urdf(urdf: str, placements: Mapping[str, PlacementError], source: Path | str = "URDF") -> str:
     """Return the URDF with single joints, by name, displaced; ``source`` is the file that errors name.
 
-    Each joint's origin M becomes M · SE3(exp3(rotation_rad), translation_m); all else stays as it is. Numbers
-    are written so that reading them gives the same double again: errors of a nanometre survive.
-
-    Raises:
-        UnknownJointError: the URDF has no joint of that name.
-        DescriptionError: the URDF is not readable XML, or a joint's origin is not six numbers.
+    Each joint's origin M becomes M · SE3(exp3(rotation_rad), translation_m); all else stays as it is. Numbers are
+    written so that reading them gives the same double again: errors of a nanometre survive. Raises
+    UnknownJointError, or DescriptionError where the text is not readable XML or an origin is not six numbers.
     """
     root = parsed(urdf, source)
     joints = {joint.get("name", ""): joint for joint in root.iterfind("joint")}
@@ -128,12 +131,8 @@ def meshes_from(urdf: str, folder: Path) -> str:
 def write_urdf(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = None) -> Path:
     """Write a URDF with its meshes, and further files ``beside`` it, into a folder, all or nothing; return its path.
 
-    Mesh addresses become relative (``meshes/…``), which readers resolve from the URDF's own folder, so that
-    the folder can be moved or sent away.
-
-    Raises:
-        DescriptionError: the URDF is not readable XML, or a mesh is missing.
-        OutputError: the folder cannot be written; it is left as it was.
+    Mesh addresses become relative (``meshes/…``), which readers resolve from the URDF's own folder, so that the folder
+    can be moved or sent away. Raises OutputError where it cannot be written, and is left as it was.
     """
     files = urdf_files(urdf, folder, beside)
     return write_together(files)[-1]

@@ -1,4 +1,4 @@
-from .derivation import NotUPUError as NotUPUError
-from .parameters import DHParameter as DHParameter
-from .parameters import UnknownParameterError as UnknownParameterError
+from .chain import NotUPUError as NotUPUError
+from .table import DHParameter as DHParameter
 from .table import DHTable as DHTable
+from .table import UnknownParameterError as UnknownParameterError

@@ -33,17 +33,13 @@ _COMMUTING = {"R": (2, 5), "P": (0, 1, 2, 5)}
 
 
 def fit_errors(chain: DHChain, displacements: FloatArray, fitted: FloatArray, free: FloatArray) -> FloatArray:
-    """Return the smallest DH errors that describe a chain with displaced joints.
+    """Return the smallest DH errors (8, 4), in m and rad, that describe a chain with displaced joints.
 
     Args:
         chain: the nominal chain.
         displacements: E of its six sites, shape (6, 4, 4).
         fitted: which DH numbers may carry an error, boolean (8, 4).
-        free: which further ones may take any value at no cost, boolean (8, 4); they are fitted, and left out of the
-            norm.
-
-    Returns:
-        Errors of all DH numbers, shape (8, 4), in m and rad.
+        free: which further ones may take any value at no cost; they are fitted, and left out of the norm.
 
     Raises:
         NoSolutionError: Newton's method does not settle; the displacements are no small errors.

@@ -5,27 +5,131 @@
     urdf = perturb_urdf(nominal_urdf, placements)                                 # the same robot, exactly
     table.errors_from_placements(placements)                                      # and back
 
-Conventions, and why a DH error is a displaced joint placement: see :mod:`~pouring_robot.robot.dh.derivation`
-and :mod:`~pouring_robot.robot.dh.chain`.
+Conventions, and why a DH error is a displaced joint placement: see :mod:`~pouring_robot.robot.dh.chain`.
 """
-
-from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Literal, Self
 
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.exceptions import BadInputError, UnknownJointError
+from pouring_robot.exceptions import BadInputError, UnknownJointError, closest
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.parameters import PlacementParameter, Twist
 from pouring_robot.mechanism.poses import PlacementError
-from pouring_robot.robot.dh.chain import DHChain
-from pouring_robot.robot.dh.derivation import dh_chain
+from pouring_robot.robot.dh.chain import ALPHA, SITES, SYMBOLS, TRANSFORMS, VARIABLES, A, D, DHChain, dh_chain
 from pouring_robot.robot.dh.fit import fit_errors
-from pouring_robot.robot.dh.parameters import DHParameter, UnknownParameterError, chain_parameters
+
+Transform = Literal["O0", "01", "12", "23", "34", "45", "56", "6o"]
+Symbol = Literal["a", "alpha", "d", "theta"]
+Role = Literal["geometric", "drive", "joint variable", "convention"]
+
+_PARTS = {
+    "O0": "fixed-platform installation",
+    "01": "upper U joint",
+    "12": "upper U joint",
+    "23": "fixed rod",
+    "34": "moving rod",
+    "45": "lower U joint",
+    "56": "lower U joint",
+    "6o": "moving-platform installation",
+}
+_MEANINGS = {
+    "a": "distance between axes S_{0} and S_{1}",
+    "alpha": "angle between axes S_{0} and S_{1}",
+    "d": "distance along S_{1} between its common normals",
+    "theta": "angle about S_{1} between its common normals",
+}
+_CONVENTION = (A, ALPHA, D)  # of O→0: S_0 is Z of the fixed platform, same origin
+
+
+class UnknownParameterError(BadInputError):
+    """A DH parameter was named that the table does not hold."""
+
+    def __init__(self, name: str, known: Iterable[str]) -> None:
+        self.name, self.known = name, tuple(known)
+        near = closest(name, self.known)
+        hint = near if near.startswith("; did") else "; names are like 'alpha_e1_56' (m or rad)"
+        super().__init__(f"the DH table has no parameter '{name}'{hint}")
+
+
+@dataclass(frozen=True)
+class DHParameter:
+    """One number of the DH table."""
+
+    name: str  # ``alpha_e1_56``: symbol, chain, transform (a, alpha) or the frame it leads to (d, theta)
+    chain: int  # 1 to 4
+    transform: Transform  # the transform it belongs to
+    symbol: Symbol  # which of the transform's four numbers it is
+    unit: Literal["m", "rad"]  # ``m`` or ``rad``; of the nominal value, of errors, and below the line of ``twist``
+    nominal: float  # value on the drawing; of a joint variable, with the URDF joint at zero
+    meaning: str  # what it is on the machine
+    role: Role  # ``geometric``; ``drive`` or ``joint variable``, to which a joint's value is added; ``convention``
+    moves_with: str | None  # the URDF joint whose value is added to it, if any
+    reason: str  # why it drops out of the study of errors; empty if it does not
+    joint: str  # the URDF joint whose placement an error of it displaces
+    # displacement of that placement per unit of error, (linear, angular) in the joint's nominal placement frame; m or
+    # rad per unit
+    twist: Twist
+
+    @property
+    def part(self) -> str:
+        """The part of the chain it is measured on."""
+        return _PARTS[self.transform]
+
+    @property
+    def place(self) -> tuple[int, int]:
+        """Its row and column in the chain's arrays (8, 4)."""
+        return TRANSFORMS.index(self.transform), SYMBOLS.index(self.symbol)
+
+    @property
+    def drops_out(self) -> bool:
+        """Whether the paper (its section 4.2) leaves it out: an error of it would be no error of the machine."""
+        return bool(self.reason)
+
+    @property
+    def local(self) -> PlacementParameter:
+        """The same as a local parameter of the mechanism, for the error-transfer matrix; first order at the nominal."""
+        return PlacementParameter(self.name, self.unit, self.joint, self.twist)
+
+
+def chain_parameters(chain: DHChain, drives: Collection[str]) -> Iterable[DHParameter]:
+    """Yield the 32 parameters of a chain, in order: transform by transform, a, α, d, θ."""
+    twists = chain.placement_twists() + 0.0
+    variables = {place: chain.joints[k] for k, place in enumerate(VARIABLES)}
+    for t, transform in enumerate(TRANSFORMS):
+        for s, symbol in enumerate(SYMBOLS):
+            joint = variables.get((t, s))
+            x, y, z, rx, ry, rz = (float(component) for component in twists[t, s])
+            role, reason = _role(t, s, joint, drives)
+            yield DHParameter(
+                name=f"{symbol}_e{chain.number}_{transform if s in (A, ALPHA) else transform[1]}",
+                chain=chain.number,
+                transform=transform,  # type: ignore[arg-type]  # mypy widens the elements of a tuple of literals
+                symbol=symbol,  # type: ignore[arg-type]
+                unit="m" if s in (A, D) else "rad",
+                nominal=float(chain.nominal[t, s]),
+                meaning=f"{_PARTS[transform]}: {_MEANINGS[symbol].format(*transform)}",
+                role=role,
+                moves_with=joint,
+                reason=reason,
+                joint=chain.joints[SITES[t]],
+                twist=(x, y, z, rx, ry, rz),
+            )
+
+
+def _role(transform: int, symbol: int, joint: str | None, drives: Collection[str]) -> tuple[Role, str]:
+    """Return what a parameter is, and why it drops out if it does (the paper's section 4.2)."""
+    if joint is not None:
+        return ("drive", "") if joint in drives else ("joint variable", f"passive joint '{joint}' takes it up")
+    if transform == 0 and symbol in _CONVENTION:
+        return "convention", "S_0 is by definition Z of the fixed platform, with the same origin"
+    return "geometric", ""
 
 
 class DHTable:
@@ -40,12 +144,8 @@ class DHTable:
         self._sites = {joint: (chain, k) for chain in chains for k, joint in enumerate(chain.joints)}
 
     @classmethod
-    def from_mechanism(cls, mechanism: ClosedChainMechanism) -> DHTable:
-        """Derive the table from a loaded nominal robot; nothing is typed in.
-
-        Raises:
-            NotUPUError: a chain is not of the UPU kind, or the robot is not nominal.
-        """
+    def from_mechanism(cls, mechanism: ClosedChainMechanism) -> Self:
+        """Derive the table from a loaded nominal robot; raises NotUPUError where a chain is of another kind."""
         chains = [dh_chain(mechanism, index) for index in range(len(mechanism.anchors))]
         return cls(chains, mechanism.loops.drives)
 
@@ -86,15 +186,10 @@ class DHTable:
     def chain_poses(
         self, chain: int, joint_values: Sequence[float] | FloatArray, errors: Mapping[str, float] | None = None
     ) -> FloatArray:
-        """Return the poses of the moving platform o in the fixed platform O that one chain gives, its joints held.
+        """Return the poses (..., 4, 4) of the moving platform o in the fixed one, O, on one chain, its joints held.
 
-        Args:
-            chain: its number.
-            joint_values: values of its five URDF joints in order, in m and rad, shape (..., 5).
-            errors: errors by parameter name, in m and rad; those of other chains do not count.
-
-        Returns:
-            Homogeneous matrices, shape (..., 4, 4).
+        Joint values (..., 5) are of its URDF joints in order, in m and rad; errors, by parameter name in m and rad, of
+        other chains do not count.
         """
         values = np.asarray(joint_values, dtype=float)
         if values.shape[-1:] != (5,) or not np.isfinite(values).all():
@@ -122,20 +217,15 @@ class DHTable:
     def errors_from_placements(
         self, placements: Mapping[str, PlacementError], *, drop_outs: bool = True
     ) -> dict[str, float]:
-        """Return the DH errors that describe chains with displaced joints.
+        """Return the DH errors (m, rad; in table order) of every chain with a joint that is displaced.
 
         A chain has more numbers than its pose shows. The answer is the smallest one, each error measured in the
-        paper's size of it (0.2 mm, 4 mrad); it gives the same pose for all joint values, to 1e-12.
+        paper's size of it (0.2 mm, 4 mrad); it gives the same pose for all joint values, to 1e-12. The convention's
+        parameters are not listed.
 
-        Args:
-            placements: displacements by URDF joint.
-            drop_outs: with them, passive joint variables carry errors as well, so that the described chain has the
-                same pose at the same joint values. Without, they are left out: the same machine, its passive joints
-                counted from another zero.
-
-        Returns:
-            Errors in m and rad, in table order, of every chain with a displaced joint. The convention's parameters are
-            zero and not listed.
+        With ``drop_outs``, passive joint variables carry errors as well, so that the described chain has the same pose
+        at the same joint values. Without, they are left out: the same machine, its passive joints counted from another
+        zero.
 
         Raises:
             UnknownJointError: a joint is not part of a chain.

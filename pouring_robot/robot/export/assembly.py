@@ -1,11 +1,9 @@
 """A closed robot as bodies, joints and loops, each body where it stands: what MJCF and SDF are written from."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import PurePosixPath
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pinocchio as pin
@@ -14,6 +12,7 @@ from lxml import etree
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.loops import LoopsFile
+from pouring_robot.robot.description.urdf import joint_limits
 from pouring_robot.robot.export.closed import ClosedRobot
 
 
@@ -83,7 +82,7 @@ class Assembly:
     mimics: Mapping[tuple[str, str], float]  # ratio by follower and leader
 
     @classmethod
-    def of(cls, closed: ClosedRobot) -> Assembly:
+    def of(cls, closed: ClosedRobot) -> Self:
         """Read it off a closed robot; raises DescriptionError for a joint or shape that cannot be written."""
         root, mechanism = etree.fromstring(closed.urdf.encode()), closed.mechanism
         paint = {
@@ -196,7 +195,7 @@ def _joint(entry: Any, closed: ClosedRobot) -> Joint:
     axis = _numbers(entry.find("axis"), "xyz", "1 0 0")
     if closed.mechanism.loops.joint_types.get(name) == "spherical":
         kind = "spherical"
-    bounded = kind in ("revolute", "prismatic") and limit is not None and limit.get("lower") != limit.get("upper")
+    lower, upper = joint_limits(entry)
     effort, velocity = (float(limit.get(key, "0")) if limit is not None else 0.0 for key in ("effort", "velocity"))
     damping, friction = (float(dynamics.get(k, "0")) if dynamics is not None else 0.0 for k in ("damping", "friction"))
     return Joint(
@@ -206,7 +205,7 @@ def _joint(entry: Any, closed: ClosedRobot) -> Joint:
         str(entry.find("child").get("link")),
         axis / np.linalg.norm(axis),
         closed.joints.get(name, 0.0),
-        (float(limit.get("lower", "0")), float(limit.get("upper", "0"))) if bounded else None,
+        (lower, upper) if kind in ("revolute", "prismatic") and lower != upper else None,
         effort,
         velocity,
         damping,

@@ -7,16 +7,14 @@ where the package says, and each foot is off its seat by that chain's own share.
 another one; :meth:`ClosedRobot.over_workspace` says how much that does.
 """
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import pinocchio as pin
 from lxml import etree
 
-from pouring_robot.batch import engine_for
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.poses import PlacementError
@@ -44,12 +42,10 @@ class ClosedRobot:
     result: ClosureResult  # the closure at the command
 
     @classmethod
-    def of(cls, model: RobotModel, command: Command | None = None) -> ClosedRobot:
+    def of(cls, model: RobotModel, command: Command | None = None) -> Self:
         """Close the robot of a model at a command, by default in the middle of its workspace or at its home.
 
-        Raises:
-            BadInputError: it is no command of this robot.
-            NoSolutionError: no pose has it.
+        Raises BadInputError where it is no command of this robot, NoSolutionError where no pose has it.
         """
         robot = robot_of(model.with_offsets_placed())
         location = robot.location_in_the_middle() if command is None else robot.location_of(command)
@@ -107,7 +103,7 @@ class ClosedRobot:
         drives, start = self.robot.model.definition.workspace(self.robot.drawing)
         closed = self.robot.close(drives, start)
         good = np.flatnonzero(closed.closed)
-        values = engine_for(self.mechanism).structure.joint_values(closed.joints)
+        values = self.robot.engine().structure.joint_values(closed.joints)
         expected = frames_of(self.mechanism, closed.position, closed.rotation)[:, -1, :, 3]
         data, off = tree.createData(), np.empty(len(good))
         base, tip = (tree.getFrameId(name) for name in (loops.base_frame, loops.working_frame))

@@ -1,21 +1,19 @@
 """Tables of joint values, by which other programs stand closed: a row a pose, names of the exported tree, SI."""
 
-from __future__ import annotations
-
-import io
 import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from pouring_robot.batch.samples import BatchClosure
 from pouring_robot.batch.structure import Structure
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.tables import csv_text
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.robot.model import RobotModel
 
@@ -30,7 +28,7 @@ class JointRow:
     gap_rad: float
 
     @classmethod
-    def of(cls, closed: ClosureResult, offsets: Mapping[str, float] = MappingProxyType({})) -> JointRow:
+    def of(cls, closed: ClosureResult, offsets: Mapping[str, float] = MappingProxyType({})) -> Self:
         """Take them from a closure whose drives stand beyond commands by offsets, which the tree's joints hold."""
         beyond = closed.mechanism.followed(offsets)
         values = {name: value - beyond.get(name, 0.0) for name, value in closed.joint_values.items()}
@@ -38,7 +36,7 @@ class JointRow:
         return cls(values, units, closed.gap_m, closed.gap_rad)
 
     @classmethod
-    def of_many(cls, structure: Structure, closed: BatchClosure, model: RobotModel) -> list[JointRow]:
+    def of_many(cls, structure: Structure, closed: BatchClosure, model: RobotModel) -> list[Self]:
         """Take them from an engine's closures, less the model's drive offsets; without an answer all values are NaN."""
         offsets, mechanism = model.drive_offset_values(), structure.mechanism
         columns = dict.fromkeys(mechanism.loops.locked_joints, np.zeros(len(closed)))
@@ -62,18 +60,11 @@ def joints_json(rows: Sequence[JointRow]) -> dict[str, Any]:
 
 
 def joints_text(rows: Sequence[JointRow], path: Path) -> str:
-    """Return the table as the file it is for: JSON or, with units on the headings, CSV.
-
-    Raises:
-        BadInputError: the file's name ends in neither.
-    """
+    """Return the table as CSV, headings with units, or JSON; raises BadInputError for a file of another suffix."""
     if path.suffix == ".json":
         return json.dumps(joints_json(rows), indent=1, allow_nan=False) + "\n"
     if path.suffix != ".csv":
         raise BadInputError(f"{path}: a table of joints is a .csv or a .json; name it so")
-    out = io.StringIO()
     heads = [f"{name}_{unit}" for name, unit in rows[0].units.items()] if rows else []
-    print(*heads, "left_open_m", "left_open_rad", sep=",", file=out)
-    for row in rows:
-        print(*(repr(float(v)) for v in (*row.values.values(), row.gap_m, row.gap_rad)), sep=",", file=out)
-    return out.getvalue()
+    values = ([*map(float, row.values.values()), row.gap_m, row.gap_rad] for row in rows)
+    return csv_text([*heads, "left_open_m", "left_open_rad"], values)

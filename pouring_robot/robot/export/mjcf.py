@@ -4,13 +4,11 @@ Bodies stand closed when the file is loaded, and ``ref`` gives the joints the pa
 hangs free between all of its chains, so no chain is preferred.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import PurePosixPath
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pinocchio as pin
@@ -38,8 +36,7 @@ def text(values: Iterable[float]) -> str:
 def mjcf(closed: ClosedRobot, assembly: Assembly, touching: Iterable[tuple[str, str]] = ()) -> str:
     """Return the robot as MJCF, without contacts of pairs that touch; meshes are OBJ files in ``meshes``.
 
-    Raises:
-        DescriptionError: a moving body has no mass, which MuJoCo refuses.
+    Raises DescriptionError where a moving body has no mass, which MuJoCo refuses.
     """
     root = etree.Element("mujoco", model=assembly.name)
     # Frames without mass stay bodies, visuals stay, and no mass is invented or changed.
@@ -139,7 +136,7 @@ def _fill(element: Any, body: Body, assembly: Assembly) -> None:
         _geom(element, shape, contype="0", conaffinity="0", group="2", rgba=text(shape.colour))
     for shape in body.collisions:
         _geom(element, shape, group="3")
-    for frame in {f for loop in assembly.loops.loops for f in (loop.frame_a, loop.frame_b)}:
+    for frame in dict.fromkeys(f for loop in assembly.loops.loops for f in (loop.frame_a, loop.frame_b)):
         if assembly.solid(frame) == body.name:
             place = _pose(body.pose.actInv(assembly.bodies[frame].pose))
             etree.SubElement(element, "site", name=frame, group="4", **place)
@@ -188,7 +185,7 @@ class _Weld:
     torque_scale: float
 
     @classmethod
-    def of(cls, loop: LoopSpec, assembly: Assembly, mobilities: Mapping[str, tuple[float, float]]) -> _Weld:
+    def of(cls, loop: LoopSpec, assembly: Assembly, mobilities: Mapping[str, tuple[float, float]]) -> Self:
         ends = (mobilities[assembly.solid(frame)] for frame in (loop.frame_a, loop.frame_b))
         slide, turn = (sum(parts) for parts in zip(*ends, strict=True))
         along, about = assembly.loops.stiffness_si

@@ -21,13 +21,10 @@ def examples_path() -> Path:
 
 
 def urdf_path(*, layout: str | None = None, model: RobotModel | Path | str | None = None) -> Path:
-    """Return a URDF file with its meshes beside it, in the cache folder, of a layout (default: ``paper``) or a model.
+    """Return a URDF file with meshes beside it, in the cache folder, of a layout (default: ``paper``) or a model.
 
-    A model is the robot as built, or its file; its drive offsets become displaced joints.
-
-    Raises:
-        BadInputError: both are given, or one is wrong.
-        OutputError: the cache folder cannot be written to.
+    A model is the robot as built, or its file; drive offsets become displaced joints. Raises BadInputError where both
+    are given or one is wrong, OutputError where the cache folder cannot be written to.
     """
     if layout is not None and model is not None:
         raise BadInputError("give layout or model, not both: the model names its layout")

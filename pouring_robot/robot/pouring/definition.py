@@ -1,15 +1,13 @@
 """The pouring robot as a definition like any other: its layouts, its closed-form kinematics, its names."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pouring_robot.batch.samples import BatchStart
 from pouring_robot.io.quantities import Quantity
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
@@ -19,26 +17,16 @@ from pouring_robot.robot.description.robot_file import RobotFile
 from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.dh.table import DHTable
 from pouring_robot.robot.pouring.causes import CAUSES
-from pouring_robot.robot.pouring.description import render_urdf
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
-from pouring_robot.robot.pouring.layout import load_layout
+from pouring_robot.robot.pouring.layout import load_layout, render_urdf
 from pouring_robot.robot.pouring.names import DRIVE_SYMBOLS, DRIVE_WORDS, GROUPS, INNER_JOINTS, LEGS, SETS
-
-if TYPE_CHECKING:
-    from pouring_robot.batch import BatchStart
-    from pouring_robot.robot.description.drawing import Drawing
 
 _SHARES = (0.1, 0.5, 0.9)  # of the workspace box along each axis
 THERMOMETERS = ("melt", *LEGS, "platform")
 
 
 class PouringDefinition(RobotDefinition):
-    """The pouring robot of one layout of a dimensions file, by default the shipped one.
-
-    Raises:
-        DescriptionError: the description or the dimensions file is broken.
-        UnknownLayoutError: there is no such layout.
-    """
+    """The pouring robot of a layout; raises DescriptionError, or UnknownLayoutError where there is no such layout."""
 
     parameter_groups, parameter_sets, inner_joints, causes = GROUPS, SETS, INNER_JOINTS, CAUSES
     thermometers = expected_thermometers = THERMOMETERS
@@ -62,7 +50,7 @@ class PouringDefinition(RobotDefinition):
         """Return the closed-form kinematics."""
         return FourUPUKinematics(mechanism or self.mechanism())
 
-    def workspace(self, drawing: Drawing, count: int = 0) -> tuple[FloatArray, BatchStart]:
+    def workspace(self, drawing: object, count: int = 0) -> tuple[FloatArray, BatchStart]:
         """Return drive values of the poses of a grid over the workspace box, (n, 4), and the closed poses.
 
         How many does not depend on ``count``: the grid holds the box's corners.

@@ -4,27 +4,21 @@ The nominal robot closes exactly, with two pairs of equal planar chains, so both
 They give the drives a controller commands, and start the closure of the actual robot.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from pouring_robot.batch.samples import BatchCommand, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError, closest
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
-from pouring_robot.mechanism.reach import JointReach, joint_reach, refuse_beyond
+from pouring_robot.mechanism.poses import JointReach, joint_reach, refuse_beyond
 from pouring_robot.robot.pouring.names import CHAIN_JOINTS, DRIVE_JOINTS, LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
-
-if TYPE_CHECKING:
-    from pouring_robot.batch.samples import BatchCommand, BatchStart
-
 
 TASK_ROWS = (0, 1, 2, 4)
 """Rows of the platform's twist that the four drives control: x, y, z and the tilt about y."""
@@ -33,13 +27,9 @@ TASK_ROWS = (0, 1, 2, 4)
 def chain_joints(
     fixed_m: FloatArray, moving_m: FloatArray, positions_m: FloatArray, tilts_rad: FloatArray
 ) -> FloatArray:
-    """Return the joints of all chains for arrays of poses (nominal inverse kinematics).
+    """Return the joints of all chains for poses (nominal inverse kinematics): positions (..., 3), m, tilts (...), rad.
 
-    Args:
-        fixed_m: upper U-joint centres in the fixed platform, shape (4, 3), in m.
-        moving_m: lower ones in the moving platform, likewise.
-        positions_m: of the moving platform's origin, shape (..., 3), in m.
-        tilts_rad: shape (...), in rad.
+    ``fixed_m`` and ``moving_m`` are the U-joint centres in the fixed and in the moving platform, shape (4, 3), in m.
 
     Returns:
         Shape (..., 4, 5): chains 1 to 4; in each the turn of the leg about y (S1) and about x (S2) in rad, the
@@ -79,13 +69,7 @@ class FourUPUKinematics:
         return chain_joints(self.fixed_centres_m, self.moving_centres_m, positions_m, tilts_rad)
 
     def commands(self, poses: FloatArray) -> BatchCommand:
-        """Run the nominal inverse kinematics for poses (n, 4): x, y, z in m, tilt in rad; joint limits do not count.
-
-        Raises:
-            BadInputError: the array has another shape.
-        """
-        from pouring_robot.batch.samples import BatchCommand, BatchStart
-
+        """Return drives and closed poses of poses (n, 4): x, y, z in m, tilt in rad; joint limits do not count."""
         poses = np.ascontiguousarray(poses, dtype=float)
         if poses.ndim != 2 or poses.shape[1] != 4:
             raise BadInputError(f"poses must have the shape (n, 4): x, y, z, tilt; not {poses.shape}")
@@ -104,7 +88,7 @@ class FourUPUKinematics:
         poses = np.full((len(drives), 4), np.nan)
         for row in np.flatnonzero(np.isfinite(drives).all(axis=1)):
             try:
-                pose = self.forward(dict(zip(self.mechanism.loops.drives, drives[row].tolist(), strict=True)))
+                pose = self.forward(self.mechanism.named_drives(drives[row]))
             except (NoSolutionError, BadInputError):
                 continue
             poses[row] = *pose.position_m, pose.tilt_rad
@@ -112,7 +96,7 @@ class FourUPUKinematics:
 
     def configuration_at(self, drives: FloatArray, /) -> FloatArray:
         """Return the closed nominal configuration, (nq,), for drive values (4,), in m and rad."""
-        return self.configuration(self.forward(dict(zip(self.mechanism.loops.drives, drives.tolist(), strict=True))))
+        return self.configuration(self.forward(self.mechanism.named_drives(drives)))
 
     def within_limits(self, joints: FloatArray) -> NDArray[np.bool_]:
         """Return where all joints are within their limits, shape (n,), for joint values (n, chains, joints)."""
@@ -134,11 +118,7 @@ class FourUPUKinematics:
         return dict(zip(self.joint_names, joints.ravel().tolist(), strict=True))
 
     def inverse(self, pose: PlatformPose) -> dict[str, float]:
-        """Return the drive values that the controller commands for a pose, in m and rad.
-
-        Raises:
-            UnreachablePoseError: a joint would pass its limits; the error names the one that limits.
-        """
+        """Return the commanded drive values of a pose, in m and rad; raises UnreachablePoseError beyond limits."""
         values = self.joint_values(pose)
         self.refuse_beyond_limits(values)
         return {drive: values[drive] for drive in self.mechanism.loops.drives}
@@ -175,19 +155,14 @@ class FourUPUKinematics:
         return centres[0], centres[1]
 
     def forward(self, drives: Mapping[str, float], near: PlatformPose | None = None) -> PlatformPose:
-        """Return the nominal pose for drive values, in closed form.
+        """Return the nominal pose for drive values (m, rad) by joint name, in closed form.
 
-        Legs 1 and 2 give y; seen along y, leg pair 3-4 is then a rod fixed to the platform at the angle theta46,
-        and the rear fixed joints lie where two circles meet. Of the two meetings the one nearer to ``near``
-        (default: the assembly in which the platform hangs upright) is taken.
+        Legs 1 and 2 give y; seen along y, leg pair 3-4 is then a rod fixed to the platform at the angle theta46, and
+        the rear fixed joints lie where two circles meet. Of the two meetings the one nearer to ``near`` (default: the
+        assembly in which the platform hangs upright) is taken.
 
-        Args:
-            drives: l1, l2, l3 in m and theta46 in rad, by joint name.
-            near: a pose on the wanted branch.
-
-        Raises:
-            BadInputError: a drive value is missing or not finite, or a name is no drive.
-            NoSolutionError: no pose has these leg lengths, or y cannot be found from them (equal half-widths).
+        Raises BadInputError where a value is missing or not finite, or a name is no drive; NoSolutionError where no
+        pose has these leg lengths, or y cannot be found from them (equal half-widths).
         """
         self.check_drives(drives)
         l1, l2, l3, theta = (float(drives[name]) for name in DRIVE_JOINTS)
@@ -206,11 +181,7 @@ class FourUPUKinematics:
         return min(poses, key=lambda pose: _branch_distance(pose, near))
 
     def check_drives(self, drives: Mapping[str, float]) -> None:
-        """Check that there is one value for each drive and for nothing else.
-
-        Raises:
-            BadInputError: a drive value is missing, or a name is no drive.
-        """
+        """Refuse drive values (BadInputError) unless there is one for each drive and for nothing else."""
         wanted = self.mechanism.loops.drives
         for name in drives:
             if name not in wanted:

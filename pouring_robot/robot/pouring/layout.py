@@ -1,4 +1,4 @@
-"""The dimensions file: what Python needs of it, in SI units; its schema is ``layout_schema``.
+"""The dimensions file: what Python needs of it, in SI units, and the URDF made of it; its schema is ``layout_schema``.
 
 The URDF is the source of the geometry; xacro makes it from the same file. This module checks the
 file before xacro sees it (a misspelt key, a negative size, a NaN is refused with file, line and key). Then
@@ -8,12 +8,13 @@ A file that is missing or wrong raises DescriptionError, which names file, line 
 UnknownLayoutError.
 """
 
+import importlib.metadata
 import math
 import reprlib
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
@@ -23,34 +24,15 @@ from pouring_robot.exceptions import DescriptionError, UnknownLayoutError
 from pouring_robot.io.cache import content_key, kept_text
 from pouring_robot.io.typed_yaml import read_yaml, validate
 from pouring_robot.mechanism.arrays import read_only
-from pouring_robot.robot.description.urdf import description_folder, read_text
+from pouring_robot.robot.description.urdf import MESH_PACKAGE, description_folder, read_text
 from pouring_robot.robot.pouring import layout_schema
-from pouring_robot.robot.pouring.layout_schema import InMetres, InRadians, Ladle, LayoutEntry, LayoutsFile
+from pouring_robot.robot.pouring.layout_schema import Ladle, LayoutEntry, LayoutsFile
+from pouring_robot.robot.pouring.names import CHAINS
 
 # YAML 1.1, as xacro reads it; the compiled one where PyYAML has it.
 _XACRO_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 # The mesh is made of flat facets, so its outline lies up to 0.3 % inside the true one.
 _MESH_TOLERANCE = 0.005
-
-
-@dataclass(frozen=True)
-class LadleDimensions:
-    """The ladle in SI units; positions in the moving platform's frame."""
-
-    payload_kg: float  # largest mass of melt. It is a condition of a pose, not part of the URDF.
-    tare_kg: float  # mass of the empty ladle, as in the URDF
-    centre_of_mass_m: tuple[float, float, float]  # of the empty ladle
-    rim_centre_m: tuple[float, float, float]  # origin of the link ``ladle``
-    outer_radius_top_m: float  # the truncated cone
-    outer_radius_bottom_m: float
-    height_m: float
-    wall_m: float
-    rim_flange_m: float  # stiffening ring
-    rim_flange_height_m: float
-    lip_reach_m: float  # pouring lip beyond the outer radius
-    lip_half_angle_rad: float  # angular half width of the lip
-    melt_below_rim_m: float  # level of a full ladle
-    mesh: str  # file name of the mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +41,7 @@ class Layout:
 
     name: str  # its name in the file
     path: Path  # the file
+    entry: LayoutEntry  # sizes of every part, as the file has them
     position_lower_m: NDArray[np.float64]  # (3,) workspace box of the moving platform's origin, in the fixed platform
     position_upper_m: NDArray[np.float64]
     tilt_lower_rad: float  # its tilt about y
@@ -67,7 +50,11 @@ class Layout:
     fixed_centres_m: NDArray[np.float64]  # (4, 3) upper U-joint centres A_i in the fixed platform
     moving_centres_m: NDArray[np.float64]  # (4, 3) lower U-joint centres B_i in the moving platform
     truss_span_m: float  # length over which ``truss_travel`` runs
-    ladle: LadleDimensions  # the ladle
+
+    @property
+    def ladle(self) -> Ladle:
+        """The ladle; positions are in the moving platform's frame."""
+        return self.entry.ladle
 
     @property
     def box(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -102,6 +89,7 @@ def load_layout(name: str = "paper", layouts_file: Path | None = None) -> Layout
     return Layout(
         name=name,
         path=path,
+        entry=entry,
         position_lower_m=read_only(np.array([low for low, _ in box])),
         position_upper_m=read_only(np.array([high for _, high in box])),
         tilt_lower_rad=tilt[0],
@@ -110,7 +98,6 @@ def load_layout(name: str = "paper", layouts_file: Path | None = None) -> Layout
         fixed_centres_m=read_only(np.array(entry.fixed_centres.metres)),
         moving_centres_m=read_only(np.array(entry.moving_centres.metres)),
         truss_span_m=entry.truss.span.metres,
-        ladle=_ladle(entry.ladle),
     )
 
 
@@ -159,30 +146,20 @@ def _refuse_ambiguous(path: Path, ours: object, theirs: object, key: str = "") -
         raise DescriptionError(path, f"'{key}': {seen}; write numbers as 12.5 or 1.0e+5")
 
 
-def _ladle(entry: Ladle) -> LadleDimensions:
-    si: dict[str, Any] = {"payload_kg": entry.payload.value, "tare_kg": entry.tare.value, "mesh": entry.mesh.value}
-    for name, size in entry:
-        if isinstance(size, InMetres):
-            si[f"{name}_m"] = size.metres
-        elif isinstance(size, InRadians):
-            si[f"{name}_rad"] = size.radians
-    return LadleDimensions(**{field.name: si[field.name] for field in fields(LadleDimensions)})
-
-
 def ladle_outline_m(layout: Layout) -> NDArray[np.float64]:
     """Return the corners of the box around the ladle, in the frame ``ladle``: lower and upper, shape (2, 3), in m.
 
     The vessel hangs below its rim (z = 0); the pouring lip reaches out towards +x.
     """
     ladle = layout.ladle
-    rim = ladle.outer_radius_top_m + ladle.rim_flange_m
-    lip = max(rim, ladle.outer_radius_top_m + ladle.lip_reach_m)
-    return np.array([[-rim, -rim, -ladle.height_m], [lip, rim, 0.0]])
+    rim = ladle.outer_radius_top.metres + ladle.rim_flange.metres
+    lip = max(rim, ladle.outer_radius_top.metres + ladle.lip_reach.metres)
+    return np.array([[-rim, -rim, -ladle.height.metres], [lip, rim, 0.0]])
 
 
 def stale_mesh_note(layout: Layout) -> str | None:
     """Return a line that says so if the ladle's mesh has another size than the dimensions file; otherwise None."""
-    path = description_folder() / "meshes" / layout.ladle.mesh
+    path = description_folder() / "meshes" / layout.ladle.mesh.value
     if not path.is_file():  # whoever draws it says that it is missing
         return None
     import trimesh  # takes half a second to import
@@ -193,6 +170,62 @@ def stale_mesh_note(layout: Layout) -> str | None:
     if off <= _MESH_TOLERANCE * np.abs(wanted).max():
         return None
     return (
-        f"the ladle is drawn from {layout.ladle.mesh}, which is {off * 1e3:.0f} mm off the dimensions in "
+        f"the ladle is drawn from {layout.ladle.mesh.value}, which is {off * 1e3:.0f} mm off the dimensions in "
         f"{layout.path.name}; make it anew with scripts/make_meshes.py --layouts FILE (figures are not concerned)"
     )
+
+
+def render_urdf(
+    layout: str = "paper",
+    *,
+    chain_order: Sequence[int] = (1, 2, 3, 4),
+    layouts_file: Path | None = None,
+    mesh_folder: Path | None = None,
+) -> str:
+    """Return the robot's URDF; safe to call from several threads.
+
+    Rendering takes half a second; the result is kept on disk by a hash of everything it depends on, so a changed
+    file is seen and an unchanged one is rendered once a machine.
+
+    Args:
+        layout: name of a layout in the dimensions file.
+        chain_order: the four chains; the first carries the platform in the tree, the others close on it.
+        layouts_file: dimensions file (default: the shipped one).
+        mesh_folder: folder written into the mesh addresses (default: ``package://pouring_robot_description/meshes``).
+
+    Raises:
+        DescriptionError: a file is wrong; names it and, where known, line and key.
+        UnknownLayoutError: the dimensions file holds no such layout.
+        ValueError: ``chain_order`` is not an order of 1, 2, 3, 4.
+    """
+    if sorted(chain_order) != list(CHAINS):
+        raise ValueError(f"chain_order must hold 1, 2, 3 and 4 once each, not {tuple(chain_order)}")
+    path = (layouts_file or shipped_layouts_file()).absolute()
+    dimensions = read_text(path)
+    check_layout(layout, path, dimensions)
+    folder = description_folder() / "urdf"
+    arguments = {
+        "layout": layout,
+        "chains": " ".join(str(chain) for chain in chain_order),
+        "mesh_prefix": MESH_PACKAGE if mesh_folder is None else mesh_folder.absolute().as_posix(),
+    }
+    parts = [f"{key}={value}" for key, value in arguments.items()]
+    parts += [importlib.metadata.version("xacro"), *(read_text(file) for file in sorted(folder.glob("*.xacro")))]
+    arguments["layouts_file"] = str(path)  # its text counts, not its place
+    return _rendered(content_key([dimensions, *parts]), dimensions, folder, tuple(arguments.items()))
+
+
+@lru_cache(maxsize=64)
+def _rendered(key: str, dimensions: str, folder: Path, arguments: tuple[tuple[str, str], ...]) -> str:
+    """Return the rendering that the key stands for: an earlier process may have made it."""
+
+    def render() -> str:
+        from pouring_robot.robot.description.rendering import run_xacro
+
+        path = Path(dict(arguments)["layouts_file"])
+        urdf = run_xacro(folder / "pouring_robot.urdf.xacro", dict(arguments), [path])
+        if read_text(path) != dimensions:  # xacro read it by itself: do not keep its answer under the other's name
+            raise DescriptionError(path, "changed while it was read; run the command again")
+        return urdf
+
+    return kept_text(f"urdf/{key}.urdf", render)

@@ -188,10 +188,6 @@ class Leg(StrictModel):
     sole_length: Length
 
 
-class Drag(Entry[Share, Literal["1"]]):
-    """Share of its rated force that a joint resists with at its rated speed."""
-
-
 class Ratings(StrictModel):
     """Velocity and effort limits of the joints."""
 
@@ -201,7 +197,7 @@ class Ratings(StrictModel):
     leg_force: Force
     joint_speed: Spin
     joint_torque: Torque
-    drag: Drag | None = None
+    drag: Entry[Share, Literal["1"]] | None = None  # of its rated force that a joint resists with at its rated speed
 
 
 class Materials(StrictModel):

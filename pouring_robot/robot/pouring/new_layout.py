@@ -5,12 +5,10 @@ drives make large ones of the platform: where the smallest singular value of ∂
 as lengths at the arm of the moving U joints, so that both are in metres.
 """
 
-from __future__ import annotations
-
 import io
 import math
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass, field, fields
+from typing import Any, Self
 
 import numpy as np
 from ruamel.yaml import YAML
@@ -31,19 +29,6 @@ _STEP = 1e-6
 _SIGNS = np.array([[-1, 1], [-1, -1], [1, 1], [1, -1]])
 
 
-QUESTIONS = {
-    "name": "What is the machine called? (a word)",
-    "fixed_mm": "Upper U-joint centres apart, along x and y, mm",
-    "moving_mm": "Lower U-joint centres apart, along x and y, mm",
-    "x_mm": "Workspace of the moving platform along x, from to, mm",
-    "y_mm": "... along y, mm",
-    "z_mm": "... along z (below the fixed platform is negative), mm",
-    "tilt_deg": "... its tilt, degrees (positive lowers the lip)",
-    "payload_kg": "Largest mass of melt, kg",
-    "tare_kg": "Mass of the empty ladle, kg",
-}
-
-
 @dataclass(frozen=True)
 class NewLayout:
     """What the owner of a machine says of it: the U joints of each platform stand at the corners of a rectangle.
@@ -51,37 +36,37 @@ class NewLayout:
     Sizes that are not above zero, and ranges not from low to high, raise BadInputError.
     """
 
-    name: str
-    fixed_mm: Pair  # distances of the upper U-joint centres along x and along y
-    moving_mm: Pair  # of the lower ones
-    x_mm: Pair  # workspace of the moving platform's origin in the fixed one
-    y_mm: Pair
-    z_mm: Pair
-    tilt_deg: Pair  # its tilt about y
-    payload_kg: float  # largest mass of melt
-    tare_kg: float  # of the empty ladle
+    name: str = field(metadata={"asked": "What is the machine called? (a word)"})
+    fixed_mm: Pair = field(metadata={"asked": "Upper U-joint centres apart, along x and y, mm"})
+    moving_mm: Pair = field(metadata={"asked": "Lower U-joint centres apart, along x and y, mm"})
+    x_mm: Pair = field(metadata={"asked": "Workspace of the moving platform along x, from to, mm"})
+    y_mm: Pair = field(metadata={"asked": "... along y, mm"})
+    z_mm: Pair = field(metadata={"asked": "... along z (below the fixed platform is negative), mm"})
+    tilt_deg: Pair = field(metadata={"asked": "... its tilt, degrees (positive lowers the lip)"})
+    payload_kg: float = field(metadata={"asked": "Largest mass of melt, kg"})
+    tare_kg: float = field(metadata={"asked": "Mass of the empty ladle, kg"})
     stroke_mm: Pair | None = None  # shortest and longest leg; None: what the workspace needs
 
     def __post_init__(self) -> None:
         if not self.name.isidentifier():
             raise BadInputError(f"the name '{self.name}' must be one word of letters, digits and _")
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name in ("fixed_mm", "moving_mm", "payload_kg", "tare_kg"):
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if one.name in ("fixed_mm", "moving_mm", "payload_kg", "tare_kg"):
                 if not (np.isfinite(value).all() and np.min(value) > 0.0):
-                    raise BadInputError(f"{field.name}: sizes and masses are above zero, not {value}")
+                    raise BadInputError(f"{one.name}: sizes and masses are above zero, not {value}")
             elif isinstance(value, tuple) and not (np.isfinite(value).all() and value[0] < value[1]):
-                raise BadInputError(f"{field.name}: give the lower end first, not {value[0]:g} to {value[1]:g}")
+                raise BadInputError(f"{one.name}: give the lower end first, not {value[0]:g} to {value[1]:g}")
 
     @classmethod
-    def usual(cls) -> NewLayout:
+    def usual(cls) -> Self:
         """Return the paper's robot, under a name of its own."""
         paper = load_layout()
         corners = [np.ptp(centres[:, :2], axis=0) / MM for centres in (paper.fixed_centres_m, paper.moving_centres_m)]
         edges = np.column_stack([paper.position_lower_m, paper.position_upper_m]) / MM
         tilt = np.degrees([paper.tilt_lower_rad, paper.tilt_upper_rad])
         fixed, moving, x, y, z, turn = ((round(float(a), 3), round(float(b), 3)) for a, b in (*corners, *edges, tilt))
-        return cls("mine", fixed, moving, x, y, z, turn, paper.ladle.payload_kg, paper.ladle.tare_kg)
+        return cls("mine", fixed, moving, x, y, z, turn, paper.ladle.payload.value, paper.ladle.tare.value)
 
     def centres_mm(self, sides: Pair) -> FloatArray:
         """Return the corners of a rectangle of these sides, (4, 3), chains 1 to 4."""
@@ -140,6 +125,10 @@ class NewLayout:
         stream = io.StringIO()
         yaml.dump(content, stream)
         return stream.getvalue()
+
+
+QUESTIONS: dict[str, str] = {one.name: one.metadata["asked"] for one in fields(NewLayout) if one.metadata}
+"""What the owner is asked, by field."""
 
 
 def _say(entry: CommentedMap, value: Any, unit: str) -> None:

@@ -1,9 +1,8 @@
 """What the controller of the pouring robot commands: the platform's four freedoms."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import pinocchio as pin
@@ -14,18 +13,10 @@ from pouring_robot.mechanism.poses import MM
 
 @dataclass(frozen=True)
 class PlatformPose:
-    """What the controller commands: position of the moving platform and its tilt about y.
+    """What the controller commands: position and tilt of the moving platform, or BadInputError if one is not finite."""
 
-    Attributes:
-        position_m: origin o of the moving platform in the fixed platform O, in m.
-        tilt_rad: r, rotation about y, in rad.
-
-    Raises:
-        BadInputError: a number is not finite.
-    """
-
-    position_m: tuple[float, float, float]
-    tilt_rad: float
+    position_m: tuple[float, float, float]  # origin o of the moving platform in the fixed platform O, in m
+    tilt_rad: float  # r, rotation about y, in rad
 
     def __post_init__(self) -> None:
         if len(self.position_m) != 3:
@@ -35,12 +26,12 @@ class PlatformPose:
                 raise BadInputError(f"the pose's {name} must be a finite number, not {value}")
 
     @classmethod
-    def from_mm_deg(cls, x_mm: float, y_mm: float, z_mm: float, tilt_deg: float) -> PlatformPose:
+    def from_mm_deg(cls, x_mm: float, y_mm: float, z_mm: float, tilt_deg: float) -> Self:
         """Take a pose in mm and degrees."""
         return cls((x_mm * MM, y_mm * MM, z_mm * MM), math.radians(tilt_deg))
 
     @classmethod
-    def from_se3(cls, pose_fixed_platform_to_moving_platform: pin.SE3) -> PlatformPose:
+    def from_se3(cls, pose_fixed_platform_to_moving_platform: pin.SE3) -> Self:
         """Take the four freedoms out of a full pose: its position, and its tilt about y."""
         rotation = pose_fixed_platform_to_moving_platform.rotation
         x, y, z = (float(value) for value in pose_fixed_platform_to_moving_platform.translation)

@@ -14,16 +14,13 @@ it adds tan² 0.32 · G J / (E I), 8 %, to the torsion's compliance. Leg 4 holds
 supports with a moment at one end, which turns there by :math:`T L / (3 E I)`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
 import pydantic
 
-from pouring_robot.exceptions import DescriptionError
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.urdf import description_folder
@@ -83,13 +80,9 @@ class StiffnessProperties(StrictModel):
 
 
 def load_stiffness(path: Path | str | None = None) -> StiffnessProperties:
-    """Read a stiffness file (default: the shipped one).
-
-    Raises:
-        DescriptionError: the file is missing or wrong; names file, line and key.
-    """
+    """Read a stiffness file (default: the shipped one); raises DescriptionError where it is missing or wrong."""
     path = Path(path) if path is not None else description_folder() / "config" / "stiffness.yaml"
-    return validate(StiffnessProperties, read_yaml(path, DescriptionError), path, DescriptionError)
+    return validate(StiffnessProperties, read_yaml(path), path)
 
 
 @dataclass(frozen=True)
@@ -105,7 +98,7 @@ class PartStiffness:
     @classmethod
     def of(
         cls, layout: LayoutEntry, lengths_m: FloatArray, load_N: float, properties: StiffnessProperties | None = None
-    ) -> PartStiffness:
+    ) -> Self:
         """Compute it for a layout, lengths of the legs (4,), in m, and a load along a leg, in N, that bearings feel."""
         given = properties or load_stiffness()
         leg, E, G = layout.leg, given.steel.youngs_modulus.value, given.steel.shear_modulus.value

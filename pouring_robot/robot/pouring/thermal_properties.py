@@ -127,11 +127,6 @@ class ThermalProperties(StrictModel):
 
 
 def load_thermal_properties(path: Path | str | None = None) -> ThermalProperties:
-    """Read a file of thermal properties (default: the shipped one).
-
-    Raises:
-        ThermalFileError: the file is missing or wrong (a misspelt key, an emissivity above 1, a temperature below
-            absolute zero …); names file, line and key.
-    """
+    """Read a thermal properties file (default: the shipped one); raises ThermalFileError: file, line and key."""
     path = Path(path) if path is not None else description_folder() / "config" / "thermal.yaml"
     return validate(ThermalProperties, read_yaml(path, ThermalFileError), path, ThermalFileError)

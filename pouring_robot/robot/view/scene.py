@@ -48,12 +48,10 @@ def exaggeration_for(largest_m: float) -> float:
 
 
 def pose_scene(locations: Sequence[Location], exaggeration: float | None = None, actual: str = "as built") -> Scene:
-    """Return the scene of locations, at least one: a step for each, that with the largest error first to be seen.
+    """Return the scene of locations: a step for each, that with the largest error first to be seen.
 
-    Errors are enlarged so many times, or as is chosen; ``actual`` is what the legend calls the actual robot.
-
-    Raises:
-        BadInputError: there is no location, or the factor is not a positive number.
+    Errors are enlarged so many times, or as is chosen; ``actual`` is what the legend calls the actual robot. Raises
+    BadInputError where there is no location, or the factor is not a positive number.
     """
     if not locations:
         raise BadInputError("there is no pose to draw")

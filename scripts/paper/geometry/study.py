@@ -23,8 +23,7 @@ from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM, MRAD
-from pouring_robot.robot.dh.parameters import DHParameter
-from pouring_robot.robot.dh.table import DHTable
+from pouring_robot.robot.dh.table import DHParameter, DHTable
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.layout import Layout, load_layout

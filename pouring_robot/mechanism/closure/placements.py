@@ -1,4 +1,4 @@
-r"""How the weight of the links enters the closure when placements or the payload change.
+r"""What placement parameters change at one configuration: twists in the world as the loops feel them, and the weight.
 
 With :math:`V = -\sum_b m_b\, g \cdot c_b`, the gradient by a joint k is :math:`-m\, g \cdot v_k(c)` summed over the
 bodies beyond it, with :math:`v_k(c)` the velocity its twist gives the centre of mass. Displacing a placement p
@@ -13,8 +13,49 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closure.energy import ClosureEnergy
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.mechanism.closure.energy import ClosureEnergy, TwistColumns
 from pouring_robot.mechanism.parameters import LocalParameter, PlacementParameter
+
+
+class PlacedTwists:
+    """The placement ones among n ``parameters``, whose others are zero here; frames in ``data`` are up to date.
+
+    Its ``world`` is the twist per unit of each parameter, in world coordinates, shape (6, n). Raises as
+    :meth:`ClosedChainMechanism.require_placement`.
+    """
+
+    def __init__(self, mechanism: ClosedChainMechanism, data: pin.Data, parameters: Sequence[LocalParameter]) -> None:
+        self._mechanism, self.parameters, count = mechanism, tuple(parameters), len(parameters)
+        placed = [(k, p) for k, p in enumerate(parameters) if isinstance(p, PlacementParameter)]
+        self._joints = tuple(dict.fromkeys(parameter.joint for _, parameter in placed))
+        self.world, self._owner = np.zeros((6, count)), np.full(count, len(self._joints))
+        if not placed:
+            return
+        actions = []
+        for joint in self._joints:
+            mechanism.require_placement(joint)
+            actions.append(mechanism.pose_world_to_placement(data, joint).toActionMatrix())
+        number = {joint: i for i, joint in enumerate(self._joints)}
+        columns = [k for k, _ in placed]
+        self._owner[columns] = [number[parameter.joint] for _, parameter in placed]
+        twists = np.array([parameter.twist for _, parameter in placed])
+        self.world[:, columns] = (np.stack(actions)[self._owner[columns]] @ twists[:, :, None])[:, :, 0].T
+
+    def carried(self, frame: str) -> FloatArray:
+        """Return 1 for each parameter that displaces a frame with all joints held, else 0; shape (n,)."""
+        path = self._mechanism.frame_paths[frame]
+        hangs = np.array([*(joint in path for joint in self._joints), False], dtype=float)
+        return np.asarray(hangs[self._owner])
+
+    def columns(self) -> TwistColumns:
+        """Return the twists as the loops feel them."""
+        mechanism, loops = self._mechanism, self._mechanism.loops.loops
+        depths = np.array([*(mechanism.path_depths[joint] for joint in self._joints), 0.0])[self._owner]
+        shape = (len(loops), 1, len(depths))
+        on_a = np.reshape([self.carried(loop.frame_a) for loop in loops], shape)
+        on_b = np.reshape([self.carried(loop.frame_b) for loop in loops], shape)
+        return TwistColumns(self.world * on_a, self.world * on_b, depths)
 
 
 @dataclass(frozen=True)
@@ -67,9 +108,8 @@ class Weight:
 
     def _carries(self, body: _Body) -> FloatArray:
         """Return 1 for every joint column that carries a body; (nv,)."""
-        names = list(self._model.names)
-        flags = [names[j] in body.path for j in range(1, self._model.njoints) for _ in range(self._model.nvs[j])]
-        return np.array(flags, dtype=float)
+        columns = self._mechanism.joint_columns
+        return np.array([name in body.path for name, own in columns.items() for _ in own], dtype=float)
 
     def payload_derivative(self) -> FloatArray:
         """Return the derivative of the gravity gradient by the payload's mass; shape (nv,), in N or Nm per kg."""
@@ -77,15 +117,14 @@ class Weight:
         velocities = _velocity(self._data.J, body.centre) * self._carries(body)
         return np.asarray(-self._gravity @ velocities)
 
-    def placement_derivative(self, parameters: Sequence[LocalParameter]) -> FloatArray:
+    def placement_derivative(self, placed: PlacedTwists) -> FloatArray:
         """Return the derivative of the gravity gradient by placement parameters; shape (nv, n)."""
-        change = np.zeros((self._model.nv, len(parameters)))
+        change = np.zeros((self._model.nv, len(placed.parameters)))
         joints = self._energy.joint_depths
-        for k, parameter in enumerate(parameters):
+        for k, parameter in enumerate(placed.parameters):
             if not isinstance(parameter, PlacementParameter):
                 continue
-            pose = self._mechanism.pose_world_to_placement(self._data, parameter.joint)
-            twist = (pose.toActionMatrix() @ np.array(parameter.twist))[:, None]
+            twist = placed.world[:, k, None]
             first = self._mechanism.path_depths[parameter.joint] < joints
             for body in self._bodies:
                 if parameter.joint not in body.path:
