@@ -41,27 +41,19 @@ _HEADER = Path(__file__).with_name("controller.h.j2")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Controller(Result):
-    """Polynomials that give drives for wanted poses, and how far off they are.
+    """Polynomials that give drives for wanted poses, and how far off they are."""
 
-    Attributes:
-        frame: whose position is brought to where it is wanted.
-        lower, upper: corners of the box of wanted poses: x, y, z in m, tilt in rad, shape (4,) each.
-        coefficients: of Chebyshev polynomials over the box, for what is added to each drive, shape (4, *POINTS).
-        fixed_centres_m, moving_centres_m: of the drawing's inverse kinematics, shape (4, 3) each.
-        drive_error: largest difference to the drives that the package finds, in m and rad, shape (4,).
-        place_error_m, tilt_error_rad: largest distance of the frame from where it is wanted, and of the tilt.
-        checked: at how many poses, where they are largest, the errors were measured; they are rounded up to two digits.
-    """
-
-    frame: str
-    lower: FloatArray
+    frame: str  # whose position is brought to where it is wanted
+    lower: FloatArray  # corners of the box of wanted poses: x, y, z in m, tilt in rad, shape (4,)
     upper: FloatArray
+    # of Chebyshev polynomials over the box, for what is added to each drive, shape (4, *POINTS)
     coefficients: FloatArray
-    fixed_centres_m: FloatArray
+    fixed_centres_m: FloatArray  # of the drawing's inverse kinematics, shape (4, 3)
     moving_centres_m: FloatArray
-    drive_error: FloatArray
-    place_error_m: float
-    tilt_error_rad: float
+    drive_error: FloatArray  # largest difference to the drives that the package finds, in m and rad, shape (4,)
+    place_error_m: float  # largest distance of the frame from where it is wanted
+    tilt_error_rad: float  # and of the tilt
+    # at how many poses, where they are largest, the errors were measured; they are rounded up to two digits
     checked: int
 
     def __post_init__(self) -> None:

@@ -25,21 +25,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DriveCompensation(Result):
-    """What to command, and what it leads to. Differences are actual minus wanted, in the base's axes.
+    """What to command, and what it leads to. Differences are actual minus wanted, in the base's axes."""
 
-    Attributes:
-        wanted: where the robot should be, and where it is without compensation.
-        frame, drives: that is brought there, and the drive values to command instead, in m and rad.
-        columns: of a table of commands by drive, each with what it needs for the joint's value.
-        before, left: of the frame without compensation, and with it: what the drives cannot cancel.
-    """
-
-    wanted: Location
-    frame: str
-    drives: dict[str, float]
-    columns: dict[str, CommandAxis]
-    before: PoseDifference
-    left: PoseDifference
+    wanted: Location  # where the robot should be, and where it is without compensation
+    frame: str  # that is brought there
+    drives: dict[str, float]  # values to command instead, in m and rad
+    columns: dict[str, CommandAxis]  # of a table of commands by drive, each with what it needs for the joint's value
+    before: PoseDifference  # of the frame without compensation
+    left: PoseDifference  # and with it: what the drives cannot cancel
 
     @property
     def headline(self) -> str:

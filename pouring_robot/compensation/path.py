@@ -36,27 +36,16 @@ _MOST_STEPS = 12
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CompensatedPath(Result):
-    """What to command along a path, and what it leads to; arrays are read-only, NaN where there is no answer.
+    """What to command along a path, and what it leads to; arrays are read-only, NaN where there is no answer."""
 
-    Attributes:
-        frame: the frame whose position is brought to where it is wanted.
-        wanted: x, y, z in m and the tilt in rad, shape (n, 4).
-        drives: values to command, in m and rad, shape (n, 4).
-        before_m: how far off the frame would be without compensation, as warm as it is with it, shape (n,).
-        left: what is left of x, y, z of the frame (m) and of the tilt (rad), shape (n, 4).
-        roll_yaw_rad: the rotations that cannot be commanded, about x and z, shape (n, 2).
-        strain: growth per length of legs 1 to 4, moving and fixed platform, shape (n, 6).
-        status: ``closed``, or why there is no answer, shape (n,).
-    """
-
-    frame: str
-    wanted: FloatArray
-    drives: FloatArray
-    before_m: FloatArray
-    left: FloatArray
-    roll_yaw_rad: FloatArray
-    strain: FloatArray
-    status: NDArray[np.str_]
+    frame: str  # the frame whose position is brought to where it is wanted
+    wanted: FloatArray  # x, y, z in m and the tilt in rad, shape (n, 4)
+    drives: FloatArray  # values to command, in m and rad, shape (n, 4)
+    before_m: FloatArray  # how far off the frame would be without compensation, as warm as it is with it, shape (n,)
+    left: FloatArray  # what is left of x, y, z of the frame (m) and of the tilt (rad), shape (n, 4)
+    roll_yaw_rad: FloatArray  # the rotations that cannot be commanded, about x and z, shape (n, 2)
+    strain: FloatArray  # growth per length of legs 1 to 4, moving and fixed platform, shape (n, 6)
+    status: NDArray[np.str_]  # ``closed``, or why there is no answer, shape (n,)
 
     def __post_init__(self) -> None:
         lock_fields(self, "wanted", "drives", "before_m", "left", "roll_yaw_rad", "strain")

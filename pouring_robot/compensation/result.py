@@ -24,29 +24,19 @@ _FORMATS = {"wanted": "{:.12g}", "command": "{:.12f}"} | dict.fromkeys(DRIVE_COL
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Compensation(Result):
-    """What to command, and what it leads to. Differences are actual minus wanted, in the fixed platform.
-
-    Attributes:
-        wanted, frame: the pose wanted, and the frame whose position is brought there.
-        drives: drive values to command, in m and rad.
-        command: the pose of the drawing with these drive values: what to ask a controller for that knows the drawing.
-        before, left: of the frame, if the wanted pose itself were commanded, and with ``drives``.
-        left_at_lip: of the lip, with ``drives``: what the two rotations do there.
-        left_tilt_rad: what is left of the tilt.
-        steps: Newton steps taken in all.
-        state: temperatures, warm robot and closure with ``drives``.
-    """
+    """What to command, and what it leads to. Differences are actual minus wanted, in the fixed platform."""
 
     wanted: PlatformPose
-    frame: str
-    drives: dict[str, float]
+    frame: str  # whose position is brought to where that pose has it
+    drives: dict[str, float]  # drive values to command, in m and rad
+    # the pose of the drawing with these drive values: what to ask a controller for that knows the drawing
     command: PlatformPose
-    before: PoseDifference
-    left: PoseDifference
-    left_at_lip: PoseDifference
-    left_tilt_rad: float
-    steps: int
-    state: WarmState
+    before: PoseDifference  # of the frame, if the wanted pose itself were commanded
+    left: PoseDifference  # and with ``drives``
+    left_at_lip: PoseDifference  # of the lip, with ``drives``: what the two rotations do there
+    left_tilt_rad: float  # what is left of the tilt
+    steps: int  # Newton steps taken in all
+    state: WarmState  # temperatures, warm robot and closure with ``drives``
 
     @property
     def uncontrolled_rad(self) -> tuple[float, float]:

@@ -32,33 +32,21 @@ _ALIKE_M = 1e-9
 
 @dataclass(frozen=True)
 class ErrorRow:
-    """One error in one model; lengths in m, angles in rad.
-
-    Attributes:
-        parameter, model, size: the error in ``closed chain`` or ``open branch``.
-        mean_m, largest_m: mean and largest absolute coordinate, x y z.
-        distance_m, angle_rad: largest displacement and turn.
-        main: coordinate with the largest mean: X, Y or Z; ``none``.
-        quantiles_m: 5, 50 and 95 % of the main coordinate.
-        one_sign: whether the main coordinate has one sign at all poses.
-        shape: ``even``, ``piled at … mm`` or ``uneven``: how the main coordinate spreads over the poses.
-        class_mm, class_rad: powers of ten of the largest displacement in mm and of the largest turn in rad; None
-            where it counts as nothing.
-    """
+    """One error in one model; lengths in m, angles in rad."""
 
     parameter: Parameter
-    model: str
+    model: str  # ``closed chain`` or ``open branch``
     size: float
-    mean_m: tuple[float, ...]
-    largest_m: tuple[float, ...]
-    distance_m: float
-    angle_rad: float
-    main: str
-    quantiles_m: tuple[float, ...]
-    one_sign: bool
-    shape: str
-    class_mm: int | None
-    class_rad: int | None
+    mean_m: tuple[float, ...]  # mean absolute coordinate, x y z
+    largest_m: tuple[float, ...]  # largest one
+    distance_m: float  # largest displacement
+    angle_rad: float  # largest turn
+    main: str  # coordinate with the largest mean: X, Y or Z; ``none``
+    quantiles_m: tuple[float, ...]  # 5, 50 and 95 % of the main coordinate
+    one_sign: bool  # whether the main coordinate has one sign at all poses
+    shape: str  # ``even``, ``piled at … mm`` or ``uneven``: how the main coordinate spreads over the poses
+    class_mm: int | None  # power of ten of the largest displacement in mm; None where it counts as nothing
+    class_rad: int | None  # the same of the largest turn in rad
 
     def figures(self) -> dict[str, Any]:
         """Return it with units in the names."""
@@ -97,24 +85,16 @@ class Control:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SensitivityReport(Result):
-    """What each error does alone.
+    """What each error does alone."""
 
-    Attributes:
-        robot: its name.
-        frame: whose displacement counts.
-        request: what was studied.
-        parameters: the errors, P of them.
-        samples: displacements by model, the closed chain first.
-        missed_m: by how much first order misses exact closures at most, and how far the robot moves there.
-        dh: the DH table, chain by chain and transform by transform a, α, d, θ; empty for another robot.
-    """
-
-    robot: str
-    frame: str
-    request: Request
-    parameters: tuple[Parameter, ...]
-    samples: tuple[ErrorSamples[Parameter], ...]
+    robot: str  # its name
+    frame: str  # whose displacement counts
+    request: Request  # what was studied
+    parameters: tuple[Parameter, ...]  # the errors, P of them
+    samples: tuple[ErrorSamples[Parameter], ...]  # displacements by model, the closed chain first
+    # by how much first order misses exact closures at most, and how far the robot moves there
     missed_m: tuple[float, float]
+    # the DH table, chain by chain and transform by transform a, α, d, θ; empty for another robot
     dh: tuple[DHParameter, ...] = ()
 
     @functools.cached_property

@@ -12,29 +12,21 @@ Range = tuple[float, float]
 class Request:
     """What to study.
 
-    Attributes:
-        poses: how many; of a robot without a workspace box at most so many, those that close.
-        seed: of their drawing from the workspace box; drive values of other robots are spread evenly.
-        length_m, angle_rad: size of an error; the defaults are the paper's.
-        box: limits of x, y, z (m) and tilt (rad) in place of the workspace's; the pouring robot only.
-        parameters: sets, groups, names or patterns; by default the DH table, or all places, axes and drives.
-        frame: whose displacement counts; by default the end frame.
-        limit_m: errors that pass it in a coordinate are those to control.
-        nothing_m, nothing_rad: below them an error counts as without influence; the defaults are the paper's.
-
     Raises:
         BadInputError: a number is out of its range.
     """
 
-    poses: int = 10_000
-    seed: int = 2022
-    length_m: float = 0.2 * MM
+    poses: int = 10_000  # how many; of a robot without a workspace box at most so many, those that close
+    seed: int = 2022  # of their drawing from the workspace box; drive values of other robots are spread evenly
+    length_m: float = 0.2 * MM  # size of an error; the default is the paper's, here and below
     angle_rad: float = 4.0 * MRAD
+    # limits of x, y, z (m) and tilt (rad) in place of the workspace's; the pouring robot only
     box: tuple[Range | None, Range | None, Range | None, Range | None] = (None, None, None, None)
+    # sets, groups, names or patterns; by default the DH table, or all places, axes and drives
     parameters: tuple[str, ...] = ()
-    frame: str | None = None
-    limit_m: float = MM
-    nothing_m: float = 1e-3 * MM
+    frame: str | None = None  # whose displacement counts; by default the end frame
+    limit_m: float = MM  # errors that pass it in a coordinate are those to control
+    nothing_m: float = 1e-3 * MM  # below it an error counts as without influence
     nothing_rad: float = 1e-5
 
     def __post_init__(self) -> None:

@@ -27,17 +27,12 @@ P = TypeVar("P", Parameter, DHParameter)
 
 @dataclass(frozen=True, eq=False)
 class ErrorSamples(Generic[P]):
-    """How each error alone moves one frame of the robot, in the axes of its base.
-
-    Attributes:
-        kind, parameters: of which model, and the errors, P of them.
-        translation_m, rotation_rad: translations and rotation vectors, shape (P, n, 3) each.
-    """
+    """How each error alone moves one frame of the robot, in the axes of its base."""
 
     kind: Kind
-    parameters: tuple[P, ...]
-    translation_m: FloatArray
-    rotation_rad: FloatArray
+    parameters: tuple[P, ...]  # the errors, P of them
+    translation_m: FloatArray  # shape (P, n, 3)
+    rotation_rad: FloatArray  # rotation vectors, shape (P, n, 3)
 
     def subset(self, wanted: Collection[P]) -> ErrorSamples[P]:
         """Return the samples of some of the parameters, in the order they have here."""

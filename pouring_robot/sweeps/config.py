@@ -28,25 +28,20 @@ Seed = Annotated[int, pydantic.Field(ge=0)]
 
 
 class ErrorEntry(StrictModel):
-    """Errors that are distributed alike.
+    """Errors that are distributed alike."""
 
-    Attributes:
-        parameters: names or patterns such as ``alpha_e*_56``, ``leg1_s1.t?``, ``drive.*``.
-        half_width_mm: of the uniform distribution, for lengths; ``half_width_mrad`` for angles, here and below.
-        std_mm: standard deviation of the normal distribution, before truncation.
-        limit_mm: where the normal distribution is cut off on both sides.
-        correlation: of the normal deviates behind the errors of one part, 0 to 1. Between normal errors it is the
-            correlation itself, between uniform ones r it is (6/π) asin(r/2), at most 0.02 less.
-    """
-
+    # names or patterns such as ``alpha_e*_56``, ``leg1_s1.t?``, ``drive.*``
     parameters: tuple[str, ...] = pydantic.Field(min_length=1)
     distribution: Distribution = "uniform"
+    # of the uniform distribution, for lengths; ``half_width_mrad`` for angles, here and below
     half_width_mm: Positive | None = None
     half_width_mrad: Positive | None = None
-    std_mm: Positive | None = None
+    std_mm: Positive | None = None  # standard deviation of the normal distribution, before truncation
     std_mrad: Positive | None = None
-    limit_mm: Positive | None = None
+    limit_mm: Positive | None = None  # where the normal distribution is cut off on both sides
     limit_mrad: Positive | None = None
+    # of the normal deviates behind the errors of one part, 0 to 1. Between normal errors it is the correlation itself,
+    # between uniform ones r it is (6/π) asin(r/2), at most 0.02 less
     correlation: float = pydantic.Field(default=0.0, ge=0.0, le=1.0)
 
     @pydantic.field_validator("parameters", mode="before")
@@ -138,59 +133,40 @@ class Poses(StrictModel):
 
 
 class Allocation(StrictModel):
-    """The loosest tolerances that keep the requirement.
+    """The loosest tolerances that keep the requirement."""
 
-    Attributes:
-        share: of the robots that must meet it at each pose.
-        by: whether each parameter, each part or each entry of ``errors`` gets a tolerance factor of its own.
-        loosest_factor: no tolerance grows beyond this many times the one in ``errors``.
-        machines: robots drawn to verify the result by exact closures.
-    """
-
-    share: float = pydantic.Field(default=0.9973, gt=0.5, lt=1.0)
+    share: float = pydantic.Field(default=0.9973, gt=0.5, lt=1.0)  # of the robots that must meet it at each pose
+    # whether each parameter, each part or each entry of ``errors`` gets a tolerance factor of its own
     by: Grouping = "parameter"
-    loosest_factor: Positive = 10.0
-    machines: int = pydantic.Field(default=1000, ge=1)
+    loosest_factor: Positive = 10.0  # no tolerance grows beyond this many times the one in ``errors``
+    machines: int = pydantic.Field(default=1000, ge=1)  # robots drawn to verify the result by exact closures
 
 
 class SweepConfig(StrictModel):
-    """A sweep file; files that it names are relative to its folder.
-
-    Attributes:
-        description: a line for people.
-        layout: name of the layout in the shipped dimensions file; or
-        robot: robot file of another robot; or
-        model: model file of a robot as built; errors come on top of its own.
-        study: ``one_at_a_time`` sets each error alone to its tolerance; ``monte_carlo`` draws robots; ``sobol`` draws
-            robots by Saltelli's scheme for Sobol indices.
-        kind: ``closed_chain``, or ``open_branch``: the chain of the errors alone, its joints held, as in the paper.
-        frames: observed frames, rigid on the end body; by default the working frame and the end frame.
-        poses: where the robots are sent. Every robot goes to every pose.
-        errors: what may be wrong; by default all of the geometry, by its tolerances.
-        tolerances: a tolerances file for that (default: the robot's own, or the shipped one).
-        samples: number of robots (monte_carlo) or of base samples, a power of two (sobol).
-        seed: of the draws.
-        chunk: closures computed and written at a time; bounds the memory, changes no number.
-        accuracy_mm: required accuracy; by default that of the layout, which other robots do not have.
-        allocation: if given, the loosest tolerances are sought.
-    """
+    """A sweep file; files that it names are relative to its folder."""
 
     format: Literal["pouring_robot/sweep/1"] = "pouring_robot/sweep/1"
-    description: str = ""
-    layout: str | None = None
-    robot: str | None = None
-    model: str | None = None
+    description: str = ""  # a line for people
+    layout: str | None = None  # name of the layout in the shipped dimensions file; or
+    robot: str | None = None  # robot file of another robot; or
+    model: str | None = None  # model file of a robot as built; errors come on top of its own
+    # ``one_at_a_time`` sets each error alone to its tolerance; ``monte_carlo`` draws robots; ``sobol`` draws robots by
+    # Saltelli's scheme for Sobol indices
     study: Study
+    # ``closed_chain``, or ``open_branch``: the chain of the errors alone, its joints held, as in the paper
     kind: Kind = "closed_chain"
+    # observed frames, rigid on the end body; by default the working frame and the end frame
     frames: tuple[str, ...] = ()
-    poses: Poses
-    errors: tuple[ErrorEntry, ...] = ()
-    tolerances: str | None = None
+    poses: Poses  # where the robots are sent. Every robot goes to every pose
+    errors: tuple[ErrorEntry, ...] = ()  # what may be wrong; by default all of the geometry, by its tolerances
+    tolerances: str | None = None  # a tolerances file for that (default: the robot's own, or the shipped one)
+    # number of robots (monte_carlo) or of base samples, a power of two (sobol)
     samples: int | None = pydantic.Field(default=None, ge=1)
-    seed: Seed = 0
+    seed: Seed = 0  # of the draws
+    # closures computed and written at a time; bounds the memory, changes no number
     chunk: int = pydantic.Field(default=20_000, ge=1, le=1_000_000)
-    accuracy_mm: Positive | None = None
-    allocation: Allocation | None = None
+    accuracy_mm: Positive | None = None  # required; by default that of the layout, which other robots do not have
+    allocation: Allocation | None = None  # if given, the loosest tolerances are sought
 
     _folder: Path = pydantic.PrivateAttr(default_factory=Path)
     _source: Path | None = pydantic.PrivateAttr(default=None)

@@ -29,20 +29,13 @@ NORMAL_TOLERANCE_SIGMAS = 3.0
 
 @dataclass(frozen=True)
 class Margin:
-    """Distribution of one error about zero, in its own unit.
+    """Distribution of one error about zero, in its own unit."""
 
-    Attributes:
-        tolerance: largest error (half width, or where a normal is cut off); of an untruncated normal, three standard
-            deviations.
-        std: standard deviation, after truncation.
-        scale: half width, or standard deviation before truncation.
-        cut: truncation in units of ``scale``; infinite for a normal, zero for a uniform distribution.
-    """
-
+    # largest error (half width, or where a normal is cut off); of an untruncated normal, three standard deviations
     tolerance: float
-    std: float
-    scale: float
-    cut: float
+    std: float  # standard deviation, after truncation
+    scale: float  # half width, or standard deviation before truncation
+    cut: float  # truncation in units of ``scale``; infinite for a normal, zero for a uniform distribution
 
     def from_deviates(self, deviates: FloatArray) -> FloatArray:
         """Return errors for standard normal deviates of any shape."""
@@ -73,22 +66,14 @@ def _margin(config: SweepConfig, parameter: SweepParameter) -> Margin:
 
 @dataclass(frozen=True, eq=False)
 class Draws:
-    """The errors of all samples, computed where they are needed.
-
-    Attributes:
-        study, seed: of the sweep file.
-        count: number of samples in all.
-        margins: distribution of every parameter.
-        parts: number of the part that each parameter is measured on, shape (parameters,).
-        shared: weight of the part's common deviate, the root of the correlation, shape (parameters,).
-    """
+    """The errors of all samples, computed where they are needed."""
 
     study: str
     seed: int
-    count: int
-    margins: tuple[Margin, ...]
-    parts: tuple[int, ...]
-    shared: FloatArray
+    count: int  # number of samples in all
+    margins: tuple[Margin, ...]  # distribution of every parameter
+    parts: tuple[int, ...]  # number of the part that each parameter is measured on, shape (parameters,)
+    shared: FloatArray  # weight of the part's common deviate, the root of the correlation, shape (parameters,)
 
     @classmethod
     def of(cls, config: SweepConfig, parameters: Sequence[SweepParameter]) -> Draws:

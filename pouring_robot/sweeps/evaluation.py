@@ -21,20 +21,14 @@ STATUS_NAMES = dict(enumerate(("ok", *BATCH_STATUS_NAMES[1:]))) | {NOT_DONE: "no
 
 @dataclass(frozen=True, eq=False)
 class Platforms:
-    """Where the moving platform of every robot (first axis) stands at every pose (second axis).
+    """Where the moving platform of every robot (first axis) stands at every pose (second axis)."""
 
-    Attributes:
-        position_m: in the fixed platform, shape (robots, poses, 3); NaN where the status is not 0, here and below.
-        rotation: shape (robots, poses, 3, 3).
-        gap_m, gap_rad: largest distance and angle left open in a loop, shape (robots, poses) each.
-        status: shape (robots, poses), see :data:`STATUS_NAMES`.
-    """
-
+    # in the fixed platform, shape (robots, poses, 3); NaN where the status is not 0, here and below
     position_m: FloatArray
-    rotation: FloatArray
-    gap_m: FloatArray
-    gap_rad: FloatArray
-    status: ByteArray
+    rotation: FloatArray  # shape (robots, poses, 3, 3)
+    gap_m: FloatArray  # largest distance left open in a loop, shape (robots, poses)
+    gap_rad: FloatArray  # largest angle
+    status: ByteArray  # shape (robots, poses), see :data:`STATUS_NAMES`
 
 
 class OpenBranch:

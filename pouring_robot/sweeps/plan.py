@@ -41,23 +41,15 @@ class Chunk:
 
 @dataclass(frozen=True, eq=False)
 class ChunkResult:
-    """What one chunk found; NaN where the status is not 0.
+    """What one chunk found; NaN where the status is not 0."""
 
-    Attributes:
-        displacement: with the errors minus without them, shape (samples, poses, frames, 3), in m.
-        rotation: rotation vector of that, shape (samples, poses, 3), in rad.
-        gap_m, gap_rad, status: as :class:`Platforms` has them, shape (samples, poses) each.
-        errors: the errors of each robot, shape (samples, parameters), in m and rad.
-        version: of the package that computed it.
-    """
-
-    displacement: FloatArray
-    rotation: FloatArray
-    gap_m: FloatArray
+    displacement: FloatArray  # with the errors minus without them, shape (samples, poses, frames, 3), in m
+    rotation: FloatArray  # rotation vector of that, shape (samples, poses, 3), in rad
+    gap_m: FloatArray  # this and the next two as :class:`Platforms` has them, shape (samples, poses)
     gap_rad: FloatArray
     status: ByteArray
-    errors: FloatArray
-    version: str
+    errors: FloatArray  # the errors of each robot, shape (samples, parameters), in m and rad
+    version: str  # of the package that computed it
 
 
 class SweepPlan:

@@ -36,21 +36,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PartTemperature:
-    """One part.
+    """One part."""
 
-    Attributes:
-        part: its name.
-        mean_degC: along the way from joint to joint, or by volume.
-        hottest_degC: hottest element.
-        across_K: largest difference from one side of a leg to the other; None for other parts.
-        growth_mm: of a leg, from joint to joint; of a platform, of its greatest half-width between U-joint centres;
-            None for parts whose growth moves nothing.
-    """
-
-    part: str
-    mean_degC: float
-    hottest_degC: float
-    across_K: float | None = None
+    part: str  # its name
+    mean_degC: float  # along the way from joint to joint, or by volume
+    hottest_degC: float  # hottest element
+    across_K: float | None = None  # largest difference from one side of a leg to the other; None for other parts
+    # of a leg, from joint to joint; of a platform's greatest half-width between U-joint centres; None: moves nothing
     growth_mm: float | None = None
 
     def figures(self) -> dict[str, float | None]:
@@ -79,24 +71,15 @@ def part_temperatures(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PoseHeat(Result):
-    """A pose under heat.
+    """A pose under heat."""
 
-    Attributes:
-        pose: the commanded pose.
-        field, parts: temperatures, by part and how much each grows.
-        moved: by how much heat alone moves each reported frame; the last is the lip.
-        bending: of the legs.
-        lever_m: distance of the lip from the tilt axis, by which bending's tilt error counts.
-        accuracy_m: required of the robot.
-    """
-
-    pose: PlatformPose
+    pose: PlatformPose  # the commanded pose
     field: TemperatureField
     parts: list[PartTemperature]
-    moved: dict[str, PoseDifference]
-    bending: LegBending
-    lever_m: float
-    accuracy_m: float
+    moved: dict[str, PoseDifference]  # by how much heat alone moves each reported frame; the last is the lip
+    bending: LegBending  # of the legs
+    lever_m: float  # distance of the lip from the tilt axis, by which bending's tilt error counts
+    accuracy_m: float  # required of the robot
 
     @classmethod
     def of(cls, heated: HeatedRobot, pose: PlatformPose) -> PoseHeat:
@@ -185,20 +168,14 @@ class PoseHeat(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ShiftHeat(Result):
-    """Temperatures and deformation over time; k entries, one a time.
+    """Temperatures and deformation over time; k entries, one a time."""
 
-    Attributes:
-        times_s, history: when, shape (k,); melt and ambient temperature.
-        fields, poses: temperatures, and the pose held.
-        moved: by how much heat alone moves end frame and lip, at the pose held, by frame.
-        bodies: where the joints of the cold and of the warm drawing stand in the world, (k, 2, joints, 4, 4), in m.
-    """
-
-    times_s: FloatArray
+    times_s: FloatArray  # shape (k,)
     history: HeatHistory
     fields: list[TemperatureField]
-    poses: list[PlatformPose]
-    moved: dict[str, list[PoseDifference]]
+    poses: list[PlatformPose]  # held then
+    moved: dict[str, list[PoseDifference]]  # by how much heat alone moves end frame and lip, at the pose held, by frame
+    # where the joints of the cold and of the warm drawing stand in the world, (k, 2, joints, 4, 4), in m
     bodies: FloatArray
 
     @classmethod

@@ -37,19 +37,12 @@ _DIRECTIONS = 64
 
 @dataclass(frozen=True, eq=False)
 class AllocatedFactors:
-    """Factors on the groups' tolerances.
+    """Factors on the groups' tolerances."""
 
-    Attributes:
-        factors: how many times looser (above 1) or tighter than given, shape (groups,).
-        capped: whether the cap holds the factor, not the requirement, shape (groups,).
-        quantile_m: at every pose, the distance that the wanted share of robots keeps, shape (poses,).
-        poses: indices of the poses that hold the factors, the worst first.
-    """
-
-    factors: FloatArray
-    capped: BoolArray
-    quantile_m: FloatArray
-    poses: tuple[int, ...]
+    factors: FloatArray  # how many times looser (above 1) or tighter than given, shape (groups,)
+    capped: BoolArray  # whether the cap holds the factor, not the requirement, shape (groups,)
+    quantile_m: FloatArray  # at every pose, the distance that the wanted share of robots keeps, shape (poses,)
+    poses: tuple[int, ...]  # indices of the poses that hold the factors, the worst first
 
 
 def group_covariances(

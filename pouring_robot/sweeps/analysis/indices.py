@@ -23,23 +23,15 @@ _READ_AT_ONCE = 4_000_000  # numbers, 32 MB
 
 @dataclass(frozen=True, eq=False)
 class SobolIndices:
-    """Sobol indices, pooled over poses and coordinates.
+    """Sobol indices, pooled over poses and coordinates."""
 
-    Attributes:
-        first, total: first-order and total index, shape (parameters,).
-        first_confidence, total_confidence: half width of their 95 % intervals, of one output on average.
-        first_by_axis: first-order index pooled over poses for x, y and z, shape (parameters, 3).
-        variance_m2: total variance by coordinate, mean over the poses, shape (3,).
-        dropped: base samples left out because a robot of theirs had no solution at some pose.
-    """
-
-    first: FloatArray
+    first: FloatArray  # first-order index, shape (parameters,), as the next three
     total: FloatArray
-    first_confidence: FloatArray
+    first_confidence: FloatArray  # half width of the 95 % interval, of one output on average
     total_confidence: FloatArray
-    first_by_axis: FloatArray
-    variance_m2: FloatArray
-    dropped: int
+    first_by_axis: FloatArray  # first-order index pooled over poses for x, y and z, shape (parameters, 3)
+    variance_m2: FloatArray  # total variance by coordinate, mean over the poses, shape (3,)
+    dropped: int  # base samples left out because a robot of theirs had no solution at some pose
 
 
 def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolIndices:

@@ -28,21 +28,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SweepReport(Result):
-    """What a finished sweep says.
+    """What a finished sweep says."""
 
-    Attributes:
-        store: where the numbers are.
-        summary: of all samples.
-        ranking: the parameters, the one that matters most first.
-        indices: Sobol indices, of a ``sobol`` study.
-        allocation: the loosest tolerances, if the sweep file asks for them.
-    """
-
-    store: SweepStore
-    summary: Summary
-    ranking: Sequence[RankedParameter]
-    indices: SobolIndices | None
-    allocation: AllocatedTolerances | None
+    store: SweepStore  # where the numbers are
+    summary: Summary  # of all samples
+    ranking: Sequence[RankedParameter]  # the parameters, the one that matters most first
+    indices: SobolIndices | None  # Sobol indices, of a ``sobol`` study
+    allocation: AllocatedTolerances | None  # the loosest tolerances, if the sweep file asks for them
 
     @property
     def headline(self) -> str:

@@ -89,24 +89,15 @@ class _Part:
 
 @dataclass(eq=False)
 class Summary:
-    """What a sweep found at its first frame.
-
-    Attributes:
-        frame, accuracy_m: that frame, and the required accuracy.
-        status: number of samples by status name.
-        by_sample: sums over the poses for each robot (one_at_a_time: for each parameter).
-        by_pose: sums over the robots for each pose.
-        distances: all distances.
-        largest_gap_m: largest distance left open in a loop; ``largest_gap_rad``: largest angle.
-    """
+    """What a sweep found at its first frame."""
 
     frame: str
-    accuracy_m: float
-    status: dict[str, int]
-    by_sample: Moments
-    by_pose: Moments
-    distances: Distances
-    largest_gap_m: float = 0.0
+    accuracy_m: float  # required
+    status: dict[str, int]  # number of samples by status name
+    by_sample: Moments  # sums over the poses for each robot (one_at_a_time: for each parameter)
+    by_pose: Moments  # sums over the robots for each pose
+    distances: Distances  # all distances
+    largest_gap_m: float = 0.0  # largest distance left open in a loop; ``largest_gap_rad``: largest angle
     largest_gap_rad: float = 0.0
 
     @property

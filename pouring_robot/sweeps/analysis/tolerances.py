@@ -26,22 +26,16 @@ _CLOSURES_AT_ONCE, _POSES_AT_ONCE = 20_000, 1000
 
 @dataclass(frozen=True)
 class RankedParameter:
-    """How much one tolerance matters at the first frame.
-
-    Attributes:
-        name, unit, part: of the parameter; ``unit`` is mm or mrad.
-        tolerance: largest error, in that unit.
-        weight: what the ranking goes by: the largest displacement in mm (one_at_a_time), the share of the scatter
-            (monte_carlo), the total index (sobol).
-        figures: all measures by name.
-    """
+    """How much one tolerance matters at the first frame."""
 
     name: str
-    unit: str
+    unit: str  # mm or mrad
     part: str
-    tolerance: float
+    tolerance: float  # largest error, in that unit
+    # what the ranking goes by: the largest displacement in mm (one_at_a_time), the share of the scatter (monte_carlo),
+    # the total index (sobol)
     weight: float
-    figures: dict[str, Any]
+    figures: dict[str, Any]  # all measures by name
 
     def row(self) -> dict[str, Any]:
         """Return what stands in the ranking's table; its heading ``unit`` is that of the tolerance."""
@@ -102,33 +96,21 @@ def _by_scatter(plan: SweepPlan) -> dict[str, NDArray[Any]]:
 
 @dataclass(frozen=True, eq=False)
 class AllocatedTolerances:
-    """The loosest tolerances, and how they did when robots were drawn with them.
+    """The loosest tolerances, and how they did when robots were drawn with them."""
 
-    Attributes:
-        wanted_share, requirement_m: of the robots, at each pose, and the largest distance allowed.
-        names: of the parameters.
-        tolerance: largest error of each, in m or rad, shape (parameters,).
-        factor: new over given tolerance; capped: whether the cap holds it, shape (parameters,) each.
-        worst_poses: indices of the poses that hold the tolerances.
-        predicted_m: at the worst pose, the distance that the wanted share keeps, to first order.
-        machines, poses: robots drawn, and number of poses, the hardest ones, that each of them went to.
-        share_within: of the robots at those poses; ``share_at_worst_pose`` where fewest were within.
-        failed: robots at poses without a solution; they do not count as within.
-    """
-
-    wanted_share: float
-    requirement_m: float
-    names: tuple[str, ...]
-    tolerance: FloatArray
-    factor: FloatArray
+    wanted_share: float  # of the robots, at each pose
+    requirement_m: float  # largest distance allowed
+    names: tuple[str, ...]  # of the parameters
+    tolerance: FloatArray  # largest error of each, in m or rad, shape (parameters,)
+    factor: FloatArray  # new over given tolerance; capped: whether the cap holds it, shape (parameters,) each
     capped: BoolArray
-    worst_poses: tuple[int, ...]
-    predicted_m: float
-    machines: int
-    poses: int
-    share_within: float
+    worst_poses: tuple[int, ...]  # indices of the poses that hold the tolerances
+    predicted_m: float  # at the worst pose, the distance that the wanted share keeps, to first order
+    machines: int  # robots drawn
+    poses: int  # how many, the hardest ones, each of them went to
+    share_within: float  # of the robots at those poses; ``share_at_worst_pose`` where fewest were within
     share_at_worst_pose: float
-    failed: int
+    failed: int  # robots at poses without a solution; they do not count as within
 
     def figures(self) -> dict[str, Any]:
         """Return the figures for people and JSON: mm, mrad (both are thousandths)."""

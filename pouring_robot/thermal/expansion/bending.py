@@ -18,14 +18,10 @@ from pouring_robot.thermal.network.field import TemperatureField
 
 @dataclass(frozen=True, eq=False)
 class LegBending:
-    """Estimated bending of the four legs.
+    """Estimated bending of the four legs."""
 
-    Attributes:
-        bow_m: largest distance from the chord, ends free to turn: κ l²/8 where κ is even; shape (4,).
-        end_rotation_rad: turn of the lower end against the chord, rotation vector in the fixed platform, shape (4, 3).
-    """
-
-    bow_m: FloatArray
+    bow_m: FloatArray  # largest distance from the chord, ends free to turn: κ l²/8 where κ is even; shape (4,)
+    # turn of the lower end against the chord, rotation vector in the fixed platform, shape (4, 3)
     end_rotation_rad: FloatArray
 
     @classmethod

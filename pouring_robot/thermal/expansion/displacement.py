@@ -30,17 +30,13 @@ MOVED_HEAD = ("part", "mean", "largest", "from fixed platform: mean", "largest")
 
 @dataclass(frozen=True, eq=False)
 class DisplacementField:
-    """Where points of the parts are and how far they have moved.
+    """Where points of the parts are and how far they have moved."""
 
-    Attributes:
-        parts: name of the part that each point belongs to, (n,): ``fixed_platform``, ``leg1`` …, ``platform``,
-            ``ladle``; ``truss`` if it is seen from the hall.
-        points_m, moved_m: on the drawing, in the fixed platform, and their displacement, shape (n, 3) each.
-    """
-
+    # name of the part that each point belongs to, (n,): ``fixed_platform``, ``leg1`` …, ``platform``, ``ladle``;
+    # ``truss`` if it is seen from the hall
     parts: tuple[str, ...]
-    points_m: FloatArray
-    moved_m: FloatArray
+    points_m: FloatArray  # on the drawing, in the fixed platform, shape (n, 3)
+    moved_m: FloatArray  # their displacement, shape (n, 3)
 
     @classmethod
     def of(cls, state: WarmState, ladle_degC: float | None = None, *, ladle_from_o: bool = False) -> DisplacementField:
@@ -122,17 +118,11 @@ class DisplacementField:
 
 @dataclass(frozen=True, eq=False)
 class MovedParts:
-    """How far every part of a robot on its truss moves.
+    """How far every part of a robot on its truss moves."""
 
-    Attributes:
-        own: of the robot's parts, seen from the fixed platform.
-        truss: where the truss goes.
-        warm: its temperatures; None for a cold one.
-    """
-
-    own: DisplacementField
-    truss: TrussMotion
-    warm: TrussTemperatures | None
+    own: DisplacementField  # of the robot's parts, seen from the fixed platform
+    truss: TrussMotion  # where the truss goes
+    warm: TrussTemperatures | None  # its temperatures; None for a cold one
 
     @functools.cached_property
     def hall(self) -> DisplacementField:

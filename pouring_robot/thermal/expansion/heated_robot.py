@@ -41,20 +41,13 @@ Close = Callable[[WarmRobot], Sequence[ClosureResult]]
 
 @dataclass(frozen=True, eq=False)
 class WarmState:
-    """Temperatures and robot that belong together.
+    """Temperatures and robot that belong together."""
 
-    Attributes:
-        field: the temperatures; None for a cold robot.
-        robot, result: as built and as warm as that, and its closure.
-        turns: how often temperatures were taken anew.
-        unsettled_m: by how much the last taking of temperatures moved the moving platform's origin, drives held.
-    """
-
-    field: TemperatureField | None
-    robot: WarmRobot
-    result: ClosureResult
-    turns: int
-    unsettled_m: float
+    field: TemperatureField | None  # the temperatures; None for a cold robot
+    robot: WarmRobot  # as built and as warm as that
+    result: ClosureResult  # its closure
+    turns: int  # how often temperatures were taken anew
+    unsettled_m: float  # by how much the last taking of temperatures moved the moving platform's origin, drives held
 
     @functools.cached_property
     def location(self) -> LadleLocation:

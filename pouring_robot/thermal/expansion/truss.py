@@ -24,17 +24,12 @@ _SIDES = (1.0, -1.0)
 
 @dataclass(frozen=True, eq=False)
 class TrussMotion:
-    """Where the truss goes. All in the fixed platform of the drawing.
+    """Where the truss goes. All in the fixed platform of the drawing."""
 
-    Attributes:
-        points_m, moved_m: along the girders' axes, then at the uprights' axles and feet, shape (n, 3) each.
-        shift_m, turn_rad: of the fixed platform's origin, and a small rotation vector, shape (3,) each.
-    """
-
-    points_m: FloatArray
+    points_m: FloatArray  # along the girders' axes, then at the uprights' axles and feet, shape (n, 3)
     moved_m: FloatArray
-    shift_m: FloatArray
-    turn_rad: FloatArray
+    shift_m: FloatArray  # of the fixed platform's origin, shape (3,)
+    turn_rad: FloatArray  # small rotation vector, shape (3,)
 
     def __add__(self, other: TrussMotion) -> TrussMotion:
         """Return both together."""

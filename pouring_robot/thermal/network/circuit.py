@@ -45,23 +45,15 @@ class EnergyBalance:
 
 @dataclass(frozen=True, eq=False)
 class Circuit:
-    """The network as numbers. Shapes: n nodes.
+    """The network as numbers. Shapes: n nodes."""
 
-    Attributes:
-        laplacian: conductances between nodes, shape (n, n), in W/K; symmetric, rows sum to zero.
-        melt_contact, film: conductance to the melt and to the surroundings, shape (n,), in W/K.
-        melt_radiation: emissivities times area times view factor times Stefan's constant, shape (n,), in W/K⁴.
-        ambient_radiation: the same to the surroundings, shape (n,), in W/K⁴.
-        capacity: shape (n,), in J/K.
-        radiating: radiation between nodes, shape (n, n), in W/K⁴, on the pattern of a Laplacian; None: there is none.
-    """
-
-    laplacian: FloatArray
-    melt_contact: FloatArray
-    film: FloatArray
-    melt_radiation: FloatArray
-    ambient_radiation: FloatArray
-    capacity: FloatArray
+    laplacian: FloatArray  # conductances between nodes, shape (n, n), in W/K; symmetric, rows sum to zero
+    melt_contact: FloatArray  # conductance to the melt, shape (n,), in W/K
+    film: FloatArray  # conductance to the surroundings, shape (n,), in W/K
+    melt_radiation: FloatArray  # emissivities times area times view factor times Stefan's constant, shape (n,), in W/K⁴
+    ambient_radiation: FloatArray  # the same to the surroundings, shape (n,), in W/K⁴
+    capacity: FloatArray  # shape (n,), in J/K
+    # radiation between nodes, shape (n, n), in W/K⁴, on the pattern of a Laplacian; None: there is none
     radiating: scipy.sparse.csc_array | None = None
 
     @property

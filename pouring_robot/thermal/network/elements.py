@@ -68,18 +68,12 @@ def merged(boxes: Boxes) -> Boxes:
 
 @dataclass(frozen=True, eq=False)
 class BarCells:
-    """Cells of a frame of bars, N of them, in the frame of its link.
+    """Cells of a frame of bars, N of them, in the frame of its link."""
 
-    Attributes:
-        centres_m, half_m: middles and half edges, shape (N, 3) each.
-        face_area_m2: free area by face, in the order of :data:`FACE_NORMALS`, shape (N, 6).
-        contacts: first cell, second cell, area in m² over distance in m.
-    """
-
-    centres_m: FloatArray
-    half_m: FloatArray
-    face_area_m2: FloatArray
-    contacts: tuple[tuple[int, int, float], ...]
+    centres_m: FloatArray  # middles, shape (N, 3)
+    half_m: FloatArray  # half edges, shape (N, 3)
+    face_area_m2: FloatArray  # free area by face, in the order of :data:`FACE_NORMALS`, shape (N, 6)
+    contacts: tuple[tuple[int, int, float], ...]  # first cell, second cell, area in m² over distance in m
 
     @classmethod
     def cut(cls, boxes: Boxes, cells_per_bar: int) -> BarCells:
@@ -142,24 +136,16 @@ def _find_contacts(
 
 @dataclass(frozen=True)
 class LadleSections:
-    """The ladle as the network sees it; SI units.
+    """The ladle as the network sees it; SI units."""
 
-    Attributes:
-        melt_centre_m, melt_radius_m: of the melt's surface, its middle in the moving platform's frame, shape (3,).
-        inner_area_m2, outer_area_m2: of the lining wetted by the melt, and of the shell.
-        wall_m: lining and shell together.
-        trunnions_m: where the two trunnions enter the hangers, in the moving platform, shape (2, 3).
-        trunnion_area_m2, trunnion_length_m: of one trunnion, from shell to hanger.
-    """
-
-    melt_centre_m: FloatArray
+    melt_centre_m: FloatArray  # middle of the melt's surface in the moving platform's frame, shape (3,)
     melt_radius_m: float
-    inner_area_m2: float
-    outer_area_m2: float
-    wall_m: float
-    trunnions_m: FloatArray
-    trunnion_area_m2: float
-    trunnion_length_m: float
+    inner_area_m2: float  # of the lining wetted by the melt
+    outer_area_m2: float  # of the shell
+    wall_m: float  # lining and shell together
+    trunnions_m: FloatArray  # where the two trunnions enter the hangers, in the moving platform, shape (2, 3)
+    trunnion_area_m2: float  # of one trunnion
+    trunnion_length_m: float  # from shell to hanger
 
     @classmethod
     def of(cls, entry: LayoutEntry) -> LadleSections:

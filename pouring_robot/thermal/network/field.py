@@ -16,24 +16,15 @@ from pouring_robot.thermal.network.parts import Bodies
 
 @dataclass(frozen=True, eq=False)
 class TemperatureField:
-    """Temperatures at a pose, in K inside and °C by property. Leg arrays run over legs 1 to 4.
+    """Temperatures at a pose, in K inside and °C by property. Leg arrays run over legs 1 to 4."""
 
-    Attributes:
-        temperatures_K: of every node, shape (n,).
-        melt_K, ambient_K: of melt and surroundings.
-        bodies: which node is what, elements, materials.
-        circuit: the network at this pose.
-        exposure: where the leg elements are and what they see.
-        rotation_fixed_platform_to_disc: shape (3, 3); the disc's axes are the moving platform's.
-    """
-
-    temperatures_K: FloatArray
+    temperatures_K: FloatArray  # of every node, shape (n,)
     melt_K: float
     ambient_K: float
-    bodies: Bodies
-    circuit: Circuit
-    exposure: LegExposure
-    rotation_fixed_platform_to_disc: FloatArray
+    bodies: Bodies  # which node is what, elements, materials
+    circuit: Circuit  # the network at this pose
+    exposure: LegExposure  # where the leg elements are and what they see
+    rotation_fixed_platform_to_disc: FloatArray  # shape (3, 3); the disc's axes are the moving platform's
 
     @property
     def properties(self) -> ThermalProperties:

@@ -25,21 +25,15 @@ FACETS = 16
 
 @dataclass(frozen=True, eq=False)
 class LegGrid:
-    """Elements of one leg, the same for all four: N of the moving rod, then F of the fixed rod.
+    """Elements of one leg, the same for all four: N of the moving rod, then F of the fixed rod."""
 
-    Attributes:
-        moving, fixed: N and F.
-        moving_edges_m: ends of the moving rod's elements, from the lower U-joint centre upwards, shape (N + 1,).
-        fixed_edges_m: ends of the fixed rod's, from the upper U-joint centre upwards, shape (F + 1,).
-        step_m, outer_m, inner_m: length and radii of every element, shape (N + F,); the moving rod is solid.
-    """
-
-    moving: int
-    fixed: int
+    moving: int  # N
+    fixed: int  # F
+    # ends of the moving rod's elements, from the lower U-joint centre upwards, shape (N + 1,)
     moving_edges_m: FloatArray
-    fixed_edges_m: FloatArray
-    step_m: FloatArray
-    outer_m: FloatArray
+    fixed_edges_m: FloatArray  # ends of the fixed rod's, from the upper U-joint centre upwards, shape (F + 1,)
+    step_m: FloatArray  # length of every element, shape (N + F,)
+    outer_m: FloatArray  # its radii, shape (N + F,); the moving rod is solid
     inner_m: FloatArray
 
     @classmethod
@@ -83,28 +77,17 @@ class LegGrid:
 
 @dataclass(frozen=True, eq=False)
 class LegExposure:
-    """All elements of the four legs at a pose; shapes (4, N + F) unless said otherwise.
+    """All elements of the four legs at a pose; shapes (4, N + F) unless said otherwise."""
 
-    Attributes:
-        lengths_m: leg lengths, shape (4,).
-        down: unit vectors from upper to lower U-joint centre, in the disc's frame, shape (4, 3).
-        centres_m: middle of the exposed part of each element, in the disc's frame, shape (4, N + F, 3).
-        from_upper_joint_m: distance of the element's middle from the upper U-joint centre, positive downwards.
-        area_m2: outside surface that meets air.
-        view_factor: mean around the element, from it to the melt's surface.
-        first_harmonic: how the view factor varies around the rod: the vector h of F(n) = mean + h · n + …, in the
-            disc's frame, shape (4, N + F, 3).
-        touching_m2: surface of each moving element inside each fixed element, shape (4, N, F).
-    """
-
-    lengths_m: FloatArray
-    down: FloatArray
-    centres_m: FloatArray
-    from_upper_joint_m: FloatArray
-    area_m2: FloatArray
-    view_factor: FloatArray
+    lengths_m: FloatArray  # leg lengths, shape (4,)
+    down: FloatArray  # unit vectors from upper to lower U-joint centre, in the disc's frame, shape (4, 3)
+    centres_m: FloatArray  # middle of the exposed part of each element, in the disc's frame, shape (4, N + F, 3)
+    from_upper_joint_m: FloatArray  # distance of the element's middle from the upper U-joint centre, positive downwards
+    area_m2: FloatArray  # outside surface that meets air
+    view_factor: FloatArray  # mean around the element, from it to the melt's surface
+    # how the view factor varies around the rod: h of F(n) = mean + h · n + …, in the disc's frame, (4, N + F, 3)
     first_harmonic: FloatArray
-    touching_m2: FloatArray
+    touching_m2: FloatArray  # surface of each moving element inside each fixed element, shape (4, N, F)
 
     @classmethod
     def at(cls, grid: LegGrid, upper_m: FloatArray, lower_m: FloatArray, disc: DiscChords, boxes: Boxes) -> LegExposure:

@@ -24,23 +24,15 @@ _OFF_THE_FACE_M = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class NodeMap:
-    """Which node stands for what.
+    """Which node stands for what."""
 
-    Attributes:
-        legs: nodes of the legs, shape (4, N + F), the moving rod's first.
-        moving_platform, fixed_platform: steel of their cells, shape (P,) and (Q,).
-        cladding: surface of the moving platform's cladding, shape (C,); ``clad_cells`` the cells that have one.
-        lining: layers of the ladle's lining, from the melt outwards.
-        shell: the ladle's shell.
-    """
-
-    legs: IndexArray
-    moving_platform: IndexArray
-    cladding: IndexArray
-    clad_cells: IndexArray
-    fixed_platform: IndexArray
-    lining: IndexArray
-    shell: int
+    legs: IndexArray  # nodes of the legs, shape (4, N + F), the moving rod's first
+    moving_platform: IndexArray  # steel of its cells, shape (P,)
+    cladding: IndexArray  # its surface, shape (C,)
+    clad_cells: IndexArray  # of the moving platform's cells those that have one, shape (C,)
+    fixed_platform: IndexArray  # of its cells, shape (Q,)
+    lining: IndexArray  # layers of the ladle's lining, from the melt outwards
+    shell: int  # the ladle's shell
 
     @property
     def count(self) -> int:
@@ -58,20 +50,13 @@ class NodeMap:
 
 @dataclass(frozen=True, eq=False)
 class MovingPlatform:
-    """Bars of the moving platform with what they see of the melt; ladle and platform move as one, so it is constant.
+    """Bars of the moving platform with what they see of the melt; ladle and platform move as one, so it is constant."""
 
-    Attributes:
-        cells: in the moving platform's frame, P of them.
-        clad_area_m2: area that sees the melt and is clad, shape (P,); zero for bare bars.
-        bare_area_m2: the remaining area.
-        clad_view_area_m2, bare_view_area_m2: the same areas times their view factors.
-    """
-
-    cells: BarCells
-    clad_area_m2: FloatArray
-    clad_view_area_m2: FloatArray
-    bare_area_m2: FloatArray
-    bare_view_area_m2: FloatArray
+    cells: BarCells  # in the moving platform's frame, P of them
+    clad_area_m2: FloatArray  # area that sees the melt and is clad, shape (P,); zero for bare bars
+    clad_view_area_m2: FloatArray  # the same times its view factor
+    bare_area_m2: FloatArray  # the remaining area
+    bare_view_area_m2: FloatArray  # the same times its view factor
 
     @classmethod
     def of(cls, cells: BarCells, in_the_way: Boxes, ladle: LadleSections, *, clad: bool) -> MovingPlatform:

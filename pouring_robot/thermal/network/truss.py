@@ -35,18 +35,13 @@ _INSIDE_M = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class TrussTemperatures:
-    """How warm the truss is.
+    """How warm the truss is."""
 
-    Attributes:
-        girders_degC: by girder (left, right), plate (bottom, webs below and above, top) and cell, shape (2, 6, cells).
-        trolley_degC: by bar and cell from its lower end, shape (bars, cells).
-        girders, trolley: cells of the plates, and of the trolley's bars, in the fixed platform.
-    """
-
+    # by girder (left, right), plate (bottom, webs below and above, top) and cell, shape (2, 6, cells)
     girders_degC: FloatArray
-    trolley_degC: FloatArray
-    girders: BarCells
-    trolley: BarCells
+    trolley_degC: FloatArray  # by bar and cell from its lower end, shape (bars, cells)
+    girders: BarCells  # cells of the plates in the fixed platform
+    trolley: BarCells  # cells of the bars, there too
 
 
 class TrussNetwork:

@@ -34,17 +34,11 @@ def element_to_disc(points_m: FloatArray, normals: FloatArray, radius_m: float) 
 
 @dataclass(frozen=True, eq=False)
 class DiscChords:
-    """Parallel chords that stand for a disc; along neither axis, so that no edge of a bar runs along one.
+    """Parallel chords that stand for a disc; along neither axis, so that no edge of a bar runs along one."""
 
-    Attributes:
-        radius_m: of the disc.
-        chords_m: how far from the middle, half the length and the weight of each, shape (C, 3), in m.
-        way: direction of the chords in x and y.
-    """
-
-    radius_m: float
-    chords_m: FloatArray
-    way: tuple[float, float]
+    radius_m: float  # of the disc
+    chords_m: FloatArray  # how far from the middle, half the length and the weight of each, shape (C, 3), in m
+    way: tuple[float, float]  # direction of the chords in x and y
 
     @classmethod
     def of(cls, radius_m: float, count: int = 24) -> DiscChords:

@@ -17,16 +17,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Positions:
-    """Where the sets of a table were measured.
+    """Where the sets of a table were measured."""
 
-    Attributes:
-        names, units: of the inputs, such as ``x``, and ``m`` or ``rad`` of each.
-        values: shape (k, f), in m and rad, one row a set.
-    """
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    values: FloatArray
+    names: tuple[str, ...]  # of the inputs, such as ``x``
+    units: tuple[str, ...]  # ``m`` or ``rad`` of each
+    values: FloatArray  # shape (k, f), in m and rad, one row a set
 
     def rows(self, kept: Sequence[int]) -> Positions:
         """Return those of some of the sets."""
@@ -38,17 +33,12 @@ class ErrorLine:
     r"""An error that is linear in temperature, with offset and slope linear in the pose.
 
     .. math:: e(T, p) = (1,\; T - T_0)\; C\; (1,\; p - p_0)^T
-
-    Attributes:
-        coefficients: C, shape (2, 1 + f), in m or rad, per K in the second row, per unit of the input after the first
-            column.
-        temperature_K: T_0.
-        centre: p_0, shape (f,), in m and rad; empty where the pose does not count.
     """
 
+    # C, shape (2, 1 + f), in m or rad, per K in the second row, per unit of the input after the first column
     coefficients: FloatArray
-    temperature_K: float  # noqa: N815 - the unit is kelvin
-    centre: FloatArray
+    temperature_K: float  # noqa: N815 - T_0, in kelvin
+    centre: FloatArray  # p_0, shape (f,), in m and rad; empty where the pose does not count
 
     @classmethod
     def straight(cls, intercept: float, slope: float, temperature_K: float) -> ErrorLine:

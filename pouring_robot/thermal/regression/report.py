@@ -30,22 +30,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class AxisRegression:
-    """One direction of a table.
+    """One direction of a table."""
 
-    Attributes:
-        table: its error sets.
-        model: the paper's, weighed by equation 21.
-        lines: every method.
-        fitted, unseen: what each leaves of the table it was fitted to, and of sets left out one at a time.
-        method: the one to use.
-    """
-
-    table: ErrorTable
-    model: JointRegression
-    lines: dict[str, ErrorLine]
-    fitted: dict[str, Remains]
-    unseen: dict[str, Remains]
-    method: str
+    table: ErrorTable  # its error sets
+    model: JointRegression  # the paper's, weighed by equation 21
+    lines: dict[str, ErrorLine]  # every method
+    fitted: dict[str, Remains]  # what each leaves of the table it was fitted to
+    unseen: dict[str, Remains]  # what each leaves of sets left out one at a time
+    method: str  # the one to use
 
     @classmethod
     def of(

@@ -39,23 +39,17 @@ class ErrorSetError(BadInputError, ValueError):
 class ErrorTable:
     """Errors of several poses at several melt temperatures.
 
-    Attributes:
-        temperatures_K: melt temperatures in K, shape (n,), all different, in the order they were given.
-        errors: error of pose i at temperature j at [j, i], shape (n, k), in m or rad.
-        names: names of the k error sets, without units.
-        kind: "length" (m) or "angle" (rad).
-        source: file the table came from, or a word for where it was made; errors name it.
-
     Raises:
         TableError: shapes or names do not fit, numbers are not finite, fewer than three rows, temperatures below
             0 K or not distinct, or a constant column.
     """
 
+    # melt temperatures in K, shape (n,), all different, in the order they were given
     temperatures_K: FloatArray  # noqa: N815 - the unit is kelvin
-    errors: FloatArray
-    names: tuple[str, ...]
-    kind: str = "length"
-    source: str = "table of error sets"
+    errors: FloatArray  # error of pose i at temperature j at [j, i], shape (n, k), in m or rad
+    names: tuple[str, ...]  # names of the k error sets, without units
+    kind: str = "length"  # "length" (m) or "angle" (rad)
+    source: str = "table of error sets"  # file the table came from, or a word for where it was made; errors name it
 
     def __post_init__(self) -> None:
         temperatures, errors = (np.array(numbers, dtype=float) for numbers in (self.temperatures_K, self.errors))
