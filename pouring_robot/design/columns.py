@@ -8,7 +8,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from pouring_robot.design.parameters import PlannedParameter
+from pouring_robot.design.request import PlannedParameter
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
 from pouring_robot.estimation.noise_level import NoiseLevel

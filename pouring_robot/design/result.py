@@ -12,8 +12,7 @@ import numpy as np
 from pouring_robot.campaign.columns import approach_names
 from pouring_robot.design.columns import Conditions
 from pouring_robot.design.exchange import IntArray
-from pouring_robot.design.parameters import PlannedParameter
-from pouring_robot.design.request import PlanRequest
+from pouring_robot.design.request import PlannedParameter, PlanRequest
 from pouring_robot.estimation.identifiability import BaseParameters, observability
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.files import write_whole

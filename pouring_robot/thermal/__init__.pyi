@@ -1,9 +1,9 @@
-from .expansion.bending import LegBending as LegBending
+from .expansion.growth import LegBending as LegBending
 from .expansion.growth import ThermalExpansion as ThermalExpansion
 from .expansion.heated_robot import HeatedRobot as HeatedRobot
 from .expansion.heated_robot import PoseShares as PoseShares
+from .expansion.heated_robot import WarmRobot as WarmRobot
 from .expansion.heated_robot import WarmState as WarmState
-from .expansion.warm_robot import WarmRobot as WarmRobot
 from .network.assembly import ThermalNetwork as ThermalNetwork
 from .network.field import TemperatureField as TemperatureField
 from .network.history import HeatHistory as HeatHistory

@@ -9,8 +9,7 @@ from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.view.bench import RobotBench, Wish
-from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
-from pouring_robot.thermal.expansion.warm_robot import WarmRobot
+from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.transient import TransientOptions
 

@@ -21,10 +21,8 @@ from pouring_robot.robot.location_figures import difference_figures
 from pouring_robot.robot.pouring.names import CHAINS, LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
-from pouring_robot.thermal.expansion.bending import LegBending
-from pouring_robot.thermal.expansion.growth import ThermalExpansion
-from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
-from pouring_robot.thermal.expansion.warm_robot import WarmRobot, drawing_of
+from pouring_robot.thermal.expansion.growth import LegBending, ThermalExpansion
+from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot, drawing_of
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.network.history import HeatHistory, PoseSchedule

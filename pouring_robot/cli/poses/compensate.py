@@ -13,7 +13,7 @@ from pouring_robot.exceptions import BadInputError, NoSolutionError, UnknownFram
 if TYPE_CHECKING:
     from pouring_robot.cli.poses.heat import ThermalLaw
     from pouring_robot.compensation.drives import DriveCompensation
-    from pouring_robot.compensation.result import Compensation
+    from pouring_robot.compensation.pose import Compensation
     from pouring_robot.effects.under import RobotUnderConditions
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.pouring.poses import PlatformPose
@@ -103,8 +103,8 @@ def _ladle(
 ) -> None:
     from pouring_robot.cli.poses import heat as warm
     from pouring_robot.cli.poses.compensated import commands_table, compensation_lines
+    from pouring_robot.compensation.pose import commands_csv
     from pouring_robot.compensation.pose import compensate as compensated
-    from pouring_robot.compensation.result import commands_csv
     from pouring_robot.robot.pouring.poses import PlatformPose
     from pouring_robot.robot.pouring_robot import PouringRobot
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot

@@ -15,9 +15,8 @@ from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
 from pouring_robot.report.plots import png_of, svg_of
 from pouring_robot.report.result import Result
-from pouring_robot.sweeps.analysis.indices import SobolIndices, sobol_indices
 from pouring_robot.sweeps.analysis.plots import map_of, study_figure
-from pouring_robot.sweeps.analysis.summary import Summary, summarise
+from pouring_robot.sweeps.analysis.summary import SobolIndices, Summary, sobol_indices, summarise
 from pouring_robot.sweeps.analysis.tolerances import AllocatedTolerances, RankedParameter, allocate_tolerances, rank
 from pouring_robot.sweeps.store import PAGE, PICTURE, RANKING, SUMMARY, SweepStore, open_results
 

@@ -14,8 +14,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.location_figures import without_nan
 from pouring_robot.sweeps.analysis.allocation import AllocatedFactors, allocate, group_covariances
-from pouring_robot.sweeps.analysis.indices import SobolIndices
-from pouring_robot.sweeps.analysis.summary import Summary
+from pouring_robot.sweeps.analysis.summary import SobolIndices, Summary
 from pouring_robot.sweeps.config import Allocation
 from pouring_robot.sweeps.plan import SweepPlan
 from pouring_robot.sweeps.store import AXES

@@ -19,11 +19,10 @@ from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.thermal.network.assembly import ThermalNetwork
-from pouring_robot.thermal.network.circuit import Circuit, laplacian
+from pouring_robot.thermal.network.circuit import Circuit, laplacian, steady_temperatures
 from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, link_boxes, merged
 from pouring_robot.thermal.network.history import HeatHistory, Placed
 from pouring_robot.thermal.network.parts import radiation_conductances
-from pouring_robot.thermal.network.steady import steady_temperatures
 from pouring_robot.thermal.network.transient import integrate
 from pouring_robot.thermal.network.view_factors import Boxes
 

@@ -12,10 +12,10 @@ from sklearn.linear_model import LinearRegression
 
 from pouring_robot.exceptions import TableError
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.thermal.regression.error_line import ErrorLine, Positions, Remains
 from pouring_robot.thermal.regression.joint_model import JointRegression
 from pouring_robot.thermal.regression.sensitive_sets import SensitiveSetSelector
 from pouring_robot.thermal.regression.table import ErrorTable
+from pouring_robot.thermal.regression.thermal_model import ErrorLine, Positions, Remains
 
 NONE, PAPER, COMPONENTS, MEAN, POSE = "none", "paper", "components", "mean", "pose"
 METHODS = {

@@ -17,12 +17,11 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
 from pouring_robot.report.plots import ASH, COLOURS, new_figure, svg_of, tell, tidy
 from pouring_robot.report.result import Result
-from pouring_robot.thermal.regression.error_line import ErrorLine, Positions, Remains
 from pouring_robot.thermal.regression.joint_model import JointRegression
 from pouring_robot.thermal.regression.methods import HELPS_BELOW, METHODS, NONE, PAPER, POSE, fit_lines, judge, left_out
 from pouring_robot.thermal.regression.sensitive_sets import SensitiveSetSelector
 from pouring_robot.thermal.regression.table import KINDS, ErrorTable
-from pouring_robot.thermal.regression.thermal_model import AXES, AxisModel, ThermalModel
+from pouring_robot.thermal.regression.thermal_model import AXES, AxisModel, ErrorLine, Positions, Remains, ThermalModel
 
 if TYPE_CHECKING:
     import pandas as pd
