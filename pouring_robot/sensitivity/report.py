@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Range = tuple[float, float]
+_EVEN, _PILED, _DRAWN = 0.1, 2.0, 12
+_ALIKE_M = 1e-9
+"""Legs are alike, and closures are found to a nanometre: what differs by less is in the order of the parameters."""
 
 
 @dataclass(frozen=True)
@@ -59,45 +62,19 @@ class Request:
                 raise BadInputError(f"a range must run upwards, not from {limits[0]:g} to {limits[1]:g}")
 
 
-_EVEN, _PILED, _DRAWN = 0.1, 2.0, 12
-_ALIKE_M = 1e-9
-"""Legs are alike, and closures are found to a nanometre: what differs by less is in the order of the parameters."""
-
-
 @dataclass(frozen=True)
 class ErrorRow:
     """One error in one model; lengths in m, angles in rad."""
 
     parameter: Parameter
     model: str  # ``closed chain`` or ``open branch``
-    size: float
-    mean_m: tuple[float, ...]  # mean absolute coordinate, x y z
-    largest_m: tuple[float, ...]  # largest one
+    largest_m: tuple[float, ...]  # largest absolute coordinate, x y z
     distance_m: float  # largest displacement
     angle_rad: float  # largest turn
     main: str  # coordinate with the largest mean: X, Y or Z; ``none``
-    quantiles_m: tuple[float, ...]  # 5, 50 and 95 % of the main coordinate
-    one_sign: bool  # whether the main coordinate has one sign at all poses
     shape: str  # ``even``, ``piled at … mm`` or ``uneven``: how the main coordinate spreads over the poses
     class_mm: int | None  # power of ten of the largest displacement in mm; None where it counts as nothing
-    class_rad: int | None  # the same of the largest turn in rad
-
-    def figures(self) -> dict[str, Any]:
-        """Return it with units in the names."""
-        length = self.parameter.unit == "m"
-        row: dict[str, Any] = {
-            "parameter": self.parameter.name,
-            "part": self.parameter.part,
-            "model": self.model,
-            "error": self.size / (MM if length else MRAD),
-            "unit": "mm" if length else "mrad",
-        }
-        row |= {f"mean_{axis.lower()}_mm": value / MM for axis, value in zip(AXES, self.mean_m, strict=True)}
-        row |= {f"largest_{axis.lower()}_mm": value / MM for axis, value in zip(AXES, self.largest_m, strict=True)}
-        row |= {"largest_mm": self.distance_m / MM, "largest_mrad": self.angle_rad / MRAD, "main_direction": self.main}
-        row |= {f"main_{q}_mm": value / MM for q, value in zip(("p5", "p50", "p95"), self.quantiles_m, strict=True)}
-        row |= {"one_sign": self.one_sign, "spread": self.shape}
-        return row | {"class_mm": _power(self.class_mm), "class_rad": _power(self.class_rad)}
+    figures: dict[str, Any]  # everything, with units in the names
 
 
 def _power(exponent: int | None) -> str:
@@ -173,7 +150,7 @@ class SensitivityReport(Result):
         """Return one row an error and model."""
         import pandas as pd
 
-        return pd.DataFrame([row.figures() for row in self.rows])
+        return pd.DataFrame([row.figures for row in self.rows])
 
     def figures(self) -> dict[str, Any]:
         """Return everything, ready for JSON; mm and mrad."""
@@ -188,7 +165,7 @@ class SensitivityReport(Result):
                 for c in self.controls
             ],
             "first_order_misses_mm": {"by": self.missed_m[0] / MM, "where_it_moves": self.missed_m[1] / MM},
-            "parameters": [row.figures() for row in self.rows],
+            "parameters": [row.figures for row in self.rows],
         } | ({"dh_table": self.dh_rows()} if self.dh else {})
 
     def dh_rows(self) -> list[dict[str, Any]]:
@@ -209,21 +186,20 @@ class SensitivityReport(Result):
         parameter, moved, main = self.parameters[k], samples.translation_m[k], samples.main_axis(k)
         along = moved[:, AXES.find(main)] if main in AXES else np.zeros(len(moved))
         distance, angle = float(samples.distance_m[k].max()), float(samples.angle_rad[k].max())
-        return ErrorRow(
-            parameter=parameter,
-            model=samples.kind,
-            size=self.request.length_m if parameter.unit == "m" else self.request.angle_rad,
-            mean_m=tuple(samples.mean_m[k].tolist()),
-            largest_m=tuple(samples.peak_m[k].tolist()),
-            distance_m=distance,
-            angle_rad=angle,
-            main=main,
-            quantiles_m=tuple(np.quantile(along, [0.05, 0.5, 0.95]).tolist()),
-            one_sign=bool(abs(np.sign(along).sum()) == len(along)),
-            shape=_shape(along),
-            class_mm=_order(distance / MM, self.request.nothing_m / MM),
-            class_rad=_order(angle, self.request.nothing_rad),
+        mean, largest = samples.mean_m[k].tolist(), samples.peak_m[k].tolist()
+        error, unit = (
+            (self.request.length_m / MM, "mm") if parameter.unit == "m" else (self.request.angle_rad / MRAD, "mrad")
         )
+        shape, class_mm = _shape(along), _order(distance / MM, self.request.nothing_m / MM)
+        figures: dict[str, Any] = {"parameter": parameter.name, "part": parameter.part, "model": samples.kind}
+        figures |= {"error": error, "unit": unit}
+        figures |= {f"mean_{axis}_mm": value / MM for axis, value in zip("xyz", mean, strict=True)}
+        figures |= {f"largest_{axis}_mm": value / MM for axis, value in zip("xyz", largest, strict=True)}
+        figures |= {"largest_mm": distance / MM, "largest_mrad": angle / MRAD, "main_direction": main}
+        figures |= {f"main_p{q}_mm": float(np.quantile(along, q / 100.0)) / MM for q in (5, 50, 95)}
+        figures |= {"one_sign": bool(abs(np.sign(along).sum()) == len(along)), "spread": shape}
+        figures |= {"class_mm": _power(class_mm), "class_rad": _power(_order(angle, self.request.nothing_rad))}
+        return ErrorRow(parameter, samples.kind, tuple(largest), distance, angle, main, shape, class_mm, figures)
 
     def save(self, folder: Path) -> list[Path]:
         """Write ``sensitivity.csv``, ``.json``, pictures and ``report.html`` into a folder, which is made.
@@ -234,7 +210,7 @@ class SensitivityReport(Result):
         from pouring_robot.report.plots import png_of, svg_of
         from pouring_robot.sensitivity.plots import box_plots, distributions
 
-        rows = [row.figures() for row in self.rows]
+        rows = [row.figures for row in self.rows]
         files: dict[Path, str | bytes] = {
             folder / "sensitivity.csv": csv_text(rows[0], (row.values() for row in rows)),
             folder / "sensitivity.json": json.dumps(self.figures(), indent=1, ensure_ascii=False) + "\n",

@@ -24,7 +24,7 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -75,7 +75,7 @@ class SweepStore:
                 self._made = self._make()
             self._group = open_group(self.path)
         self._arrays: dict[str, Any] = {}
-        for name, expected in (_written(plan) | _known(plan)).items():
+        for name, expected in _arrays(plan).items():
             try:
                 self._arrays[name] = array = self._group[name]
             except Exception as problem:
@@ -135,7 +135,7 @@ class SweepStore:
         with _locked(self.path):
             for left in self.folder.glob(f".{STORE}.*.part"):
                 shutil.rmtree(left, ignore_errors=True)
-            for name in _written(self.plan):
+            for name in _arrays(self.plan):
                 for left in (self.path / name).rglob("*.partial"):
                     left.unlink(missing_ok=True)
             yield
@@ -296,51 +296,43 @@ class _Array(NamedTuple):
     attributes: dict[str, Any]
     values: NDArray[Any] | None = None
 
+    @classmethod
+    def known(cls, values: Any, dimensions: tuple[str, ...], **attributes: str) -> "_Array":
+        array = np.asarray(values)
+        array = array.astype(object) if array.dtype.kind == "U" else array
+        return cls(array.shape, array.shape, dimensions, attributes, array)
 
-_EITHER = {"units": "m or rad, see coordinate 'unit'"}
 
-
-def _written(plan: SweepPlan) -> dict[str, _Array]:
-    """Return the arrays that are written chunk by chunk."""
+def _arrays(plan: SweepPlan) -> dict[str, _Array]:
+    """Return the arrays of the store: those that are known from the start, then those written chunk by chunk."""
     both, block = (plan.draws.count, len(plan.poses)), (plan.sample_block, plan.pose_block)
     first = "parameter" if plan.config.study == "one_at_a_time" else "sample"
-    frames, columns = len(plan.config.frames), len(plan.parameters)
+    frames, parameters, margins = len(plan.config.frames), plan.parameters, plan.draws.margins
+    either = {"units": "m or rad, see coordinate 'unit'"}
     codes = {"codes": "; ".join(f"{code} {name}" for code, name in STATUS_NAMES.items())}
+    place, known = f"{plan.mechanism.loops.end_frame}, commanded", _Array.known
+    tilt = {"tilt": known(plan.poses.poses[:, 3], ("pose",), units="rad")} if plan.tilts else {}
+    errors = (both[0], len(parameters)), (block[0], len(parameters)), ("sample", "parameter")
     moved = (*both, frames, 3), (*block, frames, 3), (first, "pose", "frame", "axis")
-    arrays = {
+    return {
+        "parameter": known(plan.names, ("parameter",)),
+        "unit": known([p.unit for p in parameters], ("parameter",)),
+        "part": known([p.part for p in parameters], ("parameter",)),
+        "tolerance": known([margin.tolerance for margin in margins], ("parameter",), **either),
+        "std": known([margin.std for margin in margins], ("parameter",), **either),
+        "frame": known(plan.config.frames, ("frame",)),
+        "axis": known(AXES, ("axis",)),
+        "position": known(plan.poses.start.position, ("pose", "axis"), units="m", of=place),
+        **tilt,
+        "drive": known([drive.joint for drive in plan.catalogue.drives], ("drive",)),
+        "command": known(plan.poses.drives, ("pose", "drive"), units="m or rad, by drive"),
         "displacement": _Array(*moved, {"units": "m"}),
         "rotation": _Array((*both, 3), (*block, 3), (first, "pose", "axis"), {"units": "rad"}),
         "gap_m": _Array(both, block, (first, "pose"), {"units": "m"}),
         "gap_rad": _Array(both, block, (first, "pose"), {"units": "rad"}),
         "status": _Array(both, block, (first, "pose"), codes),
+        **({"errors": _Array(*errors, either)} if first == "sample" else {}),
     }
-    if first == "sample":
-        arrays["errors"] = _Array((both[0], columns), (block[0], columns), ("sample", "parameter"), _EITHER)
-    return arrays
-
-
-def _known(plan: SweepPlan) -> dict[str, _Array]:
-    """Return the arrays that are known from the start."""
-    drives, place = [drive.joint for drive in plan.catalogue.drives], f"{plan.mechanism.loops.end_frame}, commanded"
-    found: dict[str, tuple[Sequence[Any] | NDArray[Any], tuple[str, ...], dict[str, Any]]] = {
-        "parameter": (plan.names, ("parameter",), {}),
-        "unit": ([p.unit for p in plan.parameters], ("parameter",), {}),
-        "part": ([p.part for p in plan.parameters], ("parameter",), {}),
-        "tolerance": ([margin.tolerance for margin in plan.draws.margins], ("parameter",), _EITHER),
-        "std": ([margin.std for margin in plan.draws.margins], ("parameter",), _EITHER),
-        "frame": (plan.config.frames, ("frame",), {}),
-        "axis": (AXES, ("axis",), {}),
-        "position": (plan.poses.start.position, ("pose", "axis"), {"units": "m", "of": place}),
-        **({"tilt": (plan.poses.poses[:, 3], ("pose",), {"units": "rad"})} if plan.tilts else {}),
-        "drive": (drives, ("drive",), {}),
-        "command": (plan.poses.drives, ("pose", "drive"), {"units": "m or rad, by drive"}),
-    }
-    arrays = {}
-    for name, (values, dimensions, attributes) in found.items():
-        array = np.asarray(values)
-        array = array.astype(object) if array.dtype.kind == "U" else array
-        arrays[name] = _Array(array.shape, array.shape, dimensions, attributes, array)
-    return arrays
 
 
 def _write_empty(path: Path, plan: SweepPlan) -> None:
@@ -361,7 +353,7 @@ def _write_empty(path: Path, plan: SweepPlan) -> None:
             "content_hash": plan.content_hash,
         },
     )
-    for name, array in (_known(plan) | _written(plan)).items():
+    for name, array in _arrays(plan).items():
         if array.values is not None:
             kind: dict[str, Any] = {"dtype": str if array.values.dtype == object else array.values.dtype}
         elif name == "status":

@@ -11,14 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from pouring_robot.batch.structure import BoolArray
 from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.location_figures import without_nan
 from pouring_robot.sweeps.evaluation import NOT_DONE, STATUS_NAMES
-from pouring_robot.sweeps.plan import SweepPlan
+from pouring_robot.sweeps.plan import Chunk
 from pouring_robot.sweeps.store import AXES, SweepStore
 
 SHARES = (0.5, 0.95, 0.9973)
@@ -81,15 +80,16 @@ class Moments:
         return np.asarray(np.sqrt(self.squares_m2 / np.where(self.count, self.count, np.nan)[:, None]))
 
 
-@dataclass(frozen=True, eq=False)
 class _Part:
     """A chunk as the sums take it: zeros where there is no solution."""
 
-    displacement_m: FloatArray
-    distance_m: FloatArray
-    angle_rad: FloatArray
-    good: BoolArray
-    within: BoolArray
+    def __init__(self, store: SweepStore, chunk: Chunk) -> None:
+        self.status = store.read("status", chunk)
+        self.good = self.status == 0
+        self.displacement_m = np.where(self.good[..., None], store.read("displacement", chunk)[:, :, 0], 0.0)
+        self.distance_m = np.linalg.norm(self.displacement_m, axis=-1)
+        self.angle_rad = np.linalg.norm(np.where(self.good[..., None], store.read("rotation", chunk), 0.0), axis=-1)
+        self.within = self.good & (self.distance_m <= store.plan.accuracy_m)
 
 
 @dataclass(eq=False)
@@ -151,26 +151,17 @@ def summarise(store: SweepStore, progress: Progress = say_nothing) -> Summary:
     by_sample, by_pose = Moments(plan.draws.count), Moments(len(plan.poses))
     summary = Summary(plan.config.frames[0], plan.accuracy_m, {}, by_sample, by_pose, Distances())
     for done, chunk in enumerate(plan.chunks(), start=1):
-        status = store.read("status", chunk)
-        counts += np.bincount(status.ravel(), minlength=counts.size)
-        part = _part(plan, status, store.read("displacement", chunk)[:, :, 0], store.read("rotation", chunk))
+        part = _Part(store, chunk)
+        counts += np.bincount(part.status.ravel(), minlength=counts.size)
         summary.by_sample.add(slice(*chunk.samples), part, 1)
         summary.by_pose.add(slice(*chunk.poses), part, 0)
-        summary.distances.add(part.distance_m[status == 0])
+        summary.distances.add(part.distance_m[part.good])
         for name in ("gap_m", "gap_rad"):
-            largest = np.where(status == 0, store.read(name, chunk), 0.0).max()
+            largest = np.where(part.good, store.read(name, chunk), 0.0).max()
             setattr(summary, f"largest_{name}", max(getattr(summary, f"largest_{name}"), float(largest)))
         progress("summary", done, plan.chunk_grid[0] * plan.chunk_grid[1])
     summary.status = {STATUS_NAMES.get(k, str(k)): int(n) for k, n in enumerate(counts) if n}
     return summary
-
-
-def _part(plan: SweepPlan, status: Any, displacement: FloatArray, rotation: FloatArray) -> _Part:
-    good = status == 0
-    moved = np.where(good[..., None], displacement, 0.0)
-    distance = np.linalg.norm(moved, axis=-1)
-    angle = np.linalg.norm(np.where(good[..., None], rotation, 0.0), axis=-1)
-    return _Part(moved, distance, angle, good, good & (distance <= plan.accuracy_m))
 
 
 _RESAMPLES = 100

@@ -43,12 +43,7 @@ class RankedParameter:
 
 def rank(plan: SweepPlan, summary: Summary, indices: SobolIndices | None = None) -> list[RankedParameter]:
     """Return the parameters of a finished sweep, the one that matters most first."""
-    if plan.config.study == "one_at_a_time":
-        columns, by = _alone(plan, summary), "largest_mm"
-    elif indices is not None:
-        columns, by = _by_indices(indices), "total"
-    else:
-        columns, by = _by_scatter(plan), "share_of_scatter"
+    by, columns = _measures(plan, summary, indices)
     ranked = []
     for k, (p, margin) in enumerate(zip(plan.parameters, plan.draws.margins, strict=True)):
         unit, factor = ("mm", MM) if p.unit == "m" else ("mrad", MRAD)
@@ -57,47 +52,49 @@ def rank(plan: SweepPlan, summary: Summary, indices: SobolIndices | None = None)
     return sorted(ranked, key=lambda r: -r.weight)
 
 
-def _main_axis(strength: FloatArray) -> NDArray[np.str_]:
-    """Return the name of the axis along which each parameter is strongest, by strengths (parameters, 3)."""
-    return np.array([AXES[axis] for axis in np.nan_to_num(strength).argmax(axis=1)])
+def _measures(
+    plan: SweepPlan, summary: Summary, indices: SobolIndices | None
+) -> tuple[str, dict[str, NDArray[np.generic]]]:
+    """Return what the ranking goes by, and all measures by name, (parameters,) each."""
 
+    def main_axis(strength: FloatArray) -> NDArray[np.str_]:
+        return np.array([AXES[axis] for axis in np.nan_to_num(strength).argmax(axis=1)])
 
-def _alone(plan: SweepPlan, summary: Summary) -> dict[str, NDArray[Any]]:
-    rows = summary.by_sample
-    return {
-        "largest_mm": rows.largest_m / MM,
-        "mean_mm": rows.mean_m / MM,
-        "rms_mm": np.linalg.norm(rows.rms_m, axis=1) / MM,
-        "largest_mrad": rows.largest_rad / MRAD,
-        "main_axis": _main_axis(rows.rms_m),
-        "failed": len(plan.poses) - rows.count.astype(int),
-    }
-
-
-def _by_indices(indices: SobolIndices) -> dict[str, NDArray[Any]]:
-    return {
-        "first_order": indices.first,
-        "first_order_ci95": indices.first_confidence,
-        "total": indices.total,
-        "total_ci95": indices.total_confidence,
-        "main_axis": _main_axis(indices.first_by_axis * indices.variance_m2),
-    }
-
-
-def _by_scatter(plan: SweepPlan) -> dict[str, NDArray[Any]]:
-    """Rank by first-order variances: mean over the poses of each error's own, correlation aside."""
+    if plan.config.study == "one_at_a_time":
+        rows = summary.by_sample
+        return "largest_mm", {
+            "largest_mm": rows.largest_m / MM,
+            "mean_mm": rows.mean_m / MM,
+            "rms_mm": np.linalg.norm(rows.rms_m, axis=1) / MM,
+            "largest_mrad": rows.largest_rad / MRAD,
+            "main_axis": main_axis(rows.rms_m),
+            "failed": len(plan.poses) - rows.count.astype(int),
+        }
+    if indices is not None:
+        return "total", {
+            "first_order": indices.first,
+            "first_order_ci95": indices.first_confidence,
+            "total": indices.total,
+            "total_ci95": indices.total_confidence,
+            "main_axis": main_axis(indices.first_by_axis * indices.variance_m2),
+        }
+    # First-order variances: mean over the poses of each error's own, correlation aside.
     std = np.array([margin.std for margin in plan.draws.margins])
     squares = sum(((matrices[:, :3] * std) ** 2).sum(axis=0) for matrices in _matrices(plan)) / len(plan.poses)
     own = squares.sum(axis=0)
     share = own / max(own.sum(), np.finfo(float).tiny)
-    return {"share_of_scatter": share, "rms_mm": np.sqrt(own) / MM, "main_axis": _main_axis(squares.T)}
+    return "share_of_scatter", {
+        "share_of_scatter": share,
+        "rms_mm": np.sqrt(own) / MM,
+        "main_axis": main_axis(squares.T),
+    }
 
 
 @dataclass(frozen=True, eq=False)
 class AllocatedTolerances:
     """The loosest tolerances, and how they did when robots were drawn with them."""
 
-    wanted_share: float  # of the robots, at each pose
+    wanted: Allocation  # how many of the robots, at each pose
     requirement_m: float  # largest distance allowed
     names: tuple[str, ...]  # of the parameters
     tolerance: FloatArray  # largest error of each, in m or rad, shape (parameters,)
@@ -105,8 +102,7 @@ class AllocatedTolerances:
     capped: BoolArray
     worst_poses: tuple[int, ...]  # indices of the poses that hold the tolerances
     predicted_m: float  # at the worst pose, the distance that the wanted share keeps, to first order
-    machines: int  # robots drawn
-    poses: int  # how many, the hardest ones, each of them went to
+    poses: int  # how many, the hardest ones, each of the robots drawn went to
     share_within: float  # of the robots at those poses; ``share_at_worst_pose`` where fewest were within
     share_at_worst_pose: float
     failed: int  # robots at poses without a solution; they do not count as within
@@ -119,10 +115,10 @@ class AllocatedTolerances:
         ]
         return {
             "requirement_mm": self.requirement_m / MM,
-            "wanted_share": self.wanted_share,
+            "wanted_share": self.wanted.share,
             "predicted_mm_at_worst_pose": self.predicted_m / MM,
             "verified": {
-                "robots": self.machines,
+                "robots": self.wanted.machines,
                 "poses": self.poses,
                 "share_within": self.share_within,
                 "share_at_worst_pose": self.share_at_worst_pose,
@@ -203,7 +199,7 @@ def _verified(
         failed += int((status != 0).sum())
         progress("verification", first + len(values), wanted.machines)
     return AllocatedTolerances(
-        wanted_share=wanted.share,
+        wanted=wanted,
         requirement_m=plan.accuracy_m,
         names=plan.names,
         tolerance=np.array([margin.tolerance for margin in plan.draws.margins]) * factor,
@@ -211,7 +207,6 @@ def _verified(
         capped=found.capped[list(groups)],
         worst_poses=found.poses,
         predicted_m=float(found.quantile_m.max()),
-        machines=wanted.machines,
         poses=len(hardest),
         share_within=float(within.mean()) / wanted.machines,
         share_at_worst_pose=float(within.min()) / wanted.machines,
