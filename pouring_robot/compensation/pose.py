@@ -36,6 +36,9 @@ if TYPE_CHECKING:
 _POSE = ("x_mm", "y_mm", "z_mm", "tilt_deg")
 # Drives and commands have 12 decimals so that a reader gets back what was solved.
 _FORMATS = {"wanted": "{:.12g}", "command": "{:.12f}"} | dict.fromkeys(DRIVE_COLUMNS, "{:.12f}")
+TOLERANCE = 1e-11
+"""The four freedoms are met when each is this near, in m or rad: a tenth of a thousandth of what is promised, 1e-9."""
+_MOST_STEPS = 25
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -116,11 +119,6 @@ def commands_csv(found: Iterable[Compensation]) -> str:
     rows = [one.row() for one in found]
     formats = [_FORMATS.get(name.split("_")[0], "{:.6g}") for name in rows[0]]
     return csv_text(rows[0], ([f.format(v) for f, v in zip(formats, row.values(), strict=True)] for row in rows))
-
-
-TOLERANCE = 1e-11
-"""The four freedoms are met when each is this near, in m or rad: a tenth of a thousandth of what is promised, 1e-9."""
-_MOST_STEPS = 25
 
 
 @dataclass

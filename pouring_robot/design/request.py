@@ -41,6 +41,9 @@ _CONDITIONS: dict[Condition, dict[str, tuple[str, float]]] = {
     "compliance": {"m": ("m/N", 1e-8), "rad": ("rad/Nm", 1e-6)},
     "expansion": {"m": ("1/K", 1.2e-5)},
 }
+_MOST_POSES = 500
+_HOTTEST_DEGC = 800.0
+_TRACKER = NoiseLevel.stated(5e-5, 5e-5)
 
 
 @dataclass(frozen=True)
@@ -86,11 +89,6 @@ def expected_size(parameter: PlannedParameter, robot: RobotDefinition, tolerance
     if parameter.kind == "local":
         return float(tolerances.std([parameter.local], robot)[0])
     return _CONDITIONS[parameter.kind][parameter.local.unit][1]
-
-
-_MOST_POSES = 500
-_HOTTEST_DEGC = 800.0
-_TRACKER = NoiseLevel.stated(5e-5, 5e-5)
 
 
 @dataclass(frozen=True)

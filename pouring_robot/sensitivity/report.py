@@ -208,7 +208,7 @@ class SensitivityReport(Result):
             OutputError: the folder cannot be written to.
         """
         from pouring_robot.report.plots import png_of, svg_of
-        from pouring_robot.sensitivity.plots import box_plots, distributions
+        from pouring_robot.sensitivity.samples import box_plots, distributions
 
         rows = [row.figures for row in self.rows]
         files: dict[Path, str | bytes] = {

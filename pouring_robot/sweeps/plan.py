@@ -35,9 +35,10 @@ from pouring_robot.robot.pouring.layout import Layout, load_layout
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import robot_of
 from pouring_robot.sweeps.config import Box, Grouping, RandomBox, SweepConfig
-from pouring_robot.sweeps.draws import Draws
 from pouring_robot.sweeps.evaluation import ByteArray, ClosedChains, OpenBranch, Platforms
-from pouring_robot.sweeps.parameters import ErrorMap, completed, select
+from pouring_robot.sweeps.parameters import Draws, ErrorMap, completed, select
+
+_MOST_ROUNDS = 20
 
 
 @dataclass(frozen=True)
@@ -249,9 +250,6 @@ def _model(config: SweepConfig) -> RobotModel:
 
 def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
-
-
-_MOST_ROUNDS = 20
 
 
 def sweep_commands(config: SweepConfig, robot: RobotDefinition, drawing: Drawing) -> BatchCommand:

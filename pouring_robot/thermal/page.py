@@ -13,6 +13,9 @@ from pouring_robot.robot.pouring.names import CHAINS, LEGS
 from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.report import PoseHeat, ShiftHeat
 
+_LEGS = (STEEL, "#81b1d5", BRICK, "#e8a598")
+_AXES = (STEEL, MOSS, BRICK)
+
 
 def html_report(found: PoseHeat | ShiftHeat, drawn: PoseHeat | ShiftHeat, title: str) -> str:
     """Return what is found, drawn at more times, as one page without outside files; ``title``: how it was computed."""
@@ -80,10 +83,6 @@ def _shift(found: ShiftHeat) -> list[Block]:
     ]
     title = "means: degC; the platform's origin o and the lip, moved by heat alone: mm"
     return [Paragraph(title), Table(list(shown), rows)]
-
-
-_LEGS = (STEEL, "#81b1d5", BRICK, "#e8a598")
-_AXES = (STEEL, MOSS, BRICK)
 
 
 def draw_legs(panel: Axes, field: TemperatureField) -> None:

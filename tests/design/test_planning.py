@@ -19,9 +19,8 @@ from pouring_robot.design.information import (
     telling,
 )
 from pouring_robot.design.planning import Planner, compare_with_random, random_visits
-from pouring_robot.design.plots import plot
 from pouring_robot.design.request import PlanRequest
-from pouring_robot.design.result import UndeterminedError
+from pouring_robot.design.result import UndeterminedError, plot
 from pouring_robot.estimation.identifiability import CRITERIA, base_parameters, observability, observability_index
 from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.exceptions import BadInputError

@@ -23,6 +23,8 @@ from pouring_robot.sweeps.store import AXES, SweepStore
 SHARES = (0.5, 0.95, 0.9973)
 # Distances are counted in bins a thousandth wide, from a picometre to ten metres; quantiles are as sharp as that.
 _SMALLEST_M, _LARGEST_M, _BIN = 1e-12, 10.0, 1e-3
+_RESAMPLES = 100
+_READ_AT_ONCE = 4_000_000  # numbers, 32 MB
 
 
 class Distances:
@@ -162,10 +164,6 @@ def summarise(store: SweepStore, progress: Progress = say_nothing) -> Summary:
         progress("summary", done, plan.chunk_grid[0] * plan.chunk_grid[1])
     summary.status = {STATUS_NAMES.get(k, str(k)): int(n) for k, n in enumerate(counts) if n}
     return summary
-
-
-_RESAMPLES = 100
-_READ_AT_ONCE = 4_000_000  # numbers, 32 MB
 
 
 @dataclass(frozen=True, eq=False)

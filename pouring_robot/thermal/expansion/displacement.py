@@ -18,8 +18,7 @@ from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.thermal.expansion.heated_robot import WarmState
-from pouring_robot.thermal.expansion.truss import TrussMotion
-from pouring_robot.thermal.network.truss import TrussTemperatures
+from pouring_robot.thermal.expansion.truss import TrussMotion, TrussTemperatures
 
 _ON_A_LEG = 12
 _ON_A_CIRCLE = 16

@@ -28,8 +28,6 @@ from pouring_robot.robot.pouring.names import CHAINS
 from pouring_robot.robot.pouring.thermal_properties import PARTS, ThermalProperties
 from pouring_robot.thermal.network.field import TemperatureField
 
-__all__ = ["PARTS", "ThermalExpansion"]
-
 
 @dataclass(frozen=True)
 class ThermalExpansion:

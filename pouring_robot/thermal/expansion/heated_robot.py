@@ -24,11 +24,15 @@ from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
+from pouring_robot.thermal.expansion.truss import TrussNetwork, TrussTemperatures
 from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.network.history import HeatHistory, Placed
 from pouring_robot.thermal.network.transient import DEFAULT_OPTIONS, TransientOptions, simulate
-from pouring_robot.thermal.network.truss import TrussNetwork, TrussTemperatures
+
+SETTLED_M = 1e-10
+"""A turn of temperatures and closure that moves the platform's origin by less ends the turns."""
+MOST_TURNS = 12
 
 
 class WarmRobot(PouringRobot):
@@ -89,10 +93,6 @@ def drawing_of(robot: PouringRobot) -> PouringRobot:
     bare = robot.model.model_copy(update={"joint_placements": {}, "drive_offsets": {}})
     return PouringRobot(bare, options=robot.actual_solver.options)
 
-
-SETTLED_M = 1e-10
-"""A turn of temperatures and closure that moves the platform's origin by less ends the turns."""
-MOST_TURNS = 12
 
 Close = Callable[[WarmRobot], Sequence[ClosureResult]]
 """Closes a warm robot: first with the drive values of the last turn, at last with those it then chooses."""

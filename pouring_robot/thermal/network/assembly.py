@@ -17,10 +17,18 @@ from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, load_thermal_properties
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.network.circuit import Circuit, steady_temperatures
-from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, LadleSections, link_boxes, merged
+from pouring_robot.thermal.network.elements import (
+    FACE_NORMALS,
+    LEGS,
+    BarCells,
+    LadleSections,
+    LegExposure,
+    LegGrid,
+    link_boxes,
+    merged,
+)
 from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.network.history import Placed
-from pouring_robot.thermal.network.leg_elements import LEGS, LegExposure, LegGrid
 from pouring_robot.thermal.network.parts import Bodies, capacities, constant_laplacian, radiation_conductances
 from pouring_robot.thermal.network.view_factors import Boxes, DiscChords, hidden_view_factors
 

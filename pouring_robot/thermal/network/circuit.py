@@ -24,6 +24,13 @@ from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import IndexArray
 
+STEP_TOLERANCE_K = 1e-4
+"""Newton ends after a step s shorter than this. What is left is s² times half of curvature over slope of the heat
+flows, at most 12 T² / (2 · 4 T³) = 1.5/T, or with factors kept a hundredth of s at most: it is below 1e-6 K."""
+# After a step shorter than this the next takes the factors of the last: they are off by 3/T of it, a hundredth.
+_FACTORS_KEPT_K = 1.0
+_MAX_ITERATIONS = 60
+
 
 @dataclass(frozen=True)
 class EnergyBalance:
@@ -116,14 +123,6 @@ def laplacian(count: int, links: Iterable[tuple[int, int, float]]) -> FloatArray
         matrix[[first, second], [first, second]] += conductance
         matrix[[first, second], [second, first]] -= conductance
     return matrix
-
-
-STEP_TOLERANCE_K = 1e-4
-"""Newton ends after a step s shorter than this. What is left is s² times half of curvature over slope of the heat
-flows, at most 12 T² / (2 · 4 T³) = 1.5/T, or with factors kept a hundredth of s at most: it is below 1e-6 K."""
-# After a step shorter than this the next takes the factors of the last: they are off by 3/T of it, a hundredth.
-_FACTORS_KEPT_K = 1.0
-_MAX_ITERATIONS = 60
 
 
 @one_blas_thread()

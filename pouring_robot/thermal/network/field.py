@@ -10,7 +10,7 @@ from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
 from pouring_robot.thermal.network.circuit import Circuit, EnergyBalance
-from pouring_robot.thermal.network.leg_elements import LegExposure
+from pouring_robot.thermal.network.elements import LegExposure
 from pouring_robot.thermal.network.parts import Bodies
 
 

@@ -14,8 +14,7 @@ from pouring_robot.mechanism.closed_chain import IndexArray
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
 from pouring_robot.thermal.network.circuit import chain_links, laplacian
-from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, LadleSections, link_boxes
-from pouring_robot.thermal.network.leg_elements import LEGS, LegGrid
+from pouring_robot.thermal.network.elements import FACE_NORMALS, LEGS, BarCells, LadleSections, LegGrid, link_boxes
 from pouring_robot.thermal.network.view_factors import Boxes, DiscChords, hidden_view_factors
 
 LINING_LAYERS = 5

@@ -32,6 +32,8 @@ from pouring_robot.mechanism.arrays import FloatArray
 if TYPE_CHECKING:
     from pouring_robot.thermal.regression.table import ErrorTable
 
+AXES = ("x", "y", "z")
+
 
 @dataclass(frozen=True, eq=False)
 class Positions:
@@ -103,9 +105,6 @@ class Remains:
     def of(cls, residuals: FloatArray) -> Remains:
         """Take them from residuals of any shape."""
         return cls(float(residuals.mean()), float(residuals.std(ddof=1)), float(np.sqrt(np.square(residuals).mean())))
-
-
-AXES = ("x", "y", "z")
 
 
 class AxisModel(StrictModel):
