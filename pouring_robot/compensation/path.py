@@ -26,6 +26,7 @@ from pouring_robot.robot.location import OUT_OF_REACH, as_poses
 from pouring_robot.robot.pouring.names import DRIVE_COLUMNS
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from pouring_robot.thermal.expansion.warm_path import WarmPath, strains_along
+from pouring_robot.thermal.network.history import POSE_COLUMNS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -66,10 +67,9 @@ class CompensatedPath(Result):
         """Return one row a pose, with the units on the headings."""
         import pandas as pd
 
-        names = ("x_mm", "y_mm", "z_mm", "tilt_deg")
         scales = np.array([MM, MM, MM, math.radians(1.0)])
         *lengths, angle = DRIVE_COLUMNS
-        columns = {f"wanted_{name}": self.wanted[:, k] / scales[k] for k, name in enumerate(names)}
+        columns = {f"wanted_{name}": self.wanted[:, k] / scales[k] for k, name in enumerate(POSE_COLUMNS)}
         columns |= {f"{name}_mm": self.drives[:, k] / MM for k, name in enumerate(lengths)}
         columns |= {f"{angle}_rad": self.drives[:, 3], "before_mm": self.before_m / MM}
         columns |= {"left_mm": np.linalg.norm(self.left[:, :3], axis=1) / MM, "left_tilt_mrad": self.left[:, 3] / MRAD}

@@ -29,11 +29,11 @@ from pouring_robot.robot.location_figures import difference_figures, joint_figur
 from pouring_robot.robot.pouring.names import DRIVE_COLUMNS
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot, WarmState
+from pouring_robot.thermal.network.history import POSE_COLUMNS
 
 if TYPE_CHECKING:
     import pandas as pd
 
-_POSE = ("x_mm", "y_mm", "z_mm", "tilt_deg")
 # Drives and commands have 12 decimals so that a reader gets back what was solved.
 _FORMATS = {"wanted": "{:.12g}", "command": "{:.12f}"} | dict.fromkeys(DRIVE_COLUMNS, "{:.12f}")
 TOLERANCE = 1e-11
@@ -76,10 +76,10 @@ class Compensation(Result):
         roll, yaw = self.uncontrolled_rad
         *lengths, angle = DRIVE_COLUMNS
         return {
-            **{f"wanted_{name}": value for name, value in zip(_POSE, self.wanted.to_mm_deg(), strict=True)},
+            **{f"wanted_{name}": value for name, value in zip(POSE_COLUMNS, self.wanted.to_mm_deg(), strict=True)},
             **{f"{name}_mm": value / MM for name, value in zip(lengths, legs, strict=True)},
             f"{angle}_rad": tilt_drive,
-            **{f"command_{name}": value for name, value in zip(_POSE, self.command.to_mm_deg(), strict=True)},
+            **{f"command_{name}": value for name, value in zip(POSE_COLUMNS, self.command.to_mm_deg(), strict=True)},
             "before_mm": self.before.distance_m / MM,
             "left_mm": self.left.distance_m / MM,
             "left_tilt_mrad": self.left_tilt_rad / MRAD,
@@ -99,10 +99,10 @@ class Compensation(Result):
         roll, yaw = self.uncontrolled_rad
         result = self.state.result
         return {
-            "wanted": dict(zip(_POSE, self.wanted.to_mm_deg(), strict=True)),
+            "wanted": dict(zip(POSE_COLUMNS, self.wanted.to_mm_deg(), strict=True)),
             "frame": self.frame,
             "drives": joint_figures(result.mechanism, self.drives),
-            "command": dict(zip(_POSE, self.command.to_mm_deg(), strict=True)),
+            "command": dict(zip(POSE_COLUMNS, self.command.to_mm_deg(), strict=True)),
             "before": difference_figures(self.before),
             "left": difference_figures(self.left) | {"tilt_mrad": self.left_tilt_rad / MRAD},
             "left_at_lip": difference_figures(self.left_at_lip),

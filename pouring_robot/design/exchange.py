@@ -107,10 +107,6 @@ class InformationFactor:
         half = np.tensordot(root.T, self._across, axes=1)
         self.blocks: FloatArray = np.einsum("kan,kbn->abn", half, half)
 
-    def without(self, candidate: int) -> tuple[FloatArray, FloatArray]:
-        """Return C and the blocks once a candidate is out."""
-        return self.updated(self.inverse, self.blocks, candidate, -1.0)
-
     def updated(
         self, inverse: FloatArray, blocks: FloatArray, candidate: int, sign: float
     ) -> tuple[FloatArray, FloatArray]:
@@ -224,7 +220,7 @@ class _Search:
 
     def _determinant_swap(self, chosen: IntArray, slot: int) -> bool:
         present = int(chosen[slot])
-        out = [factor.without(present) for factor in self.factors]
+        out = [factor.updated(factor.inverse, factor.blocks, present, -1.0) for factor in self.factors]
         gains = self._gains(out)
         gains[~self._open(chosen, slot)] = -np.inf
         best = int(np.argmax(gains))
@@ -241,7 +237,7 @@ class _Search:
     def _index_swap(self, chosen: IntArray, slot: int) -> bool:
         """Work out the index of the swaps that look best by its derivative or by the determinant."""
         present = int(chosen[slot])
-        out = [factor.without(present) for factor in self.factors]
+        out = [factor.updated(factor.inverse, factor.blocks, present, -1.0) for factor in self.factors]
         left = self._information(np.delete(chosen, slot))
         may = self._open(chosen, slot)
         promises = (self._promise(left), self._promise(self._information(chosen)), self._gains(out))

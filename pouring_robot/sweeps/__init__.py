@@ -5,13 +5,13 @@ was found: ``.headline``, ``.ranking``, ``.to_dataset().displacement``, ``.save(
 examples/sweep.yaml. ``SweepPlan.load("sweep.yaml")`` checks everything and computes nothing.
 """
 
-from pouring_robot.sweeps.analysis.allocation import allocate as allocate
-from pouring_robot.sweeps.analysis.allocation import group_covariances as group_covariances
 from pouring_robot.sweeps.analysis.report import SweepReport as SweepReport
 from pouring_robot.sweeps.analysis.report import report as report
 from pouring_robot.sweeps.analysis.tolerances import AllocatedTolerances as AllocatedTolerances
 from pouring_robot.sweeps.analysis.tolerances import RankedParameter as RankedParameter
+from pouring_robot.sweeps.analysis.tolerances import allocate as allocate
 from pouring_robot.sweeps.analysis.tolerances import allocate_tolerances as allocate_tolerances
+from pouring_robot.sweeps.analysis.tolerances import group_covariances as group_covariances
 from pouring_robot.sweeps.analysis.tolerances import rank as rank
 from pouring_robot.sweeps.config import Allocation as Allocation
 from pouring_robot.sweeps.config import ErrorEntry as ErrorEntry

@@ -220,15 +220,14 @@ class Draws:
         return np.stack([m.from_deviates(deviates[:, k]) for k, m in enumerate(self.margins)], axis=1)
 
     def _random(self, first: int, last: int) -> FloatArray:
-        blocks = [self._block(b) for b in range(first // BLOCK, (last - 1) // BLOCK + 1)]
+        blocks = []
+        for number in range(first // BLOCK, (last - 1) // BLOCK + 1):
+            generator = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(0, number)))
+            common = generator.standard_normal((BLOCK, max(self.parts) + 1))
+            own = generator.standard_normal((BLOCK, len(self.parts)))
+            blocks.append(self.shared * common[:, list(self.parts)] + np.sqrt(1.0 - self.shared**2) * own)
         start = first - first % BLOCK
         return np.concatenate(blocks)[first - start : last - start]
-
-    def _block(self, number: int) -> FloatArray:
-        generator = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(0, number)))
-        common = generator.standard_normal((BLOCK, max(self.parts) + 1))
-        own = generator.standard_normal((BLOCK, len(self.parts)))
-        return np.asarray(self.shared * common[:, list(self.parts)] + np.sqrt(1.0 - self.shared**2) * own)
 
     def _saltelli(self, first: int, last: int) -> FloatArray:
         """Return rows of the matrix that SALib's sampler would build whole: A, A with one column of B each, B."""

@@ -10,8 +10,7 @@ from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.view.bench import RobotBench, Wish
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot
-from pouring_robot.thermal.network.assembly import ThermalNetwork
-from pouring_robot.thermal.network.transient import TransientOptions
+from pouring_robot.thermal.network.assembly import ThermalNetwork, TransientOptions
 
 _HEAT, _MELT, _AFTER = "heat", "melt_degC", "after_min"
 _ROUGHLY = TransientOptions(relative_tolerance=1e-3, absolute_tolerance_K=0.1)

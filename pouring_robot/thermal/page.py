@@ -32,11 +32,9 @@ def blocks(found: PoseHeat | ShiftHeat) -> list[Block]:
 
 def _pose(found: PoseHeat) -> list[Block]:
     rows = []
-    for one in found.parts:
-        cells = (
-            decimals(v, 3 if name == "growth_mm" else 1) if v is not None else "" for name, v in one.figures().items()
-        )
-        rows.append((one.part.replace("_", " "), *cells))
+    for part, figures in found.parts.items():
+        cells = (decimals(v, 3 if name == "growth_mm" else 1) if v is not None else "" for name, v in figures.items())
+        rows.append((part.replace("_", " "), *cells))
     moves = []
     for frame, difference in found.moved.items():
         shift, turn = ([decimals(v, 3, sign=True) for v in part] for part in difference.to_mm_mrad())

@@ -87,7 +87,7 @@ class SweepReport(Result):
         Raises:
             OutputError: the folder cannot be written to.
         """
-        rows, figure = [parameter.row() for parameter in self.ranking], self.study_figure()
+        rows, figure = [parameter.row() for parameter in self.ranking], study_figure(self)
         files: dict[str, str | bytes] = {
             SUMMARY: json.dumps(self.figures(), indent=2, allow_nan=False) + "\n",
             RANKING: csv_text(rows[0], (row.values() for row in rows)),
@@ -95,10 +95,6 @@ class SweepReport(Result):
             PAGE: html_report(self, {"all figures": SUMMARY, "the ranking": RANKING}),
         }
         return tuple(write_together({self.store.folder / name: content for name, content in files.items()}))
-
-    def study_figure(self) -> Any:
-        """Draw what matters most, and how far the tool is off."""
-        return study_figure(self.store, self.summary, self.ranking)
 
 
 @one_blas_thread()
@@ -178,7 +174,7 @@ def html_report(found: SweepReport, links: Mapping[str, str]) -> str:
         Paragraph(found.headline, "headline"),
         Lines(summary_lines(found)),
         Paragraph(f"{study}; seed {config.seed}; content of the sweep {plan.content_hash}"),
-        Plot(f"What matters, and how far {frame} is off", svg_of(found.study_figure())),
+        Plot(f"What matters, and how far {frame} is off", svg_of(study_figure(found))),
         Heading("Where in the workspace"),
         Plot(where, svg_of(map_of(plan, found.summary))),
     ]
@@ -190,14 +186,13 @@ def html_report(found: SweepReport, links: Mapping[str, str]) -> str:
     return html_page(title, title, blocks, links=links, data=[config.source] if config.source else [])
 
 
-def study_figure(store: SweepStore, summary: Summary, ranking: Sequence[RankedParameter]) -> Any:
+def study_figure(found: SweepReport) -> Any:
     """Draw box plots of the errors that matter most, or their shares and how far the tool is off."""
     figure = new_figure(9.0, 6.0)
-    shown = ranking[:_SHOWN]
-    config = store.plan.config
+    shown, summary, config = found.ranking[:_SHOWN], found.summary, found.store.plan.config
     if config.study == "one_at_a_time":
         axes = figure.subplots()
-        boxes = [_distances_mm(store, parameter.name) for parameter in shown]
+        boxes = [_distances_mm(found.store, parameter.name) for parameter in shown]
         axes.boxplot(boxes, orientation="horizontal", showfliers=False, whis=(0, 100))
         _name_rows(axes, shown)
         axes.set_xlabel(f"displacement of {summary.frame} over the poses, mm; each error alone at its tolerance")

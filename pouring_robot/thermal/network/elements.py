@@ -46,16 +46,12 @@ def link_boxes(urdf: str, link: str, *, skip_round: bool = False) -> Boxes:
     for visual in visuals:
         box, origin = visual.find("geometry/box"), visual.find("origin")
         placed = {} if origin is None else origin.attrib
-        if box is None or np.any(_numbers(placed.get("rpy", "0 0 0"))):
+        if box is None or any(map(float, placed.get("rpy", "0 0 0").split())):
             raise DescriptionError("URDF", f"link '{link}': the thermal model takes boxes along the link's axes only")
-        half, centre = 0.5 * _numbers(box.get("size")), _numbers(placed.get("xyz", "0 0 0"))
-        lower.append(centre - half)
-        upper.append(centre + half)
+        size, centre = (np.array(text.split(), dtype=float) for text in (box.get("size"), placed.get("xyz", "0 0 0")))
+        lower.append(centre - 0.5 * size)
+        upper.append(centre + 0.5 * size)
     return Boxes(np.array(lower), np.array(upper))
-
-
-def _numbers(text: str) -> FloatArray:
-    return np.array([float(part) for part in text.split()])
 
 
 def merged(boxes: Boxes) -> Boxes:
@@ -87,18 +83,17 @@ class BarCells:
     @classmethod
     def cut(cls, boxes: Boxes, cells_per_bar: int) -> BarCells:
         """Cut boxes into cells along their longest edges and find which touch."""
-        lower, upper = [], []
+        cells = []
         for low, high in zip(boxes.lower_m, boxes.upper_m, strict=True):
             axis = int(np.argmax(high - low))
             cuts = np.linspace(low[axis], high[axis], cells_per_bar + 1)
             corners = np.tile([[low], [high]], (1, cells_per_bar, 1))
             corners[0, :, axis], corners[1, :, axis] = cuts[:-1], cuts[1:]
-            lower.append(corners[0])
-            upper.append(corners[1])
-        low, high = np.concatenate(lower), np.concatenate(upper)
+            cells.append(corners)
+        low, high = np.concatenate(cells, axis=1)
         half = 0.5 * (high - low)
         edges = 2.0 * half
-        areas = np.stack([edges[:, (k + 1) % 3] * edges[:, (k + 2) % 3] for k in range(3)] * 2, axis=1)
+        areas = np.tile(edges[:, [1, 2, 0]] * edges[:, [2, 0, 1]], 2)
         contacts = _find_contacts(low, high, half, areas)
         return cls(0.5 * (low + high), half, np.maximum(areas, 0.0), contacts)
 
@@ -221,11 +216,6 @@ class LegGrid:
     def fixed_middles_m(self) -> FloatArray:
         """Middles of the fixed rod's elements, from the upper U-joint centre upwards, shape (F,)."""
         return np.asarray(0.5 * (self.fixed_edges_m[1:] + self.fixed_edges_m[:-1]))
-
-    @property
-    def upper_joint_shares(self) -> FloatArray:
-        """How the upper U joint's heat is shared by the fixed rod's elements, shape (F,): between the two nearest."""
-        return np.array([np.interp(0.0, self.fixed_middles_m, unit) for unit in np.eye(self.fixed)])
 
     def path_weights_m(self, lengths_m: FloatArray) -> FloatArray:
         """Return how many metres of the way from upper to lower U-joint centre run through each element.

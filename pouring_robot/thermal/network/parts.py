@@ -130,6 +130,8 @@ def constant_laplacian(bodies: Bodies) -> tuple[FloatArray, float]:
     ladle, entry, contact = bodies.ladle, bodies.entry, bodies.properties.contact
     steel, insulation = (part.conductivity.value for part in (bodies.properties.steel, bodies.properties.insulation))
     rod_per_step, *_, housing_per_step = steel * grid.section_m2 / grid.step_m
+    # The upper U joint's heat is shared by the two elements of the fixed rod nearest to it.
+    upper_shares = [float(np.interp(0.0, grid.fixed_middles_m, unit)) for unit in np.eye(grid.fixed)]
     links: list[tuple[int, int, float]] = []
     for i in range(LEGS):
         rod, housing = nodes.legs[i, : grid.moving], nodes.legs[i, grid.moving :]
@@ -141,9 +143,8 @@ def constant_laplacian(bodies: Bodies) -> tuple[FloatArray, float]:
         bearings = entry.fixed_platform.bearing_offset.metres
         for side in (-1.0, 1.0):
             bar = fixed.nearest(entry.fixed_centres.metres[i] + np.array([0.0, side * bearings, 0.0]))
-            for head, share in zip(housing, grid.upper_joint_shares, strict=True):
-                joint = 0.5 * float(share) * contact.upper_joint.value
-                links.append((int(head), int(nodes.fixed_platform[bar]), joint))
+            for head, share in zip(housing, upper_shares, strict=True):
+                links.append((int(head), int(nodes.fixed_platform[bar]), 0.5 * share * contact.upper_joint.value))
     for cells, numbers in ((moving.cells, nodes.moving_platform), (fixed, nodes.fixed_platform)):
         links += [(int(numbers[a]), int(numbers[b]), steel * shape) for a, b, shape in cells.contacts]
     for k, cell in enumerate(nodes.clad_cells):
