@@ -15,7 +15,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -29,9 +29,6 @@ from pouring_robot.report.result import Result
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from pouring_robot.thermal.expansion.warm_path import strains_along
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 POINTS = (5, 5, 7, 8)
 """Chebyshev points along x, y, z and the tilt."""
@@ -69,13 +66,11 @@ class Controller(Result):
             f"{self.tilt_error_rad / MRAD:.1e} mrad"
         )
 
-    def to_frame(self) -> pd.DataFrame:
-        """Return the largest difference of each drive."""
-        import pandas as pd
-
+    def _table(self) -> Any:
+        """The largest difference of each drive."""
         units = ("mm", "mm", "mm", "mrad")
         errors = self.drive_error / np.array([MM, MM, MM, MRAD])
-        return pd.DataFrame({"drive": [f"q{k}" for k in range(1, 5)], "unit": units, "largest_error": errors})
+        return {"drive": [f"q{k}" for k in range(1, 5)], "unit": units, "largest_error": errors}
 
     def drives(self, kinematics: FourUPUKinematics, poses: FloatArray) -> FloatArray:
         """Return the drives for wanted poses in the box, (n, 4): x, y, z in m and the tilt in rad."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,9 +18,6 @@ from pouring_robot.robot.inverse import Target, bring
 from pouring_robot.robot.location import Location, drive_words
 from pouring_robot.robot.location_figures import difference_figures, joint_figures
 from pouring_robot.robot.robot import Robot
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -50,11 +47,8 @@ class DriveCompensation(Result):
         figures = {f"{name}_mm": size.distance_m / MM for name, size in sizes.items()}
         return commands | figures | {f"{name}_mrad": size.angle_rad / MRAD for name, size in sizes.items()}
 
-    def to_frame(self) -> pd.DataFrame:
-        """Return its :meth:`row`."""
-        import pandas as pd
-
-        return pd.DataFrame([self.row()])
+    def _table(self) -> Any:
+        return [self.row()]
 
     def figures(self) -> dict[str, Any]:
         """Return everything known, ready for JSON."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,9 +27,6 @@ from pouring_robot.robot.pouring.names import DRIVE_COLUMNS
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 from pouring_robot.thermal.expansion.warm_path import WarmPath, strains_along
 from pouring_robot.thermal.network.history import POSE_COLUMNS
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 NOT_FOUND = "not found"
 _MOST_STEPS = 12
@@ -63,10 +60,8 @@ class CompensatedPath(Result):
             f"compensation, {left / MM:.1e} mm with it"
         )
 
-    def to_frame(self) -> pd.DataFrame:
-        """Return one row a pose, with the units on the headings."""
-        import pandas as pd
-
+    def _table(self) -> Any:
+        """One row a pose, with the units on the headings."""
         scales = np.array([MM, MM, MM, math.radians(1.0)])
         *lengths, angle = DRIVE_COLUMNS
         columns = {f"wanted_{name}": self.wanted[:, k] / scales[k] for k, name in enumerate(POSE_COLUMNS)}
@@ -74,7 +69,7 @@ class CompensatedPath(Result):
         columns |= {f"{angle}_rad": self.drives[:, 3], "before_mm": self.before_m / MM}
         columns |= {"left_mm": np.linalg.norm(self.left[:, :3], axis=1) / MM, "left_tilt_mrad": self.left[:, 3] / MRAD}
         columns |= {"roll_mrad": self.roll_yaw_rad[:, 0] / MRAD, "yaw_mrad": self.roll_yaw_rad[:, 1] / MRAD}
-        return pd.DataFrame({**columns, "status": self.status})
+        return {**columns, "status": self.status}
 
 
 def compensate_path(

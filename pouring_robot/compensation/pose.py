@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -30,9 +30,6 @@ from pouring_robot.robot.pouring.names import DRIVE_COLUMNS
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot, WarmState
 from pouring_robot.thermal.network.history import POSE_COLUMNS
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 # Drives and commands have 12 decimals so that a reader gets back what was solved.
 _FORMATS = {"wanted": "{:.12g}", "command": "{:.12f}"} | dict.fromkeys(DRIVE_COLUMNS, "{:.12f}")
@@ -88,11 +85,8 @@ class Compensation(Result):
             "left_at_lip_mm": self.left_at_lip.distance_m / MM,
         }
 
-    def to_frame(self) -> pd.DataFrame:
-        """Return its :meth:`row`."""
-        import pandas as pd
-
-        return pd.DataFrame([self.row()])
+    def _table(self) -> Any:
+        return [self.row()]
 
     def figures(self) -> dict[str, Any]:
         """Return everything known, ready for JSON."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -26,9 +26,6 @@ from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.pouring.definition import PouringDefinition
 from pouring_robot.robot.pouring.names import LEGS
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 class UndeterminedError(BadInputError):
@@ -165,11 +162,9 @@ class MeasurementPlan(Result):
             for row in rows
         ]
 
-    def to_frame(self) -> pd.DataFrame:
-        """Return the rows as the plan's file has them, in the order to measure."""
-        import pandas as pd
-
-        return pd.DataFrame(self.rows())
+    def _table(self) -> Any:
+        """The rows as the plan's file has them, in the order to measure."""
+        return self.rows()
 
     def csv(self) -> str:
         """Return the plan's file as text, in the order to measure."""

@@ -7,7 +7,7 @@ import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,9 +21,6 @@ from pouring_robot.report.result import Result
 from pouring_robot.robot.dh.parameters import DHParameter
 from pouring_robot.robot.parameters import Parameter
 from pouring_robot.sensitivity.samples import AXES, ErrorSamples, median_place, peak, uniform_gap
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Range = tuple[float, float]
 _EVEN, _PILED, _DRAWN = 0.1, 2.0, 12
@@ -146,11 +143,9 @@ class SensitivityReport(Result):
             f"{first.main}"
         )
 
-    def to_frame(self) -> pd.DataFrame:
-        """Return one row an error and model."""
-        import pandas as pd
-
-        return pd.DataFrame([row.figures for row in self.rows])
+    def _table(self) -> Any:
+        """One row an error and model."""
+        return [row.figures for row in self.rows]
 
     def figures(self) -> dict[str, Any]:
         """Return everything, ready for JSON; mm and mrad."""

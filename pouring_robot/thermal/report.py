@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -26,9 +26,6 @@ from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot,
 from pouring_robot.thermal.network.assembly import ThermalNetwork, simulate
 from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.network.history import POSE_COLUMNS, HeatHistory, PoseSchedule
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 def part_figures(
@@ -99,11 +96,9 @@ class PoseHeat(Result):
         """Whether bending of leg 4 moves the lip by more than a tenth of the required accuracy."""
         return self.bending.matters(self.lever_m, self.accuracy_m)
 
-    def to_frame(self) -> pd.DataFrame:
-        """Return one row a part."""
-        import pandas as pd
-
-        return pd.DataFrame({"part": part, **figures} for part, figures in self.parts.items())
+    def _table(self) -> Any:
+        """One row a part."""
+        return [{"part": part, **figures} for part, figures in self.parts.items()]
 
     def save(self, path: Path | str) -> Path:
         """Write every element of legs and platforms as CSV: where it is (empty in platforms) and how warm.
@@ -206,10 +201,8 @@ class ShiftHeat(Result):
         hours = (self.times_s[-1] - self.times_s[0]) / 3600.0
         return f"{hours:.3g} h: legs up to {hottest:.0f} degC; heat alone moves '{frame}' by up to {farthest:.3f} mm"
 
-    def to_frame(self) -> pd.DataFrame:
-        """Return one row a time, with units in the names."""
-        import pandas as pd
-
+    def _table(self) -> Any:
+        """One row a time, with units in the names."""
         (end, at_end), (lip, at_lip) = self.moved.items()
         history, fields = self.history, self.fields
         poses, legs = (
@@ -232,7 +225,7 @@ class ShiftHeat(Result):
         columns[f"{end}_moved_mm"] = [difference.distance_m / MM for difference in at_end]
         columns[f"{lip}_moved_mm"] = [difference.distance_m / MM for difference in at_lip]
         columns["tilt_moved_mrad"] = [difference.rotation_rad[1] / MRAD for difference in at_end]
-        return pd.DataFrame(columns)
+        return columns
 
     def save(self, path: Path | str) -> Path:
         """Write one row a time as CSV.

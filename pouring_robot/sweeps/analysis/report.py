@@ -25,7 +25,6 @@ from pouring_robot.sweeps.plan import SweepPlan
 from pouring_robot.sweeps.store import PAGE, PICTURE, RANKING, SUMMARY, SweepStore, open_results
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
 
 _SHOWN, _SLICES = 20, 3
@@ -51,11 +50,9 @@ class SweepReport(Result):
             f"{figures['share_within']:.2%} within {figures['accuracy_mm']:g} mm; {self.ranking[0].name} matters most"
         )
 
-    def to_frame(self) -> pd.DataFrame:
-        """Return the ranking, one row a parameter; the unit of its tolerance stands in its row."""
-        import pandas as pd
-
-        return pd.DataFrame([parameter.row() for parameter in self.ranking])
+    def _table(self) -> Any:
+        """The ranking, one row a parameter; the unit of its tolerance stands in its row."""
+        return [parameter.row() for parameter in self.ranking]
 
     def to_dataset(self) -> xr.Dataset:
         """Return the numbers: displacement and rotation of every robot at every pose, in m and rad, read when used.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,9 +22,6 @@ from pouring_robot.thermal.regression.methods import HELPS_BELOW, METHODS, NONE,
 from pouring_robot.thermal.regression.sensitive_sets import SensitiveSetSelector
 from pouring_robot.thermal.regression.table import KINDS, ErrorTable
 from pouring_robot.thermal.regression.thermal_model import AXES, AxisModel, ErrorLine, Positions, Remains, ThermalModel
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,11 +132,9 @@ class RegressionReport(Result):
             words.append(f"{axis or 'error'} {before:.3f} → {left:.3f} ({one.method})")
         return f"rms on sets left out, {next(iter(self.axes.values())).unit}: " + ", ".join(words)
 
-    def to_frame(self) -> pd.DataFrame:
-        """Return one row an axis and method."""
-        import pandas as pd
-
-        return pd.DataFrame(
+    def _table(self) -> Any:
+        """One row an axis and method."""
+        return [
             {
                 "axis": axis,
                 "method": name,
@@ -148,7 +143,7 @@ class RegressionReport(Result):
             }
             for axis, one in self.axes.items()
             for name, left in one.unseen.items()
-        )
+        ]
 
     def figures(self) -> dict[str, Any]:
         """Return everything, ready for JSON."""
