@@ -158,11 +158,7 @@ class _Search:
         return np.array([*(place - self.target.translation), tilt])
 
     def _step(self, warm: WarmRobot, result: ClosureResult, left: FloatArray) -> FloatArray:
-        """Return the step of the drives that cancels what is left, (4,).
-
-        Raises:
-            SingularPoseError: x, y, z of the frame and the tilt do not determine the drives.
-        """
+        """Return the step of the drives that cancels what is left, (4,); SingularPoseError if none does."""
         drives = drive_parameters(result.mechanism)
         twists = closed_chain_transfer(warm.actual_solver, result, drives, self.frame).matrix
         matrix = np.vstack([twists[:3], tilt_rates(twists[3:], result.pose_base_to_end.rotation[:, 2])])

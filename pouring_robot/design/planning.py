@@ -59,8 +59,8 @@ class Planner:
 
     Raises:
         BadInputError: a parameter is unknown, or a load is more than the ladle holds.
-        UndeterminedError: measurements cannot determine the parameters, wherever they are taken.
-        NoSolutionError: the robot can hardly go anywhere in its workspace.
+        UndeterminedError: measurements cannot determine the parameters, wherever they are taken, or those of a plan.
+        NoSolutionError: the robot can hardly go anywhere in its workspace, or does not close at a pose of a plan.
     """
 
     def __init__(self, robot: Robot, request: PlanRequest | None = None) -> None:
@@ -158,11 +158,7 @@ class Planner:
 
     @one_blas_thread()
     def plan(self, progress: Progress = say_nothing) -> MeasurementPlan:
-        """Return the best plan found.
-
-        Raises:
-            UndeterminedError: so many poses cannot determine so many parameters.
-        """
+        """Return the best plan found."""
         request, rows = self.request, self._candidate_rows
         candidates, slots = self._candidate_set(rows)
         choice = choose(
@@ -228,10 +224,6 @@ class Planner:
 
         Its rows are commands (rows, k), in m and rad, by default all visited alike: from one side, empty and at the
         reference temperature.
-
-        Raises:
-            NoSolutionError: the robot does not close at a pose.
-            UndeterminedError: the rows do not determine the parameters.
         """
         poses = np.asarray(poses, dtype=float)
         given = list(conditions or [Conditions()] * len(poses))
@@ -316,11 +308,7 @@ def compare_with_random(planner: Planner, plan: MeasurementPlan, count: int = 50
     """Compare a plan with random ones of as many poses, spread evenly over the workspace box.
 
     Loads and temperatures are drawn too, evenly from those that the plan may choose; as many poses are visited from
-    both sides. ``seed`` is that of the first; the others follow.
-
-    Raises:
-        BadInputError: the count is not positive.
-        UndeterminedError: a random plan does not determine the parameters.
+    both sides. ``seed`` is that of the first; the others follow. A count that is not positive raises BadInputError.
     """
     if count < 1:
         raise BadInputError(f"compare with at least one random plan, not {count}")

@@ -13,7 +13,10 @@ _SHOWN_ROWS = 12
 
 
 class Result(ABC):
-    """Base of results. A dataclass that derives from it is declared with ``repr=False``."""
+    """Base of results. A dataclass that derives from it is declared with ``repr=False``.
+
+    What a result saves is written whole or not at all; OutputError says of what cannot be written why.
+    """
 
     @property
     @abstractmethod

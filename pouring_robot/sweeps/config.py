@@ -143,7 +143,10 @@ class Allocation(StrictModel):
 
 
 class SweepConfig(StrictModel):
-    """A sweep file; files that it names are relative to its folder."""
+    """A sweep file; files that it names are relative to its folder.
+
+    What is wrong with it raises BadInputError; if it was read from a file, SweepFileError, which names line and key.
+    """
 
     format: Literal["pouring_robot/sweep/1"] = "pouring_robot/sweep/1"
     description: str = ""  # a line for people
@@ -195,11 +198,7 @@ class SweepConfig(StrictModel):
 
     @classmethod
     def load(cls, path: Path | str) -> SweepConfig:
-        """Read a sweep file.
-
-        Raises:
-            SweepFileError: the file cannot be read, or a key or value in it is wrong; names line and key.
-        """
+        """Read a sweep file."""
         path = Path(path)
         content = read_yaml(path, SweepFileError)
         config = validate(cls, content, path, SweepFileError)
@@ -209,11 +208,7 @@ class SweepConfig(StrictModel):
         return config
 
     def with_robot(self, robot: Path) -> SweepConfig:
-        """Return the same for another robot, by its robot file.
-
-        Raises:
-            BadInputError: the sweep file names a layout or a model.
-        """
+        """Return the same for another robot, by its robot file."""
         if self.layout is not None or self.model is not None:
             raise self.problem("names a layout or a model; leave that out beside --robot")
         return self.model_copy(update={"robot": str(robot.absolute())})

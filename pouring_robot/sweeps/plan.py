@@ -67,7 +67,8 @@ class SweepPlan:
     """A sweep, ready to be computed; ``threads`` share the work of a chunk, None: all there are.
 
     Raises:
-        BadInputError: a name in it does not fit the robot.
+        BadInputError: a name in it does not fit the robot, correlated errors would fall into different groups, or a
+            file that it names is wrong.
         UnreachablePoseError: a pose is out of reach.
     """
 
@@ -94,11 +95,7 @@ class SweepPlan:
 
     @classmethod
     def load(cls, path: Path | str) -> SweepPlan:
-        """Read a sweep file and make it ready.
-
-        Raises:
-            SweepFileError: the file is wrong; or as the constructor.
-        """
+        """Read a sweep file and make it ready."""
         return cls(SweepConfig.load(path))
 
     def __getstate__(self) -> dict[str, Any]:
@@ -160,11 +157,7 @@ class SweepPlan:
         return np.asarray(found - (position[:, None] + np.einsum("pij,fj->pfi", rotation, offsets)))
 
     def groups(self, by: Grouping) -> tuple[int, ...]:
-        """Return for each parameter the number of the group whose tolerances are scaled together.
-
-        Raises:
-            BadInputError: correlated errors would fall into different groups.
-        """
+        """Return for each parameter the number of the group whose tolerances are scaled together."""
         keys = [{"parameter": p.name, "part": p.part, "entry": str(p.entry)}[by] for p in self.parameters]
         names = list(dict.fromkeys(keys))
         owner: dict[str, str] = {}
@@ -253,12 +246,7 @@ def _digest(content: bytes) -> str:
 
 
 def sweep_commands(config: SweepConfig, robot: RobotDefinition, drawing: Drawing) -> BatchCommand:
-    """Return the commands of a sweep, with their drive values and the drawing's closed poses.
-
-    Raises:
-        TableError: the file of poses is wrong.
-        UnreachablePoseError: a joint would pass its limits at one of the poses.
-    """
+    """Return the commands of a sweep, with their drive values and the drawing's closed poses."""
     if isinstance(robot, PouringDefinition) and isinstance(drawing, FourUPUKinematics):
         commands = drawing.commands(_wanted(config, load_layout(robot.layout, robot.layouts_file)))
         beyond = ~drawing.within_limits(commands.start.joints)

@@ -15,6 +15,9 @@ In a one-at-a-time study the first dimension is ``parameter`` itself, and ``tole
 
 A chunk's status is written last, each file in one step (Zarr writes beside the target and renames): a chunk counts as
 done when its status can be read and holds no 255. Whatever else of it was written is written again.
+
+Whatever is wrong with a store raises SweepStoreError: it is missing, damaged or none, another sweep is running in its
+folder, or the folder cannot be written to.
 """
 
 import contextlib
@@ -98,11 +101,7 @@ class SweepStore:
         return [chunk for chunk in self.plan.chunks() if not self.done(chunk)]
 
     def write(self, chunk: Chunk, result: ChunkResult) -> None:
-        """Write a chunk, its status last.
-
-        Raises:
-            SweepStoreError: there is no space left, or the folder cannot be written to.
-        """
+        """Write a chunk, its status last."""
         rows, columns = slice(*chunk.samples), slice(*chunk.poses)
         with writing(self.folder, "the finished chunks are kept; mend it and go on with --resume"):
             if "errors" in self._arrays and chunk.index[1] == 0:
@@ -111,11 +110,7 @@ class SweepStore:
                 self._arrays[name][rows, columns] = getattr(result, name)
 
     def read(self, name: str, chunk: Chunk) -> NDArray[Any]:
-        """Return one array of a chunk.
-
-        Raises:
-            SweepStoreError: the chunk is damaged.
-        """
+        """Return one array of a chunk."""
         try:
             return np.asarray(self._arrays[name][slice(*chunk.samples), slice(*chunk.poses)])
         except Exception as problem:
@@ -127,11 +122,7 @@ class SweepStore:
 
     @contextlib.contextmanager
     def alone(self) -> Iterator[None]:
-        """Keep a second sweep out of the folder, and clear away what a killed one left half-written.
-
-        Raises:
-            SweepStoreError: another sweep is running in the folder.
-        """
+        """Keep a second sweep out of the folder, and clear away what a killed one left half-written."""
         with _locked(self.path):
             for left in self.folder.glob(f".{STORE}.*.part"):
                 shutil.rmtree(left, ignore_errors=True)
@@ -185,11 +176,7 @@ class SweepStore:
 
 
 def open_results(folder: Path | str) -> xr.Dataset:
-    """Open the results in a sweep's folder, finished or not; arrays are read when they are used, chunk by chunk.
-
-    Raises:
-        SweepStoreError: there are no results, or they are damaged.
-    """
+    """Open the results in a sweep's folder, finished or not; arrays are read when they are used, chunk by chunk."""
     path = Path(folder) / STORE if (Path(folder) / STORE).exists() else Path(folder)
     open_group(path)
     try:
@@ -200,11 +187,7 @@ def open_results(folder: Path | str) -> xr.Dataset:
 
 
 def remove_sweep(folder: Path | str) -> None:
-    """Take away the store and the reports of a sweep, if there are any.
-
-    Raises:
-        SweepStoreError: what is there is not the store of a sweep, a sweep is running in it, or it cannot be removed.
-    """
+    """Take away the store and the reports of a sweep, if there are any."""
     folder = Path(folder)
     path = folder / STORE
     with writing(folder):
@@ -220,11 +203,7 @@ def remove_sweep(folder: Path | str) -> None:
 
 @contextlib.contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """Keep other sweeps away from a store.
-
-    Raises:
-        SweepStoreError: another sweep is running in its folder.
-    """
+    """Keep other sweeps away from a store."""
     handle = os.open(path, os.O_RDONLY)
     try:
         try:
@@ -237,11 +216,7 @@ def _locked(path: Path) -> Iterator[None]:
 
 
 def open_group(path: Path) -> zarr.Group:
-    """Open a store for reading and writing.
-
-    Raises:
-        SweepStoreError: it is missing or damaged.
-    """
+    """Open a store for reading and writing."""
     if not path.is_dir():
         raise SweepStoreError(path, "holds no results of a sweep")
     try:
@@ -252,11 +227,7 @@ def open_group(path: Path) -> zarr.Group:
 
 @contextlib.contextmanager
 def writing(folder: Path, advice: str = "choose a place you may write to") -> Iterator[None]:
-    """Turn a failure to write into one line.
-
-    Raises:
-        SweepStoreError: in place of any OSError.
-    """
+    """Turn a failure to write, any OSError, into one line, a SweepStoreError."""
     try:
         yield
     except OSError as problem:

@@ -1,6 +1,7 @@
 """What a melt does to a robot: temperatures and deformation at a pose, and over a shift, as results with tables.
 
-Deformation is that of the drawing: heat alone, no geometric errors.
+Deformation is that of the drawing: heat alone, no geometric errors. Where the warm drawing cannot take a pose, or no
+temperatures are found, that raises NoSolutionError.
 """
 
 from __future__ import annotations
@@ -67,11 +68,7 @@ class PoseHeat(Result):
 
     @classmethod
     def of(cls, heated: HeatedRobot, pose: PlatformPose) -> PoseHeat:
-        """Find it for the drawing, with its heat, at a commanded pose.
-
-        Raises:
-            NoSolutionError: the warm drawing cannot take the pose, or no temperatures are found.
-        """
+        """Find it for the drawing, with its heat, at a commanded pose."""
         state = heated.locate(pose)
         field, robot, location = state.field, heated.robot, state.location
         if field is None:
@@ -101,11 +98,7 @@ class PoseHeat(Result):
         return [{"part": part, **figures} for part, figures in self.parts.items()]
 
     def save(self, path: Path | str) -> Path:
-        """Write every element of legs and platforms as CSV: where it is (empty in platforms) and how warm.
-
-        Raises:
-            OutputError: the file cannot be written.
-        """
+        """Write every element of legs and platforms as CSV: where it is (empty in platforms) and how warm."""
         field = self.field
         rods = ["moving_rod"] * field.bodies.grid.moving + ["fixed_rod"] * field.bodies.grid.fixed
         rows: list[tuple[str, str, str, str]] = []
@@ -167,7 +160,6 @@ class ShiftHeat(Result):
 
         Raises:
             HistoryError: a time or a pose lies outside the history.
-            NoSolutionError: the warm drawing cannot take a pose, or no temperatures are found.
         """
         found = simulate(network, history, schedule, times_s=times_s)
         places = (schedule.at(float(time)) for time in times_s)
@@ -228,11 +220,7 @@ class ShiftHeat(Result):
         return columns
 
     def save(self, path: Path | str) -> Path:
-        """Write one row a time as CSV.
-
-        Raises:
-            OutputError: the file cannot be written.
-        """
+        """Write one row a time as CSV."""
         return write_whole(path, self.to_frame().to_csv(index=False, float_format="%.9g", lineterminator="\n"))
 
     def figures(self) -> dict[str, Any]:
@@ -241,10 +229,6 @@ class ShiftHeat(Result):
 
 
 def heated_drawing(robot: PouringRobot, heat: HeatSection, *, radiation: bool = True) -> HeatedRobot:
-    """Return the drawing of a robot with heat, with or without radiation.
-
-    Raises:
-        BadInputError: the properties do not fit the layout.
-    """
+    """Return the drawing of a robot with heat, with or without radiation."""
     drawing = drawing_of(robot)
     return HeatedRobot(drawing, heat, ThermalNetwork(drawing, heat.thermal_properties(), radiation=radiation))

@@ -1,6 +1,6 @@
 """What a sweep found, in one pass over its chunks: memory for one chunk, and a few numbers a robot and a pose.
 
-Of a ``sobol`` study Sobol indices too.
+Of a ``sobol`` study Sobol indices too. A chunk that is damaged or not done raises SweepStoreError.
 """
 
 from __future__ import annotations
@@ -143,11 +143,7 @@ class Summary:
 
 
 def summarise(store: SweepStore, progress: Progress = say_nothing) -> Summary:
-    """Read all chunks of a finished sweep once.
-
-    Raises:
-        SweepStoreError: a chunk is damaged or not done.
-    """
+    """Read all chunks of a finished sweep once."""
     plan = store.plan
     counts = np.zeros(NOT_DONE + 1, dtype=np.int64)
     by_sample, by_pose = Moments(plan.draws.count), Moments(len(plan.poses))
@@ -189,7 +185,6 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
     .. math:: S_j = \sum_y \mathrm{Var}(y)\, S_{j,y} \Big/ \sum_y \mathrm{Var}(y)
 
     Raises:
-        SweepStoreError: a chunk is damaged.
         NoSolutionError: no base sample has a solution, or none moves the ladle.
     """
     from SALib.analyze import sobol

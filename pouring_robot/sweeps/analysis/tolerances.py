@@ -15,6 +15,7 @@ A concave problem with linear constraints, infinitely many of them, solved by cu
 pose scatters most, at the poses that violate the requirement most, becomes a constraint; the relaxed problem is a
 geometric program in log u. k is the two-sided normal quantile of the wanted share. In the end all factors are scaled
 alike until the share of the robots whose *distance* (three coordinates, not one) is within R is met at the worst pose.
+Cutting planes that do not settle, and poses at which the robot does not close, raise NoSolutionError.
 """
 
 from collections.abc import Iterator, Sequence
@@ -96,9 +97,6 @@ def allocate(
 
     Covariances are of each group alone, shape (poses, groups, 3, 3), in m², weights the number of parameters of each
     group; a share of the robots must keep the requirement at every pose; the cap is the largest factor.
-
-    Raises:
-        NoSolutionError: the cutting planes do not settle.
     """
     allowed = (requirement_m / scipy.special.ndtri(0.5 + 0.5 * share)) ** 2
     relative = covariances / allowed
@@ -305,10 +303,6 @@ def allocate_tolerances(
 
     Distributions of the closed-chain sweep keep their shape, its tolerances are scaled. ``wanted``: by default what the
     sweep file says.
-
-    Raises:
-        BadInputError: correlated errors would get factors of their own.
-        NoSolutionError: the search does not settle.
     """
     wanted, draws = wanted or plan.config.allocation or Allocation(), plan.draws
     groups = plan.groups(wanted.by)
@@ -325,9 +319,6 @@ def transfer_matrices(plan: SweepPlan, poses: BatchCommand) -> FloatArray:
 
     Shape (poses, 6, parameters): displacement of the frame's origin in m, rotation vector in rad, in the axes of the
     fixed platform, per m or rad.
-
-    Raises:
-        BatchClosureError: the robot does not close at a pose.
     """
     engine = engine_for(plan.mechanism)
     wanted = [parameter.local for parameter in plan.parameters]

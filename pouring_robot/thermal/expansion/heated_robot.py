@@ -72,12 +72,7 @@ class WarmRobot(PouringRobot):
         return {name: value + growth.get(name, 0.0) for name, value in super().actual_drives(drives).items()}
 
     def solve(self) -> ClosureResult:
-        """Close the robot at the drive values that a controller commands for its pose.
-
-        Raises:
-            UnreachablePoseError: a joint would pass its limits.
-            ClosureError: the loops do not close.
-        """
+        """Close the robot at the drive values that a controller commands for its pose."""
         return self.forward(self.kinematics.inverse(self.pose), near=self.pose)
 
 
@@ -138,13 +133,16 @@ class PoseShares:
 class HeatedRobot:
     """A robot as built, warmed by its melt. Holds solver workspace: one object a thread.
 
+    Its methods raise ThermalSolutionError where no temperatures are found, UnreachablePoseError or ClosureError where
+    the robot, warm or cold, cannot take a command, and UnknownFrameError for a frame that it has not.
+
     Args:
         robot: the robot as built, cold.
         heat: how warm it is; None: not at all.
         network: its thermal network; by default made from the robot and the properties of ``heat`` when it is needed.
 
     Raises:
-        BadInputError: it is another robot than the pouring robot.
+        BadInputError: it is another robot than the pouring robot; later, properties do not fit its layout.
     """
 
     def __init__(
@@ -164,11 +162,7 @@ class HeatedRobot:
 
     @functools.cached_property
     def network(self) -> ThermalNetwork:
-        """The robot's thermal network.
-
-        Raises:
-            BadInputError: the properties do not fit the layout.
-        """
+        """The robot's thermal network."""
         return self._given_network or ThermalNetwork(self.robot, self.properties)
 
     @functools.cached_property
@@ -191,11 +185,7 @@ class HeatedRobot:
     def field(
         self, pose: Placed, near: TemperatureField | None = None, options: TransientOptions = DEFAULT_OPTIONS
     ) -> TemperatureField | None:
-        """Return the temperatures at a pose that is held, or None for a cold robot; ``near`` as the network's.
-
-        Raises:
-            ThermalSolutionError: no temperatures are found.
-        """
+        """Return the temperatures at a pose that is held, or None for a cold robot; ``near`` as the network's."""
         if self.heat is None:
             return None
         if self.after_s is None:
@@ -204,11 +194,7 @@ class HeatedRobot:
         return simulate(self.network, history, pose, options=options)[-1]
 
     def truss(self, state: WarmState) -> TrussTemperatures | None:
-        """Return how warm the truss is over the robot in a state; None for a cold robot.
-
-        Raises:
-            ThermalSolutionError: no temperatures are found.
-        """
+        """Return how warm the truss is over the robot in a state; None for a cold robot."""
         if state.field is None:
             return None
         network = TrussNetwork(self.network)
@@ -221,11 +207,7 @@ class HeatedRobot:
         return ThermalExpansion.from_field(field, self.heat.measured_degC)
 
     def settle(self, pose: PlatformPose, close: Close) -> WarmState:
-        """Take temperatures and closure by turns until a turn no longer moves the ladle; first near a pose.
-
-        Raises:
-            NoSolutionError: what ``close`` raises, or no temperatures are found.
-        """
+        """Take temperatures and closure by turns until a turn no longer moves the ladle; first near a pose."""
         place: Placed = pose
         passive, field = None, None
         before, moved = np.full(3, np.inf), 0.0 if self.heat is None else np.inf
@@ -244,23 +226,12 @@ class HeatedRobot:
         return state
 
     def locate(self, pose: PlatformPose) -> WarmState:
-        """Return the warm robot at a commanded pose; its ``location`` is where the ladle is.
-
-        Raises:
-            UnreachablePoseError: a joint would pass its limits.
-            ClosureError: the robot cannot take these drive values.
-            ThermalSolutionError: no temperatures are found.
-        """
+        """Return the warm robot at a commanded pose; its ``location`` is where the ladle is."""
         drives = self.robot.kinematics.inverse(pose)
         return self.settle(pose, lambda warm: [warm.forward(drives, near=pose)])
 
     def shares(self, state: WarmState, frames: Sequence[str]) -> dict[str, PoseShares]:
-        """Return what geometry and heat do, alone and together, to some frames; heat alone as warm as the whole.
-
-        Raises:
-            NoSolutionError: the cold robot, or the warm drawing, cannot take this command.
-            UnknownFrameError: there is no such frame.
-        """
+        """Return what geometry and heat do, alone and together, to some frames; heat alone as warm as the whole."""
         pose, base = state.robot.pose, state.location.loops.base_frame
         cold = self.robot.locate(pose)
         warm = WarmRobot(drawing_of(self.robot), state.robot.expansion, pose).solve()

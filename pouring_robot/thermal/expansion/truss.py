@@ -54,7 +54,10 @@ class TrussTemperatures:
 
 
 class TrussNetwork:
-    """The truss over the melt of a robot's network, which knows its surroundings and what stands in the way."""
+    """The truss over the melt of a robot's network, which knows its surroundings and what stands in the way.
+
+    Where no temperatures are found it raises ThermalSolutionError.
+    """
 
     def __init__(self, robot: ThermalNetwork) -> None:
         self._robot = robot
@@ -76,9 +79,6 @@ class TrussNetwork:
         """Return how warm the truss is where the robot is held, the trolley in the middle of its girders.
 
         ``after_s``: time since the melt came to the cold robot; None: until nothing changes.
-
-        Raises:
-            ThermalSolutionError: no temperatures are found.
         """
         found = []
         for cells, inside in ((self._girders, self._inside), (self._trolley, None)):

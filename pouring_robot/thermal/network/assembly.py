@@ -51,7 +51,8 @@ class ThermalNetwork:
     """Temperatures of a robot for a pose and a melt.
 
     Geometry comes from the robot: U-joint centres from its nominal mechanism, bars from its URDF, sizes from its
-    layout. Holds a cache of poses: one object a thread.
+    layout. Holds a cache of poses: one object a thread. Temperatures below absolute zero or not finite raise
+    TemperatureError, a part that is connected to nothing ThermalSolutionError.
 
     Args:
         robot: by default the drawing of the default layout.
@@ -106,10 +107,6 @@ class ThermalNetwork:
             melt_degC: by default that of the properties.
             ambient_degC: likewise.
             near: temperatures of a pose nearby, to start from.
-
-        Raises:
-            TemperatureError: a temperature lies below absolute zero or is not finite.
-            ThermalSolutionError: a part is connected to nothing.
         """
         melt_K, ambient_K = self.temperatures_K(melt_degC, ambient_degC)
         start = None if near is None else near.temperatures_K
@@ -117,11 +114,7 @@ class ThermalNetwork:
         return self.field(pose, found, melt_K, ambient_K)
 
     def temperatures_K(self, melt_degC: float | None, ambient_degC: float | None) -> tuple[float, float]:
-        """Return melt and ambient temperature in K; None stands for that of the properties.
-
-        Raises:
-            TemperatureError: one lies below absolute zero or is not finite.
-        """
+        """Return melt and ambient temperature in K; None stands for that of the properties."""
         melt, ambient = self.properties.melt.temperature.value, self.properties.ambient.temperature.value
         return (
             kelvin(melt if melt_degC is None else melt_degC, "melt"),
@@ -283,11 +276,7 @@ def integrate(
     times_s: FloatArray,
     options: TransientOptions = DEFAULT_OPTIONS,
 ) -> tuple[list[FloatArray], FloatArray]:
-    """Integrate a network's temperatures, (n,), in K, over a smooth stretch; return them at its times and at its end.
-
-    Raises:
-        ThermalSolutionError: the integrator gives up.
-    """
+    """Integrate temperatures, (n,), in K, over a smooth stretch; return them at its times and at its end."""
     inverse = 1.0 / circuit.capacity
     scale = scipy.sparse.diags_array(inverse).tocsc()
 

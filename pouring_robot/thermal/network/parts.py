@@ -72,7 +72,10 @@ class MovingPlatform:
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """All bodies of the robot, cut into nodes: legs, bars of both platforms, ladle; with layout and properties."""
+    """All bodies of the robot, cut into nodes: legs, bars of both platforms, ladle; with layout and properties.
+
+    A shell that leaves nothing of the ladle's wall raises BadInputError when the lining is asked for.
+    """
 
     nodes: NodeMap
     grid: LegGrid
@@ -95,11 +98,7 @@ class Bodies:
 
     @property
     def lining_m(self) -> float:
-        """What the shell leaves of the ladle's wall.
-
-        Raises:
-            BadInputError: nothing.
-        """
+        """What the shell leaves of the ladle's wall."""
         shell, wall = self.properties.ladle.shell_thickness.metres, self.ladle.wall_m
         if not 0.0 < shell < wall:
             raise BadInputError(
@@ -122,9 +121,6 @@ def constant_laplacian(bodies: Bodies) -> tuple[FloatArray, float]:
 
     Returns:
         The Laplacian, shape (n, n), and a conductance, both in W/K.
-
-    Raises:
-        BadInputError: the shell is as thick as the ladle's whole wall.
     """
     nodes, grid, moving, fixed = bodies.nodes, bodies.grid, bodies.moving, bodies.fixed
     ladle, entry, contact = bodies.ladle, bodies.entry, bodies.properties.contact

@@ -1,7 +1,7 @@
 """Every way to predict a table's errors, side by side: no compensation, single sets, the paper's P_end, and ours.
 
 Each comes out as an :class:`ErrorLine`, so that all are judged, written to a file and used alike. Judged means: on sets
-that were left out of everything, one at a time, clustering included (:func:`left_out`).
+that were left out of everything, one at a time, clustering included (:func:`left_out`). Too few sets raise TableError.
 """
 
 from collections.abc import Mapping
@@ -35,10 +35,6 @@ def fit_lines(table: ErrorTable, positions: Positions | None = None, **selector:
     """Return every method fitted to a table: ``none``, the single sets, the paper's two, ours.
 
     Without positions of the sets no line depends on the pose. ``selector``: settings of :class:`SensitiveSetSelector`.
-
-    Raises:
-        ErrorSetError: the regression cannot work on the table.
-        TableError: there are too few sets.
     """
     column, middle = table.temperature_column, float(table.temperatures_K.mean())
     models = {
@@ -66,12 +62,7 @@ def judge(lines: Mapping[str, ErrorLine], judged: ErrorTable, positions: Positio
 
 
 def left_out(table: ErrorTable, positions: Positions | None = None, **selector: Any) -> dict[str, Remains]:
-    """Return what each method leaves of sets that it has not seen: each set is left out once.
-
-    Raises:
-        ErrorSetError: the regression cannot work on the table.
-        TableError: there are too few sets.
-    """
+    """Return what each method leaves of sets that it has not seen: each set is left out once."""
     count = len(table.names)
     if count < 3:
         raise TableError(table.source, f"{count} sets are too few to leave one out; give 3 or more")

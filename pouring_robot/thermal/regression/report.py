@@ -1,4 +1,7 @@
-"""What a table of error sets says: groups, degrees, components, formulas, what each method leaves; and its page."""
+"""What a table of error sets says: groups, degrees, components, formulas, what each method leaves; and its page.
+
+A table that is wrong, has too few sets or says some directions only raises TableError; so does one of positions.
+"""
 
 from __future__ import annotations
 
@@ -150,11 +153,7 @@ class RegressionReport(Result):
         return {"source": self.source, "axes": {axis: one.figures() for axis, one in self.axes.items()}}
 
     def model(self) -> ThermalModel:
-        """Return what a thermal-model file holds.
-
-        Raises:
-            BadInputError: the table holds angles, or does not say its direction.
-        """
+        """Return what a thermal-model file holds."""
         first = next(iter(self.axes.values())).table
         if first.kind != "length" or "" in self.axes:
             raise BadInputError("a thermal model holds lengths along x, y, z: name sets P1_x_mm …, or give --axis")
@@ -203,11 +202,7 @@ def regress(
 
 
 def by_axis(table: ErrorTable, axis: str = "") -> dict[str, ErrorTable]:
-    """Return a table direction by direction: sets named ``P1_x``, ``P1_y`` … are P1 in x, in y.
-
-    Raises:
-        TableError: some names say a direction and others do not, or directions have other sets.
-    """
+    """Return a table direction by direction: sets named ``P1_x``, ``P1_y`` … are P1 in x, in y."""
     said = {name: name.rpartition("_")[2] for name in table.names if name.rpartition("_")[2] in AXES}
     if not said:
         return {axis: table}
@@ -224,11 +219,7 @@ def by_axis(table: ErrorTable, axis: str = "") -> dict[str, ErrorTable]:
 
 
 def read_positions(path: Path | str, names: tuple[str, ...]) -> Positions:
-    """Read where the sets were measured: a column ``set`` and columns with units, such as x_mm, tilt_deg, or drives.
-
-    Raises:
-        TableError: the file is wrong, a set is missing, or a heading has no unit of length or angle.
-    """
+    """Read where the sets were measured: a column ``set`` and columns with units, such as x_mm, tilt_deg, or drives."""
     table = read_table(path, "set,x_mm,y_mm,z_mm")
     if "set" not in table.headings:
         raise table.heading_fault("one column must be 'set', with the names of the error sets")

@@ -32,7 +32,11 @@ _FLAT = 1e-12
 
 
 class ErrorSetError(BadInputError, ValueError):
-    """Numbers that a regression cannot work on. A ValueError too, which is what scikit-learn's tools expect."""
+    """Numbers that a regression cannot work on. A ValueError too, which is what scikit-learn's tools expect.
+
+    Functions and estimators of this folder raise it where a set or the temperature is constant, a setting is out of its
+    range, or a formula cannot be solved; of what is no table of finite numbers scikit-learn raises its own ValueError.
+    """
 
 
 @dataclass(frozen=True)
@@ -41,7 +45,7 @@ class ErrorTable:
 
     Raises:
         TableError: shapes or names do not fit, numbers are not finite, fewer than three rows, temperatures below
-            0 K or not distinct, or a constant column.
+            0 K or not distinct, or a constant column; later, a name that is asked for is none of the table's.
     """
 
     # melt temperatures in K, shape (n,), all different, in the order they were given
@@ -78,11 +82,7 @@ class ErrorTable:
         return self.temperatures_K[:, None]
 
     def select(self, names: Sequence[str]) -> ErrorTable:
-        """Return the table of these sets only, in this order.
-
-        Raises:
-            TableError: a name is not in the table.
-        """
+        """Return the table of these sets only, in this order."""
         for name in names:
             if name not in self.names:
                 raise TableError(self.source, f"holds no error set '{name}'; it has {', '.join(self.names)}")
@@ -140,11 +140,7 @@ def _flat(columns: FloatArray) -> NDArray[np.bool_]:
 
 
 def standardised(name: str, numbers: ArrayLike) -> FloatArray:
-    """Return the columns of an array (n, k) with mean 0 and sample standard deviation 1.
-
-    Raises:
-        ErrorSetError: a column is constant.
-    """
+    """Return the columns of an array (n, k) with mean 0 and sample standard deviation 1."""
     columns = np.asarray(numbers, dtype=float)
     flat = _flat(columns)
     if flat.any():

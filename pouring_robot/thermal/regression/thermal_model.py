@@ -67,11 +67,7 @@ class ErrorLine:
 
     @classmethod
     def of_pose(cls, table: ErrorTable, positions: Positions) -> ErrorLine:
-        """Fit offset and slope over the poses by least squares.
-
-        Raises:
-            TableError: there are too few sets for the inputs.
-        """
+        """Fit offset and slope over the poses by least squares; too few sets for the inputs raise TableError."""
         count, inputs = positions.values.shape
         if count < inputs + 2:
             raise TableError(table.source, f"{count} sets are too few for {inputs} inputs; give {inputs + 2} or more")
@@ -118,7 +114,8 @@ class ThermalModel(StrictModel):
     """What heat adds to the position of the end frame.
 
     Keys as in the file; ``melt_degC``: lowest and highest temperature of the table it was fitted to. An axis that is
-    not named is taken for free of error.
+    not named is taken for free of error. A file that is missing or wrong raises ThermalFileError, which names file,
+    line and key; a pose without one of the inputs BadInputError.
     """
 
     format: Literal["pouring_robot/thermal_model/1"] = "pouring_robot/thermal_model/1"
@@ -140,19 +137,11 @@ class ThermalModel(StrictModel):
 
     @classmethod
     def load(cls, path: Path | str) -> ThermalModel:
-        """Read a thermal-model file.
-
-        Raises:
-            ThermalFileError: it is missing or wrong; names file, line and key.
-        """
+        """Read a thermal-model file."""
         return validate(cls, read_yaml(Path(path), ThermalFileError), Path(path), ThermalFileError)
 
     def save(self, path: Path | str) -> Path:
-        """Write the file.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
+        """Write the file."""
         import yaml
 
         return write_whole(path, yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False, allow_unicode=True))
@@ -161,9 +150,6 @@ class ThermalModel(StrictModel):
         """Return what heat adds to the position, shape (3,), in m, at a temperature of the melt and a pose.
 
         ``pose``: the inputs by name, in m and rad; others are not looked at.
-
-        Raises:
-            BadInputError: an input is missing.
         """
         missing = [name for name in self.inputs if name not in pose]
         if missing:
