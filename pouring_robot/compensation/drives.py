@@ -69,9 +69,7 @@ def compensate_drives(robot: Robot, wanted: Location, frame: str | None = None) 
 
     Raises:
         UnknownFrameError: there is no such frame.
-        UnreachablePoseError: a joint would pass its limits.
-        CompensationError: no drive values are found.
-        NoSolutionError: the loops do not close on the way.
+        NoSolutionError: a joint would pass its limits, no drive values are found, or the loops do not close on the way.
     """
     frame = frame or wanted.loops.working_frame
     nominal, _ = wanted.poses(frame)

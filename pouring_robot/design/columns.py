@@ -119,13 +119,9 @@ class Columns:
 def candidate_poses(axes: Sequence[CommandAxis], count: int) -> FloatArray:
     """Return commands that fill the workspace: its corners, edges and middles, and a Sobol sequence between.
 
-    Args:
-        axes: what a command is made of.
-        count: how many about; at least those of corners, edges and middles, where these are no more than a third.
-
-    Returns:
-        Round figures inside the limits, so that the plan's file says exactly what was planned, none twice; shape
-        (n, k), in m and rad.
+    About as many as ``count``, at least those of corners, edges and middles, where these are no more than a third. They
+    are round figures inside the limits, so that the plan's file says exactly what was planned, none twice; shape (n,
+    k), in m and rad.
     """
     lower, upper = command_box(axes)
     levels = np.linspace(0.0, 1.0, _EDGE_LEVELS)

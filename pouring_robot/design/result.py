@@ -29,15 +29,11 @@ from pouring_robot.robot.pouring.names import LEGS
 
 
 class UndeterminedError(BadInputError):
-    """The measurements cannot determine the wanted parameters.
-
-    Attributes:
-        groups: parameters that cannot be told apart; ``unseen`` those without any effect.
-        too_many: parameters to leave out, so that the others are determined.
-    """
+    """The measurements cannot determine the wanted parameters."""
 
     def __init__(self, what: str, found: BaseParameters, frames: Collection[str]) -> None:
-        self.groups, self.unseen = found.groups, found.unseen
+        self.groups, self.unseen = found.groups, found.unseen  # which cannot be told apart; which have no effect
+        # to be left out, so that the others are determined
         self.too_many = tuple(name for name in found.names if name not in found.base and name not in frames)
         parts = []
         for group in self.groups:

@@ -48,16 +48,9 @@ AXES = ("x", "y", "z")
 
 
 class SweepStore:
-    """The store of one sweep, open for writing.
+    """The store of one sweep in its folder, open for writing; ``resume``: go on with one that is there.
 
-    Args:
-        folder: where the sweep's files are.
-        plan: the sweep.
-        resume: go on with a store that is there.
-
-    Raises:
-        SweepStoreError: results are there and ``resume`` is not given, they belong to another sweep, or they are
-            damaged; the folder cannot be written to. Nothing that was there is changed.
+    What is there and not to be gone on with, belongs to another sweep or is damaged, is refused and not changed.
     """
 
     def __init__(self, folder: Path | str, plan: SweepPlan, *, resume: bool = False) -> None:

@@ -156,10 +156,8 @@ class ShiftHeat(Result):
     ) -> ShiftHeat:
         """Follow a history of the drawing, which begins as warm as the surroundings; report at times.
 
-        ``measured_degC``: measured temperatures that replace computed ones, by part.
-
-        Raises:
-            HistoryError: a time or a pose lies outside the history.
+        ``measured_degC``: measured temperatures that replace computed ones, by part. Times and poses outside the
+        history raise HistoryError.
         """
         found = simulate(network, history, schedule, times_s=times_s)
         places = (schedule.at(float(time)) for time in times_s)

@@ -50,17 +50,12 @@ class Distances:
 
 
 class Moments:
-    """Sums over the good samples of each of n rows (a parameter, a robot or a pose).
-
-    Attributes:
-        count, within: number of samples, and of those within the requirement, shape (n,) each.
-        largest_m, sum_m, largest_rad: largest distance, sum of distances, largest rotation, shape (n,) each.
-        squares_m2: sum of squared displacements by axis, shape (n, 3).
-    """
+    """Sums over the good samples of each of n rows (a parameter, a robot or a pose)."""
 
     def __init__(self, rows: int) -> None:
-        self.count, self.largest_m, self.sum_m, self.largest_rad, self.within = np.zeros((5, rows))
-        self.squares_m2 = np.zeros((rows, 3))
+        self.count, self.within = np.zeros((2, rows))  # of samples, and of those within the requirement
+        self.largest_m, self.sum_m, self.largest_rad = np.zeros((3, rows))  # of distances, and of rotations
+        self.squares_m2 = np.zeros((rows, 3))  # sum of squared displacements by axis
 
     def add(self, rows: slice, part: _Part, axis: int) -> None:
         """Add a chunk's samples; ``axis`` is the one that is summed over."""

@@ -60,17 +60,11 @@ class AllocatedFactors:
 def group_covariances(
     transfer: FloatArray, std: FloatArray, shared: FloatArray, parts: Sequence[int], groups: Sequence[int]
 ) -> FloatArray:
-    """Return the covariance of the displacement that each group alone causes.
+    """Return the covariance of the displacement that each group alone causes, shape (poses, groups, 3, 3), in m².
 
-    Args:
-        transfer: G, shape (poses, 3, parameters), m per unit.
-        std: standard deviation of each parameter, shape (parameters,).
-        shared: root of the correlation of each parameter with others of its part, shape (parameters,).
-        parts: number of the part of each parameter.
-        groups: number of the group of each parameter; correlated parameters share one.
-
-    Returns:
-        Shape (poses, groups, 3, 3), in m².
+    ``transfer`` is G, shape (poses, 3, parameters), in m per unit. Of each parameter are given the standard deviation,
+    ``shared``, the root of its correlation with others of its part, (parameters,) each, and the numbers of its part and
+    of its group; correlated parameters share a group.
     """
     scaled = transfer * std
     own = scaled * np.sqrt(1.0 - shared**2)

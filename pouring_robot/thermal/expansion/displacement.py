@@ -41,10 +41,8 @@ class DisplacementField:
     def of(cls, state: WarmState, ladle_degC: float | None = None, *, ladle_from_o: bool = False) -> DisplacementField:
         """Return it for a closed warm robot, or a cold one under loads, against the drawing at the same command.
 
-        Args:
-            state: the robot at its pose.
-            ladle_degC: temperature of the ladle's steel; by default the network's shell, or the drawing's when cold.
-            ladle_from_o: whether the ladle grows from o, which the paper takes for its centre, not from its trunnions.
+        ``ladle_degC``: of the ladle's steel; by default the network's shell, or the drawing's when cold.
+        ``ladle_from_o``: whether the ladle grows from o, which the paper takes for its centre, not from its trunnions.
         """
         robot, expansion, layout = state.robot, state.robot.expansion, state.robot.dimensions
         drives, start = robot.kinematics.inverse(robot.pose), robot.kinematics.configuration(robot.pose)

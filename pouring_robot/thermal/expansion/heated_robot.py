@@ -37,17 +37,11 @@ MOST_TURNS = 12
 class WarmRobot(PouringRobot):
     """The robot as built, its parts grown by heat: does what :class:`PouringRobot` does, warm.
 
-    Heat is applied first and the geometric error in the joint's displaced frame, so that a U-joint centre stands at
-    its grown nominal place plus its offset. Where the legs that are not driven stand at a pose, their growth displaces
-    a joint; so the robot is made for one pose, and elsewhere the value of such a leg's joint (nothing else) is off by
-    the change of its growth.
-
-    Args:
-        robot: its model holds the geometric errors; its loads act here too.
-        expansion: how much the parts have grown.
-        pose: that the robot is made for.
-        passive_lengths_m: length without heat of each leg that is not driven, by its prismatic joint; by default that
-            of the drawing at the pose.
+    Heat is applied first and the geometric error in the joint's displaced frame, so that a U-joint centre stands at its
+    grown nominal place plus its offset. Where the legs that are not driven stand at a pose, their growth displaces a
+    joint; so the robot is made for one pose, and elsewhere the value of such a leg's joint (nothing else) is off by the
+    change of its growth. ``passive_lengths_m``: length without heat of each leg that is not driven, by its prismatic
+    joint; by default that of the drawing at the pose.
     """
 
     def __init__(
@@ -133,16 +127,11 @@ class PoseShares:
 class HeatedRobot:
     """A robot as built, warmed by its melt. Holds solver workspace: one object a thread.
 
-    Its methods raise ThermalSolutionError where no temperatures are found, UnreachablePoseError or ClosureError where
-    the robot, warm or cold, cannot take a command, and UnknownFrameError for a frame that it has not.
-
-    Args:
-        robot: the robot as built, cold.
-        heat: how warm it is; None: not at all.
-        network: its thermal network; by default made from the robot and the properties of ``heat`` when it is needed.
-
-    Raises:
-        BadInputError: it is another robot than the pouring robot; later, properties do not fit its layout.
+    ``heat``: how warm it is; None: not at all. ``network``: by default made when it is needed, from the robot and the
+    properties of ``heat``; where these do not fit the layout, or it is another robot than the pouring robot,
+    BadInputError is raised. Its methods raise ThermalSolutionError where no temperatures are found,
+    UnreachablePoseError or ClosureError where the robot, warm or cold, cannot take a command, UnknownFrameError for a
+    frame it has not.
     """
 
     def __init__(

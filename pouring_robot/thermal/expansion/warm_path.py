@@ -59,12 +59,9 @@ def strains_along(heated: HeatedRobot, poses: FloatArray, threads: int = 2, show
 
 
 class WarmPath:
-    """Closes the robot as built, its parts grown pose by pose.
+    """Closes the robot as built, without loads, its parts grown pose by pose.
 
-    Args:
-        heated: the robot as built, without loads.
-        poses: commanded or wanted, shape (n, 4), in m and rad.
-        strain: growth of the parts, as :func:`strains_along` gives it.
+    Poses, commanded or wanted, are (n, 4), in m and rad; ``strain`` is their growth as :func:`strains_along` gives it.
     """
 
     def __init__(self, heated: HeatedRobot, poses: FloatArray, strain: FloatArray) -> None:

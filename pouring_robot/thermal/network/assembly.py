@@ -102,11 +102,8 @@ class ThermalNetwork:
     ) -> TemperatureField:
         """Return the temperatures that a pose settles to when it is held.
 
-        Args:
-            pose: of the nominal robot, or a closure of any robot of this layout.
-            melt_degC: by default that of the properties.
-            ambient_degC: likewise.
-            near: temperatures of a pose nearby, to start from.
+        ``pose``: of the nominal robot, or a closure of any robot of this layout; melt and surroundings are by default
+        those of the properties; ``near``: temperatures of a pose nearby, to start from.
         """
         melt_K, ambient_K = self.temperatures_K(melt_degC, ambient_degC)
         start = None if near is None else near.temperatures_K

@@ -123,16 +123,9 @@ def gradient_across_tube(
 ) -> FloatArray:
     """Return the gradient that bends a tube which absorbs a flux q cos θ on its outside, in K/m.
 
-    With nothing lost inside, the temperature is (a ρ + b/ρ) cos θ, b = a r², and a follows from
-    q = k a (1 - r²/R²) + h a (R + r²/R). What bends a beam is the first moment of that over its section,
-    a (1 + 2 r²/(R² + r²)).
-
-    Args:
-        flux_W_per_m2: q.
-        conductivity: k, in W/mK.
-        loss: h, film and linearised re-radiation, in W/m²K.
-        outer_m: R.
-        inner_m: r; zero for a solid rod.
+    With nothing lost inside, the temperature is (a ρ + b/ρ) cos θ, b = a r², and a follows from q = k a (1 - r²/R²) + h
+    a (R + r²/R). What bends a beam is the first moment of that over its section, a (1 + 2 r²/(R² + r²)). Conductivity
+    is k, in W/mK, the loss h film and linearised re-radiation, in W/m²K, the radii R and r, zero for a solid rod.
     """
     hollow = (inner_m / outer_m) ** 2
     slope = flux_W_per_m2 / (conductivity * (1.0 - hollow) + loss * outer_m * (1.0 + hollow))

@@ -114,13 +114,10 @@ class Bodies:
 
 
 def constant_laplacian(bodies: Bodies) -> tuple[FloatArray, float]:
-    """Return the conductances between nodes that no pose changes, and that between melt and first lining layer.
+    """Return the conductances between nodes that no pose changes, (n, n), and that between melt and lining, in W/K.
 
     Conduction along every rod and bar, across U joints, cladding and lining, from shell through trunnions to the
     hangers. What changes with the pose is only where the moving rod touches the fixed one.
-
-    Returns:
-        The Laplacian, shape (n, n), and a conductance, both in W/K.
     """
     nodes, grid, moving, fixed = bodies.nodes, bodies.grid, bodies.moving, bodies.fixed
     ladle, entry, contact = bodies.ladle, bodies.entry, bodies.properties.contact

@@ -182,16 +182,10 @@ def regress(
 ) -> RegressionReport:
     """Regress a table on temperature, direction by direction.
 
-    Args:
-        table: its sets are named ``P1_x`` … where it holds several directions.
-        positions: where the sets were measured, one row a set in the table's order (of each direction).
-        axis: direction of a table whose names do not say it.
-        method: of :data:`METHODS`; by default the one that leaves least of sets left out.
-        selector: settings of :class:`SensitiveSetSelector`.
-
-    Raises:
-        TableError: there are too few sets, or directions have other sets.
-        BadInputError: the method is not known or needs positions.
+    The sets are named ``P1_x`` … where the table holds several directions; ``axis`` is that of a table whose names do
+    not say it. ``positions``: where the sets were measured, one row a set in the table's order (of each direction);
+    ``method``: of :data:`METHODS`, by default the one that leaves least of sets left out; one that is not known or
+    needs positions raises BadInputError. ``selector``: settings of :class:`SensitiveSetSelector`.
     """
     if method is not None and method not in METHODS:
         raise BadInputError(f"method '{method}' is not known; give one of {', '.join(METHODS)}")

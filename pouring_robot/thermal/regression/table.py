@@ -102,15 +102,11 @@ class ErrorTable:
 
     @classmethod
     def read_csv(cls, path: Path | str, *, temperature_column: str | None = None) -> ErrorTable:
-        """Read a table whose first line names the columns, each with its unit.
+        """Read a table from a CSV file in UTF-8, whose first line names the columns, each with its unit.
 
-        One column is the temperature (``_degC`` or ``_K``); all others are error sets (``_um _mm _m`` or
-        ``_mrad _deg _rad``, not both kinds). Lines with nothing in them are passed over.
-
-        Args:
-            path: the CSV file, UTF-8.
-            temperature_column: heading of the temperature, needed only where several columns are temperatures; the
-                others are then left out.
+        One column is the temperature (``_degC`` or ``_K``); all others are error sets (``_um _mm _m`` or ``_mrad _deg
+        _rad``, not both kinds). Where several columns are temperatures, ``temperature_column`` says which one counts,
+        and the others are left out. Lines with nothing in them are passed over.
 
         Raises:
             TableError: the file cannot be read, a heading is doubled, without unit or of an unknown one, a cell is
