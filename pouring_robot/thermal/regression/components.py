@@ -66,16 +66,6 @@ class PrincipalComponentRegression(RegressorMixin, BaseEstimator):  # type: igno
 
     Args:
         explained: least cumulative share of variance the components carry, in (0, 1].
-
-    Attributes:
-        eigenvalues_: all λ of the correlation matrix, falling, shape (min(n, k),); they add up to k.
-        cumulative_: their cumulative shares.
-        n_components_: number m of components kept.
-        components_: the components u kept, shape (m, k).
-        regression_: the regression on them; its coefficients are γ s_y, shape (m,).
-        standardised_coef_: β, shape (k,).
-        coef_: b, shape (k,), in units of y per unit of the set.
-        intercept_: b0, in units of y.
     """
 
     def __init__(self, explained: float = EXPLAINED_SHARE) -> None:
@@ -91,17 +81,19 @@ class PrincipalComponentRegression(RegressorMixin, BaseEstimator):  # type: igno
         if not scaled.any():
             raise ErrorSetError("every set is constant; there is no variance to find components of")
         every = PCA(svd_solver="full").fit(scaled)
+        # all λ of the correlation matrix, falling, shape (min(n, k),); they add up to k
         self.eigenvalues_ = every.explained_variance_ * (1.0 - 1.0 / len(sets))
         self.cumulative_ = np.cumsum(every.explained_variance_ratio_)
         # The last share is 1 up to rounding; a wish for all of it must not run past the end.
         self.n_components_ = 1 + int(np.argmax(self.cumulative_ >= self.explained - 1e-12))
-        self.components_ = every.components_[: self.n_components_]
+        self.components_ = every.components_[: self.n_components_]  # the u kept, shape (m, k)
+        # on them; its coefficients are γ s_y, shape (m,)
         self.regression_ = LinearRegression().fit(scaled @ self.components_.T, target)
         per_scaled = self.components_.T @ self.regression_.coef_
         spread = float(np.std(target))
-        # A constant y has no spread, and then every coefficient is 0.
+        # β, shape (k,). A constant y has no spread, and then every coefficient is 0.
         self.standardised_coef_ = per_scaled / spread if spread > 0.0 else np.zeros_like(per_scaled)
-        self.coef_ = per_scaled / scaler.scale_
+        self.coef_ = per_scaled / scaler.scale_  # b, shape (k,), in units of y per unit of the set; then b0
         self.intercept_ = float(target.mean() - scaler.mean_ @ self.coef_)
         return self
 

@@ -77,15 +77,6 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             section 5.2) or "components" (contribution to the principal components, its section 7).
         selector: chooses the sensitive sets; left out: :class:`SensitiveSetSelector` with its usual settings.
         explained: as in :class:`PrincipalComponentRegression`.
-
-    Attributes:
-        selector_: the fitted :class:`SensitiveSetSelector`; its ``sensitive_`` are the sensitive sets, shape (g,).
-        component_regression_: equation 21, temperature on the sensitive sets.
-        single_coef_, single_intercept_: simple lines of the sensitive sets, shape (g,) each.
-        set_coef_, set_intercept_: lines P_g^PCR, shape (g,) each.
-        weights_: weight of each group, shape (g,); they add up to 1.
-        contributions_: share of each group in the slope of P_end, by absolute size, shape (g,).
-        coef_, intercept_: P_end = intercept_ + coef_ T; floats.
     """
 
     def __init__(
@@ -124,14 +115,15 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         else:
             kept = self.component_regression_.components_
             rates = self.component_regression_.eigenvalues_[: len(kept)] @ kept**2
-        self.weights_ = rates / rates.sum()
+        self.weights_ = rates / rates.sum()  # of each group, shape (g,)
         parts = np.abs(self.weights_ * slopes)
+        # share of each group in the slope of P_end, by absolute size, shape (g,)
         self.contributions_ = parts / parts.sum() if parts.sum() > 0.0 else self.weights_
         self.coef_, self.intercept_ = float(self.weights_ @ slopes), float(self.weights_ @ intercepts)
         return self
 
     def _predict_sets(self, column: FloatArray, sensitive: FloatArray) -> None:
-        """Fit equation 21 and the simple lines, and solve the first for each set."""
+        """Fit equation 21 and the simple lines of the sensitive sets, and solve the first for each: lines P_g^PCR."""
         regression = PrincipalComponentRegression(self.explained).fit(sensitive, column[:, 0])
         lines = LinearRegression().fit(column, sensitive)
         self.component_regression_ = regression

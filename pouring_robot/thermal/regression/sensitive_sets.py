@@ -77,14 +77,6 @@ class FuzzyClustering(ClusterMixin, BaseEstimator):  # type: ignore[misc]
             largest smaller number is taken, and ``n_clusters_`` tells. Not used with ``lambda_cut``.
         lambda_cut: two sets are one group where t(R) ≥ λ, in [0, 1].
         similarity: as in :func:`fuzzy_similarity`.
-
-    Attributes:
-        similarity_: R, shape (k, k).
-        closure_: t(R), shape (k, k).
-        linkage_: SciPy's linkage matrix over the distances 1 − r, shape (k − 1, 4).
-        labels_: group of each set, shape (k,), numbered from 0 in order of first appearance.
-        n_clusters_: number of groups.
-        lambda_range_: (low, high): the same groups come out for every λ with low < λ ≤ high.
     """
 
     def __init__(self, n_clusters: int = 2, *, lambda_cut: float | None = None, similarity: str = "absolute") -> None:
@@ -97,9 +89,10 @@ class FuzzyClustering(ClusterMixin, BaseEstimator):  # type: ignore[misc]
             raise ErrorSetError(f"lambda_cut = {self.lambda_cut}: give a threshold between 0 and 1")
         if self.n_clusters < 1:
             raise ErrorSetError(f"n_clusters = {self.n_clusters}: give 1 or more")
-        self.similarity_ = fuzzy_similarity(rows, self.similarity)
+        self.similarity_ = fuzzy_similarity(rows, self.similarity)  # R, shape (k, k)
         self.linkage_, self.closure_, labels = np.empty((0, 4)), np.ones((1, 1)), np.zeros(1, dtype=int)
         if len(rows) > 1:
+            # SciPy's linkage matrix over the distances 1 − r, shape (k − 1, 4), and t(R), shape (k, k)
             self.linkage_ = linkage(squareform(1.0 - self.similarity_, checks=False), "single")
             self.closure_ = 1.0 - squareform(cophenet(self.linkage_))
             if self.lambda_cut is None:
@@ -107,9 +100,10 @@ class FuzzyClustering(ClusterMixin, BaseEstimator):  # type: ignore[misc]
             else:
                 labels = connected_components(self.closure_ >= self.lambda_cut - _SAME, directed=False)[1]
         _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
-        self.labels_ = np.argsort(np.argsort(first))[inverse]
+        self.labels_ = np.argsort(np.argsort(first))[inverse]  # group of each set, from 0 in order of first appearance
         self.n_clusters_ = len(first)
         together = self.labels_[:, None] == self.labels_
+        # (low, high): the same groups come out for every λ with low < λ ≤ high
         self.lambda_range_ = (float(self.closure_[~together].max(initial=0.0)), float(self.closure_[together].min()))
         return self
 
@@ -189,14 +183,6 @@ class SensitiveSetSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]
     Args:
         n_clusters, lambda_cut, similarity: as in :class:`FuzzyClustering`.
         vif_limit: sets at or above it are passed over where the group has others; above 1.
-
-    Attributes:
-        clustering_: the fitted :class:`FuzzyClustering`.
-        groups_: positions of the sets of each group, in the order they were taken.
-        sensitive_: position of the chosen set of each group, same order, shape (g,).
-        grey_degrees_: grey relational degree of every set, shape (k,).
-        vif_: VIF of every set against the sets chosen before its group's turn, shape (k,); 1 in the first group.
-        guard_held_: whether the chosen set's VIF is below the limit, one a group.
     """
 
     def __init__(
@@ -216,18 +202,19 @@ class SensitiveSetSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]
         if not self.vif_limit > 1.0:
             raise ErrorSetError(f"vif_limit = {self.vif_limit}: give a number above 1 (usual: 10)")
         clustering = FuzzyClustering(self.n_clusters, lambda_cut=self.lambda_cut, similarity=self.similarity)
-        self.grey_degrees_ = grey_relational_degree(sets, temperature)
+        self.grey_degrees_ = grey_relational_degree(sets, temperature)  # of every set, shape (k,)
         self.clustering_ = clustering.fit(sets.T)
+        # positions of the sets of each group, in the order the groups are taken
         self.groups_ = sorted(clustering.groups(), key=lambda group: (len(group), group[0]))
-        self.vif_ = np.ones(sets.shape[1])
+        self.vif_ = np.ones(sets.shape[1])  # of every set against those chosen before its group's turn, shape (k,)
         chosen: list[int] = []
         for group in self.groups_:
             for i in group:
                 self.vif_[i] = variance_inflation_factors(sets[:, [*chosen, i]])[-1]
             passed = [i for i in group if self.vif_[i] < self.vif_limit] or group
             chosen.append(max(passed, key=lambda i: float(self.grey_degrees_[i])))
-        self.sensitive_ = np.array(chosen)
-        self.guard_held_ = self.vif_[self.sensitive_] < self.vif_limit
+        self.sensitive_ = np.array(chosen)  # position of the chosen set of each group, shape (g,)
+        self.guard_held_ = self.vif_[self.sensitive_] < self.vif_limit  # of each group
         return self
 
     def _get_support_mask(self) -> NDArray[np.bool_]:
