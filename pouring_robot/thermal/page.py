@@ -10,7 +10,7 @@ from pouring_robot.report.page import Block, Paragraph, Plot, Table, html_page
 from pouring_robot.report.plots import ASH, BRICK, MOSS, STEEL, new_figure, svg_of, tidy
 from pouring_robot.robot.location_figures import decimals
 from pouring_robot.robot.pouring.names import CHAINS, LEGS
-from pouring_robot.thermal.network.field import TemperatureField
+from pouring_robot.thermal.network.parts import TemperatureField
 from pouring_robot.thermal.report import PoseHeat, ShiftHeat
 
 _LEGS = (STEEL, "#81b1d5", BRICK, "#e8a598")

@@ -25,8 +25,8 @@ from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.growth import LegBending, ThermalExpansion
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot, drawing_of
 from pouring_robot.thermal.network.assembly import ThermalNetwork, simulate
-from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.network.history import POSE_COLUMNS, HeatHistory, PoseSchedule
+from pouring_robot.thermal.network.parts import TemperatureField
 
 
 def part_figures(

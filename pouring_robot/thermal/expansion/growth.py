@@ -26,7 +26,7 @@ from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.names import CHAINS
 from pouring_robot.robot.pouring.thermal_properties import PARTS, ThermalProperties
-from pouring_robot.thermal.network.field import TemperatureField
+from pouring_robot.thermal.network.parts import TemperatureField
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,8 @@ from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
 from pouring_robot.thermal.expansion.truss import TrussNetwork, TrussTemperatures
 from pouring_robot.thermal.network.assembly import DEFAULT_OPTIONS, ThermalNetwork, TransientOptions, simulate
-from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.network.history import HeatHistory, Placed
+from pouring_robot.thermal.network.parts import TemperatureField
 
 SETTLED_M = 1e-10
 """A turn of temperatures and closure that moves the platform's origin by less ends the turns."""

@@ -39,9 +39,14 @@ from pouring_robot.thermal.network.elements import (
     link_boxes,
     merged,
 )
-from pouring_robot.thermal.network.field import TemperatureField
 from pouring_robot.thermal.network.history import HeatHistory, Placed, PoseSchedule
-from pouring_robot.thermal.network.parts import Bodies, capacities, constant_laplacian, radiation_conductances
+from pouring_robot.thermal.network.parts import (
+    Bodies,
+    TemperatureField,
+    capacities,
+    constant_laplacian,
+    radiation_conductances,
+)
 from pouring_robot.thermal.network.view_factors import Boxes, DiscChords, hidden_view_factors
 
 _KEPT_POSES = 32
