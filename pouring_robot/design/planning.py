@@ -22,14 +22,7 @@ from pouring_robot.campaign.plan import random_plan
 from pouring_robot.design.columns import Columns, Conditions, candidate_poses
 from pouring_robot.design.exchange import CandidateSet, IntArray, choose
 from pouring_robot.design.information import covariance, projected_singular_values, telling, with_prior
-from pouring_robot.design.request import (
-    DEFAULT_SETS,
-    Condition,
-    PlannedParameter,
-    PlanRequest,
-    expected_size,
-    planned_parameters,
-)
+from pouring_robot.design.request import PlannedParameter, PlanRequest, expected_size, planned_parameters
 from pouring_robot.design.result import MeasurementPlan, PlanQuality, UndeterminedError
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES
 from pouring_robot.estimation.identifiability import base_parameters, observability_index
@@ -72,13 +65,7 @@ class Planner:
         elif max(loads, default=0.0) > robot.layout.ladle.payload_kg:
             most = robot.layout.ladle.payload_kg
             raise BadInputError(f"the ladle holds at most {most:g} kg of melt, not {max(loads):g} kg")
-        shown: dict[Condition, bool] = {
-            "backlash": self.request.both_sides > 0,
-            "compliance": bool(loads),
-            "expansion": bool(temperatures),
-        }
-        conditions = [condition for condition, planned in shown.items() if planned]
-        asked = planned_parameters(robot.parameters, self.request.parameters or DEFAULT_SETS, conditions)
+        asked = planned_parameters(robot.parameters, self.request)
         columns = Columns(robot, asked)
         visits = len(self.states) * (2 if self.request.both_sides else 1)
         # Where a pose can be visited in several ways, fewer poses make as many candidates.

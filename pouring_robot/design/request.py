@@ -11,7 +11,6 @@ Beside the local parameters there are simple columns for what depends on how a p
 """
 
 import math
-from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -64,24 +63,6 @@ class PlannedParameter:
     def shown_factor(self) -> float:
         """How many of the shown units make one inside."""
         return SHOWN_UNITS[self.unit][1]
-
-
-def planned_parameters(
-    catalogue: ParameterCatalogue, wanted: Sequence[str], conditions: Collection[Condition] = ()
-) -> tuple[PlannedParameter, ...]:
-    """Return the parameters of sets, groups and name patterns, then those that only conditions show; see the module.
-
-    Raises:
-        BadInputError: a name or pattern matches nothing.
-    """
-    local = [PlannedParameter(p.name, p.unit, "local", p) for p in all_parameters(catalogue.groups(wanted))]
-    shown = [
-        PlannedParameter(f"{condition}.{drive.joint}", units[drive.unit][0], condition, drive)
-        for condition, units in _CONDITIONS.items()
-        for drive in catalogue.drives
-        if condition in conditions and drive.unit in units
-    ]
-    return (*local, *shown)
 
 
 def expected_size(parameter: PlannedParameter, robot: RobotDefinition, tolerances: Tolerances) -> float:
@@ -144,3 +125,20 @@ class PlanRequest:
     def reduced(self) -> bool:
         """Whether parameters may be left out."""
         return self.reduce or not self.parameters
+
+
+def planned_parameters(catalogue: ParameterCatalogue, request: PlanRequest) -> tuple[PlannedParameter, ...]:
+    """Return the parameters of sets, groups and name patterns, then those that only conditions show; see the module.
+
+    Raises:
+        BadInputError: a name or pattern matches nothing.
+    """
+    wanted = all_parameters(catalogue.groups(request.parameters or DEFAULT_SETS))
+    planned = {"backlash": request.both_sides > 0, "compliance": request.loads_kg, "expansion": request.leg_degC}
+    shown = [
+        PlannedParameter(f"{condition}.{drive.joint}", units[drive.unit][0], condition, drive)
+        for condition, units in _CONDITIONS.items()
+        for drive in catalogue.drives
+        if planned[condition] and drive.unit in units
+    ]
+    return (*(PlannedParameter(p.name, p.unit, "local", p) for p in wanted), *shown)

@@ -260,10 +260,8 @@ def _spread(across: FloatArray, up: FloatArray, width: float, height: float) -> 
 
 def _mapped(across: FloatArray, up: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return root mean squares over a grid of two coordinates, the others averaged; NaN where no pose is in reach."""
-    columns_at, rows_at = np.unique(np.round(across, 6)), np.unique(np.round(up, 6))
-    i, j = np.searchsorted(rows_at, np.round(up, 6)), np.searchsorted(columns_at, np.round(across, 6))
-    total, count = np.zeros((2, len(rows_at), len(columns_at)))
-    np.add.at(total, (i, j), values**2)
-    np.add.at(count, (i, j), 1.0)
-    with np.errstate(invalid="ignore"):
-        return columns_at, rows_at, np.sqrt(total / count)
+    import pandas as pd
+
+    table = pd.DataFrame({"across": np.round(across, 6), "up": np.round(up, 6), "square": values**2})
+    mean = table.pivot_table("square", "up", "across")
+    return mean.columns.to_numpy(), mean.index.to_numpy(), np.sqrt(mean.to_numpy())

@@ -26,19 +26,11 @@ from pouring_robot.io.temperatures import kelvin
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import ClosureResult
+from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, load_thermal_properties
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.network.circuit import Circuit, steady_temperatures
-from pouring_robot.thermal.network.elements import (
-    FACE_NORMALS,
-    LEGS,
-    BarCells,
-    LadleSections,
-    LegExposure,
-    LegGrid,
-    link_boxes,
-    merged,
-)
+from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, LegExposure, LegGrid
 from pouring_robot.thermal.network.history import HeatHistory, Placed, PoseSchedule
 from pouring_robot.thermal.network.parts import (
     Bodies,
@@ -47,7 +39,7 @@ from pouring_robot.thermal.network.parts import (
     constant_laplacian,
     radiation_conductances,
 )
-from pouring_robot.thermal.network.view_factors import Boxes, DiscChords, hidden_view_factors
+from pouring_robot.thermal.network.view_factors import DiscChords, hidden_view_factors
 
 _KEPT_POSES = 32
 
@@ -88,12 +80,12 @@ class ThermalNetwork:
         self.properties = properties or load_thermal_properties()
         self.radiation = radiation
         entry, urdf = self.robot.dimensions, self.robot.model.nominal_urdf()
-        ladle, bars = LadleSections.of(entry), merged(link_boxes(urdf, "moving_platform"))
-        self._melt_m, self._disc = ladle.melt_centre_m, DiscChords.of(ladle.melt_radius_m)
-        self._bars_in_the_way = Boxes(bars.lower_m - self._melt_m, bars.upper_m - self._melt_m)
         grid = LegGrid.of(entry.leg, elements_per_leg, max(2, round(elements_per_leg / 4)))
         per_bar = elements_per_bar or max(2, elements_per_leg // 5)
-        self.bodies = Bodies.of(urdf, entry, self.properties, grid, per_bar, self._bars_in_the_way)
+        self.bodies = Bodies.of(urdf, entry, self.properties, grid, per_bar)
+        ladle = self.bodies.ladle
+        self._melt_m, self._disc = ladle.melt_centre_m, DiscChords.of(ladle.melt_radius_m)
+        self._bars_in_the_way = self.bodies.in_the_way
         self._laplacian, self._melt_contact = constant_laplacian(self.bodies)
         self._capacity = capacities(self.bodies)
         self._kept: dict[tuple[float, ...], tuple[Circuit, LegExposure, FloatArray]] = {}
@@ -148,7 +140,7 @@ class ThermalNetwork:
         if isinstance(pose, ClosureResult):
             platform = pose.pose("fixed_platform", "moving_platform")
             upper, lower = (
-                np.array([pose.pose("fixed_platform", f"leg{i}_{part}").translation for i in range(1, LEGS + 1)])
+                np.array([pose.pose("fixed_platform", f"{leg}_{part}").translation for leg in LEGS])
                 for part in ("fixed_rod", "moving_rod")
             )
             return upper, lower, np.array(platform.rotation), np.array(platform.translation)
@@ -167,7 +159,7 @@ class ThermalNetwork:
         nodes, moving = bodies.nodes, bodies.moving
         matrix = self._laplacian.copy()
         contact = properties.contact.nut.value * exposure.touching_m2
-        for i in range(LEGS):
+        for i in range(len(LEGS)):
             rod, housing = np.split(nodes.legs[i], [bodies.grid.moving])
             matrix[np.ix_(rod, housing)] -= contact[i]
             matrix[np.ix_(housing, rod)] -= contact[i].T

@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry, Leg
+from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.thermal.network.view_factors import Boxes, DiscChords, hidden_view_factors
 
 FACE_NORMALS = np.concatenate([-np.eye(3), np.eye(3)])
 """Outward normals of a box: -x, -y, -z, +x, +y, +z; shape (6, 3)."""
 _TOUCHING_M = 1e-7
-LEGS = 4
 FACETS = 16
 """Facets around a rod."""
 
@@ -224,9 +224,9 @@ class LegGrid:
         Leg lengths are of shape (4,), in m; the result is of shape (4, N + F), in m, and each row sums to the leg's.
         """
         below = np.minimum(-self.fixed_edges_m[0], lengths_m)
-        rod = _overlap(self.moving_edges_m, np.zeros(LEGS), lengths_m - below)
+        rod = _overlap(self.moving_edges_m, np.zeros(len(LEGS)), lengths_m - below)
         # A leg drawn out beyond the rod's end does not exist; layouts with too short a rod are the user's to mend.
-        return np.concatenate([rod, _overlap(self.fixed_edges_m, -below, np.zeros(LEGS))], axis=1)
+        return np.concatenate([rod, _overlap(self.fixed_edges_m, -below, np.zeros(len(LEGS)))], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,11 +254,11 @@ class LegExposure:
         along = along / lengths[:, None]
         pieces, heights = _exposed_rod(grid, lengths)
         fixed_middle = grid.fixed_middles_m + lengths[:, None]
-        moving_middle = np.tile(0.5 * (grid.moving_edges_m[1:] + grid.moving_edges_m[:-1]), (LEGS, 1))
+        moving_middle = np.tile(0.5 * (grid.moving_edges_m[1:] + grid.moving_edges_m[:-1]), (len(LEGS), 1))
         view_heights = np.concatenate([heights, fixed_middle], axis=1)
         centres = lower_m[:, None] + view_heights[..., None] * along[:, None]
         around = 2.0 * math.pi * grid.outer_m
-        outside = np.concatenate([pieces, np.tile(grid.step_m[grid.moving :], (LEGS, 1))], axis=1)
+        outside = np.concatenate([pieces, np.tile(grid.step_m[grid.moving :], (len(LEGS), 1))], axis=1)
         area = around * outside
         mean, harmonic = _seen_around(centres, along, grid.outer_m, area > 0.0, disc, boxes)
         ends = itertools.pairwise(grid.fixed_edges_m)
@@ -278,8 +278,8 @@ def _exposed_rod(grid: LegGrid, lengths: FloatArray) -> tuple[FloatArray, FloatA
     """Return length outside the housing and the height of its middle above the lower joint, (4, N) each, in m."""
     edges = grid.moving_edges_m
     start, end = lengths + grid.fixed_edges_m[0], lengths + grid.fixed_edges_m[-1]
-    under = _overlap(edges, np.full(LEGS, -1.0), start)
-    over = _overlap(edges, end, np.full(LEGS, edges[-1] + 1.0))
+    under = _overlap(edges, np.full(len(LEGS), -1.0), start)
+    over = _overlap(edges, end, np.full(len(LEGS), edges[-1] + 1.0))
     # An element that sticks out at both ends looks out of the longer piece.
     height = np.where(under >= over, edges[None, :-1] + 0.5 * under, edges[None, 1:] - 0.5 * over)
     return under + over, height

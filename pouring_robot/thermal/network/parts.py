@@ -14,16 +14,17 @@ from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import IndexArray
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
+from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
 from pouring_robot.thermal.network.circuit import Circuit, EnergyBalance, chain_links, laplacian
 from pouring_robot.thermal.network.elements import (
     FACE_NORMALS,
-    LEGS,
     BarCells,
     LadleSections,
     LegExposure,
     LegGrid,
     link_boxes,
+    merged,
 )
 from pouring_robot.thermal.network.view_factors import Boxes, DiscChords, hidden_view_factors
 
@@ -51,10 +52,10 @@ class NodeMap:
     @classmethod
     def of(cls, grid: LegGrid, moving_cells: int, clad_cells: IndexArray, fixed_cells: int) -> NodeMap:
         """Number all nodes."""
-        sizes = (LEGS * len(grid.step_m), moving_cells, len(clad_cells), fixed_cells, LINING_LAYERS)
+        sizes = (len(LEGS) * len(grid.step_m), moving_cells, len(clad_cells), fixed_cells, LINING_LAYERS)
         ends = np.cumsum((0, *sizes))
         legs, moving, cladding, fixed, lining = (np.arange(a, b, dtype=np.intp) for a, b in itertools.pairwise(ends))
-        return cls(legs.reshape(LEGS, len(grid.step_m)), moving, cladding, clad_cells, fixed, lining, int(ends[-1]))
+        return cls(legs.reshape(len(LEGS), -1), moving, cladding, clad_cells, fixed, lining, int(ends[-1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,19 +93,21 @@ class Bodies:
     moving: MovingPlatform
     fixed: BarCells
     ladle: LadleSections
+    in_the_way: Boxes  # the moving platform's bars in the disc's frame
     entry: LayoutEntry
     properties: ThermalProperties
 
     @classmethod
-    def of(
-        cls, urdf: str, entry: LayoutEntry, properties: ThermalProperties, grid: LegGrid, bars: int, in_the_way: Boxes
-    ) -> Bodies:
-        """Cut them; ``bars``: cells of each bar, ``in_the_way``: the moving platform's bars in the disc's frame."""
+    def of(cls, urdf: str, entry: LayoutEntry, properties: ThermalProperties, grid: LegGrid, bars: int) -> Bodies:
+        """Cut them; ``bars``: cells of each bar."""
         ladle, clad = LadleSections.of(entry), properties.moving_platform.cladding_thickness.metres > 0.0
-        moving, fixed = (BarCells.cut(link_boxes(urdf, f"{name}_platform"), bars) for name in ("moving", "fixed"))
+        boxes = [link_boxes(urdf, f"{name}_platform") for name in ("moving", "fixed")]
+        moving, fixed = (BarCells.cut(part, bars) for part in boxes)
+        whole = merged(boxes[0])
+        in_the_way = Boxes(whole.lower_m - ladle.melt_centre_m, whole.upper_m - ladle.melt_centre_m)
         seeing = MovingPlatform.of(moving, in_the_way, ladle, clad=clad)
         nodes = NodeMap.of(grid, moving.count, np.flatnonzero(seeing.clad_area_m2 > 0.0), fixed.count)
-        return cls(nodes, grid, seeing, fixed, ladle, entry, properties)
+        return cls(nodes, grid, seeing, fixed, ladle, in_the_way, entry, properties)
 
     @property
     def lining_m(self) -> float:
@@ -136,7 +139,7 @@ def constant_laplacian(bodies: Bodies) -> tuple[FloatArray, float]:
     # The upper U joint's heat is shared by the two elements of the fixed rod nearest to it.
     upper_shares = [float(np.interp(0.0, grid.fixed_middles_m, unit)) for unit in np.eye(grid.fixed)]
     links: list[tuple[int, int, float]] = []
-    for i in range(LEGS):
+    for i in range(len(LEGS)):
         rod, housing = nodes.legs[i, : grid.moving], nodes.legs[i, grid.moving :]
         links += chain_links(rod, rod_per_step) + chain_links(housing, housing_per_step)
         foot = moving.cells.nearest(entry.moving_centres.metres[i] - np.array([0.0, 0.0, entry.leg.foot_drop.metres]))
