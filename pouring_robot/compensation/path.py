@@ -14,8 +14,6 @@ There it is measured. Where heat's kinks are more than T_n can say, as where a b
 climbs on from there to its tops; what is stated is the highest, rounded up.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

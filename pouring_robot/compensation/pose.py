@@ -9,8 +9,6 @@ to the lip.
 Any other robot is brought to where its drawing would stand, its place first, then its attitude.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """What a plan is, what is to be expected of it, and a picture of both."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What a sensitivity study found: a row an error, and the axes to control; its tables, pictures and page."""
 
-from __future__ import annotations
-
 import functools
 import json
 import math
