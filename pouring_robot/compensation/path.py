@@ -151,17 +151,10 @@ class PathSearch:
         status[closed.closed & met & ~reached] = OUT_OF_REACH
         found = (status == STATUS_NAMES[0])[:, None]
         rotation = closed.rotation @ np.swapaxes(self.start.rotation, 1, 2)
-        turned = rotation_vectors(np.where(found[:, :, None], rotation, np.eye(3)))
-        return CompensatedPath(
-            self.frame,
-            self.wanted,
-            np.where(found, drives, np.nan),
-            np.linalg.norm(before[:, :3], axis=1),
-            np.where(found, left, np.nan),
-            np.where(found, turned[:, [0, 2]], np.nan),
-            self.warm.strain,
-            status.astype(str),
-        )
+        turned = rotation_vectors(np.where(found[:, :, None], rotation, np.eye(3)))[:, [0, 2]]
+        drives, left, turned = (np.where(found, values, np.nan) for values in (drives, left, turned))
+        before_m, strain = np.linalg.norm(before[:, :3], axis=1), self.warm.strain
+        return CompensatedPath(self.frame, self.wanted, drives, before_m, left, turned, strain, status.astype(str))
 
     def _left(self, closed: BatchClosure) -> FloatArray:
         place = closed.position + closed.rotation @ self.on_end

@@ -236,18 +236,9 @@ def compensate(
     def difference(closed: ClosureResult, name: str) -> PoseDifference:
         return PoseDifference.between(_target(heated, wanted, name), closed.pose(loops.base_frame, name))
 
-    return Compensation(
-        wanted=wanted,
-        frame=frame,
-        drives=search.drives,
-        command=kinematics.forward(search.drives, near=wanted),
-        before=difference(held(commanded).result, frame),
-        left=difference(result, frame),
-        left_at_lip=difference(result, loops.working_frame),
-        left_tilt_rad=float(search.left(result)[3]),
-        steps=search.steps,
-        state=state,
-    )
+    command, before = kinematics.forward(search.drives, near=wanted), difference(held(commanded).result, frame)
+    left, at_lip, tilt = difference(result, frame), difference(result, loops.working_frame), search.left(result)[3]
+    return Compensation(wanted, frame, search.drives, command, before, left, at_lip, float(tilt), search.steps, state)
 
 
 def _target(heated: HeatedRobot, wanted: PlatformPose, frame: str) -> pin.SE3:

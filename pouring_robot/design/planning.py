@@ -160,21 +160,11 @@ class Planner:
         ]
         conditions = tuple(replace(self.states[state], side=side) for _, _, state, side in numbered)
         stack = np.stack([rows[pose, state, 0 if side > 0 else 1] for _, pose, state, side in numbered])
-        chosen_poses = self.poses[[pose for _, pose, _, _ in numbered]]
+        numbers, poses = np.array([n for n, *_ in numbered]), self.poses[[pose for _, pose, _, _ in numbered]]
         quality = self._quality(stack, request.poses)
-        return MeasurementPlan(
-            request,
-            self.robot.command_axes,
-            self.robot.model.definition,
-            self.parameters,
-            self.left_out,
-            chosen_poses,
-            conditions,
-            np.array([n for n, *_ in numbered]),
-            quality,
-            float(observability_index(quality.singular_values, request.criterion, request.poses)),
-            choice.values,
-        )
+        index = float(observability_index(quality.singular_values, request.criterion, request.poses))
+        of_robot = self.robot.command_axes, self.robot.model.definition, self.parameters, self.left_out
+        return MeasurementPlan(request, *of_robot, poses, conditions, numbers, quality, index, choice.values)
 
     def _candidate_set(self, rows: FloatArray) -> tuple[CandidateSet, IntArray]:
         """Return candidates of one visit and, where asked for, of two; and the kind of each slot of the plan."""
@@ -229,17 +219,9 @@ class Planner:
         grid, ladle = self._ladle
         variance = np.einsum("gip,pq,giq->gi", ladle, expected, ladle, optimize=True)
         std = np.sqrt(np.diagonal(expected)[self.nuisance :])
-        values = projected_singular_values(flat, self.nuisance, prior)
-        return PlanQuality(
-            expected,
-            std,
-            self.robot.command_axes,
-            self.robot.model.loops().working_frame,
-            grid,
-            np.sqrt(np.maximum(variance, 0.0)),
-            values,
-            poses,
-        )
+        values, of_ladle = projected_singular_values(flat, self.nuisance, prior), np.sqrt(np.maximum(variance, 0.0))
+        axes, frame = self.robot.command_axes, self.robot.model.loops().working_frame
+        return PlanQuality(expected, std, axes, frame, grid, of_ladle, values, poses)
 
     @functools.cached_property
     def _ladle(self) -> tuple[FloatArray, FloatArray]:

@@ -139,17 +139,11 @@ def box_plots(large: ErrorSamples[P], title: str, limit_m: float = MM) -> Any:
     panels = figure.subplots(1, 3, sharey=True)
     values = np.abs(large.translation_m) / MM
     top = 1.08 * float(values.max(initial=1.0))
+    looks: dict[str, Any] = {f"{part}props": {"color": STEEL} for part in ("whisker", "cap")}
+    looks |= {"boxprops": {"facecolor": "#c9dbe8", "edgecolor": STEEL}}
+    looks |= {"medianprops": {"color": BRICK, "linewidth": 1.6}}
     for a, (panel, axis) in enumerate(zip(panels, AXES, strict=True)):
-        panel.boxplot(
-            [row[:, a] for row in values],
-            whis=(0, 100),
-            widths=0.6,
-            patch_artist=True,
-            boxprops={"facecolor": "#c9dbe8", "edgecolor": STEEL},
-            medianprops={"color": BRICK, "linewidth": 1.6},
-            whiskerprops={"color": STEEL},
-            capprops={"color": STEEL},
-        )
+        panel.boxplot([row[:, a] for row in values], whis=(0, 100), widths=0.6, patch_artist=True, **looks)
         panel.axhline(limit_m / MM, color=ASH, linewidth=0.9, linestyle="--")
         panel.set_xticks(range(1, len(large.labels) + 1), large.labels, rotation=90 * (len(large.labels) > 9))
         panel.set_title(f"|Δ{axis}|", fontsize=11)

@@ -6,10 +6,13 @@ import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 import pydantic
+from numpy.typing import ArrayLike
 
 from pouring_robot.exceptions import BadInputError, SweepFileError, closest
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
 
 Study = Literal["one_at_a_time", "monte_carlo", "sobol"]
@@ -93,11 +96,13 @@ class Box(StrictModel):
                 raise ValueError(f"{name}: the lower limit {limits[0]:g} is above the upper one {limits[1]:g}")
         return self
 
-    def limits_si(self) -> list[tuple[float, float] | None]:
-        """Return the limits of x, y, z and tilt in m and rad, None where the layout's apply."""
-        factors = (MM, MM, MM, math.radians(1.0))
-        given = (self.x_mm, self.y_mm, self.z_mm, self.tilt_deg)
-        return [None if pair is None else (pair[0] * f, pair[1] * f) for pair, f in zip(given, factors, strict=True)]
+    def limits(self, layout: ArrayLike) -> FloatArray:
+        """Return lower and upper limits of x, y, z and tilt, shape (2, 4), in m and rad, from those of the layout."""
+        limits = np.array(layout)
+        for k, pair in enumerate((self.x_mm, self.y_mm, self.z_mm, self.tilt_deg)):
+            if pair is not None:
+                limits[:, k] = np.array(pair) * (math.radians(1.0) if k == 3 else MM)
+        return limits
 
 
 class Grid(StrictModel):

@@ -121,17 +121,9 @@ class ClosedChains:
         errors = np.zeros((shape[0], self.engine.structure.site_count, 6))
         errors[:, self._sites] = placement_errors
         flat = errors.reshape(shape[0], -1)
-        closed = self.engine.close(
-            commands.drives[pose] + drive_errors[robot],
-            commands.start[pose],
-            flat[0] if shape[0] == 1 else flat[robot],
-        )
+        of_all = flat[0] if shape[0] == 1 else flat[robot]
+        closed = self.engine.close(commands.drives[pose] + drive_errors[robot], commands.start[pose], of_all)
         loops = closed.residual.shape[1]  # none of a serial arm
         gaps = np.linalg.norm(closed.residual.reshape(*shape, loops, 2, 3), axis=-1).max(axis=2, initial=0.0)
-        return Platforms(
-            closed.position.reshape(*shape, 3),
-            closed.rotation.reshape(*shape, 3, 3),
-            gaps[..., 0],
-            gaps[..., 1],
-            closed.status.reshape(shape),
-        )
+        position, rotation = closed.position.reshape(*shape, 3), closed.rotation.reshape(*shape, 3, 3)
+        return Platforms(position, rotation, gaps[..., 0], gaps[..., 1], closed.status.reshape(shape))

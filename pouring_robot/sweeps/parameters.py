@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -200,10 +200,6 @@ class Draws:
         parts = tuple(names.index(p.part) for p in parameters)
         shared = np.sqrt([config.errors[p.entry].correlation for p in parameters])
         return cls(config.study, config.seed, own[config.study], margins, parts, shared)
-
-    def of_robots(self, count: int) -> Draws:
-        """Return as many robots at random with the same distributions, whatever the study."""
-        return replace(self, study="monte_carlo", count=count)
 
     def values(self, first: int, last: int) -> FloatArray:
         """Return the errors of samples ``first`` to ``last`` in m and rad, shape (last - first, parameters)."""

@@ -289,14 +289,14 @@ def _wanted(config: SweepConfig, layout: Layout) -> FloatArray:
     """Return x, y, z in m and the tilt in rad, shape (n, 4)."""
     grid, random = config.poses.grid, config.poses.random
     if grid is not None:
-        limits, counts = _limits(grid.box, layout), (grid.x, grid.y, grid.z, grid.tilt)
+        limits, counts = grid.box.limits(layout.box), (grid.x, grid.y, grid.z, grid.tilt)
         axes = [
             np.linspace(low, high, count) if count > 1 else np.array([0.5 * (low + high)])
             for low, high, count in zip(*limits, counts, strict=True)
         ]
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 4)
     if random is not None:
-        lower, upper = _limits(random.box, layout)
+        lower, upper = random.box.limits(layout.box)
         return _generator(random).uniform(lower, upper, size=(random.count, 4))
     listed = read_poses(config.beside(str(config.poses.file)))
     return np.array([(*pose.position_m, pose.tilt_rad) for pose in listed])
@@ -305,12 +305,3 @@ def _wanted(config: SweepConfig, layout: Layout) -> FloatArray:
 def _generator(random: RandomBox) -> np.random.Generator:
     # A spawn key of its own keeps poses and errors apart when both carry the same seed.
     return np.random.default_rng(np.random.SeedSequence(random.seed, spawn_key=(1, 0)))
-
-
-def _limits(box: Box, layout: Layout) -> FloatArray:
-    """Return lower and upper limits of x, y, z and tilt, shape (2, 4), in m and rad."""
-    limits = np.array(layout.box)
-    for k, pair in enumerate(box.limits_si()):
-        if pair is not None:
-            limits[:, k] = pair
-    return limits

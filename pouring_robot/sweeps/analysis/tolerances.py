@@ -19,7 +19,7 @@ Cutting planes that do not settle, and poses at which the robot does not close, 
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -157,13 +157,8 @@ def distance_quantiles(covariances: FloatArray, share: float) -> FloatArray:
     cosines, weights = np.polynomial.legendre.leggauss(_DIRECTIONS)
     turns = (np.arange(_DIRECTIONS) + 0.5) * np.pi / _DIRECTIONS
     flat = 1.0 - cosines**2
-    squares = np.stack(
-        [
-            np.multiply.outer(flat, np.cos(turns) ** 2).ravel(),
-            np.multiply.outer(flat, np.sin(turns) ** 2).ravel(),
-            np.repeat(cosines**2, _DIRECTIONS),
-        ]
-    )
+    across, beside = (np.outer(flat, part**2).ravel() for part in (np.cos(turns), np.sin(turns)))
+    squares = np.stack([across, beside, np.repeat(cosines**2, _DIRECTIONS)])
     weight = np.repeat(weights / (2.0 * _DIRECTIONS), _DIRECTIONS)
     result = np.zeros(len(variances))
     for k, own in enumerate(variances):
@@ -342,7 +337,7 @@ def _verified(
     """Draw robots with the new tolerances and close them at the hardest poses."""
     factor = found.factors[list(groups)]
     hardest = np.sort(np.argsort(-found.quantile_m, kind="stable")[:VERIFIED_POSES])
-    robots = plan.draws.of_robots(wanted.machines)
+    robots = replace(plan.draws, study="monte_carlo", count=wanted.machines)
     step = max(1, _CLOSURES_AT_ONCE // len(hardest))
     within, failed = np.zeros(len(hardest)), 0
     for first in range(0, wanted.machines, step):

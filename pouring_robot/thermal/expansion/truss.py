@@ -102,15 +102,11 @@ class TrussNetwork:
         to_melt, to_ambient = radiation_conductances(
             area, view, on * steel.emissivity.value, properties.melt.emissivity.value
         )
-        return Circuit(
-            laplacian(cells.count, [(a, b, steel.conductivity.value * shape) for a, b, shape in cells.contacts]),
-            np.zeros(cells.count),
-            properties.ambient.film_coefficient.value * area,
-            to_melt,
-            to_ambient,
-            self._density * steel.heat_capacity.value * cells.volume_m3,
-            None if inside is None else on * inside,
-        )
+        conducts = laplacian(cells.count, [(a, b, steel.conductivity.value * shape) for a, b, shape in cells.contacts])
+        none, film = np.zeros(cells.count), properties.ambient.film_coefficient.value * area
+        capacity = self._density * steel.heat_capacity.value * cells.volume_m3
+        radiating = None if inside is None else on * inside
+        return Circuit(conducts, none, film, to_melt, to_ambient, capacity, radiating)
 
 
 def _clear_share(starts_m: FloatArray, ends_m: FloatArray, boxes: Boxes) -> FloatArray:

@@ -32,13 +32,7 @@ from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.network.circuit import Circuit, steady_temperatures
 from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, LegExposure, LegGrid
 from pouring_robot.thermal.network.history import HeatHistory, Placed, PoseSchedule
-from pouring_robot.thermal.network.parts import (
-    Bodies,
-    TemperatureField,
-    capacities,
-    constant_laplacian,
-    radiation_conductances,
-)
+from pouring_robot.thermal.network.parts import Bodies, TemperatureField, radiation_conductances
 from pouring_robot.thermal.network.view_factors import DiscChords, hidden_view_factors
 
 _KEPT_POSES = 32
@@ -86,8 +80,8 @@ class ThermalNetwork:
         ladle = self.bodies.ladle
         self._melt_m, self._disc = ladle.melt_centre_m, DiscChords.of(ladle.melt_radius_m)
         self._bars_in_the_way = self.bodies.in_the_way
-        self._laplacian, self._melt_contact = constant_laplacian(self.bodies)
-        self._capacity = capacities(self.bodies)
+        self._laplacian, self._melt_contact = self.bodies.constant_laplacian()
+        self._capacity = self.bodies.capacities()
         self._kept: dict[tuple[float, ...], tuple[Circuit, LegExposure, FloatArray]] = {}
 
     def steady(
@@ -281,16 +275,8 @@ def integrate(
         return scipy.sparse.csc_matrix(scale @ circuit.jacobian(temperatures))
 
     report = np.append(times_s[times_s < span_s[1]], span_s[1])
-    solution = solve_ivp(
-        slope,
-        span_s,
-        state,
-        method=options.method,
-        t_eval=report,
-        jac=jacobian,
-        rtol=options.relative_tolerance,
-        atol=options.absolute_tolerance_K,
-    )
+    how = {"method": options.method, "rtol": options.relative_tolerance, "atol": options.absolute_tolerance_K}
+    solution = solve_ivp(slope, span_s, state, t_eval=report, jac=jacobian, **how)
     if not solution.success:
         raise ThermalSolutionError(f"{options.method} gives up at {solution.t[-1]:g} s: {solution.message}")
     states = [np.array(column) for column in solution.y.T]

@@ -125,62 +125,60 @@ class Bodies:
         """Thickness of the moving platform's cladding."""
         return self.properties.moving_platform.cladding_thickness.metres
 
+    def constant_laplacian(self) -> tuple[FloatArray, float]:
+        """Return the conductances between nodes that no pose changes, (n, n), and that between melt and lining, in W/K.
 
-def constant_laplacian(bodies: Bodies) -> tuple[FloatArray, float]:
-    """Return the conductances between nodes that no pose changes, (n, n), and that between melt and lining, in W/K.
+        Conduction along every rod and bar, across U joints, cladding and lining, from shell through trunnions to the
+        hangers. What changes with the pose is only where the moving rod touches the fixed one.
+        """
+        nodes, grid, moving, fixed, ladle = self.nodes, self.grid, self.moving, self.fixed, self.ladle
+        entry, contact = self.entry, self.properties.contact
+        steel, insulation = (part.conductivity.value for part in (self.properties.steel, self.properties.insulation))
+        rod_per_step, *_, housing_per_step = steel * grid.section_m2 / grid.step_m
+        drop, bearings = np.array([0.0, 0.0, entry.leg.foot_drop.metres]), entry.fixed_platform.bearing_offset.metres
+        # The upper U joint's heat is shared by the two elements of the fixed rod nearest to it.
+        upper_shares = [float(np.interp(0.0, grid.fixed_middles_m, unit)) for unit in np.eye(grid.fixed)]
+        links: list[tuple[int, int, float]] = []
+        for i in range(len(LEGS)):
+            rod, housing = nodes.legs[i, : grid.moving], nodes.legs[i, grid.moving :]
+            links += chain_links(rod, rod_per_step) + chain_links(housing, housing_per_step)
+            foot = moving.cells.nearest(entry.moving_centres.metres[i] - drop)
+            # The joint sits at the rod's end, half an element away from the node.
+            lower_joint = 1.0 / (1.0 / contact.lower_joint.value + 0.5 / rod_per_step)
+            links.append((int(rod[0]), int(nodes.moving_platform[foot]), lower_joint))
+            for side in (-1.0, 1.0):
+                bar = fixed.nearest(entry.fixed_centres.metres[i] + np.array([0.0, side * bearings, 0.0]))
+                for head, share in zip(housing, upper_shares, strict=True):
+                    links.append((int(head), int(nodes.fixed_platform[bar]), 0.5 * share * contact.upper_joint.value))
+        for cells, numbers in ((moving.cells, nodes.moving_platform), (fixed, nodes.fixed_platform)):
+            links += [(int(numbers[a]), int(numbers[b]), steel * shape) for a, b, shape in cells.contacts]
+        for surface, cell in zip(nodes.cladding, nodes.clad_cells, strict=True):
+            across = insulation * float(moving.clad_area_m2[cell]) / self.cladding_m
+            links.append((int(surface), int(nodes.moving_platform[cell]), across))
+        trunnion = steel * ladle.trunnion_area_m2 / ladle.trunnion_length_m
+        hangers = [int(nodes.moving_platform[moving.cells.nearest(point)]) for point in ladle.trunnions_m]
+        links += [(nodes.shell, hanger, trunnion) for hanger in hangers]
+        layer = insulation * ladle.conducting_area_m2 * LINING_LAYERS / self.lining_m
+        links += chain_links(nodes.lining, layer)
+        links.append((int(nodes.lining[-1]), nodes.shell, 2.0 * layer))
+        return laplacian(nodes.count, links), 2.0 * layer
 
-    Conduction along every rod and bar, across U joints, cladding and lining, from shell through trunnions to the
-    hangers. What changes with the pose is only where the moving rod touches the fixed one.
-    """
-    nodes, grid, moving, fixed = bodies.nodes, bodies.grid, bodies.moving, bodies.fixed
-    ladle, entry, contact = bodies.ladle, bodies.entry, bodies.properties.contact
-    steel, insulation = (part.conductivity.value for part in (bodies.properties.steel, bodies.properties.insulation))
-    rod_per_step, *_, housing_per_step = steel * grid.section_m2 / grid.step_m
-    # The upper U joint's heat is shared by the two elements of the fixed rod nearest to it.
-    upper_shares = [float(np.interp(0.0, grid.fixed_middles_m, unit)) for unit in np.eye(grid.fixed)]
-    links: list[tuple[int, int, float]] = []
-    for i in range(len(LEGS)):
-        rod, housing = nodes.legs[i, : grid.moving], nodes.legs[i, grid.moving :]
-        links += chain_links(rod, rod_per_step) + chain_links(housing, housing_per_step)
-        foot = moving.cells.nearest(entry.moving_centres.metres[i] - np.array([0.0, 0.0, entry.leg.foot_drop.metres]))
-        # The joint sits at the rod's end, half an element away from the node.
-        lower_joint = 1.0 / (1.0 / contact.lower_joint.value + 0.5 / rod_per_step)
-        links.append((int(rod[0]), int(nodes.moving_platform[foot]), lower_joint))
-        bearings = entry.fixed_platform.bearing_offset.metres
-        for side in (-1.0, 1.0):
-            bar = fixed.nearest(entry.fixed_centres.metres[i] + np.array([0.0, side * bearings, 0.0]))
-            for head, share in zip(housing, upper_shares, strict=True):
-                links.append((int(head), int(nodes.fixed_platform[bar]), 0.5 * share * contact.upper_joint.value))
-    for cells, numbers in ((moving.cells, nodes.moving_platform), (fixed, nodes.fixed_platform)):
-        links += [(int(numbers[a]), int(numbers[b]), steel * shape) for a, b, shape in cells.contacts]
-    for k, cell in enumerate(nodes.clad_cells):
-        across = insulation * float(moving.clad_area_m2[cell]) / bodies.cladding_m
-        links.append((int(nodes.cladding[k]), int(nodes.moving_platform[cell]), across))
-    trunnion = steel * ladle.trunnion_area_m2 / ladle.trunnion_length_m
-    for point in ladle.trunnions_m:
-        links.append((nodes.shell, int(nodes.moving_platform[moving.cells.nearest(point)]), trunnion))
-    layer = insulation * ladle.conducting_area_m2 * LINING_LAYERS / bodies.lining_m
-    links += chain_links(nodes.lining, layer)
-    links.append((int(nodes.lining[-1]), nodes.shell, 2.0 * layer))
-    return laplacian(nodes.count, links), 2.0 * layer
-
-
-def capacities(bodies: Bodies) -> FloatArray:
-    """Return the heat capacity of every node, shape (n,), in J/K."""
-    nodes, grid, moving, ladle, properties = bodies.nodes, bodies.grid, bodies.moving, bodies.ladle, bodies.properties
-    steel = bodies.entry.materials.steel_density.value * properties.steel.heat_capacity.value
-    insulation = properties.insulation.density.value * properties.insulation.heat_capacity.value
-    capacity = np.zeros(nodes.count)
-    capacity[nodes.legs] = steel * grid.section_m2 * grid.step_m
-    capacity[nodes.moving_platform] = steel * moving.cells.volume_m3
-    capacity[nodes.fixed_platform] = steel * bodies.fixed.volume_m3
-    # Half of the cladding goes with its surface, half with the bar.
-    half = 0.5 * insulation * moving.clad_area_m2[nodes.clad_cells] * bodies.cladding_m
-    capacity[nodes.cladding] = half
-    capacity[nodes.moving_platform[nodes.clad_cells]] += half
-    capacity[nodes.lining] = insulation * ladle.conducting_area_m2 * bodies.lining_m / LINING_LAYERS
-    capacity[nodes.shell] = steel * ladle.outer_area_m2 * properties.ladle.shell_thickness.metres
-    return capacity
+    def capacities(self) -> FloatArray:
+        """Return the heat capacity of every node, shape (n,), in J/K."""
+        nodes, grid, moving, ladle, properties = self.nodes, self.grid, self.moving, self.ladle, self.properties
+        steel = self.entry.materials.steel_density.value * properties.steel.heat_capacity.value
+        insulation = properties.insulation.density.value * properties.insulation.heat_capacity.value
+        capacity = np.zeros(nodes.count)
+        capacity[nodes.legs] = steel * grid.section_m2 * grid.step_m
+        capacity[nodes.moving_platform] = steel * moving.cells.volume_m3
+        capacity[nodes.fixed_platform] = steel * self.fixed.volume_m3
+        # Half of the cladding goes with its surface, half with the bar.
+        half = 0.5 * insulation * moving.clad_area_m2[nodes.clad_cells] * self.cladding_m
+        capacity[nodes.cladding] = half
+        capacity[nodes.moving_platform[nodes.clad_cells]] += half
+        capacity[nodes.lining] = insulation * ladle.conducting_area_m2 * self.lining_m / LINING_LAYERS
+        capacity[nodes.shell] = steel * ladle.outer_area_m2 * properties.ladle.shell_thickness.metres
+        return capacity
 
 
 def radiation_conductances(

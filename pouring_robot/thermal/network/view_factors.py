@@ -71,16 +71,9 @@ def visible_share(points_m: FloatArray, normals: FloatArray, disc: DiscChords, b
     Multiplied by :func:`element_to_disc`, the share carries the error of the chords only where something is hidden.
     Lines of sight start at the elements, shape (N, 3); each has M normals, shape (N, M, 3), and as many shares.
     """
-    share, chords, count = np.empty(normals.shape[:2]), len(disc.chords_m), len(boxes.lower_m)
-    facets = normals.shape[1]
-    room = (
-        np.empty((2, 5, 2)),
-        np.empty((chords, count, 2)),
-        np.empty(chords, dtype=np.int64),
-        np.empty(count, dtype=np.int64),
-        np.empty((facets, 2)),
-        np.empty((2, facets)),
-    )
+    share, chords, count, facets = np.empty(normals.shape[:2]), len(disc.chords_m), len(boxes.lower_m), normals.shape[1]
+    bounds, pieces, facing, totals = (np.empty(n) for n in ((2, 5, 2), (chords, count, 2), (facets, 2), (2, facets)))
+    room = bounds, pieces, np.empty(chords, dtype=np.int64), np.empty(count, dtype=np.int64), facing, totals
     points, normals = np.ascontiguousarray(points_m), np.ascontiguousarray(normals)
     visible_shares(points, normals, disc.radius_m, disc.chords_m, disc.way, boxes.lower_m, boxes.upper_m, room, share)
     return share
