@@ -163,8 +163,10 @@ class Planner:
         numbers, poses = np.array([n for n, *_ in numbered]), self.poses[[pose for _, pose, _, _ in numbered]]
         quality = self._quality(stack, request.poses)
         index = float(observability_index(quality.singular_values, request.criterion, request.poses))
-        of_robot = self.robot.command_axes, self.robot.model.definition, self.parameters, self.left_out
-        return MeasurementPlan(request, *of_robot, poses, conditions, numbers, quality, index, choice.values)
+        axes, robot, left_out = self.robot.command_axes, self.robot.model.definition, self.left_out
+        return MeasurementPlan(
+            request, axes, robot, self.parameters, left_out, poses, conditions, numbers, quality, index, choice.values
+        )
 
     def _candidate_set(self, rows: FloatArray) -> tuple[CandidateSet, IntArray]:
         """Return candidates of one visit and, where asked for, of two; and the kind of each slot of the plan."""

@@ -239,11 +239,8 @@ def _measures(
     squares = sum(((matrices[:, :3] * std) ** 2).sum(axis=0) for matrices in _matrices(plan)) / len(plan.poses)
     own = squares.sum(axis=0)
     share = own / max(own.sum(), np.finfo(float).tiny)
-    return "share_of_scatter", {
-        "share_of_scatter": share,
-        "rms_mm": np.sqrt(own) / MM,
-        "main_axis": main_axis(squares.T),
-    }
+    figures = {"share_of_scatter": share, "rms_mm": np.sqrt(own) / MM, "main_axis": main_axis(squares.T)}
+    return "share_of_scatter", figures
 
 
 @dataclass(frozen=True, eq=False)
@@ -347,17 +344,10 @@ def _verified(
         within += ((status == 0) & (distance <= plan.accuracy_m)).sum(axis=0)
         failed += int((status != 0).sum())
         progress("verification", first + len(values), wanted.machines)
+    tolerance = np.array([margin.tolerance for margin in plan.draws.margins]) * factor
+    capped, worst, predicted = found.capped[list(groups)], found.poses, float(found.quantile_m.max())
+    accuracy, names, poses = plan.accuracy_m, plan.names, len(hardest)
+    mean, least = (float(one) / wanted.machines for one in (within.mean(), within.min()))
     return AllocatedTolerances(
-        wanted=wanted,
-        requirement_m=plan.accuracy_m,
-        names=plan.names,
-        tolerance=np.array([margin.tolerance for margin in plan.draws.margins]) * factor,
-        factor=factor,
-        capped=found.capped[list(groups)],
-        worst_poses=found.poses,
-        predicted_m=float(found.quantile_m.max()),
-        poses=len(hardest),
-        share_within=float(within.mean()) / wanted.machines,
-        share_at_worst_pose=float(within.min()) / wanted.machines,
-        failed=failed,
+        wanted, accuracy, names, tolerance, factor, capped, worst, predicted, poses, mean, least, failed
     )

@@ -41,16 +41,12 @@ _KEPT_POSES = 32
 class ThermalNetwork:
     """Temperatures of a robot for a pose and a melt.
 
-    Geometry comes from the robot: U-joint centres from its nominal mechanism, bars from its URDF, sizes from its
-    layout. Holds a cache of poses: one object a thread. Temperatures below absolute zero or not finite raise
-    TemperatureError, a part that is connected to nothing ThermalSolutionError.
-
-    Args:
-        robot: by default the drawing of the default layout.
-        properties: by default the shipped ``thermal.yaml``.
-        elements_per_leg: of the moving rod, over its full length; the fixed rod is cut to match.
-        elements_per_bar: of each bar of the platforms; by default a fifth of that.
-        radiation: with radiation, or conduction and convection only.
+    Geometry comes from the robot, by default the drawing of the default layout: U-joint centres from its nominal
+    mechanism, bars from its URDF, sizes from its layout; the properties are by default those of the shipped
+    ``thermal.yaml``. The moving rod is cut into ``elements_per_leg`` over its full length, the fixed rod to match, each
+    bar of the platforms by default into a fifth of that. Without radiation there are conduction and convection only.
+    Holds a cache of poses: one object a thread. Temperatures below absolute zero or not finite raise TemperatureError,
+    a part that is connected to nothing ThermalSolutionError.
 
     Raises:
         BadInputError: fewer than four elements, or the ladle's shell leaves no lining.

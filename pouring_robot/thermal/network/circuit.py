@@ -103,12 +103,9 @@ class Circuit:
     def balance(self, temperatures_K: FloatArray, melt_K: float, ambient_K: float) -> EnergyBalance:
         """Return the heat flows of the whole network at temperatures of its nodes, shape (n,)."""
         t = temperatures_K
-        return EnergyBalance(
-            melt_conduction_W=float(self.melt_contact @ (melt_K - t)),
-            melt_radiation_W=float(self.melt_radiation @ (melt_K**4 - t**4)),
-            ambient_film_W=float(self.film @ (t - ambient_K)),
-            ambient_radiation_W=float(self.ambient_radiation @ (t**4 - ambient_K**4)),
-        )
+        from_melt = self.melt_contact @ (melt_K - t), self.melt_radiation @ (melt_K**4 - t**4)
+        to_ambient = self.film @ (t - ambient_K), self.ambient_radiation @ (t**4 - ambient_K**4)
+        return EnergyBalance(*map(float, (*from_melt, *to_ambient)))
 
 
 def chain_links(nodes: IndexArray, conductance: float) -> list[tuple[int, int, float]]:

@@ -20,8 +20,17 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
 from pouring_robot.report.plots import ASH, COLOURS, new_figure, svg_of, tell, tidy
 from pouring_robot.report.result import Result
-from pouring_robot.thermal.regression.joint_model import JointRegression
-from pouring_robot.thermal.regression.methods import HELPS_BELOW, METHODS, NONE, PAPER, POSE, fit_lines, judge, left_out
+from pouring_robot.thermal.regression.joint_model import (
+    HELPS_BELOW,
+    METHODS,
+    NONE,
+    PAPER,
+    POSE,
+    JointRegression,
+    fit_lines,
+    judge,
+    left_out,
+)
 from pouring_robot.thermal.regression.sensitive_sets import SensitiveSetSelector
 from pouring_robot.thermal.regression.table import KINDS, ErrorTable
 from pouring_robot.thermal.regression.thermal_model import AXES, AxisModel, ErrorLine, Positions, Remains, ThermalModel
