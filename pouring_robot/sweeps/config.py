@@ -1,10 +1,8 @@
 """The sweep file: which errors, of which size, at which poses. It is kept in mm and mrad, as people write it."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import pydantic
@@ -60,7 +58,7 @@ class ErrorEntry(StrictModel):
         return value
 
     @pydantic.model_validator(mode="after")
-    def _sizes_fit(self) -> ErrorEntry:
+    def _sizes_fit(self) -> Self:
         wanted = _SIZES[self.distribution]
         for size in ("half_width", "std", "limit"):
             for unit in ("mm", "mrad"):
@@ -90,7 +88,7 @@ class Box(StrictModel):
     tilt_deg: tuple[float, float] | None = None
 
     @pydantic.model_validator(mode="after")
-    def _ordered(self) -> Box:
+    def _ordered(self) -> Self:
         for name, limits in self:
             if limits is not None and limits[0] > limits[1]:
                 raise ValueError(f"{name}: the lower limit {limits[0]:g} is above the upper one {limits[1]:g}")
@@ -131,7 +129,7 @@ class Poses(StrictModel):
     file: str | None = None
 
     @pydantic.model_validator(mode="after")
-    def _one(self) -> Poses:
+    def _one(self) -> Self:
         if sum(choice is not None for choice in (self.grid, self.random, self.file)) != 1:
             raise ValueError("give exactly one of grid, random and file")
         return self
@@ -181,7 +179,7 @@ class SweepConfig(StrictModel):
     _lines: tuple[int, ...] = pydantic.PrivateAttr(default=())
 
     @pydantic.model_validator(mode="after")
-    def _fits_together(self) -> SweepConfig:
+    def _fits_together(self) -> Self:
         if sum(name is not None for name in (self.layout, self.robot, self.model)) > 1:
             raise ValueError("give one of layout, robot and model, not both: a model file names its robot and layout")
         if self.errors and self.tolerances is not None:
@@ -202,7 +200,7 @@ class SweepConfig(StrictModel):
         return self
 
     @classmethod
-    def load(cls, path: Path | str) -> SweepConfig:
+    def load(cls, path: Path | str) -> Self:
         """Read a sweep file."""
         path = Path(path)
         content = read_yaml(path, SweepFileError)
@@ -212,7 +210,7 @@ class SweepConfig(StrictModel):
         config._lines = tuple(int(entries.lc.item(k)[0]) + 1 for k in range(len(entries)))
         return config
 
-    def with_robot(self, robot: Path) -> SweepConfig:
+    def with_robot(self, robot: Path) -> Self:
         """Return the same for another robot, by its robot file."""
         if self.layout is not None or self.model is not None:
             raise self.problem("names a layout or a model; leave that out beside --robot")

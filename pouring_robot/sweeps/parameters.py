@@ -12,12 +12,10 @@ Numbers depend on the seed and the sample's index alone: samples are drawn in bl
 sequence ``SeedSequence(seed, spawn_key=(0, block))``. Neither chunks nor workers change them.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import scipy.special
@@ -192,7 +190,7 @@ class Draws:
     shared: FloatArray  # weight of the part's common deviate, the root of the correlation, shape (parameters,)
 
     @classmethod
-    def of(cls, config: SweepConfig, parameters: Sequence[SweepParameter]) -> Draws:
+    def of(cls, config: SweepConfig, parameters: Sequence[SweepParameter]) -> Self:
         """Return the draws of a sweep."""
         names, samples = sorted({p.part for p in parameters}), config.samples or 0
         own = {"one_at_a_time": len(parameters), "monte_carlo": samples, "sobol": samples * (len(parameters) + 2)}

@@ -3,15 +3,13 @@
 It commands a grid, draws, or a list, all within the robot's reach.
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pinocchio as pin
@@ -94,7 +92,7 @@ class SweepPlan:
         self.sample_block = max(1, min(self.draws.count, config.chunk // self.pose_block))
 
     @classmethod
-    def load(cls, path: Path | str) -> SweepPlan:
+    def load(cls, path: Path | str) -> Self:
         """Read a sweep file and make it ready."""
         return cls(SweepConfig.load(path))
 

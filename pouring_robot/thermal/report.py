@@ -4,11 +4,9 @@ Deformation is that of the drawing: heat alone, no geometric errors. Where the w
 temperatures are found, that raises NoSolutionError.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -67,7 +65,7 @@ class PoseHeat(Result):
     accuracy_m: float  # required of the robot
 
     @classmethod
-    def of(cls, heated: HeatedRobot, pose: PlatformPose) -> PoseHeat:
+    def of(cls, heated: HeatedRobot, pose: PlatformPose) -> Self:
         """Find it for the drawing, with its heat, at a commanded pose."""
         state = heated.locate(pose)
         field, robot, location = state.field, heated.robot, state.location
@@ -153,7 +151,7 @@ class ShiftHeat(Result):
         schedule: PoseSchedule,
         times_s: FloatArray,
         measured_degC: dict[str, float] | None = None,
-    ) -> ShiftHeat:
+    ) -> Self:
         """Follow a history of the drawing, which begins as warm as the surroundings; report at times.
 
         ``measured_degC``: measured temperatures that replace computed ones, by part. Times and poses outside the
@@ -174,7 +172,7 @@ class ShiftHeat(Result):
             bodies.append([bodies_at(one.mechanism.shared_model, [one.configuration])[0] for one in (cold, warm)])
         return cls(times_s, history, list(found), held, moved, np.array(bodies))
 
-    def only(self, times_s: FloatArray) -> ShiftHeat:
+    def only(self, times_s: FloatArray) -> Self:
         """Return the same at some of its times."""
         kept = np.flatnonzero(np.isin(self.times_s, times_s))
         fields, poses = [self.fields[k] for k in kept], [self.poses[k] for k in kept]

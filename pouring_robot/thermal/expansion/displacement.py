@@ -5,11 +5,9 @@ it and grow from its origin; the ladle grows from the middle of its trunnion axi
 on a truss that warms and sags they are seen from the hall, and the truss is a part among them.
 """
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -38,7 +36,7 @@ class DisplacementField:
     moved_m: FloatArray  # their displacement, shape (n, 3)
 
     @classmethod
-    def of(cls, state: WarmState, ladle_degC: float | None = None, *, ladle_from_o: bool = False) -> DisplacementField:
+    def of(cls, state: WarmState, ladle_degC: float | None = None, *, ladle_from_o: bool = False) -> Self:
         """Return it for a closed warm robot, or a cold one under loads, against the drawing at the same command.
 
         ``ladle_degC``: of the ladle's steel; by default the network's shell, or the drawing's when cold.
@@ -76,10 +74,10 @@ class DisplacementField:
         before, after = (np.concatenate(places) for places in zip(*found.values(), strict=True))
         return cls(parts, before, after - before)
 
-    def on(self, truss: TrussMotion) -> DisplacementField:
+    def on(self, truss: TrussMotion) -> Self:
         """Return the same seen from the hall: the truss moves too, and takes everything with it."""
         moved = self.moved_m + truss.carried_m(self.points_m)
-        return DisplacementField(
+        return type(self)(
             (*self.parts, *["truss"] * len(truss.points_m)),
             np.concatenate([self.points_m, truss.points_m]),
             np.concatenate([moved, truss.moved_m]),

@@ -10,10 +10,9 @@ taken up by it. Measured temperatures can take the place of computed ones, part 
 A leg that is hotter on one side bends, which is estimated beside: see :class:`LegBending`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import pinocchio as pin
@@ -38,14 +37,14 @@ class ThermalExpansion:
     fixed_platform_strain: float = 0.0
 
     @classmethod
-    def from_field(cls, field: TemperatureField, measured_degC: Mapping[str, float] | None = None) -> ThermalExpansion:
+    def from_field(cls, field: TemperatureField, measured_degC: Mapping[str, float] | None = None) -> Self:
         """Take computed temperatures, and measured means by part (:data:`PARTS`) where there are any."""
         legs = {f"leg{i}": float(value) for i, value in zip(CHAINS, field.leg_degC, strict=True)}
         computed = legs | {"platform": field.platform_degC, "fixed_platform": field.fixed_platform_degC}
         return cls.from_temperatures(field.properties, computed | dict(measured_degC or {}))
 
     @classmethod
-    def from_temperatures(cls, properties: ThermalProperties, degC: Mapping[str, float]) -> ThermalExpansion:
+    def from_temperatures(cls, properties: ThermalProperties, degC: Mapping[str, float]) -> Self:
         """Take mean temperatures by part (:data:`PARTS`); parts left out are as warm as in the drawing.
 
         Raises:
@@ -126,7 +125,7 @@ class LegBending:
     end_rotation_rad: FloatArray
 
     @classmethod
-    def of(cls, field: TemperatureField) -> LegBending:
+    def of(cls, field: TemperatureField) -> Self:
         """Estimate it from the gradient across the leg elements."""
         weights, depth, lengths = field.between_joints, field.exposure.from_upper_joint_m, field.exposure.lengths_m
         # The tangent turns towards the cold side.

@@ -5,11 +5,10 @@ closure at these temperatures, until a turn no longer moves the ladle. Inside on
 What the last turn still moved is reported.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -145,9 +144,9 @@ class HeatedRobot:
         self.robot, self.heat = robot, heat
         self._given_network = network
 
-    def built_as(self, robot: PouringRobot) -> HeatedRobot:
+    def built_as(self, robot: PouringRobot) -> Self:
         """Return another robot of the same drawing in the same heat; the network is shared."""
-        return self if robot is self.robot else HeatedRobot(robot, self.heat, self.network)
+        return self if robot is self.robot else type(self)(robot, self.heat, self.network)
 
     @functools.cached_property
     def network(self) -> ThermalNetwork:

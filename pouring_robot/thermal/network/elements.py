@@ -8,11 +8,10 @@ are pieces of steel that keep their heat when the leg changes its length; the fi
 upper U-joint centre. Where the rod is inside the housing the two touch; only what is outside meets air and radiation.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from lxml import etree
@@ -81,7 +80,7 @@ class BarCells:
     contacts: tuple[tuple[int, int, float], ...]  # first cell, second cell, area in m² over distance in m
 
     @classmethod
-    def cut(cls, boxes: Boxes, cells_per_bar: int) -> BarCells:
+    def cut(cls, boxes: Boxes, cells_per_bar: int) -> Self:
         """Cut boxes into cells along their longest edges and find which touch."""
         cells = []
         for low, high in zip(boxes.lower_m, boxes.upper_m, strict=True):
@@ -152,7 +151,7 @@ class LadleSections:
     trunnion_length_m: float  # from shell to hanger
 
     @classmethod
-    def of(cls, entry: LayoutEntry) -> LadleSections:
+    def of(cls, entry: LayoutEntry) -> Self:
         """Work them out from a layout, with the cone of ``ladle.urdf.xacro``."""
         ladle, platform = entry.ladle, entry.moving_platform
         top, bottom, height = ladle.outer_radius_top.metres, ladle.outer_radius_bottom.metres, ladle.height.metres
@@ -196,7 +195,7 @@ class LegGrid:
     inner_m: FloatArray
 
     @classmethod
-    def of(cls, leg: Leg, moving: int, fixed: int) -> LegGrid:
+    def of(cls, leg: Leg, moving: int, fixed: int) -> Self:
         """Cut the rods of a layout's leg."""
         below, above, length = leg.housing_below.metres, leg.housing_above.metres, leg.spindle_length.metres
         edges = np.linspace(0.0, length, moving + 1), np.linspace(-below, above, fixed + 1)
@@ -244,7 +243,7 @@ class LegExposure:
     touching_m2: FloatArray  # surface of each moving element inside each fixed element, shape (4, N, F)
 
     @classmethod
-    def at(cls, grid: LegGrid, upper_m: FloatArray, lower_m: FloatArray, disc: DiscChords, boxes: Boxes) -> LegExposure:
+    def at(cls, grid: LegGrid, upper_m: FloatArray, lower_m: FloatArray, disc: DiscChords, boxes: Boxes) -> Self:
         """Place the elements between U-joint centres in the disc's frame, (4, 3) each, and look at the melt from each.
 
         ``boxes`` hide it.

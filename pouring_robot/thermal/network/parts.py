@@ -1,10 +1,9 @@
 """Which node is what, the parts of the network that no pose changes, and the temperatures found, by part."""
 
 # ruff: noqa: N802, N815 - units keep their capitals: K, W, degC
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from scipy.constants import Stefan_Boltzmann
@@ -50,7 +49,7 @@ class NodeMap:
         return self.shell + 1
 
     @classmethod
-    def of(cls, grid: LegGrid, moving_cells: int, clad_cells: IndexArray, fixed_cells: int) -> NodeMap:
+    def of(cls, grid: LegGrid, moving_cells: int, clad_cells: IndexArray, fixed_cells: int) -> Self:
         """Number all nodes."""
         sizes = (len(LEGS) * len(grid.step_m), moving_cells, len(clad_cells), fixed_cells, LINING_LAYERS)
         ends = np.cumsum((0, *sizes))
@@ -69,7 +68,7 @@ class MovingPlatform:
     bare_view_area_m2: FloatArray  # the same times its view factor
 
     @classmethod
-    def of(cls, cells: BarCells, in_the_way: Boxes, ladle: LadleSections, *, clad: bool) -> MovingPlatform:
+    def of(cls, cells: BarCells, in_the_way: Boxes, ladle: LadleSections, *, clad: bool) -> Self:
         """Look at the melt from every face of the cells; ``in_the_way`` stands in the disc's frame."""
         normals = np.broadcast_to(FACE_NORMALS, (cells.count, 6, 3))
         points = cells.face_centres_m - ladle.melt_centre_m + _OFF_THE_FACE_M * normals
@@ -98,7 +97,7 @@ class Bodies:
     properties: ThermalProperties
 
     @classmethod
-    def of(cls, urdf: str, entry: LayoutEntry, properties: ThermalProperties, grid: LegGrid, bars: int) -> Bodies:
+    def of(cls, urdf: str, entry: LayoutEntry, properties: ThermalProperties, grid: LegGrid, bars: int) -> Self:
         """Cut them; ``bars``: cells of each bar."""
         ladle, clad = LadleSections.of(entry), properties.moving_platform.cladding_thickness.metres > 0.0
         boxes = [link_boxes(urdf, f"{name}_platform") for name in ("moving", "fixed")]

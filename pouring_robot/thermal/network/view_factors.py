@@ -14,10 +14,9 @@ rule for a half circle (Chebyshev of the second kind). So shadows move continuou
 cover does too. What runs over elements, chords and boxes is compiled.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -49,7 +48,7 @@ class DiscChords:
     way: tuple[float, float]  # direction of the chords in x and y
 
     @classmethod
-    def of(cls, radius_m: float, count: int = 24) -> DiscChords:
+    def of(cls, radius_m: float, count: int = 24) -> Self:
         """Cut a disc by Gauss's rule for a half circle: ∫ √(1-v²) f dv = π/(C+1) Σ sin² f(cos)."""
         angles = np.pi * np.arange(1, count + 1) / (count + 1)
         sines = np.sin(angles)

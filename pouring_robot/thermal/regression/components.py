@@ -16,9 +16,8 @@ eigenvectors of the correlation matrix R_P, k sets:
    b_i = \frac{s_y}{s_i} \beta_i, \quad b_0 = \bar y - \sum_i b_i \bar x_i
 """
 
-from __future__ import annotations
-
 import warnings
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -71,7 +70,7 @@ class PrincipalComponentRegression(RegressorMixin, BaseEstimator):  # type: igno
     def __init__(self, explained: float = EXPLAINED_SHARE) -> None:
         self.explained = explained
 
-    def fit(self, X: ArrayLike, y: ArrayLike) -> PrincipalComponentRegression:
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Fit y, shape (n,), on the components of X, shape (n, k), n ≥ 2."""
         sets, target = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=2)
         if not 0.0 < self.explained <= 1.0:

@@ -48,10 +48,8 @@ Each comes out as an :class:`ErrorLine`, so that all are judged, written to a fi
 that were left out of everything, one at a time, clustering included (:func:`left_out`). Too few sets raise TableError.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -107,7 +105,7 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     ) -> None:
         self.weighting, self.selector, self.explained = weighting, selector, explained
 
-    def fit(self, X: ArrayLike, y: ArrayLike) -> JointRegression:
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Fit the line to a table, n ≥ 3 temperatures."""
         if self.weighting not in WEIGHTINGS:
             raise ErrorSetError(f"weighting '{self.weighting}' is not known; give one of {', '.join(WEIGHTINGS)}")

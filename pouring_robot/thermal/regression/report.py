@@ -3,12 +3,10 @@
 A table that is wrong, has too few sets or says some directions only raises TableError; so does one of positions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -48,9 +46,7 @@ class AxisRegression:
     method: str  # the one to use
 
     @classmethod
-    def of(
-        cls, table: ErrorTable, positions: Positions | None, method: str | None, selector: dict[str, Any]
-    ) -> AxisRegression:
+    def of(cls, table: ErrorTable, positions: Positions | None, method: str | None, selector: dict[str, Any]) -> Self:
         """Fit and judge everything; ``method`` None takes the one that leaves least of sets left out."""
         paper = JointRegression("coefficients", selector=SensitiveSetSelector(**selector))
         model = paper.fit(table.temperature_column, table.errors)

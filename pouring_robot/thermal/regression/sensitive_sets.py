@@ -26,9 +26,7 @@ The paper's figures agree with step 2: a first component of 96.99 % in two sets 
 0.9398 between P1 and P8, and VIF = 1 / (1 − r²) = 8.56 < 10.
 """
 
-from __future__ import annotations
-
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -82,7 +80,7 @@ class FuzzyClustering(ClusterMixin, BaseEstimator):  # type: ignore[misc]
     def __init__(self, n_clusters: int = 2, *, lambda_cut: float | None = None, similarity: str = "absolute") -> None:
         self.n_clusters, self.lambda_cut, self.similarity = n_clusters, lambda_cut, similarity
 
-    def fit(self, X: ArrayLike, y: object = None) -> FuzzyClustering:
+    def fit(self, X: ArrayLike, y: object = None) -> Self:
         """Group the rows of X, shape (k, n), two numbers a row or more; y is not used."""
         rows = validate_data(self, X, dtype=np.float64, ensure_min_features=2)
         if self.lambda_cut is not None and not 0.0 <= self.lambda_cut <= 1.0:
@@ -196,7 +194,7 @@ class SensitiveSetSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]
         self.n_clusters, self.lambda_cut = n_clusters, lambda_cut
         self.similarity, self.vif_limit = similarity, vif_limit
 
-    def fit(self, X: ArrayLike, y: ArrayLike) -> SensitiveSetSelector:
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Choose among the columns of X, shape (n, k) with n ≥ 3, by temperature y, shape (n,)."""
         sets, temperature = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=3)
         if not self.vif_limit > 1.0:
