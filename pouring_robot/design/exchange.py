@@ -22,7 +22,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from pouring_robot.design.information import index_slopes
+from pouring_robot.design.columns import index_slopes
 from pouring_robot.estimation.identifiability import RANK_TOLERANCE, Criterion, observability_index
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.progress import Progress, say_nothing
@@ -67,10 +67,8 @@ def choose(
 ) -> Choice:
     """Return the plan that an exchange finds best, from so many random first plans; the same seed gives the same plan.
 
-    ``slots`` are the kind of each of the n slots of the plan; of the criteria D and O1 are the same plan.
-
-    Raises:
-        BadInputError: there are fewer poses to choose from than slots.
+    ``slots`` are the kind of each of the n slots of the plan; of the criteria D and O1 are the same plan. Fewer poses
+    to choose from than slots raise BadInputError.
     """
     slots = np.asarray(slots, dtype=np.intp)
     search = _Search(candidates, slots, criterion)

@@ -5,7 +5,7 @@
     plan.quality.parameter_std, plan.quality.ladle_rms_m      # before a single measurement
 
 The unknowns are the twelve numbers of the two outer frames and the wanted parameters; the frames are nuisance. See
-:mod:`~pouring_robot.design.information` for the indices, and :mod:`~pouring_robot.design.exchange` for the search.
+:mod:`~pouring_robot.design.columns` for the indices, and :mod:`~pouring_robot.design.exchange` for the search.
 Everything is linear in the unknowns, about the given model; effects of the conditions are the simple columns of
 :mod:`~pouring_robot.design.request`. How much a plan is worth is told by as many poses drawn at random.
 """
@@ -19,9 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.campaign.plan import random_plan
-from pouring_robot.design.columns import Columns, Conditions, candidate_poses
+from pouring_robot.design.columns import (
+    Columns,
+    Conditions,
+    candidate_poses,
+    covariance,
+    projected_singular_values,
+    telling,
+    with_prior,
+)
 from pouring_robot.design.exchange import CandidateSet, IntArray, choose
-from pouring_robot.design.information import covariance, projected_singular_values, telling, with_prior
 from pouring_robot.design.request import PlannedParameter, PlanRequest, expected_size, planned_parameters
 from pouring_robot.design.result import MeasurementPlan, PlanQuality, UndeterminedError
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES

@@ -130,8 +130,7 @@ class PlanRequest:
 def planned_parameters(catalogue: ParameterCatalogue, request: PlanRequest) -> tuple[PlannedParameter, ...]:
     """Return the parameters of sets, groups and name patterns, then those that only conditions show; see the module.
 
-    Raises:
-        BadInputError: a name or pattern matches nothing.
+    A name or pattern that matches nothing raises BadInputError.
     """
     wanted = all_parameters(catalogue.groups(request.parameters or DEFAULT_SETS))
     planned = {"backlash": request.both_sides > 0, "compliance": request.loads_kg, "expansion": request.leg_degC}

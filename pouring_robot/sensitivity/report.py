@@ -28,11 +28,7 @@ _ALIKE_M = 1e-9
 
 @dataclass(frozen=True)
 class Request:
-    """What to study.
-
-    Raises:
-        BadInputError: a number is out of its range.
-    """
+    """What to study; a number that is out of its range raises BadInputError."""
 
     poses: int = 10_000  # how many; of a robot without a workspace box at most so many, those that close
     seed: int = 2022  # of their drawing from the workspace box; drive values of other robots are spread evenly

@@ -74,18 +74,13 @@ def shift_scene(robot: PouringRobot, shift: ShiftHeat, title: str) -> Scene:
     minutes, melt = table["time_min"].to_numpy(), table["melt_degC"].to_numpy()
     distances = np.linalg.norm(shifts, axis=1)
     legs = np.array([field.leg_degC for field in shift.fields])
-    steps = [
-        Step(
-            f"{minute:.1f} min",
-            (
-                ("melt", f"{melt[k]:.0f} °C"),
-                *((f"leg {n}, mean", f"{value:.0f} °C") for n, value in enumerate(legs[k], start=1)),
-                ("platform", f"{shift.fields[k].platform_degC:.0f} °C"),
-                (f"{words} moved by heat, x y z", " ".join(f"{v / MM:+.2f}" for v in shifts[k]) + " mm"),
-            ),
-        )
-        for k, minute in enumerate(minutes.tolist())
-    ]
+    steps = []
+    for k, minute in enumerate(minutes.tolist()):
+        means = [(f"leg {n}, mean", f"{value:.0f} °C") for n, value in enumerate(legs[k], start=1)]
+        lip_moved = (f"{words} moved by heat, x y z", " ".join(f"{v / MM:+.2f}" for v in shifts[k]) + " mm")
+        platform = ("platform", f"{shift.fields[k].platform_degC:.0f} °C")
+        steps.append(Step(f"{minute:.1f} min", (("melt", f"{melt[k]:.0f} °C"), *means, platform, lip_moved)))
+    curves = [Curve(f"leg {n + 1}", "°C", legs[:, n], ink) for n, ink in enumerate(_LEG_INKS)]
     scene = Scene(
         title=title,
         robots=(_coloured(drawn, scale, values),),
@@ -93,10 +88,7 @@ def shift_scene(robot: PouringRobot, shift: ShiftHeat, title: str) -> Scene:
         steps=tuple(steps),
         at=minutes,
         axis="time, min",
-        curves=(
-            Curve(f"{words} moved", "mm", distances / MM),
-            *(Curve(f"leg {n + 1}", "°C", legs[:, n], ink) for n, ink in enumerate(_LEG_INKS)),
-        ),
+        curves=(Curve(f"{words} moved", "mm", distances / MM), *curves),
         scale=scale,
         first=int(distances.argmax()),
         exaggeration=exaggeration_for(float(distances.max())),

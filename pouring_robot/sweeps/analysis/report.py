@@ -90,9 +90,7 @@ class SweepReport(Result):
 def report(store: SweepStore, progress: Progress = say_nothing) -> SweepReport:
     """Reduce, rank and allocate, as the sweep file asks.
 
-    Raises:
-        SweepStoreError: the sweep is not finished, or its store is damaged.
-        NoSolutionError: no tolerances keep the requirement.
+    A sweep that is not finished raises SweepStoreError, tolerances of which none keep the requirement NoSolutionError.
     """
     plan = store.plan
     summary = summarise(store, progress)

@@ -1,6 +1,7 @@
 """What a sweep found, in one pass over its chunks: memory for one chunk, and a few numbers a robot and a pose.
 
-Of a ``sobol`` study Sobol indices too. A chunk that is damaged or not done raises SweepStoreError.
+Of a ``sobol`` study Sobol indices too; where no base sample has a solution, or none moves the ladle, NoSolutionError
+is raised. A chunk that is damaged or not done raises SweepStoreError.
 """
 
 from __future__ import annotations
@@ -178,9 +179,6 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
     outputs, 2014), which makes the pooled first-order index the share of the total scatter:
 
     .. math:: S_j = \sum_y \mathrm{Var}(y)\, S_{j,y} \Big/ \sum_y \mathrm{Var}(y)
-
-    Raises:
-        NoSolutionError: no base sample has a solution, or none moves the ladle.
     """
     from SALib.analyze import sobol
 

@@ -47,9 +47,7 @@ class ThermalExpansion:
     def from_temperatures(cls, properties: ThermalProperties, degC: Mapping[str, float]) -> Self:
         """Take mean temperatures by part (:data:`PARTS`); parts left out are as warm as in the drawing.
 
-        Raises:
-            BadInputError: a part is unknown.
-            TemperatureError: a temperature lies below absolute zero or is not finite.
+        An unknown part raises BadInputError, a temperature below absolute zero or not finite TemperatureError.
         """
         reference = properties.expansion.reference_temperature.kelvin
         strain = dict.fromkeys(PARTS, 0.0)

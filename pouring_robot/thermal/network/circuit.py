@@ -132,9 +132,7 @@ def steady_temperatures(
     above the solution comes down to it without ever passing it; nothing is hotter than the hotter of melt and
     surroundings, so that is the start (convergence: Ortega and Rheinboldt, monotone Newton theorem). From anywhere else
     the first step leads above the solution, so that temperatures of a pose nearby are a start too, and a better one.
-
-    Raises:
-        ThermalSolutionError: a part of the network has no way to melt or surroundings, or Newton does not settle.
+    ThermalSolutionError: a part has no way to melt or surroundings, or Newton does not settle.
     """
     temperatures = np.full(circuit.nodes, max(melt_K, ambient_K)) if near is None else near
     longest = np.inf

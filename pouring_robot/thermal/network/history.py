@@ -1,4 +1,8 @@
-"""What happens over time: melt and ambient temperature, and the poses that are held."""
+"""What happens over time: melt and ambient temperature, and the poses that are held.
+
+Too few entries, unequal lengths and times that do not increase raise HistoryError, impossible temperatures
+TemperatureError.
+"""
 
 # ruff: noqa: N815 - units keep their capitals: K, W, degC
 from __future__ import annotations
@@ -27,12 +31,7 @@ _STRAIGHT_K_PER_S = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class HeatHistory:
-    """Melt and ambient temperature over time, (n,) each, straight lines between two entries or more.
-
-    Raises:
-        HistoryError: too few entries, unequal lengths, or times that do not increase.
-        TemperatureError: a temperature lies below absolute zero or is not finite.
-    """
+    """Melt and ambient temperature over time, (n,) each, straight lines between two entries or more."""
 
     times_s: FloatArray
     melt_degC: FloatArray
@@ -82,11 +81,7 @@ class HeatHistory:
 
 @dataclass(frozen=True)
 class PoseSchedule:
-    """Poses held one after the other, each from its time on; changes between them take no time.
-
-    Raises:
-        HistoryError: no entry, or times that do not increase.
-    """
+    """Poses held one after the other, each from its time on; changes between them take no time."""
 
     entries: tuple[tuple[float, Placed], ...]
 

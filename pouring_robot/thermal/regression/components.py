@@ -61,10 +61,7 @@ class PrincipalComponentRegression(RegressorMixin, BaseEstimator):  # type: igno
 
     Scikit-learn's scaling, PCA and ordinary least squares, with as many components as carry the wanted share of
     variance. In the paper y is the melt temperature and X the sensitive error sets: equations 19 to 21. A
-    constant set takes no part.
-
-    Args:
-        explained: least cumulative share of variance the components carry, in (0, 1].
+    constant set takes no part. ``explained``: least cumulative share of variance the components carry, in (0, 1].
     """
 
     def __init__(self, explained: float = EXPLAINED_SHARE) -> None:
