@@ -43,7 +43,7 @@ def sensitivity(
     from pouring_robot.mechanism.poses import MM, MRAD
     from pouring_robot.sensitivity import report
     from pouring_robot.sensitivity.analysis import sensitivity as studied
-    from pouring_robot.sensitivity.request import Request
+    from pouring_robot.sensitivity.report import Request
 
     def scaled(limits: Limits, unit: float) -> tuple[float, float] | None:
         return None if limits is None else (limits[0] * unit, limits[1] * unit)

@@ -143,7 +143,7 @@ def thermal(
     written = [found.save(csv)] if csv else []
     if png:
         from pouring_robot.report.plots import png_of
-        from pouring_robot.thermal.plots import pose_picture, shift_picture
+        from pouring_robot.thermal.page import pose_picture, shift_picture
 
         picture = pose_picture(drawn, title) if isinstance(drawn, PoseHeat) else shift_picture(drawn, title)
         written.append(write_whole(png, png_of(picture)))

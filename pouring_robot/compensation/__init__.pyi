@@ -1,6 +1,6 @@
-from .drives import DriveCompensation as DriveCompensation
-from .drives import compensate_drives as compensate_drives
 from .path import CompensatedPath as CompensatedPath
 from .path import compensate_path as compensate_path
+from .pose import Compensation as Compensation
+from .pose import DriveCompensation as DriveCompensation
 from .pose import compensate as compensate
-from .result import Compensation as Compensation
+from .pose import compensate_drives as compensate_drives

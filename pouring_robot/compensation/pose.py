@@ -5,28 +5,118 @@ Jacobian of the closed mechanism solves them, temperatures held; then temperatur
 is, and so on until that moves nothing (``expansion.heated_robot``). The two other turns of the platform,
 roll about x and yaw about z, follow from the errors and cannot be commanded. They are what is left, and what they do
 to the lip.
+
+Any other robot is brought to where its drawing would stand, its place first, then its attitude.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.compensation.result import Compensation
 from pouring_robot.exceptions import ClosureError, CompensationError, SingularPoseError, UnreachablePoseError
+from pouring_robot.io.tables import csv_text
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.mechanism.parameters import drive_parameters
-from pouring_robot.mechanism.poses import PoseDifference
+from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference
+from pouring_robot.mechanism.reach import joint_reach
 from pouring_robot.mechanism.transfer import closed_chain_transfer
-from pouring_robot.robot.inverse import limited
+from pouring_robot.report.result import Result
+from pouring_robot.robot.description.command import CommandAxis
+from pouring_robot.robot.inverse import Target, bring, limited
+from pouring_robot.robot.location import Location, drive_words
+from pouring_robot.robot.location_figures import difference_figures, joint_figures
+from pouring_robot.robot.pouring.names import DRIVE_COLUMNS
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmState
-from pouring_robot.thermal.expansion.warm_robot import WarmRobot
+from pouring_robot.robot.robot import Robot
+from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot, WarmState
+from pouring_robot.thermal.network.history import POSE_COLUMNS
 
+# Drives and commands have 12 decimals so that a reader gets back what was solved.
+_FORMATS = {"wanted": "{:.12g}", "command": "{:.12f}"} | dict.fromkeys(DRIVE_COLUMNS, "{:.12f}")
 TOLERANCE = 1e-11
 """The four freedoms are met when each is this near, in m or rad: a tenth of a thousandth of what is promised, 1e-9."""
 _MOST_STEPS = 25
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Compensation(Result):
+    """What to command, and what it leads to. Differences are actual minus wanted, in the fixed platform."""
+
+    wanted: PlatformPose
+    frame: str  # whose position is brought to where that pose has it
+    drives: dict[str, float]  # drive values to command, in m and rad
+    # the pose of the drawing with these drive values: what to ask a controller for that knows the drawing
+    command: PlatformPose
+    before: PoseDifference  # of the frame, if the wanted pose itself were commanded
+    left: PoseDifference  # and with ``drives``
+    left_at_lip: PoseDifference  # of the lip, with ``drives``: what the two rotations do there
+    left_tilt_rad: float  # what is left of the tilt
+    steps: int  # Newton steps taken in all
+    state: WarmState  # temperatures, warm robot and closure with ``drives``
+
+    @property
+    def uncontrolled_rad(self) -> tuple[float, float]:
+        """The two rotations that cannot be commanded: about x and about z, in rad."""
+        return float(self.left.rotation_rad[0]), float(self.left.rotation_rad[2])
+
+    @property
+    def headline(self) -> str:
+        """How far off the frame was and is, on one line."""
+        return (
+            f"'{self.frame}' {self.before.distance_m / MM:.3f} mm off without compensation, "
+            f"{self.left.distance_m / MM:.1e} mm with it; the lip is left {self.left_at_lip.distance_m / MM:.3f} mm off"
+        )
+
+    def row(self) -> dict[str, float]:
+        """Return the pose wanted, the drives to command, the pose to command, and what is left."""
+        *legs, tilt_drive = self.drives.values()
+        roll, yaw = self.uncontrolled_rad
+        *lengths, angle = DRIVE_COLUMNS
+        return {
+            **{f"wanted_{name}": value for name, value in zip(POSE_COLUMNS, self.wanted.to_mm_deg(), strict=True)},
+            **{f"{name}_mm": value / MM for name, value in zip(lengths, legs, strict=True)},
+            f"{angle}_rad": tilt_drive,
+            **{f"command_{name}": value for name, value in zip(POSE_COLUMNS, self.command.to_mm_deg(), strict=True)},
+            "before_mm": self.before.distance_m / MM,
+            "left_mm": self.left.distance_m / MM,
+            "left_tilt_mrad": self.left_tilt_rad / MRAD,
+            "roll_mrad": roll / MRAD,
+            "yaw_mrad": yaw / MRAD,
+            "left_at_lip_mm": self.left_at_lip.distance_m / MM,
+        }
+
+    def _table(self) -> Any:
+        return [self.row()]
+
+    def figures(self) -> dict[str, Any]:
+        """Return everything known, ready for JSON."""
+        roll, yaw = self.uncontrolled_rad
+        result = self.state.result
+        return {
+            "wanted": dict(zip(POSE_COLUMNS, self.wanted.to_mm_deg(), strict=True)),
+            "frame": self.frame,
+            "drives": joint_figures(result.mechanism, self.drives),
+            "command": dict(zip(POSE_COLUMNS, self.command.to_mm_deg(), strict=True)),
+            "before": difference_figures(self.before),
+            "left": difference_figures(self.left) | {"tilt_mrad": self.left_tilt_rad / MRAD},
+            "left_at_lip": difference_figures(self.left_at_lip),
+            "uncontrolled_mrad": {"roll": roll / MRAD, "yaw": yaw / MRAD},
+            "left_open": {"mm": result.gap_m / MM, "mrad": result.gap_rad / MRAD},
+            "newton_steps": self.steps,
+            "temperatures_taken": self.state.turns,
+            "unsettled_mm": self.state.unsettled_m / MM,
+        }
+
+
+def commands_csv(found: Iterable[Compensation]) -> str:
+    """Return one row a pose as CSV."""
+    rows = [one.row() for one in found]
+    formats = [_FORMATS.get(name.split("_")[0], "{:.6g}") for name in rows[0]]
+    return csv_text(rows[0], ([f.format(v) for f, v in zip(formats, row.values(), strict=True)] for row in rows))
 
 
 @dataclass
@@ -72,11 +162,7 @@ class _Search:
         return np.array([*(place - self.target.translation), tilt])
 
     def _step(self, warm: WarmRobot, result: ClosureResult, left: FloatArray) -> FloatArray:
-        """Return the step of the drives that cancels what is left, (4,).
-
-        Raises:
-            SingularPoseError: x, y, z of the frame and the tilt do not determine the drives.
-        """
+        """Return the step of the drives that cancels what is left, (4,); SingularPoseError if none does."""
         drives = drive_parameters(result.mechanism)
         twists = closed_chain_transfer(warm.actual_solver, result, drives, self.frame).matrix
         matrix = np.vstack([twists[:3], tilt_rates(twists[3:], result.pose_base_to_end.rotation[:, 2])])
@@ -150,18 +236,9 @@ def compensate(
     def difference(closed: ClosureResult, name: str) -> PoseDifference:
         return PoseDifference.between(_target(heated, wanted, name), closed.pose(loops.base_frame, name))
 
-    return Compensation(
-        wanted=wanted,
-        frame=frame,
-        drives=search.drives,
-        command=kinematics.forward(search.drives, near=wanted),
-        before=difference(held(commanded).result, frame),
-        left=difference(result, frame),
-        left_at_lip=difference(result, loops.working_frame),
-        left_tilt_rad=float(search.left(result)[3]),
-        steps=search.steps,
-        state=state,
-    )
+    command, before = kinematics.forward(search.drives, near=wanted), difference(held(commanded).result, frame)
+    left, at_lip, tilt = difference(result, frame), difference(result, loops.working_frame), search.left(result)[3]
+    return Compensation(wanted, frame, search.drives, command, before, left, at_lip, float(tilt), search.steps, state)
 
 
 def _target(heated: HeatedRobot, wanted: PlatformPose, frame: str) -> pin.SE3:
@@ -171,3 +248,79 @@ def _target(heated: HeatedRobot, wanted: PlatformPose, frame: str) -> pin.SE3:
     pin.framesForwardKinematics(mechanism.shared_model, data, mechanism.neutral_configuration())
     end, tip = (data.oMf[mechanism.frame_id(name)] for name in (mechanism.loops.end_frame or "", frame))
     return wanted.to_se3() * end.actInv(tip)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DriveCompensation(Result):
+    """What to command, and what it leads to. Differences are actual minus wanted, in the base's axes."""
+
+    wanted: Location  # where the robot should be, and where it is without compensation
+    frame: str  # that is brought there
+    drives: dict[str, float]  # values to command instead, in m and rad
+    columns: dict[str, CommandAxis]  # of a table of commands by drive, each with what it needs for the joint's value
+    before: PoseDifference  # of the frame without compensation
+    left: PoseDifference  # and with it: what the drives cannot cancel
+
+    @property
+    def headline(self) -> str:
+        """How far off the frame was and is, and what to command."""
+        return (
+            f"'{self.frame}' {self.before.distance_m / MM:.3f} mm and {self.before.angle_rad / MRAD:.3f} mrad off "
+            f"without compensation, {self.left.distance_m / MM:.1e} mm and {self.left.angle_rad / MRAD:.1e} mrad with "
+            f"it: {', '.join(drive_words(self.wanted.nominal.mechanism, self.drives))}"
+        )
+
+    def row(self) -> dict[str, float]:
+        """Return what to command by column of a table of commands, and how far off the frame was and is."""
+        commands = {axis.heading: axis.shown(self.drives[name]) for name, axis in self.columns.items()}
+        sizes = {"error_before": self.before, "error_left": self.left}
+        figures = {f"{name}_mm": size.distance_m / MM for name, size in sizes.items()}
+        return commands | figures | {f"{name}_mrad": size.angle_rad / MRAD for name, size in sizes.items()}
+
+    def _table(self) -> Any:
+        return [self.row()]
+
+    def figures(self) -> dict[str, Any]:
+        """Return everything known, ready for JSON."""
+        mechanism = self.wanted.nominal.mechanism
+        return {
+            "frame": self.frame,
+            "wanted": joint_figures(mechanism, self.wanted.drives),
+            "drives": joint_figures(mechanism, self.drives),
+            "before": difference_figures(self.before),
+            "left": difference_figures(self.left),
+        }
+
+
+def compensate_drives(robot: Robot, wanted: Location, frame: str | None = None) -> DriveCompensation:
+    """Return the drive values that bring the actual robot to a location of the drawing.
+
+    ``frame``: that shall be there; by default the one whose error counts.
+
+    Raises:
+        UnknownFrameError: there is no such frame.
+        NoSolutionError: a joint would pass its limits, no drive values are found, or the loops do not close on the way.
+    """
+    frame = frame or wanted.loops.working_frame
+    nominal, _ = wanted.poses(frame)
+    target = Target(nominal.translation, nominal.rotation, frame)
+    here, solver = np.array(list(wanted.drives.values())), robot.actual_solver
+    ranks = bring(robot.nominal_solver, robot.close_nominal, target, here, wanted.nominal.configuration).ranks
+    found = bring(solver, robot.close_actual, target, here, wanted.actual.configuration, ranks)
+    drives = dict(zip(wanted.drives, found.drives.tolist(), strict=True))
+    left = PoseDifference.between(nominal, found.result.pose(wanted.loops.base_frame, frame))
+    if not found.settled:
+        raise CompensationError(wanted.command, left.distance_m, left.angle_rad)
+    for worst in joint_reach(solver.mechanism, found.result.joint_values | drives)[:1]:
+        if worst.margin < 0.0:
+            raise UnreachablePoseError(worst.joint, worst.value, worst.lower, worst.upper, worst.unit)
+    definition = robot.model.definition
+    axes = definition.drive_axes(robot.nominal_solver.mechanism)
+    columns = {drive.joint: axis for drive, axis in zip(definition.drives, axes, strict=True)}
+    return DriveCompensation(wanted, frame, drives, columns, wanted.difference(frame), left)
+
+
+def drives_csv(found: Iterable[DriveCompensation]) -> str:
+    """Return one row a command as CSV; ``path`` reads the drives of it."""
+    rows = [one.row() for one in found]
+    return csv_text(list(rows[0]), [[f"{value:.12g}" for value in row.values()] for row in rows])

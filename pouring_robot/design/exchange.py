@@ -22,7 +22,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from pouring_robot.design.information import index_slopes
+from pouring_robot.design.columns import index_slopes
 from pouring_robot.estimation.identifiability import RANK_TOLERANCE, Criterion, observability_index
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.progress import Progress, say_nothing
@@ -67,10 +67,8 @@ def choose(
 ) -> Choice:
     """Return the plan that an exchange finds best, from so many random first plans; the same seed gives the same plan.
 
-    ``slots`` are the kind of each of the n slots of the plan; of the criteria D and O1 are the same plan.
-
-    Raises:
-        BadInputError: there are fewer poses to choose from than slots.
+    ``slots`` are the kind of each of the n slots of the plan; of the criteria D and O1 are the same plan. Fewer poses
+    to choose from than slots raise BadInputError.
     """
     slots = np.asarray(slots, dtype=np.intp)
     search = _Search(candidates, slots, criterion)
@@ -106,10 +104,6 @@ class InformationFactor:
         root = np.linalg.cholesky(0.5 * (self.inverse + self.inverse.T))
         half = np.tensordot(root.T, self._across, axes=1)
         self.blocks: FloatArray = np.einsum("kan,kbn->abn", half, half)
-
-    def without(self, candidate: int) -> tuple[FloatArray, FloatArray]:
-        """Return C and the blocks once a candidate is out."""
-        return self.updated(self.inverse, self.blocks, candidate, -1.0)
 
     def updated(
         self, inverse: FloatArray, blocks: FloatArray, candidate: int, sign: float
@@ -224,7 +218,7 @@ class _Search:
 
     def _determinant_swap(self, chosen: IntArray, slot: int) -> bool:
         present = int(chosen[slot])
-        out = [factor.without(present) for factor in self.factors]
+        out = [factor.updated(factor.inverse, factor.blocks, present, -1.0) for factor in self.factors]
         gains = self._gains(out)
         gains[~self._open(chosen, slot)] = -np.inf
         best = int(np.argmax(gains))
@@ -241,7 +235,7 @@ class _Search:
     def _index_swap(self, chosen: IntArray, slot: int) -> bool:
         """Work out the index of the swaps that look best by its derivative or by the determinant."""
         present = int(chosen[slot])
-        out = [factor.without(present) for factor in self.factors]
+        out = [factor.updated(factor.inverse, factor.blocks, present, -1.0) for factor in self.factors]
         left = self._information(np.delete(chosen, slot))
         may = self._open(chosen, slot)
         promises = (self._promise(left), self._promise(self._information(chosen)), self._gains(out))

@@ -5,25 +5,31 @@
     plan.quality.parameter_std, plan.quality.ladle_rms_m      # before a single measurement
 
 The unknowns are the twelve numbers of the two outer frames and the wanted parameters; the frames are nuisance. See
-:mod:`~pouring_robot.design.information` for the indices, and
-:mod:`~pouring_robot.design.exchange` for the search. Everything is linear in the unknowns, about the
-given model; effects of the conditions are the simple columns of
-:mod:`~pouring_robot.design.parameters`.
+:mod:`~pouring_robot.design.columns` for the indices, and :mod:`~pouring_robot.design.exchange` for the search.
+Everything is linear in the unknowns, about the given model; effects of the conditions are the simple columns of
+:mod:`~pouring_robot.design.request`. How much a plan is worth is told by as many poses drawn at random.
 """
 
-import dataclasses
 import functools
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pouring_robot.design.columns import Columns, Conditions, candidate_poses
+from pouring_robot.campaign.plan import random_plan
+from pouring_robot.design.columns import (
+    Columns,
+    Conditions,
+    candidate_poses,
+    covariance,
+    projected_singular_values,
+    telling,
+    with_prior,
+)
 from pouring_robot.design.exchange import CandidateSet, IntArray, choose
-from pouring_robot.design.information import covariance, projected_singular_values, telling, with_prior
-from pouring_robot.design.parameters import DEFAULT_SETS, Condition, PlannedParameter, expected_size, planned_parameters
-from pouring_robot.design.request import PlanRequest
+from pouring_robot.design.request import PlannedParameter, PlanRequest, expected_size, planned_parameters
 from pouring_robot.design.result import MeasurementPlan, PlanQuality, UndeterminedError
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES
 from pouring_robot.estimation.identifiability import base_parameters, observability_index
@@ -31,6 +37,7 @@ from pouring_robot.exceptions import BadInputError, NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.tolerances import Tolerances
@@ -52,8 +59,8 @@ class Planner:
 
     Raises:
         BadInputError: a parameter is unknown, or a load is more than the ladle holds.
-        UndeterminedError: measurements cannot determine the parameters, wherever they are taken.
-        NoSolutionError: the robot can hardly go anywhere in its workspace.
+        UndeterminedError: measurements cannot determine the parameters, wherever they are taken, or those of a plan.
+        NoSolutionError: the robot can hardly go anywhere in its workspace, or does not close at a pose of a plan.
     """
 
     def __init__(self, robot: Robot, request: PlanRequest | None = None) -> None:
@@ -65,13 +72,7 @@ class Planner:
         elif max(loads, default=0.0) > robot.layout.ladle.payload.value:
             most = robot.layout.ladle.payload.value
             raise BadInputError(f"the ladle holds at most {most:g} kg of melt, not {max(loads):g} kg")
-        shown: dict[Condition, bool] = {
-            "backlash": self.request.both_sides > 0,
-            "compliance": bool(loads),
-            "expansion": bool(temperatures),
-        }
-        conditions = [condition for condition, planned in shown.items() if planned]
-        asked = planned_parameters(robot.parameters, self.request.parameters or DEFAULT_SETS, conditions)
+        asked = planned_parameters(robot.parameters, self.request)
         columns = Columns(robot, asked)
         visits = len(self.states) * (2 if self.request.both_sides else 1)
         # Where a pose can be visited in several ways, fewer poses make as many candidates.
@@ -107,7 +108,7 @@ class Planner:
     def _rows(self, columns: Columns, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the poses that close, and their whitened rows (n, states, sides, k, 12 + P) per shown unit."""
         sides = (1, -1) if self.request.both_sides else (1,)
-        visits = [dataclasses.replace(state, side=side) for state in self.states for side in sides]
+        visits = [replace(state, side=side) for state in self.states for side in sides]
         rows, closed = self.measured(columns, poses, visits)
         if np.count_nonzero(closed) < max(self.request.poses, 20):
             raise NoSolutionError("the robot can hardly go anywhere in its workspace; check limits and model")
@@ -151,11 +152,7 @@ class Planner:
 
     @one_blas_thread()
     def plan(self, progress: Progress = say_nothing) -> MeasurementPlan:
-        """Return the best plan found.
-
-        Raises:
-            UndeterminedError: so many poses cannot determine so many parameters.
-        """
+        """Return the best plan found."""
         request, rows = self.request, self._candidate_rows
         candidates, slots = self._candidate_set(rows)
         choice = choose(
@@ -168,22 +165,14 @@ class Planner:
             for n, (pose, state, both) in enumerate(self._ordered(visits), start=1)
             for side in ((1, -1) if both else (1,))
         ]
-        conditions = tuple(dataclasses.replace(self.states[state], side=side) for _, _, state, side in numbered)
+        conditions = tuple(replace(self.states[state], side=side) for _, _, state, side in numbered)
         stack = np.stack([rows[pose, state, 0 if side > 0 else 1] for _, pose, state, side in numbered])
-        chosen_poses = self.poses[[pose for _, pose, _, _ in numbered]]
+        numbers, poses = np.array([n for n, *_ in numbered]), self.poses[[pose for _, pose, _, _ in numbered]]
         quality = self._quality(stack, request.poses)
+        index = float(observability_index(quality.singular_values, request.criterion, request.poses))
+        axes, robot, left_out = self.robot.command_axes, self.robot.model.definition, self.left_out
         return MeasurementPlan(
-            request,
-            self.robot.command_axes,
-            self.robot.model.definition,
-            self.parameters,
-            self.left_out,
-            chosen_poses,
-            conditions,
-            np.array([n for n, *_ in numbered]),
-            quality,
-            float(observability_index(quality.singular_values, request.criterion, request.poses)),
-            choice.values,
+            request, axes, robot, self.parameters, left_out, poses, conditions, numbers, quality, index, choice.values
         )
 
     def _candidate_set(self, rows: FloatArray) -> tuple[CandidateSet, IntArray]:
@@ -221,10 +210,6 @@ class Planner:
 
         Its rows are commands (rows, k), in m and rad, by default all visited alike: from one side, empty and at the
         reference temperature.
-
-        Raises:
-            NoSolutionError: the robot does not close at a pose.
-            UndeterminedError: the rows do not determine the parameters.
         """
         poses = np.asarray(poses, dtype=float)
         given = list(conditions or [Conditions()] * len(poses))
@@ -243,17 +228,9 @@ class Planner:
         grid, ladle = self._ladle
         variance = np.einsum("gip,pq,giq->gi", ladle, expected, ladle, optimize=True)
         std = np.sqrt(np.diagonal(expected)[self.nuisance :])
-        values = projected_singular_values(flat, self.nuisance, prior)
-        return PlanQuality(
-            expected,
-            std,
-            self.robot.command_axes,
-            self.robot.model.loops().working_frame,
-            grid,
-            np.sqrt(np.maximum(variance, 0.0)),
-            values,
-            poses,
-        )
+        values, of_ladle = projected_singular_values(flat, self.nuisance, prior), np.sqrt(np.maximum(variance, 0.0))
+        axes, frame = self.robot.command_axes, self.robot.model.loops().working_frame
+        return PlanQuality(expected, std, axes, frame, grid, of_ladle, values, poses)
 
     @functools.cached_property
     def _ladle(self) -> tuple[FloatArray, FloatArray]:
@@ -271,3 +248,63 @@ class Planner:
 def _units(parameters: Sequence[PlannedParameter]) -> FloatArray:
     """Return how many shown units make one inner unit of each unknown (frames: mm, mrad), shape (12 + P,)."""
     return np.array([1e3] * FRAMES + [p.shown_factor for p in parameters])
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Expected standard deviations of the ladle by a plan, (3,), and by each of k random ones, (k, 3).
+
+    Of its place and of its attitude, root mean square over the workspace, in m and rad, and of its place at the worst
+    pose of the workspace, in m.
+    """
+
+    planned: FloatArray
+    random: FloatArray
+
+    @property
+    def median(self) -> FloatArray:
+        """Those of the median random plan, shape (3,)."""
+        return np.asarray(np.median(self.random, axis=0))
+
+    @property
+    def ratios(self) -> FloatArray:
+        """The plan's over the median random plan's, shape (3,)."""
+        return np.asarray(self.planned / self.median)
+
+    def figures(self) -> dict[str, float]:
+        """Return the figures for JSON, mm and mrad."""
+        return {
+            "count": len(self.random),
+            "median_rms_mm": float(self.median[0]) / MM,
+            "median_rms_mrad": float(self.median[1]) / MRAD,
+            "ratio_mm": float(self.ratios[0]),
+            "ratio_mrad": float(self.ratios[1]),
+        }
+
+
+def compare_with_random(planner: Planner, plan: MeasurementPlan, count: int = 50, seed: int = 0) -> Comparison:
+    """Compare a plan with random ones of as many poses, spread evenly over the workspace box.
+
+    Loads and temperatures are drawn too, evenly from those that the plan may choose; as many poses are visited from
+    both sides. ``seed`` is that of the first; the others follow. A count that is not positive raises BadInputError.
+    """
+    if count < 1:
+        raise BadInputError(f"compare with at least one random plan, not {count}")
+    qualities = [plan.quality, *(planner.quality(*random_visits(planner, seed + k)) for k in range(count))]
+    figures = np.array([(q.ladle_rms_m, q.ladle_rms_rad, q.ladle_worst_m) for q in qualities])
+    return Comparison(figures[0], figures[1:])
+
+
+def random_visits(planner: Planner, seed: int) -> tuple[FloatArray, list[Conditions]]:
+    """Return rows of a random plan like the one asked for: commands (rows, k) in m and rad, and their conditions."""
+    request = planner.request
+    drawn = random_plan(planner.robot, request.poses, seed)
+    random = np.random.default_rng([seed, 4])
+    both = set(random.choice(request.poses, request.both_sides, replace=False).tolist())
+    poses, conditions = [], []
+    for k, pose in enumerate(drawn.rows):
+        state = planner.states[int(random.integers(len(planner.states)))]
+        for side in (1, -1) if k in both else (1,):
+            poses.append(pose)
+            conditions.append(Conditions(side, state.payload_kg, state.leg_degC))
+    return np.array(poses), conditions

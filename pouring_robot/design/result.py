@@ -1,44 +1,37 @@
-"""What a plan is and what is to be expected of it."""
+"""What a plan is, what is to be expected of it, and a picture of both."""
 
-from __future__ import annotations
-
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from pouring_robot.campaign.columns import approach_names
 from pouring_robot.design.columns import Conditions
 from pouring_robot.design.exchange import IntArray
-from pouring_robot.design.parameters import PlannedParameter
-from pouring_robot.design.request import PlanRequest
+from pouring_robot.design.request import PlannedParameter, PlanRequest
 from pouring_robot.estimation.identifiability import BaseParameters, observability
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.files import write_whole
 from pouring_robot.io.tables import csv_text
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
+from pouring_robot.report.plots import COLOURS, draw_box, new_figure, png_of
 from pouring_robot.report.result import Result
-from pouring_robot.robot.description.command import CommandAxis
+from pouring_robot.robot.description.command import CommandAxis, command_box
 from pouring_robot.robot.description.definition import RobotDefinition
+from pouring_robot.robot.pouring.definition import PouringDefinition
 from pouring_robot.robot.pouring.names import LEGS
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 class UndeterminedError(BadInputError):
-    """The measurements cannot determine the wanted parameters.
-
-    Attributes:
-        groups: parameters that cannot be told apart; ``unseen`` those without any effect.
-        too_many: parameters to leave out, so that the others are determined.
-    """
+    """The measurements cannot determine the wanted parameters."""
 
     def __init__(self, what: str, found: BaseParameters, frames: Collection[str]) -> None:
-        self.groups, self.unseen = found.groups, found.unseen
+        self.groups, self.unseen = found.groups, found.unseen  # which cannot be told apart; which have no effect
+        # to be left out, so that the others are determined
         self.too_many = tuple(name for name in found.names if name not in found.base and name not in frames)
         parts = []
         for group in self.groups:
@@ -163,22 +156,16 @@ class MeasurementPlan(Result):
             for row in rows
         ]
 
-    def to_frame(self) -> pd.DataFrame:
-        """Return the rows as the plan's file has them, in the order to measure."""
-        import pandas as pd
-
-        return pd.DataFrame(self.rows())
+    def _table(self) -> Any:
+        """The rows as the plan's file has them, in the order to measure."""
+        return self.rows()
 
     def csv(self) -> str:
         """Return the plan's file as text, in the order to measure."""
         return csv_text(*self.table())
 
     def save(self, path: Path | str) -> Path:
-        """Write the plan's file, which ``campaign simulate`` reads, whole or not at all.
-
-        Raises:
-            OutputError: the file cannot be written.
-        """
+        """Write the plan's file, which ``campaign simulate`` reads, whole or not at all."""
         return write_whole(path, self.csv())
 
     def figures(self) -> dict[str, Any]:
@@ -202,3 +189,77 @@ class MeasurementPlan(Result):
             "ladle": self.quality.ladle_figures(),
             "plan": self.rows(),
         }
+
+
+def plot(plan: MeasurementPlan) -> bytes:
+    """Return a PNG of where the commands lie, two numbers at a time (of the pouring robot x-z, y-z and tilt-z).
+
+    Beside it, the working frame's expected standard deviation there.
+    """
+    figure = new_figure(11.0, 10.5, dpi=120)
+    edge = np.array([axis.shown(1.0) for axis in plan.axes])
+    lower, upper = (corner * edge for corner in command_box(plan.axes))
+    high = min(2, len(plan.axes) - 1)
+    shown = [k for k in range(len(plan.axes)) if k != high][:3]
+    names = [axis.heading.replace("_", " [") + "]" for axis in plan.axes]
+    above, below = "XYT"[: len(shown)], "AB"[: len(shown)]
+    mosaic = "XYTT;AABB" if len(shown) == 3 else f"{above};{below}"
+    sights = figure.subplot_mosaic(mosaic, height_ratios=(1.4, 1.0))
+    poses = plan.poses * edge
+    for key, axis in zip(above, shown, strict=True):
+        draw_box(sights[key], (lower[axis], upper[axis]), (lower[high], upper[high]))
+        sights[key].margins(0.12)
+        across, up = _spread(poses[:, axis], poses[:, high], upper[axis] - lower[axis], upper[high] - lower[high])
+        _points(sights[key], plan, across, up)
+        sights[key].set(xlabel=names[axis], ylabel=names[high])
+        sights[key].grid(alpha=0.25)
+    handles, labels = sights["X"].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False)
+    grid, std = plan.quality.ladle_poses * edge, plan.quality.ladle_position_std_m / MM
+    for key, axis in zip(below, (shown[-1], shown[0]), strict=False):
+        if isinstance(plan.robot, PouringDefinition):
+            drawn = sights[key].contourf(*_mapped(grid[:, axis], grid[:, high], std), levels=12, cmap="viridis")
+        else:  # its commands lie on no grid
+            drawn = sights[key].scatter(grid[:, axis], grid[:, high], c=std, cmap="viridis")
+        figure.colorbar(drawn, ax=sights[key], label="mm")
+        tip = f"expected standard deviation of {plan.robot.tool_words[1]}"
+        sights[key].set(xlabel=names[axis], ylabel=names[high], title=tip)
+    sights[above[-1]].set_title("poses of one place are drawn a little apart", fontsize="small")
+    figure.suptitle(plan.headline)
+    return png_of(figure)
+
+
+def _points(place: Any, plan: MeasurementPlan, across: FloatArray, up: FloatArray) -> None:
+    """Draw poses, one colour for each load and temperature; those visited from both sides have a ring."""
+    states = list(dict.fromkeys((c.payload_kg, c.leg_degC) for c in plan.conditions))
+    for k, state in enumerate(states):
+        rows = [(c.payload_kg, c.leg_degC) == state for c in plan.conditions]
+        told = [f"{state[0]:g} kg"] if plan.request.loads_kg else []
+        told += [f"{state[1]:g} °C"] if plan.request.leg_degC else []
+        label = ", ".join(told) or "pose"
+        place.scatter(across[rows], up[rows], s=26, alpha=0.8, color=COLOURS[k % len(COLOURS)], label=label)
+    both = [c.side < 0 for c in plan.conditions]
+    if any(both):
+        ring = {"s": 90, "facecolors": "none", "edgecolors": "black", "label": "visited from both sides"}
+        place.scatter(across[both], up[both], **ring)
+
+
+def _spread(across: FloatArray, up: FloatArray, width: float, height: float) -> tuple[FloatArray, FloatArray]:
+    """Return points of one place moved a little apart, on a spiral, so that each can be seen."""
+    seen: dict[tuple[float, float], int] = {}
+    moved = []
+    for place in zip(np.round(across, 3).tolist(), np.round(up, 3).tolist(), strict=True):
+        k = seen[place] = seen.get(place, -1) + 1
+        radius, angle = 0.014 * math.sqrt(k), 2.399963 * k  # the golden angle
+        moved.append((radius * math.cos(angle) * width, radius * math.sin(angle) * height))
+    apart = np.array(moved)
+    return across + apart[:, 0], up + apart[:, 1]
+
+
+def _mapped(across: FloatArray, up: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return root mean squares over a grid of two coordinates, the others averaged; NaN where no pose is in reach."""
+    import pandas as pd
+
+    table = pd.DataFrame({"across": np.round(across, 6), "up": np.round(up, 6), "square": values**2})
+    mean = table.pivot_table("square", "up", "across")
+    return mean.columns.to_numpy(), mean.index.to_numpy(), np.sqrt(mean.to_numpy())

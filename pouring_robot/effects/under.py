@@ -22,8 +22,7 @@ from pouring_robot.campaign.columns import approach_names, condition_columns, co
 from pouring_robot.campaign.data import Campaign, arrays_from
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.plan import approaches
-from pouring_robot.compensation.drives import DriveCompensation
-from pouring_robot.compensation.result import Compensation
+from pouring_robot.compensation.pose import Compensation, DriveCompensation
 from pouring_robot.effects.conditions import Conditions, conditions_of, told
 from pouring_robot.effects.families.heat import standing
 from pouring_robot.effects.nominal import nominal_rows

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -13,16 +13,25 @@ _SHOWN_ROWS = 12
 
 
 class Result(ABC):
-    """Base of results. A dataclass that derives from it is declared with ``repr=False``."""
+    """Base of results. A dataclass that derives from it is declared with ``repr=False``.
+
+    What a result saves is written whole or not at all; OutputError says of what cannot be written why.
+    """
 
     @property
     @abstractmethod
     def headline(self) -> str:
         """What was found, in one line with its figures and their units."""
 
-    @abstractmethod
     def to_frame(self) -> pd.DataFrame:
         """Return the figures as a table whose column names carry the units."""
+        import pandas as pd
+
+        return pd.DataFrame(self._table())
+
+    def _table(self) -> Any:
+        """Return the rows of the table, or its columns by name; what makes a table otherwise has a :meth:`to_frame`."""
+        raise NotImplementedError
 
     def __repr__(self) -> str:
         """Return the headline behind the name of the class."""

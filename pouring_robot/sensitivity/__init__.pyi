@@ -1,4 +1,4 @@
 from .analysis import sensitivity as sensitivity
+from .report import Request as Request
 from .report import SensitivityReport as SensitivityReport
-from .request import Request as Request
 from .samples import ErrorSamples as ErrorSamples

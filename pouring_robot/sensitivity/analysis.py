@@ -20,8 +20,7 @@ from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import Parameter, ParameterCatalogue
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.layout import load_layout
-from pouring_robot.sensitivity.report import SensitivityReport
-from pouring_robot.sensitivity.request import Request
+from pouring_robot.sensitivity.report import Request, SensitivityReport
 from pouring_robot.sensitivity.samples import ErrorSamples, Kind
 
 _AT_ONCE = 1000

@@ -1,16 +1,15 @@
 """What a sensitivity study found: a row an error, and the axes to control; its tables, pictures and page."""
 
-from __future__ import annotations
-
 import functools
 import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.files import write_together
 from pouring_robot.io.tables import csv_text
 from pouring_robot.mechanism.arrays import FloatArray
@@ -19,63 +18,54 @@ from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Ta
 from pouring_robot.report.result import Result
 from pouring_robot.robot.dh.table import DHParameter
 from pouring_robot.robot.parameters import Parameter
-from pouring_robot.sensitivity.request import Request
 from pouring_robot.sensitivity.samples import AXES, ErrorSamples, median_place, peak, uniform_gap
 
-if TYPE_CHECKING:
-    import pandas as pd
-
+Range = tuple[float, float]
 _EVEN, _PILED, _DRAWN = 0.1, 2.0, 12
 _ALIKE_M = 1e-9
 """Legs are alike, and closures are found to a nanometre: what differs by less is in the order of the parameters."""
 
 
 @dataclass(frozen=True)
-class ErrorRow:
-    """One error in one model; lengths in m, angles in rad.
+class Request:
+    """What to study; a number that is out of its range raises BadInputError."""
 
-    Attributes:
-        parameter, model, size: the error in ``closed chain`` or ``open branch``.
-        mean_m, largest_m: mean and largest absolute coordinate, x y z.
-        distance_m, angle_rad: largest displacement and turn.
-        main: coordinate with the largest mean: X, Y or Z; ``none``.
-        quantiles_m: 5, 50 and 95 % of the main coordinate.
-        one_sign: whether the main coordinate has one sign at all poses.
-        shape: ``even``, ``piled at … mm`` or ``uneven``: how the main coordinate spreads over the poses.
-        class_mm, class_rad: powers of ten of the largest displacement in mm and of the largest turn in rad; None
-            where it counts as nothing.
-    """
+    poses: int = 10_000  # how many; of a robot without a workspace box at most so many, those that close
+    seed: int = 2022  # of their drawing from the workspace box; drive values of other robots are spread evenly
+    length_m: float = 0.2 * MM  # size of an error; the default is the paper's, here and below
+    angle_rad: float = 4.0 * MRAD
+    # limits of x, y, z (m) and tilt (rad) in place of the workspace's; the pouring robot only
+    box: tuple[Range | None, Range | None, Range | None, Range | None] = (None, None, None, None)
+    # sets, groups, names or patterns; by default the DH table, or all places, axes and drives
+    parameters: tuple[str, ...] = ()
+    frame: str | None = None  # whose displacement counts; by default the end frame
+    limit_m: float = MM  # errors that pass it in a coordinate are those to control
+    nothing_m: float = 1e-3 * MM  # below it an error counts as without influence
+    nothing_rad: float = 1e-5
+
+    def __post_init__(self) -> None:
+        if self.poses < 2 or self.seed < 0:
+            raise BadInputError(f"give two poses or more and a seed from 0 on, not {self.poses} and {self.seed}")
+        if not (0.0 < self.length_m < 0.1 and 0.0 < self.angle_rad < 0.5 and self.limit_m > 0.0):
+            raise BadInputError("errors and limit must be positive, errors below 100 mm and 500 mrad")
+        for limits in self.box:
+            if limits is not None and not limits[0] <= limits[1]:
+                raise BadInputError(f"a range must run upwards, not from {limits[0]:g} to {limits[1]:g}")
+
+
+@dataclass(frozen=True)
+class ErrorRow:
+    """One error in one model; lengths in m, angles in rad."""
 
     parameter: Parameter
-    model: str
-    size: float
-    mean_m: tuple[float, ...]
-    largest_m: tuple[float, ...]
-    distance_m: float
-    angle_rad: float
-    main: str
-    quantiles_m: tuple[float, ...]
-    one_sign: bool
-    shape: str
-    class_mm: int | None
-    class_rad: int | None
-
-    def figures(self) -> dict[str, Any]:
-        """Return it with units in the names."""
-        length = self.parameter.unit == "m"
-        row: dict[str, Any] = {
-            "parameter": self.parameter.name,
-            "part": self.parameter.part,
-            "model": self.model,
-            "error": self.size / (MM if length else MRAD),
-            "unit": "mm" if length else "mrad",
-        }
-        row |= {f"mean_{axis.lower()}_mm": value / MM for axis, value in zip(AXES, self.mean_m, strict=True)}
-        row |= {f"largest_{axis.lower()}_mm": value / MM for axis, value in zip(AXES, self.largest_m, strict=True)}
-        row |= {"largest_mm": self.distance_m / MM, "largest_mrad": self.angle_rad / MRAD, "main_direction": self.main}
-        row |= {f"main_{q}_mm": value / MM for q, value in zip(("p5", "p50", "p95"), self.quantiles_m, strict=True)}
-        row |= {"one_sign": self.one_sign, "spread": self.shape}
-        return row | {"class_mm": _power(self.class_mm), "class_rad": _power(self.class_rad)}
+    model: str  # ``closed chain`` or ``open branch``
+    largest_m: tuple[float, ...]  # largest absolute coordinate, x y z
+    distance_m: float  # largest displacement
+    angle_rad: float  # largest turn
+    main: str  # coordinate with the largest mean: X, Y or Z; ``none``
+    shape: str  # ``even``, ``piled at … mm`` or ``uneven``: how the main coordinate spreads over the poses
+    class_mm: int | None  # power of ten of the largest displacement in mm; None where it counts as nothing
+    figures: dict[str, Any]  # everything, with units in the names
 
 
 def _power(exponent: int | None) -> str:
@@ -97,24 +87,16 @@ class Control:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SensitivityReport(Result):
-    """What each error does alone.
+    """What each error does alone."""
 
-    Attributes:
-        robot: its name.
-        frame: whose displacement counts.
-        request: what was studied.
-        parameters: the errors, P of them.
-        samples: displacements by model, the closed chain first.
-        missed_m: by how much first order misses exact closures at most, and how far the robot moves there.
-        dh: the DH table, chain by chain and transform by transform a, α, d, θ; empty for another robot.
-    """
-
-    robot: str
-    frame: str
-    request: Request
-    parameters: tuple[Parameter, ...]
-    samples: tuple[ErrorSamples[Parameter], ...]
+    robot: str  # its name
+    frame: str  # whose displacement counts
+    request: Request  # what was studied
+    parameters: tuple[Parameter, ...]  # the errors, P of them
+    samples: tuple[ErrorSamples[Parameter], ...]  # displacements by model, the closed chain first
+    # by how much first order misses exact closures at most, and how far the robot moves there
     missed_m: tuple[float, float]
+    # the DH table, chain by chain and transform by transform a, α, d, θ; empty for another robot
     dh: tuple[DHParameter, ...] = ()
 
     @functools.cached_property
@@ -155,11 +137,9 @@ class SensitivityReport(Result):
             f"{first.main}"
         )
 
-    def to_frame(self) -> pd.DataFrame:
-        """Return one row an error and model."""
-        import pandas as pd
-
-        return pd.DataFrame([row.figures() for row in self.rows])
+    def _table(self) -> Any:
+        """One row an error and model."""
+        return [row.figures for row in self.rows]
 
     def figures(self) -> dict[str, Any]:
         """Return everything, ready for JSON; mm and mrad."""
@@ -174,7 +154,7 @@ class SensitivityReport(Result):
                 for c in self.controls
             ],
             "first_order_misses_mm": {"by": self.missed_m[0] / MM, "where_it_moves": self.missed_m[1] / MM},
-            "parameters": [row.figures() for row in self.rows],
+            "parameters": [row.figures for row in self.rows],
         } | ({"dh_table": self.dh_rows()} if self.dh else {})
 
     def dh_rows(self) -> list[dict[str, Any]]:
@@ -195,32 +175,27 @@ class SensitivityReport(Result):
         parameter, moved, main = self.parameters[k], samples.translation_m[k], samples.main_axis(k)
         along = moved[:, AXES.find(main)] if main in AXES else np.zeros(len(moved))
         distance, angle = float(samples.distance_m[k].max()), float(samples.angle_rad[k].max())
-        return ErrorRow(
-            parameter=parameter,
-            model=samples.kind,
-            size=self.request.length_m if parameter.unit == "m" else self.request.angle_rad,
-            mean_m=tuple(samples.mean_m[k].tolist()),
-            largest_m=tuple(samples.peak_m[k].tolist()),
-            distance_m=distance,
-            angle_rad=angle,
-            main=main,
-            quantiles_m=tuple(np.quantile(along, [0.05, 0.5, 0.95]).tolist()),
-            one_sign=bool(abs(np.sign(along).sum()) == len(along)),
-            shape=_shape(along),
-            class_mm=_order(distance / MM, self.request.nothing_m / MM),
-            class_rad=_order(angle, self.request.nothing_rad),
+        mean, largest = samples.mean_m[k].tolist(), samples.peak_m[k].tolist()
+        error, unit = (
+            (self.request.length_m / MM, "mm") if parameter.unit == "m" else (self.request.angle_rad / MRAD, "mrad")
         )
+        shape, class_mm = _shape(along), _order(distance / MM, self.request.nothing_m / MM)
+        figures: dict[str, Any] = {"parameter": parameter.name, "part": parameter.part, "model": samples.kind}
+        figures |= {"error": error, "unit": unit}
+        figures |= {f"mean_{axis}_mm": value / MM for axis, value in zip("xyz", mean, strict=True)}
+        figures |= {f"largest_{axis}_mm": value / MM for axis, value in zip("xyz", largest, strict=True)}
+        figures |= {"largest_mm": distance / MM, "largest_mrad": angle / MRAD, "main_direction": main}
+        figures |= {f"main_p{q}_mm": float(np.quantile(along, q / 100.0)) / MM for q in (5, 50, 95)}
+        figures |= {"one_sign": bool(abs(np.sign(along).sum()) == len(along)), "spread": shape}
+        figures |= {"class_mm": _power(class_mm), "class_rad": _power(_order(angle, self.request.nothing_rad))}
+        return ErrorRow(parameter, samples.kind, tuple(largest), distance, angle, main, shape, class_mm, figures)
 
     def save(self, folder: Path) -> list[Path]:
-        """Write ``sensitivity.csv``, ``.json``, pictures and ``report.html`` into a folder, which is made.
-
-        Raises:
-            OutputError: the folder cannot be written to.
-        """
+        """Write ``sensitivity.csv``, ``.json``, pictures and ``report.html`` into a folder, which is made."""
         from pouring_robot.report.plots import png_of, svg_of
-        from pouring_robot.sensitivity.plots import box_plots, distributions
+        from pouring_robot.sensitivity.samples import box_plots, distributions
 
-        rows = [row.figures() for row in self.rows]
+        rows = [row.figures for row in self.rows]
         files: dict[Path, str | bytes] = {
             folder / "sensitivity.csv": csv_text(rows[0], (row.values() for row in rows)),
             folder / "sensitivity.json": json.dumps(self.figures(), indent=1, ensure_ascii=False) + "\n",

@@ -1,16 +1,17 @@
-"""How single errors move a robot over many poses: sizes, directions, and the shapes of their distributions."""
+"""How single errors move a robot over many poses: sizes, directions, the shapes of their distributions, pictures."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Generic, Literal, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
 
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
+from pouring_robot.report.plots import ASH, BRICK, STEEL, new_figure, tidy
 from pouring_robot.robot.dh.table import DHParameter
 from pouring_robot.robot.parameters import Parameter
 
@@ -21,23 +22,17 @@ NOTHING_M = 1e-9
 _BIN_M = 0.005 * MM  # width of the bins in which the fullest is looked for; the paper's 1.3175 mm is a centre
 _BAND = 0.02  # values within this share of the fullest bin's place count as piled up there
 
-
 P = TypeVar("P", Parameter, DHParameter)
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorSamples(Generic[P]):
-    """How each error alone moves one frame of the robot, in the axes of its base.
-
-    Attributes:
-        kind, parameters: of which model, and the errors, P of them.
-        translation_m, rotation_rad: translations and rotation vectors, shape (P, n, 3) each.
-    """
+    """How each error alone moves one frame of the robot, in the axes of its base."""
 
     kind: Kind
-    parameters: tuple[P, ...]
-    translation_m: FloatArray
-    rotation_rad: FloatArray
+    parameters: tuple[P, ...]  # the errors, P of them
+    translation_m: FloatArray  # shape (P, n, 3)
+    rotation_rad: FloatArray  # rotation vectors, shape (P, n, 3)
 
     def subset(self, wanted: Collection[P]) -> ErrorSamples[P]:
         """Return the samples of some of the parameters, in the order they have here."""
@@ -136,3 +131,67 @@ def median_place(values: FloatArray) -> float:
     absolute = np.abs(values)
     span = float(np.ptp(absolute))
     return float((np.median(absolute) - absolute.min()) / span) if span > 0.0 else 0.5
+
+
+def box_plots(large: ErrorSamples[P], title: str, limit_m: float = MM) -> Any:
+    """Draw absolute coordinates of errors, such as those that pass a limit, over the poses, as the paper's Fig. 4."""
+    figure = new_figure(10.0, 3.9)
+    panels = figure.subplots(1, 3, sharey=True)
+    values = np.abs(large.translation_m) / MM
+    top = 1.08 * float(values.max(initial=1.0))
+    looks: dict[str, Any] = {f"{part}props": {"color": STEEL} for part in ("whisker", "cap")}
+    looks |= {"boxprops": {"facecolor": "#c9dbe8", "edgecolor": STEEL}}
+    looks |= {"medianprops": {"color": BRICK, "linewidth": 1.6}}
+    for a, (panel, axis) in enumerate(zip(panels, AXES, strict=True)):
+        panel.boxplot([row[:, a] for row in values], whis=(0, 100), widths=0.6, patch_artist=True, **looks)
+        panel.axhline(limit_m / MM, color=ASH, linewidth=0.9, linestyle="--")
+        panel.set_xticks(range(1, len(large.labels) + 1), large.labels, rotation=90 * (len(large.labels) > 9))
+        panel.set_title(f"|Δ{axis}|", fontsize=11)
+        panel.set_ylim(0.0, top)
+        tidy(panel)
+    panels[0].set_ylabel("position error, mm")
+    figure.suptitle(title, fontsize=11)
+    return figure
+
+
+def distributions(errors: ErrorSamples[P], labels: Sequence[str], title: str, mark_m: float | None = None) -> Any:
+    """Draw how errors of some labels, from top to bottom, spread over the poses, axis by axis, as the paper's Fig. 5.
+
+    ``mark_m``: a place that is marked in X, both signs.
+    """
+    from matplotlib.ticker import MaxNLocator
+
+    figure = new_figure(10.0, 5.2)
+    panels = figure.subplots(1, 3, sharey=True)
+    for a, (panel, axis) in enumerate(zip(panels, AXES, strict=True)):
+        signed = np.stack([errors.moves(label)[:, a] for label in labels]) / MM
+        low, high = min(float(signed.min()), 0.0) - 0.15, max(float(signed.max()), 0.0) + 0.15
+        bins = np.linspace(low, high, 121)
+        for row, values in enumerate(signed):
+            base = len(labels) - 1 - row
+            panel.axhline(base, color="#dddddd", linewidth=0.6)
+            if np.abs(values).max() < NOTHING_M / MM:
+                panel.plot([0.0], [base], "o", color=ASH, markersize=3.5)
+                panel.annotate("always 0", (0.0, base), (0, 5), textcoords="offset points", ha="center", fontsize=7.5)
+                continue
+            density = np.histogram(values, bins)[0] / len(values)
+            heights = 0.85 * density / density.max()
+            panel.stairs(base + heights, bins, baseline=base, fill=True, color=STEEL, alpha=0.35)
+            panel.stairs(base + heights, bins, baseline=base, color=STEEL, linewidth=0.9)
+        if axis == "X" and mark_m is not None:
+            for place in (-mark_m / MM, mark_m / MM):
+                if low < place < high:
+                    panel.axvline(place, color=BRICK, linewidth=0.9, linestyle="--")
+                    label = f" {'−' if place < 0.0 else '+'}{abs(place):.4f}"
+                    panel.text(place, len(labels) + 0.05, label, color=BRICK, ha="left", fontsize=8)
+        panel.set_title(f"Δ{axis}", fontsize=11)
+        panel.set_xlabel("mm")
+        panel.set_xlim(low, high)
+        panel.xaxis.set_major_locator(MaxNLocator(5))
+        panel.set_ylim(-0.15, len(labels) + 0.3)
+        panel.set_yticks(range(len(labels)), list(reversed(labels)))
+        tidy(panel)
+        panel.grid(visible=False)
+    panels[0].set_ylabel("error; share of poses, each to its own height")
+    figure.suptitle(title, fontsize=11)
+    return figure

@@ -1,15 +1,16 @@
 """The sweep file: which errors, of which size, at which poses. It is kept in mm and mrad, as people write it."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 import pydantic
+from numpy.typing import ArrayLike
 
 from pouring_robot.exceptions import BadInputError, SweepFileError, closest
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM
 
 Study = Literal["one_at_a_time", "monte_carlo", "sobol"]
@@ -28,25 +29,20 @@ Seed = Annotated[int, pydantic.Field(ge=0)]
 
 
 class ErrorEntry(StrictModel):
-    """Errors that are distributed alike.
+    """Errors that are distributed alike."""
 
-    Attributes:
-        parameters: names or patterns such as ``alpha_e*_56``, ``leg1_s1.t?``, ``drive.*``.
-        half_width_mm: of the uniform distribution, for lengths; ``half_width_mrad`` for angles, here and below.
-        std_mm: standard deviation of the normal distribution, before truncation.
-        limit_mm: where the normal distribution is cut off on both sides.
-        correlation: of the normal deviates behind the errors of one part, 0 to 1. Between normal errors it is the
-            correlation itself, between uniform ones r it is (6/π) asin(r/2), at most 0.02 less.
-    """
-
+    # names or patterns such as ``alpha_e*_56``, ``leg1_s1.t?``, ``drive.*``
     parameters: tuple[str, ...] = pydantic.Field(min_length=1)
     distribution: Distribution = "uniform"
+    # of the uniform distribution, for lengths; ``half_width_mrad`` for angles, here and below
     half_width_mm: Positive | None = None
     half_width_mrad: Positive | None = None
-    std_mm: Positive | None = None
+    std_mm: Positive | None = None  # standard deviation of the normal distribution, before truncation
     std_mrad: Positive | None = None
-    limit_mm: Positive | None = None
+    limit_mm: Positive | None = None  # where the normal distribution is cut off on both sides
     limit_mrad: Positive | None = None
+    # of the normal deviates behind the errors of one part, 0 to 1. Between normal errors it is the correlation itself,
+    # between uniform ones r it is (6/π) asin(r/2), at most 0.02 less
     correlation: float = pydantic.Field(default=0.0, ge=0.0, le=1.0)
 
     @pydantic.field_validator("parameters", mode="before")
@@ -62,7 +58,7 @@ class ErrorEntry(StrictModel):
         return value
 
     @pydantic.model_validator(mode="after")
-    def _sizes_fit(self) -> ErrorEntry:
+    def _sizes_fit(self) -> Self:
         wanted = _SIZES[self.distribution]
         for size in ("half_width", "std", "limit"):
             for unit in ("mm", "mrad"):
@@ -92,17 +88,19 @@ class Box(StrictModel):
     tilt_deg: tuple[float, float] | None = None
 
     @pydantic.model_validator(mode="after")
-    def _ordered(self) -> Box:
+    def _ordered(self) -> Self:
         for name, limits in self:
             if limits is not None and limits[0] > limits[1]:
                 raise ValueError(f"{name}: the lower limit {limits[0]:g} is above the upper one {limits[1]:g}")
         return self
 
-    def limits_si(self) -> list[tuple[float, float] | None]:
-        """Return the limits of x, y, z and tilt in m and rad, None where the layout's apply."""
-        factors = (MM, MM, MM, math.radians(1.0))
-        given = (self.x_mm, self.y_mm, self.z_mm, self.tilt_deg)
-        return [None if pair is None else (pair[0] * f, pair[1] * f) for pair, f in zip(given, factors, strict=True)]
+    def limits(self, layout: ArrayLike) -> FloatArray:
+        """Return lower and upper limits of x, y, z and tilt, shape (2, 4), in m and rad, from those of the layout."""
+        limits = np.array(layout)
+        for k, pair in enumerate((self.x_mm, self.y_mm, self.z_mm, self.tilt_deg)):
+            if pair is not None:
+                limits[:, k] = np.array(pair) * (math.radians(1.0) if k == 3 else MM)
+        return limits
 
 
 class Grid(StrictModel):
@@ -131,73 +129,57 @@ class Poses(StrictModel):
     file: str | None = None
 
     @pydantic.model_validator(mode="after")
-    def _one(self) -> Poses:
+    def _one(self) -> Self:
         if sum(choice is not None for choice in (self.grid, self.random, self.file)) != 1:
             raise ValueError("give exactly one of grid, random and file")
         return self
 
 
 class Allocation(StrictModel):
-    """The loosest tolerances that keep the requirement.
+    """The loosest tolerances that keep the requirement."""
 
-    Attributes:
-        share: of the robots that must meet it at each pose.
-        by: whether each parameter, each part or each entry of ``errors`` gets a tolerance factor of its own.
-        loosest_factor: no tolerance grows beyond this many times the one in ``errors``.
-        machines: robots drawn to verify the result by exact closures.
-    """
-
-    share: float = pydantic.Field(default=0.9973, gt=0.5, lt=1.0)
+    share: float = pydantic.Field(default=0.9973, gt=0.5, lt=1.0)  # of the robots that must meet it at each pose
+    # whether each parameter, each part or each entry of ``errors`` gets a tolerance factor of its own
     by: Grouping = "parameter"
-    loosest_factor: Positive = 10.0
-    machines: int = pydantic.Field(default=1000, ge=1)
+    loosest_factor: Positive = 10.0  # no tolerance grows beyond this many times the one in ``errors``
+    machines: int = pydantic.Field(default=1000, ge=1)  # robots drawn to verify the result by exact closures
 
 
 class SweepConfig(StrictModel):
     """A sweep file; files that it names are relative to its folder.
 
-    Attributes:
-        description: a line for people.
-        layout: name of the layout in the shipped dimensions file; or
-        robot: robot file of another robot; or
-        model: model file of a robot as built; errors come on top of its own.
-        study: ``one_at_a_time`` sets each error alone to its tolerance; ``monte_carlo`` draws robots; ``sobol`` draws
-            robots by Saltelli's scheme for Sobol indices.
-        kind: ``closed_chain``, or ``open_branch``: the chain of the errors alone, its joints held, as in the paper.
-        frames: observed frames, rigid on the end body; by default the working frame and the end frame.
-        poses: where the robots are sent. Every robot goes to every pose.
-        errors: what may be wrong; by default all of the geometry, by its tolerances.
-        tolerances: a tolerances file for that (default: the robot's own, or the shipped one).
-        samples: number of robots (monte_carlo) or of base samples, a power of two (sobol).
-        seed: of the draws.
-        chunk: closures computed and written at a time; bounds the memory, changes no number.
-        accuracy_mm: required accuracy; by default that of the layout, which other robots do not have.
-        allocation: if given, the loosest tolerances are sought.
+    What is wrong with it raises BadInputError; if it was read from a file, SweepFileError, which names line and key.
     """
 
     format: Literal["pouring_robot/sweep/1"] = "pouring_robot/sweep/1"
-    description: str = ""
-    layout: str | None = None
-    robot: str | None = None
-    model: str | None = None
+    description: str = ""  # a line for people
+    layout: str | None = None  # name of the layout in the shipped dimensions file; or
+    robot: str | None = None  # robot file of another robot; or
+    model: str | None = None  # model file of a robot as built; errors come on top of its own
+    # ``one_at_a_time`` sets each error alone to its tolerance; ``monte_carlo`` draws robots; ``sobol`` draws robots by
+    # Saltelli's scheme for Sobol indices
     study: Study
+    # ``closed_chain``, or ``open_branch``: the chain of the errors alone, its joints held, as in the paper
     kind: Kind = "closed_chain"
+    # observed frames, rigid on the end body; by default the working frame and the end frame
     frames: tuple[str, ...] = ()
-    poses: Poses
-    errors: tuple[ErrorEntry, ...] = ()
-    tolerances: str | None = None
+    poses: Poses  # where the robots are sent. Every robot goes to every pose
+    errors: tuple[ErrorEntry, ...] = ()  # what may be wrong; by default all of the geometry, by its tolerances
+    tolerances: str | None = None  # a tolerances file for that (default: the robot's own, or the shipped one)
+    # number of robots (monte_carlo) or of base samples, a power of two (sobol)
     samples: int | None = pydantic.Field(default=None, ge=1)
-    seed: Seed = 0
+    seed: Seed = 0  # of the draws
+    # closures computed and written at a time; bounds the memory, changes no number
     chunk: int = pydantic.Field(default=20_000, ge=1, le=1_000_000)
-    accuracy_mm: Positive | None = None
-    allocation: Allocation | None = None
+    accuracy_mm: Positive | None = None  # required; by default that of the layout, which other robots do not have
+    allocation: Allocation | None = None  # if given, the loosest tolerances are sought
 
     _folder: Path = pydantic.PrivateAttr(default_factory=Path)
     _source: Path | None = pydantic.PrivateAttr(default=None)
     _lines: tuple[int, ...] = pydantic.PrivateAttr(default=())
 
     @pydantic.model_validator(mode="after")
-    def _fits_together(self) -> SweepConfig:
+    def _fits_together(self) -> Self:
         if sum(name is not None for name in (self.layout, self.robot, self.model)) > 1:
             raise ValueError("give one of layout, robot and model, not both: a model file names its robot and layout")
         if self.errors and self.tolerances is not None:
@@ -218,12 +200,8 @@ class SweepConfig(StrictModel):
         return self
 
     @classmethod
-    def load(cls, path: Path | str) -> SweepConfig:
-        """Read a sweep file.
-
-        Raises:
-            SweepFileError: the file cannot be read, or a key or value in it is wrong; names line and key.
-        """
+    def load(cls, path: Path | str) -> Self:
+        """Read a sweep file."""
         path = Path(path)
         content = read_yaml(path, SweepFileError)
         config = validate(cls, content, path, SweepFileError)
@@ -232,12 +210,8 @@ class SweepConfig(StrictModel):
         config._lines = tuple(int(entries.lc.item(k)[0]) + 1 for k in range(len(entries)))
         return config
 
-    def with_robot(self, robot: Path) -> SweepConfig:
-        """Return the same for another robot, by its robot file.
-
-        Raises:
-            BadInputError: the sweep file names a layout or a model.
-        """
+    def with_robot(self, robot: Path) -> Self:
+        """Return the same for another robot, by its robot file."""
         if self.layout is not None or self.model is not None:
             raise self.problem("names a layout or a model; leave that out beside --robot")
         return self.model_copy(update={"robot": str(robot.absolute())})

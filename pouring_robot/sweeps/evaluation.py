@@ -21,20 +21,14 @@ STATUS_NAMES = dict(enumerate(("ok", *BATCH_STATUS_NAMES[1:]))) | {NOT_DONE: "no
 
 @dataclass(frozen=True, eq=False)
 class Platforms:
-    """Where the moving platform of every robot (first axis) stands at every pose (second axis).
+    """Where the moving platform of every robot (first axis) stands at every pose (second axis)."""
 
-    Attributes:
-        position_m: in the fixed platform, shape (robots, poses, 3); NaN where the status is not 0, here and below.
-        rotation: shape (robots, poses, 3, 3).
-        gap_m, gap_rad: largest distance and angle left open in a loop, shape (robots, poses) each.
-        status: shape (robots, poses), see :data:`STATUS_NAMES`.
-    """
-
+    # in the fixed platform, shape (robots, poses, 3); NaN where the status is not 0, here and below
     position_m: FloatArray
-    rotation: FloatArray
-    gap_m: FloatArray
-    gap_rad: FloatArray
-    status: ByteArray
+    rotation: FloatArray  # shape (robots, poses, 3, 3)
+    gap_m: FloatArray  # largest distance left open in a loop, shape (robots, poses)
+    gap_rad: FloatArray  # largest angle
+    status: ByteArray  # shape (robots, poses), see :data:`STATUS_NAMES`
 
 
 class OpenBranch:
@@ -127,17 +121,9 @@ class ClosedChains:
         errors = np.zeros((shape[0], self.engine.structure.site_count, 6))
         errors[:, self._sites] = placement_errors
         flat = errors.reshape(shape[0], -1)
-        closed = self.engine.close(
-            commands.drives[pose] + drive_errors[robot],
-            commands.start[pose],
-            flat[0] if shape[0] == 1 else flat[robot],
-        )
+        of_all = flat[0] if shape[0] == 1 else flat[robot]
+        closed = self.engine.close(commands.drives[pose] + drive_errors[robot], commands.start[pose], of_all)
         loops = closed.residual.shape[1]  # none of a serial arm
         gaps = np.linalg.norm(closed.residual.reshape(*shape, loops, 2, 3), axis=-1).max(axis=2, initial=0.0)
-        return Platforms(
-            closed.position.reshape(*shape, 3),
-            closed.rotation.reshape(*shape, 3, 3),
-            gaps[..., 0],
-            gaps[..., 1],
-            closed.status.reshape(shape),
-        )
+        position, rotation = closed.position.reshape(*shape, 3), closed.rotation.reshape(*shape, 3, 3)
+        return Platforms(position, rotation, gaps[..., 0], gaps[..., 1], closed.status.reshape(shape))

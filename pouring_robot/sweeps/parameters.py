@@ -1,14 +1,24 @@
-"""The parameters of a sweep: those of the catalogue that its file names, and what their values do to the joints.
+r"""The parameters of a sweep: those of the catalogue that its file names, their values, and what these do to joints.
 
 All of them act on top of the robot as it is: DH errors first, exactly as
 :meth:`~pouring_robot.robot.dh.table.DHTable.placement_errors` has them, then placement errors.
+
+Every error is a monotone function of one standard normal deviate z, so that correlation is the same notion for all
+distributions (a Gaussian copula). Errors of one part share a deviate c:
+
+.. math:: z_k = \sqrt{\rho}\, c + \sqrt{1-\rho}\, n_k
+
+Numbers depend on the seed and the sample's index alone: samples are drawn in blocks of fixed size, each with the seed
+sequence ``SeedSequence(seed, spawn_key=(0, block))``. Neither chunks nor workers change them.
 """
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
+import scipy.special
 from scipy.spatial.transform import Rotation
 
 from pouring_robot.exceptions import BadInputError
@@ -19,6 +29,10 @@ from pouring_robot.robot.dh.chain import SITES, SYMBOLS, TRANSFORMS
 from pouring_robot.robot.parameters import Parameter, ParameterCatalogue
 from pouring_robot.robot.tolerances import Tolerances, kind_of
 from pouring_robot.sweeps.config import ErrorEntry, SweepConfig
+
+BLOCK = 256
+NORMAL_TOLERANCE_SIGMAS = 3.0
+"""The tolerance that belongs to an untruncated normal distribution, in standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -32,9 +46,6 @@ def completed(config: SweepConfig, catalogue: ParameterCatalogue, robot: RobotDe
     """Return a sweep file with what it leaves to the robot: observed frames, and errors by tolerances.
 
     Every kind of error is an entry of its own, normal with the standard deviation of its tolerance.
-
-    Raises:
-        DescriptionError: the tolerances file is wrong.
     """
     said: dict[str, Any] = {}
     if not config.frames:
@@ -57,11 +68,7 @@ def completed(config: SweepConfig, catalogue: ParameterCatalogue, robot: RobotDe
 
 
 def select(catalogue: ParameterCatalogue, config: SweepConfig) -> tuple[SweepParameter, ...]:
-    """Return the parameters of a sweep in the order of its ``errors``.
-
-    Raises:
-        BadInputError: a name matches nothing, a parameter is given twice or has no size of its unit.
-    """
+    """Return the parameters of a sweep in the order of its ``errors``."""
     chosen: dict[str, SweepParameter] = {}
     for number, entry in enumerate(config.errors):
         try:
@@ -132,3 +139,101 @@ def homogeneous(errors: FloatArray) -> FloatArray:
     matrix[:, :3, 3] = errors[:, :3]
     matrix[:, 3, 3] = 1.0
     return matrix
+
+
+@dataclass(frozen=True)
+class Margin:
+    """Distribution of one error about zero, in its own unit."""
+
+    # largest error (half width, or where a normal is cut off); of an untruncated normal, three standard deviations
+    tolerance: float
+    std: float  # standard deviation, after truncation
+    scale: float  # half width, or standard deviation before truncation
+    cut: float  # truncation in units of ``scale``; infinite for a normal, zero for a uniform distribution
+
+    def from_deviates(self, deviates: FloatArray) -> FloatArray:
+        """Return errors for standard normal deviates of any shape."""
+        if self.cut == 0.0:
+            return np.asarray(self.scale * scipy.special.erf(deviates / np.sqrt(2.0)))
+        if np.isinf(self.cut):
+            return np.asarray(self.scale * deviates)
+        inside = scipy.special.erf(self.cut / np.sqrt(2.0))
+        # erf keeps small deviates exact, where 1 - ndtr would round them.
+        return np.asarray(
+            self.scale * np.sqrt(2.0) * scipy.special.erfinv(inside * scipy.special.erf(deviates / np.sqrt(2.0)))
+        )
+
+
+def _margin(config: SweepConfig, parameter: SweepParameter) -> Margin:
+    entry = config.errors[parameter.entry]
+    width, std, limit = (entry.size_si(size, parameter.unit) for size in ("half_width", "std", "limit"))
+    if width is not None:
+        return Margin(width, width / np.sqrt(3.0), width, 0.0)
+    assert std is not None  # checked when the parameters were selected
+    if limit is None:
+        return Margin(NORMAL_TOLERANCE_SIGMAS * std, std, std, np.inf)
+    cut = limit / std
+    inside = float(scipy.special.erf(cut / np.sqrt(2.0)))
+    density = float(np.exp(-0.5 * cut**2) / np.sqrt(2.0 * np.pi))
+    return Margin(limit, std * float(np.sqrt(1.0 - 2.0 * cut * density / inside)), std, cut)
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """The errors of all samples, computed where they are needed."""
+
+    study: str
+    seed: int
+    count: int  # number of samples in all
+    margins: tuple[Margin, ...]  # distribution of every parameter
+    parts: tuple[int, ...]  # number of the part that each parameter is measured on, shape (parameters,)
+    shared: FloatArray  # weight of the part's common deviate, the root of the correlation, shape (parameters,)
+
+    @classmethod
+    def of(cls, config: SweepConfig, parameters: Sequence[SweepParameter]) -> Self:
+        """Return the draws of a sweep."""
+        names, samples = sorted({p.part for p in parameters}), config.samples or 0
+        own = {"one_at_a_time": len(parameters), "monte_carlo": samples, "sobol": samples * (len(parameters) + 2)}
+        margins = tuple(_margin(config, p) for p in parameters)
+        parts = tuple(names.index(p.part) for p in parameters)
+        shared = np.sqrt([config.errors[p.entry].correlation for p in parameters])
+        return cls(config.study, config.seed, own[config.study], margins, parts, shared)
+
+    def values(self, first: int, last: int) -> FloatArray:
+        """Return the errors of samples ``first`` to ``last`` in m and rad, shape (last - first, parameters)."""
+        if self.study == "one_at_a_time":
+            return np.diag([m.tolerance for m in self.margins])[first:last]
+        deviates = self._saltelli(first, last) if self.study == "sobol" else self._random(first, last)
+        return np.stack([m.from_deviates(deviates[:, k]) for k, m in enumerate(self.margins)], axis=1)
+
+    def _random(self, first: int, last: int) -> FloatArray:
+        blocks = []
+        for number in range(first // BLOCK, (last - 1) // BLOCK + 1):
+            generator = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(0, number)))
+            common = generator.standard_normal((BLOCK, max(self.parts) + 1))
+            own = generator.standard_normal((BLOCK, len(self.parts)))
+            blocks.append(self.shared * common[:, list(self.parts)] + np.sqrt(1.0 - self.shared**2) * own)
+        start = first - first % BLOCK
+        return np.concatenate(blocks)[first - start : last - start]
+
+    def _saltelli(self, first: int, last: int) -> FloatArray:
+        """Return rows of the matrix that SALib's sampler would build whole: A, A with one column of B each, B."""
+        count = len(self.margins)
+        base = sobol_points(count, self.count // (count + 2), self.seed)
+        point, place = np.divmod(np.arange(first, last), count + 2)
+        rows = base[point, :count].copy()
+        one = (place >= 1) & (place <= count)
+        rows[one, place[one] - 1] = base[point[one], count + place[one] - 1]
+        rows[place == count + 1] = base[point[place == count + 1], count:]
+        # A scrambled point may be exactly zero, whose deviate would be infinite.
+        tiny = 2.0**-54
+        return np.asarray(scipy.special.ndtri(np.clip(rows, tiny, 1.0 - tiny)))
+
+
+@functools.lru_cache(maxsize=4)
+def sobol_points(parameters: int, points: int, seed: int) -> FloatArray:
+    """Return the Sobol sequence behind Saltelli's scheme, shape (points, 2 · parameters), in 0 to 1."""
+    from scipy.stats import qmc
+
+    sequence = qmc.Sobol(d=2 * parameters, scramble=True, seed=seed)
+    return np.asarray(sequence.random(points))

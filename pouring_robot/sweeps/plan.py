@@ -1,6 +1,7 @@
-"""A sweep made ready: the file resolved against the robot, cut into chunks, each of which can be computed anywhere."""
+"""A sweep made ready: the file resolved against the robot, cut into chunks, each of which can be computed anywhere.
 
-from __future__ import annotations
+It commands a grid, draws, or a list, all within the robot's reach.
+"""
 
 import functools
 import hashlib
@@ -8,7 +9,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pinocchio as pin
@@ -20,14 +21,22 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.mechanism.rotations import rotation_vectors
+from pouring_robot.robot.description.command import command_box
+from pouring_robot.robot.description.definition import RobotDefinition
+from pouring_robot.robot.description.drawing import Drawing
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.parameters import ParameterCatalogue
+from pouring_robot.robot.pose_table import read_command_lines, read_poses
+from pouring_robot.robot.pouring.definition import PouringDefinition
+from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
+from pouring_robot.robot.pouring.layout import Layout, load_layout
+from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import robot_of
-from pouring_robot.sweeps.config import Grouping, SweepConfig
-from pouring_robot.sweeps.draws import Draws
+from pouring_robot.sweeps.config import Box, Grouping, RandomBox, SweepConfig
 from pouring_robot.sweeps.evaluation import ByteArray, ClosedChains, OpenBranch, Platforms
-from pouring_robot.sweeps.parameters import ErrorMap, completed, select
-from pouring_robot.sweeps.poses import sweep_commands
+from pouring_robot.sweeps.parameters import Draws, ErrorMap, completed, select
+
+_MOST_ROUNDS = 20
 
 
 @dataclass(frozen=True)
@@ -41,30 +50,23 @@ class Chunk:
 
 @dataclass(frozen=True, eq=False)
 class ChunkResult:
-    """What one chunk found; NaN where the status is not 0.
+    """What one chunk found; NaN where the status is not 0."""
 
-    Attributes:
-        displacement: with the errors minus without them, shape (samples, poses, frames, 3), in m.
-        rotation: rotation vector of that, shape (samples, poses, 3), in rad.
-        gap_m, gap_rad, status: as :class:`Platforms` has them, shape (samples, poses) each.
-        errors: the errors of each robot, shape (samples, parameters), in m and rad.
-        version: of the package that computed it.
-    """
-
-    displacement: FloatArray
-    rotation: FloatArray
-    gap_m: FloatArray
+    displacement: FloatArray  # with the errors minus without them, shape (samples, poses, frames, 3), in m
+    rotation: FloatArray  # rotation vector of that, shape (samples, poses, 3), in rad
+    gap_m: FloatArray  # this and the next two as :class:`Platforms` has them, shape (samples, poses)
     gap_rad: FloatArray
     status: ByteArray
-    errors: FloatArray
-    version: str
+    errors: FloatArray  # the errors of each robot, shape (samples, parameters), in m and rad
+    version: str  # of the package that computed it
 
 
 class SweepPlan:
     """A sweep, ready to be computed; ``threads`` share the work of a chunk, None: all there are.
 
     Raises:
-        BadInputError: a name in it does not fit the robot.
+        BadInputError: a name in it does not fit the robot, correlated errors would fall into different groups, or a
+            file that it names is wrong.
         UnreachablePoseError: a pose is out of reach.
     """
 
@@ -90,12 +92,8 @@ class SweepPlan:
         self.sample_block = max(1, min(self.draws.count, config.chunk // self.pose_block))
 
     @classmethod
-    def load(cls, path: Path | str) -> SweepPlan:
-        """Read a sweep file and make it ready.
-
-        Raises:
-            SweepFileError: the file is wrong; or as the constructor.
-        """
+    def load(cls, path: Path | str) -> Self:
+        """Read a sweep file and make it ready."""
         return cls(SweepConfig.load(path))
 
     def __getstate__(self) -> dict[str, Any]:
@@ -157,11 +155,7 @@ class SweepPlan:
         return np.asarray(found - (position[:, None] + np.einsum("pij,fj->pfi", rotation, offsets)))
 
     def groups(self, by: Grouping) -> tuple[int, ...]:
-        """Return for each parameter the number of the group whose tolerances are scaled together.
-
-        Raises:
-            BadInputError: correlated errors would fall into different groups.
-        """
+        """Return for each parameter the number of the group whose tolerances are scaled together."""
         keys = [{"parameter": p.name, "part": p.part, "entry": str(p.entry)}[by] for p in self.parameters]
         names = list(dict.fromkeys(keys))
         owner: dict[str, str] = {}
@@ -247,3 +241,65 @@ def _model(config: SweepConfig) -> RobotModel:
 
 def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
+
+
+def sweep_commands(config: SweepConfig, robot: RobotDefinition, drawing: Drawing) -> BatchCommand:
+    """Return the commands of a sweep, with their drive values and the drawing's closed poses."""
+    if isinstance(robot, PouringDefinition) and isinstance(drawing, FourUPUKinematics):
+        commands = drawing.commands(_wanted(config, load_layout(robot.layout, robot.layouts_file)))
+        beyond = ~drawing.within_limits(commands.start.joints)
+        if beyond.any():
+            x, y, z, tilt = (float(value) for value in commands.poses[int(np.argmax(beyond))])
+            drawing.inverse(PlatformPose((x, y, z), tilt))  # raises, and names the joint
+        return commands
+    return _driven(config, robot, drawing)
+
+
+def _driven(config: SweepConfig, robot: RobotDefinition, drawing: Drawing) -> BatchCommand:
+    """Return drive values of a file, or drawn evenly between the drives' limits where the robot closes."""
+    choice = config.poses
+    if choice.grid is not None or (choice.random is not None and choice.random.box != Box()):
+        raise config.problem("grid and box are of the pouring robot; give random: {count, seed}, or a file of drives")
+    if choice.random is None:
+        listed = read_command_lines(config.beside(str(choice.file)), robot)
+        if not all(isinstance(command, np.ndarray) for command in listed.values()):
+            raise config.problem("poses.file: give a column for each drive")
+        drives = np.array(list(listed.values()))
+        start = drawing.starts(drives)
+        lost = ~(np.isfinite(start.position).all(axis=1) & drawing.in_reach(start))
+        if lost.any():
+            line = list(listed)[int(np.argmax(lost))]
+            raise config.problem(f"poses.file: line {line}: the robot does not close there, or beyond a joint's limits")
+        return BatchCommand(drives, drives, start)
+    generator, count = _generator(choice.random), choice.random.count
+    box = command_box(robot.command_axes(drawing.mechanism))
+    found = np.empty((0, box[0].size))
+    for _ in range(_MOST_ROUNDS):
+        drawn = generator.uniform(*box, size=(count, box[0].size))
+        start = drawing.starts(drawn)
+        found = np.concatenate([found, drawn[np.isfinite(start.position).all(axis=1) & drawing.in_reach(start)]])
+        if len(found) >= count:
+            return BatchCommand(found[:count], found[:count], drawing.starts(found[:count]))
+    raise config.problem("hardly any drive values close within the joint limits; give poses.file")
+
+
+def _wanted(config: SweepConfig, layout: Layout) -> FloatArray:
+    """Return x, y, z in m and the tilt in rad, shape (n, 4)."""
+    grid, random = config.poses.grid, config.poses.random
+    if grid is not None:
+        limits, counts = grid.box.limits(layout.box), (grid.x, grid.y, grid.z, grid.tilt)
+        axes = [
+            np.linspace(low, high, count) if count > 1 else np.array([0.5 * (low + high)])
+            for low, high, count in zip(*limits, counts, strict=True)
+        ]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 4)
+    if random is not None:
+        lower, upper = random.box.limits(layout.box)
+        return _generator(random).uniform(lower, upper, size=(random.count, 4))
+    listed = read_poses(config.beside(str(config.poses.file)))
+    return np.array([(*pose.position_m, pose.tilt_rad) for pose in listed])
+
+
+def _generator(random: RandomBox) -> np.random.Generator:
+    # A spawn key of its own keeps poses and errors apart when both carry the same seed.
+    return np.random.default_rng(np.random.SeedSequence(random.seed, spawn_key=(1, 0)))

@@ -2,6 +2,7 @@
 
 import concurrent.futures
 import contextlib
+import functools
 import itertools
 import logging
 from collections.abc import Generator, Iterator
@@ -111,7 +112,7 @@ def _clustered(plan: SweepPlan, chunks: list[Chunk], workers: int, scheduler: st
 
         waiting = iter(chunks)
         # The plan travels as a task, not as data: were its holders lost, Dask would make it again.
-        there = client.submit(_PlanTask(plan), pure=False)
+        there = client.submit(functools.partial(_received, plan), pure=False)
         finished = distributed.as_completed(loop=client.loop)
         pending: dict[Any, Chunk] = {}
 
@@ -133,15 +134,9 @@ def _compute(plan: SweepPlan, chunk: Chunk) -> ChunkResult:
     return plan.compute(chunk)
 
 
-class _PlanTask:
-    """Returns the plan it carries."""
-
-    def __init__(self, plan: SweepPlan) -> None:
-        self._plan = plan
-
-    def __call__(self) -> SweepPlan:
-        self._plan.threads = 1  # a worker computes as many chunks at a time as it has threads
-        return self._plan
+def _received(plan: SweepPlan) -> SweepPlan:
+    plan.threads = 1  # a worker computes as many chunks at a time as it has threads
+    return plan
 
 
 def _result(future: Any) -> ChunkResult:

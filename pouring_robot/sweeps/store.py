@@ -15,6 +15,9 @@ In a one-at-a-time study the first dimension is ``parameter`` itself, and ``tole
 
 A chunk's status is written last, each file in one step (Zarr writes beside the target and renames): a chunk counts as
 done when its status can be read and holds no 255. Whatever else of it was written is written again.
+
+Whatever is wrong with a store raises SweepStoreError: it is missing, damaged or none, another sweep is running in its
+folder, or the folder cannot be written to.
 """
 
 import contextlib
@@ -24,7 +27,7 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -45,16 +48,9 @@ AXES = ("x", "y", "z")
 
 
 class SweepStore:
-    """The store of one sweep, open for writing.
+    """The store of one sweep in its folder, open for writing; ``resume``: go on with one that is there.
 
-    Args:
-        folder: where the sweep's files are.
-        plan: the sweep.
-        resume: go on with a store that is there.
-
-    Raises:
-        SweepStoreError: results are there and ``resume`` is not given, they belong to another sweep, or they are
-            damaged; the folder cannot be written to. Nothing that was there is changed.
+    What is there and not to be gone on with, belongs to another sweep or is damaged, is refused and not changed.
     """
 
     def __init__(self, folder: Path | str, plan: SweepPlan, *, resume: bool = False) -> None:
@@ -75,7 +71,7 @@ class SweepStore:
                 self._made = self._make()
             self._group = open_group(self.path)
         self._arrays: dict[str, Any] = {}
-        for name, expected in (_written(plan) | _known(plan)).items():
+        for name, expected in _arrays(plan).items():
             try:
                 self._arrays[name] = array = self._group[name]
             except Exception as problem:
@@ -98,11 +94,7 @@ class SweepStore:
         return [chunk for chunk in self.plan.chunks() if not self.done(chunk)]
 
     def write(self, chunk: Chunk, result: ChunkResult) -> None:
-        """Write a chunk, its status last.
-
-        Raises:
-            SweepStoreError: there is no space left, or the folder cannot be written to.
-        """
+        """Write a chunk, its status last."""
         rows, columns = slice(*chunk.samples), slice(*chunk.poses)
         with writing(self.folder, "the finished chunks are kept; mend it and go on with --resume"):
             if "errors" in self._arrays and chunk.index[1] == 0:
@@ -111,11 +103,7 @@ class SweepStore:
                 self._arrays[name][rows, columns] = getattr(result, name)
 
     def read(self, name: str, chunk: Chunk) -> NDArray[Any]:
-        """Return one array of a chunk.
-
-        Raises:
-            SweepStoreError: the chunk is damaged.
-        """
+        """Return one array of a chunk."""
         try:
             return np.asarray(self._arrays[name][slice(*chunk.samples), slice(*chunk.poses)])
         except Exception as problem:
@@ -127,15 +115,11 @@ class SweepStore:
 
     @contextlib.contextmanager
     def alone(self) -> Iterator[None]:
-        """Keep a second sweep out of the folder, and clear away what a killed one left half-written.
-
-        Raises:
-            SweepStoreError: another sweep is running in the folder.
-        """
+        """Keep a second sweep out of the folder, and clear away what a killed one left half-written."""
         with _locked(self.path):
             for left in self.folder.glob(f".{STORE}.*.part"):
                 shutil.rmtree(left, ignore_errors=True)
-            for name in _written(self.plan):
+            for name in _arrays(self.plan):
                 for left in (self.path / name).rglob("*.partial"):
                     left.unlink(missing_ok=True)
             yield
@@ -185,11 +169,7 @@ class SweepStore:
 
 
 def open_results(folder: Path | str) -> xr.Dataset:
-    """Open the results in a sweep's folder, finished or not; arrays are read when they are used, chunk by chunk.
-
-    Raises:
-        SweepStoreError: there are no results, or they are damaged.
-    """
+    """Open the results in a sweep's folder, finished or not; arrays are read when they are used, chunk by chunk."""
     path = Path(folder) / STORE if (Path(folder) / STORE).exists() else Path(folder)
     open_group(path)
     try:
@@ -200,11 +180,7 @@ def open_results(folder: Path | str) -> xr.Dataset:
 
 
 def remove_sweep(folder: Path | str) -> None:
-    """Take away the store and the reports of a sweep, if there are any.
-
-    Raises:
-        SweepStoreError: what is there is not the store of a sweep, a sweep is running in it, or it cannot be removed.
-    """
+    """Take away the store and the reports of a sweep, if there are any."""
     folder = Path(folder)
     path = folder / STORE
     with writing(folder):
@@ -220,11 +196,7 @@ def remove_sweep(folder: Path | str) -> None:
 
 @contextlib.contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """Keep other sweeps away from a store.
-
-    Raises:
-        SweepStoreError: another sweep is running in its folder.
-    """
+    """Keep other sweeps away from a store."""
     handle = os.open(path, os.O_RDONLY)
     try:
         try:
@@ -237,11 +209,7 @@ def _locked(path: Path) -> Iterator[None]:
 
 
 def open_group(path: Path) -> zarr.Group:
-    """Open a store for reading and writing.
-
-    Raises:
-        SweepStoreError: it is missing or damaged.
-    """
+    """Open a store for reading and writing."""
     if not path.is_dir():
         raise SweepStoreError(path, "holds no results of a sweep")
     try:
@@ -252,11 +220,7 @@ def open_group(path: Path) -> zarr.Group:
 
 @contextlib.contextmanager
 def writing(folder: Path, advice: str = "choose a place you may write to") -> Iterator[None]:
-    """Turn a failure to write into one line.
-
-    Raises:
-        SweepStoreError: in place of any OSError.
-    """
+    """Turn a failure to write, any OSError, into one line, a SweepStoreError."""
     try:
         yield
     except OSError as problem:
@@ -296,51 +260,43 @@ class _Array(NamedTuple):
     attributes: dict[str, Any]
     values: NDArray[Any] | None = None
 
+    @classmethod
+    def known(cls, values: Any, dimensions: tuple[str, ...], **attributes: str) -> "_Array":
+        array = np.asarray(values)
+        array = array.astype(object) if array.dtype.kind == "U" else array
+        return cls(array.shape, array.shape, dimensions, attributes, array)
 
-_EITHER = {"units": "m or rad, see coordinate 'unit'"}
 
-
-def _written(plan: SweepPlan) -> dict[str, _Array]:
-    """Return the arrays that are written chunk by chunk."""
+def _arrays(plan: SweepPlan) -> dict[str, _Array]:
+    """Return the arrays of the store: those that are known from the start, then those written chunk by chunk."""
     both, block = (plan.draws.count, len(plan.poses)), (plan.sample_block, plan.pose_block)
     first = "parameter" if plan.config.study == "one_at_a_time" else "sample"
-    frames, columns = len(plan.config.frames), len(plan.parameters)
+    frames, parameters, margins = len(plan.config.frames), plan.parameters, plan.draws.margins
+    either = {"units": "m or rad, see coordinate 'unit'"}
     codes = {"codes": "; ".join(f"{code} {name}" for code, name in STATUS_NAMES.items())}
+    place, known = f"{plan.mechanism.loops.end_frame}, commanded", _Array.known
+    tilt = {"tilt": known(plan.poses.poses[:, 3], ("pose",), units="rad")} if plan.tilts else {}
+    errors = (both[0], len(parameters)), (block[0], len(parameters)), ("sample", "parameter")
     moved = (*both, frames, 3), (*block, frames, 3), (first, "pose", "frame", "axis")
-    arrays = {
+    return {
+        "parameter": known(plan.names, ("parameter",)),
+        "unit": known([p.unit for p in parameters], ("parameter",)),
+        "part": known([p.part for p in parameters], ("parameter",)),
+        "tolerance": known([margin.tolerance for margin in margins], ("parameter",), **either),
+        "std": known([margin.std for margin in margins], ("parameter",), **either),
+        "frame": known(plan.config.frames, ("frame",)),
+        "axis": known(AXES, ("axis",)),
+        "position": known(plan.poses.start.position, ("pose", "axis"), units="m", of=place),
+        **tilt,
+        "drive": known([drive.joint for drive in plan.catalogue.drives], ("drive",)),
+        "command": known(plan.poses.drives, ("pose", "drive"), units="m or rad, by drive"),
         "displacement": _Array(*moved, {"units": "m"}),
         "rotation": _Array((*both, 3), (*block, 3), (first, "pose", "axis"), {"units": "rad"}),
         "gap_m": _Array(both, block, (first, "pose"), {"units": "m"}),
         "gap_rad": _Array(both, block, (first, "pose"), {"units": "rad"}),
         "status": _Array(both, block, (first, "pose"), codes),
+        **({"errors": _Array(*errors, either)} if first == "sample" else {}),
     }
-    if first == "sample":
-        arrays["errors"] = _Array((both[0], columns), (block[0], columns), ("sample", "parameter"), _EITHER)
-    return arrays
-
-
-def _known(plan: SweepPlan) -> dict[str, _Array]:
-    """Return the arrays that are known from the start."""
-    drives, place = [drive.joint for drive in plan.catalogue.drives], f"{plan.mechanism.loops.end_frame}, commanded"
-    found: dict[str, tuple[Sequence[Any] | NDArray[Any], tuple[str, ...], dict[str, Any]]] = {
-        "parameter": (plan.names, ("parameter",), {}),
-        "unit": ([p.unit for p in plan.parameters], ("parameter",), {}),
-        "part": ([p.part for p in plan.parameters], ("parameter",), {}),
-        "tolerance": ([margin.tolerance for margin in plan.draws.margins], ("parameter",), _EITHER),
-        "std": ([margin.std for margin in plan.draws.margins], ("parameter",), _EITHER),
-        "frame": (plan.config.frames, ("frame",), {}),
-        "axis": (AXES, ("axis",), {}),
-        "position": (plan.poses.start.position, ("pose", "axis"), {"units": "m", "of": place}),
-        **({"tilt": (plan.poses.poses[:, 3], ("pose",), {"units": "rad"})} if plan.tilts else {}),
-        "drive": (drives, ("drive",), {}),
-        "command": (plan.poses.drives, ("pose", "drive"), {"units": "m or rad, by drive"}),
-    }
-    arrays = {}
-    for name, (values, dimensions, attributes) in found.items():
-        array = np.asarray(values)
-        array = array.astype(object) if array.dtype.kind == "U" else array
-        arrays[name] = _Array(array.shape, array.shape, dimensions, attributes, array)
-    return arrays
 
 
 def _write_empty(path: Path, plan: SweepPlan) -> None:
@@ -361,7 +317,7 @@ def _write_empty(path: Path, plan: SweepPlan) -> None:
             "content_hash": plan.content_hash,
         },
     )
-    for name, array in (_known(plan) | _written(plan)).items():
+    for name, array in _arrays(plan).items():
         if array.values is not None:
             kind: dict[str, Any] = {"dtype": str if array.values.dtype == object else array.values.dtype}
         elif name == "status":

@@ -1,12 +1,20 @@
-"""Temperatures and what they move in tables and lines, for the terminal and for a page."""
+"""Temperatures and what they move in tables, lines and pictures, for the terminal and for a page."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
 
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.page import Block, Paragraph, Plot, Table, html_page
-from pouring_robot.report.plots import svg_of
+from pouring_robot.report.plots import ASH, BRICK, MOSS, STEEL, new_figure, svg_of, tidy
 from pouring_robot.robot.location_figures import decimals
-from pouring_robot.robot.pouring.names import LEGS
-from pouring_robot.thermal.plots import pose_picture, shift_picture
+from pouring_robot.robot.pouring.names import CHAINS, LEGS
+from pouring_robot.thermal.network.parts import TemperatureField
 from pouring_robot.thermal.report import PoseHeat, ShiftHeat
+
+_LEGS = (STEEL, "#81b1d5", BRICK, "#e8a598")
+_AXES = (STEEL, MOSS, BRICK)
 
 
 def html_report(found: PoseHeat | ShiftHeat, drawn: PoseHeat | ShiftHeat, title: str) -> str:
@@ -24,11 +32,9 @@ def blocks(found: PoseHeat | ShiftHeat) -> list[Block]:
 
 def _pose(found: PoseHeat) -> list[Block]:
     rows = []
-    for one in found.parts:
-        cells = (
-            decimals(v, 3 if name == "growth_mm" else 1) if v is not None else "" for name, v in one.figures().items()
-        )
-        rows.append((one.part.replace("_", " "), *cells))
+    for part, figures in found.parts.items():
+        cells = (decimals(v, 3 if name == "growth_mm" else 1) if v is not None else "" for name, v in figures.items())
+        rows.append((part.replace("_", " "), *cells))
     moves = []
     for frame, difference in found.moved.items():
         shift, turn = ([decimals(v, 3, sign=True) for v in part] for part in difference.to_mm_mrad())
@@ -75,3 +81,77 @@ def _shift(found: ShiftHeat) -> list[Block]:
     ]
     title = "means: degC; the platform's origin o and the lip, moved by heat alone: mm"
     return [Paragraph(title), Table(list(shown), rows)]
+
+
+def draw_legs(panel: Axes, field: TemperatureField) -> None:
+    """Draw the temperature along each leg, upper U joint on the left."""
+    for k, i in enumerate(CHAINS):
+        inside = field.between_joints[k] > 0.0
+        positions_m = field.exposure.from_upper_joint_m
+        order = np.argsort(positions_m[k][inside])
+        place, value = (a[k][inside][order] for a in (positions_m / MM, field.leg_elements_degC))
+        style = "--" if i % 2 == 0 else "-"
+        panel.plot(place, value, style, color=_LEGS[k], linewidth=1.8, label=f"leg {i}")
+    panel.set_xlabel("from the upper U joint down, mm")
+    panel.set_ylabel("°C")
+    panel.legend(fontsize=9, frameon=False)
+    tidy(panel)
+
+
+def draw_moves(panel: Axes, heat: PoseHeat) -> None:
+    """Draw by how much heat moves each frame, axis by axis."""
+    for a, axis in enumerate("xyz"):
+        values = [difference.translation_m[a] / MM for difference in heat.moved.values()]
+        places = np.arange(len(values)) + 0.25 * (a - 1)
+        bars = panel.bar(places, values, 0.22, color=_AXES[a], label=axis)
+        panel.bar_label(bars, fmt="%+.2f", fontsize=8, padding=2)
+    panel.axhline(0.0, color=ASH, linewidth=0.8)
+    panel.set_xticks(range(len(heat.moved)), [name.replace("_", " ") for name in heat.moved])
+    panel.set_ylabel("moved by heat alone, mm")
+    panel.margins(y=0.12)
+    panel.legend(fontsize=9, frameon=False, ncols=3)
+    tidy(panel)
+
+
+def pose_picture(heat: PoseHeat, title: str) -> Any:
+    """Draw temperatures along the legs beside the deformation."""
+    figure = new_figure(10.0, 4.2)
+    left, right = figure.subplots(1, 2)
+    draw_legs(left, heat.field)
+    draw_moves(right, heat)
+    figure.suptitle(title, fontsize=11)
+    return figure
+
+
+def shift_picture(shift: ShiftHeat, title: str) -> Any:
+    """Draw melt, parts and deformation over time."""
+    figure = new_figure(10.0, 7.0)
+    melt, parts, moved = figure.subplots(3, 1, sharex=True, height_ratios=(1.0, 2.0, 2.0))
+    table, (end, lip) = shift.to_frame(), shift.moved
+    minutes = table["time_min"]
+    melt.plot(minutes, table["melt_degC"], color="#8f2d16", linewidth=1.8)
+    melt.set_ylabel("melt, °C")
+    for k, i in enumerate(CHAINS):
+        style = "--" if i % 2 == 0 else "-"
+        parts.plot(minutes, table[f"leg{i}_degC"], style, color=_LEGS[k], linewidth=1.8, label=f"leg {i}")
+    parts.plot(minutes, table["platform_degC"], color="#4a4a4a", linewidth=1.8, label="platform")
+    parts.plot(minutes, table["fixed_platform_degC"], color=ASH, linewidth=1.2, label="fixed platform")
+    parts.set_ylabel("mean, °C")
+    parts.legend(fontsize=8, frameon=False, ncols=6)
+    for axis, colour in zip("xyz", _AXES, strict=True):
+        values, label = table[f"{end}_moved_{axis}_mm"], f"{axis} of {end.replace('_', ' ')}"
+        moved.plot(minutes, values, color=colour, linewidth=1.6, label=label)
+    sizes = table[f"{lip}_moved_mm"]
+    moved.plot(minutes, sizes, color="#4a4a4a", linewidth=1.6, linestyle=":", label=f"distance of {lip}")
+    moved.axhline(0.0, color=ASH, linewidth=0.8)
+    moved.set_ylabel("moved by heat alone, mm")
+    moved.set_xlabel("min")
+    moved.legend(fontsize=8, frameon=False, ncols=4)
+    changes = [minutes[k] for k in range(1, len(minutes)) if shift.poses[k] != shift.poses[k - 1]]
+    for panel in (melt, parts, moved):
+        for time in changes:
+            panel.axvline(time, color=ASH, linewidth=0.8, linestyle="--")
+        panel.margins(y=0.15)
+        tidy(panel)
+    figure.suptitle(title + ("; dashed: the pose changes" if changes else ""), fontsize=11)
+    return figure

@@ -1,110 +1,72 @@
 """What a melt does to a robot: temperatures and deformation at a pose, and over a shift, as results with tables.
 
-Deformation is that of the drawing: heat alone, no geometric errors.
+Deformation is that of the drawing: heat alone, no geometric errors. Where the warm drawing cannot take a pose, or no
+temperatures are found, that raises NoSolutionError.
 """
-
-# ruff: noqa: N815 - units keep their capitals: K, W, degC
-from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
 
 import numpy as np
 
 from pouring_robot.io.files import write_whole
+from pouring_robot.io.tables import csv_text
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD, PoseDifference, bodies_at
 from pouring_robot.report.result import Result
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location_figures import difference_figures
-from pouring_robot.robot.pouring.names import CHAINS, LEGS
+from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
-from pouring_robot.thermal.expansion.bending import LegBending
-from pouring_robot.thermal.expansion.growth import ThermalExpansion
-from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
-from pouring_robot.thermal.expansion.warm_robot import WarmRobot, drawing_of
-from pouring_robot.thermal.network.assembly import ThermalNetwork
-from pouring_robot.thermal.network.field import TemperatureField
-from pouring_robot.thermal.network.history import HeatHistory, PoseSchedule
-from pouring_robot.thermal.network.transient import simulate
-
-if TYPE_CHECKING:
-    import pandas as pd
+from pouring_robot.thermal.expansion.growth import LegBending, ThermalExpansion
+from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot, drawing_of
+from pouring_robot.thermal.network.assembly import ThermalNetwork, simulate
+from pouring_robot.thermal.network.history import POSE_COLUMNS, HeatHistory, PoseSchedule
+from pouring_robot.thermal.network.parts import TemperatureField
 
 
-@dataclass(frozen=True)
-class PartTemperature:
-    """One part.
-
-    Attributes:
-        part: its name.
-        mean_degC: along the way from joint to joint, or by volume.
-        hottest_degC: hottest element.
-        across_K: largest difference from one side of a leg to the other; None for other parts.
-        growth_mm: of a leg, from joint to joint; of a platform, of its greatest half-width between U-joint centres;
-            None for parts whose growth moves nothing.
-    """
-
-    part: str
-    mean_degC: float
-    hottest_degC: float
-    across_K: float | None = None
-    growth_mm: float | None = None
-
-    def figures(self) -> dict[str, float | None]:
-        """Return its figures."""
-        return {name: value for name, value in vars(self).items() if name != "part"}
-
-
-def part_temperatures(
+def part_figures(
     robot: PouringRobot, field: TemperatureField, expansion: ThermalExpansion
-) -> list[PartTemperature]:
-    """Return every part's temperatures and growth."""
+) -> dict[str, dict[str, float | None]]:
+    """Return the temperatures and the growth of every part, by name.
+
+    Means are along the way from joint to joint, or by volume; ``across_K`` is the largest difference from one side of a
+    leg to the other. Growth is a leg's from joint to joint, or that of a platform's greatest half-width between U-joint
+    centres. None stands where a part has no such figure.
+    """
     hottest = np.max(field.leg_elements_degC, axis=1, where=field.between_joints > 0.0, initial=-np.inf)
     growth = np.array(expansion.leg_strain) * field.exposure.lengths_m / MM
-    legs = zip(LEGS, *(v.tolist() for v in (field.leg_degC, hottest, field.leg_difference_K, growth)), strict=True)
-    parts, kinematics = [PartTemperature(*leg) for leg in legs], robot.kinematics
-    growth = expansion.platform_strain * np.abs(kinematics.moving_centres_m).max() / MM
-    hottest = field.platform_elements_degC.max()
-    parts.append(PartTemperature("platform", field.platform_degC, float(hottest), None, float(growth)))
-    growth = expansion.fixed_platform_strain * np.abs(kinematics.fixed_centres_m).max() / MM
+    legs = zip(*(v.tolist() for v in (field.leg_degC, hottest, field.leg_difference_K, growth)), strict=True)
+    found: dict[str, tuple[float | None, ...]] = dict(zip(LEGS, legs, strict=True))
+    growth = expansion.platform_strain * np.abs(robot.kinematics.moving_centres_m).max() / MM
+    found["platform"] = field.platform_degC, float(field.platform_elements_degC.max()), None, float(growth)
+    growth = expansion.fixed_platform_strain * np.abs(robot.kinematics.fixed_centres_m).max() / MM
     hottest = field.fixed_platform_elements_degC.max()
-    parts.append(PartTemperature("fixed_platform", field.fixed_platform_degC, float(hottest), None, float(growth)))
+    found["fixed_platform"] = field.fixed_platform_degC, float(hottest), None, float(growth)
     if field.cladding_degC.size:
-        parts.append(PartTemperature("cladding", float(field.cladding_degC.mean()), float(field.cladding_degC.max())))
-    return [*parts, PartTemperature("ladle_shell", field.shell_degC, field.shell_degC)]
+        found["cladding"] = float(field.cladding_degC.mean()), float(field.cladding_degC.max()), None, None
+    found["ladle_shell"] = field.shell_degC, field.shell_degC, None, None
+    names = ("mean_degC", "hottest_degC", "across_K", "growth_mm")
+    return {part: dict(zip(names, values, strict=True)) for part, values in found.items()}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PoseHeat(Result):
-    """A pose under heat.
+    """A pose under heat."""
 
-    Attributes:
-        pose: the commanded pose.
-        field, parts: temperatures, by part and how much each grows.
-        moved: by how much heat alone moves each reported frame; the last is the lip.
-        bending: of the legs.
-        lever_m: distance of the lip from the tilt axis, by which bending's tilt error counts.
-        accuracy_m: required of the robot.
-    """
-
-    pose: PlatformPose
+    pose: PlatformPose  # the commanded pose
     field: TemperatureField
-    parts: list[PartTemperature]
-    moved: dict[str, PoseDifference]
-    bending: LegBending
-    lever_m: float
-    accuracy_m: float
+    parts: dict[str, dict[str, float | None]]  # as :func:`part_figures` has them
+    moved: dict[str, PoseDifference]  # by how much heat alone moves each reported frame; the last is the lip
+    bending: LegBending  # of the legs
+    lever_m: float  # distance of the lip from the tilt axis, by which bending's tilt error counts
+    accuracy_m: float  # required of the robot
 
     @classmethod
-    def of(cls, heated: HeatedRobot, pose: PlatformPose) -> PoseHeat:
-        """Find it for the drawing, with its heat, at a commanded pose.
-
-        Raises:
-            NoSolutionError: the warm drawing cannot take the pose, or no temperatures are found.
-        """
+    def of(cls, heated: HeatedRobot, pose: PlatformPose) -> Self:
+        """Find it for the drawing, with its heat, at a commanded pose."""
         state = heated.locate(pose)
         field, robot, location = state.field, heated.robot, state.location
         if field is None:
@@ -113,7 +75,7 @@ class PoseHeat(Result):
         moved = {frame: location.difference(frame) for frame in loops.reported_frames}
         lip = location.nominal.pose(loops.end_frame or "", loops.working_frame)
         lever = float(np.hypot(lip.translation[0], lip.translation[2]))
-        parts = part_temperatures(robot, field, state.robot.expansion)
+        parts = part_figures(robot, field, state.robot.expansion)
         return cls(pose, field, parts, moved, LegBending.of(field), lever, robot.layout.accuracy_m)
 
     @property
@@ -129,44 +91,29 @@ class PoseHeat(Result):
         """Whether bending of leg 4 moves the lip by more than a tenth of the required accuracy."""
         return self.bending.matters(self.lever_m, self.accuracy_m)
 
-    def to_frame(self) -> pd.DataFrame:
-        """Return one row a part."""
-        import pandas as pd
-
-        return pd.DataFrame(self.parts)
-
-    def elements(self) -> pd.DataFrame:
-        """Return one row an element of legs and platforms: where it is (NaN in platforms) and how warm."""
-        import pandas as pd
-
-        field = self.field
-        rods = ["moving_rod"] * field.bodies.grid.moving + ["fixed_rod"] * field.bodies.grid.fixed
-        rows: list[tuple[str, str, float, float]] = []
-        for k, i in enumerate(CHAINS):
-            values = zip(rods, field.exposure.from_upper_joint_m[k] / MM, field.leg_elements_degC[k], strict=True)
-            rows += [(f"leg{i}", rod, place, value) for rod, place, value in values]
-        platforms = {"platform": field.platform_elements_degC, "fixed_platform": field.fixed_platform_elements_degC}
-        for part, cells in platforms.items():
-            rows += [(part, f"cell_{n}", np.nan, value) for n, value in enumerate(cells, start=1)]
-        return pd.DataFrame(rows, columns=["part", "element", "from_upper_joint_mm", "temperature_degC"])
+    def _table(self) -> Any:
+        """One row a part."""
+        return [{"part": part, **figures} for part, figures in self.parts.items()]
 
     def save(self, path: Path | str) -> Path:
-        """Write every element as CSV.
-
-        Raises:
-            OutputError: the file cannot be written.
-        """
-        table = self.elements()
-        table["from_upper_joint_mm"] = table["from_upper_joint_mm"].map("{:.6g}".format, na_action="ignore")
-        return write_whole(path, table.to_csv(index=False, float_format="%.6f", lineterminator="\n"))
+        """Write every element of legs and platforms as CSV: where it is (empty in platforms) and how warm."""
+        field = self.field
+        rods = ["moving_rod"] * field.bodies.grid.moving + ["fixed_rod"] * field.bodies.grid.fixed
+        rows: list[tuple[str, str, str, str]] = []
+        for k, leg in enumerate(LEGS):
+            values = zip(rods, field.exposure.from_upper_joint_m[k] / MM, field.leg_elements_degC[k], strict=True)
+            rows += [(leg, rod, f"{place:.6g}", f"{value:.6f}") for rod, place, value in values]
+        platforms = {"platform": field.platform_elements_degC, "fixed_platform": field.fixed_platform_elements_degC}
+        for part, cells in platforms.items():
+            rows += [(part, f"cell_{n}", "", f"{value:.6f}") for n, value in enumerate(cells, start=1)]
+        return write_whole(path, csv_text(("part", "element", "from_upper_joint_mm", "temperature_degC"), rows))
 
     def figures(self) -> dict[str, Any]:
         """Return everything, ready for JSON."""
-        x, y, z, tilt = self.pose.to_mm_deg()
         balance = self.field.balance
         return {
-            "pose": {"x_mm": x, "y_mm": y, "z_mm": z, "tilt_deg": tilt},
-            "parts": {one.part: one.figures() for one in self.parts},
+            "pose": dict(zip(POSE_COLUMNS, self.pose.to_mm_deg(), strict=True)),
+            "parts": self.parts,
             "moved": {frame: difference_figures(difference) for frame, difference in self.moved.items()},
             "heat_W": {
                 "from_melt_by_contact": balance.melt_conduction_W,
@@ -185,20 +132,14 @@ class PoseHeat(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ShiftHeat(Result):
-    """Temperatures and deformation over time; k entries, one a time.
+    """Temperatures and deformation over time; k entries, one a time."""
 
-    Attributes:
-        times_s, history: when, shape (k,); melt and ambient temperature.
-        fields, poses: temperatures, and the pose held.
-        moved: by how much heat alone moves end frame and lip, at the pose held, by frame.
-        bodies: where the joints of the cold and of the warm drawing stand in the world, (k, 2, joints, 4, 4), in m.
-    """
-
-    times_s: FloatArray
+    times_s: FloatArray  # shape (k,)
     history: HeatHistory
     fields: list[TemperatureField]
-    poses: list[PlatformPose]
-    moved: dict[str, list[PoseDifference]]
+    poses: list[PlatformPose]  # held then
+    moved: dict[str, list[PoseDifference]]  # by how much heat alone moves end frame and lip, at the pose held, by frame
+    # where the joints of the cold and of the warm drawing stand in the world, (k, 2, joints, 4, 4), in m
     bodies: FloatArray
 
     @classmethod
@@ -210,14 +151,11 @@ class ShiftHeat(Result):
         schedule: PoseSchedule,
         times_s: FloatArray,
         measured_degC: dict[str, float] | None = None,
-    ) -> ShiftHeat:
+    ) -> Self:
         """Follow a history of the drawing, which begins as warm as the surroundings; report at times.
 
-        ``measured_degC``: measured temperatures that replace computed ones, by part.
-
-        Raises:
-            HistoryError: a time or a pose lies outside the history.
-            NoSolutionError: the warm drawing cannot take a pose, or no temperatures are found.
+        ``measured_degC``: measured temperatures that replace computed ones, by part. Times and poses outside the
+        history raise HistoryError.
         """
         found = simulate(network, history, schedule, times_s=times_s)
         places = (schedule.at(float(time)) for time in times_s)
@@ -234,7 +172,7 @@ class ShiftHeat(Result):
             bodies.append([bodies_at(one.mechanism.shared_model, [one.configuration])[0] for one in (cold, warm)])
         return cls(times_s, history, list(found), held, moved, np.array(bodies))
 
-    def only(self, times_s: FloatArray) -> ShiftHeat:
+    def only(self, times_s: FloatArray) -> Self:
         """Return the same at some of its times."""
         kept = np.flatnonzero(np.isin(self.times_s, times_s))
         fields, poses = [self.fields[k] for k in kept], [self.poses[k] for k in kept]
@@ -251,38 +189,34 @@ class ShiftHeat(Result):
         hours = (self.times_s[-1] - self.times_s[0]) / 3600.0
         return f"{hours:.3g} h: legs up to {hottest:.0f} degC; heat alone moves '{frame}' by up to {farthest:.3f} mm"
 
-    def to_frame(self) -> pd.DataFrame:
-        """Return one row a time, with units in the names."""
-        import pandas as pd
-
+    def _table(self) -> Any:
+        """One row a time, with units in the names."""
         (end, at_end), (lip, at_lip) = self.moved.items()
         history, fields = self.history, self.fields
+        poses, legs = (
+            np.array([pose.to_mm_deg() for pose in self.poses]),
+            np.array([field.leg_degC for field in fields]),
+        )
         columns: dict[str, Any] = {
             "time_min": self.times_s / 60.0,
             "melt_degC": np.interp(self.times_s, history.times_s, history.melt_degC),
             "ambient_degC": np.interp(self.times_s, history.times_s, history.ambient_degC),
+            **dict(zip(POSE_COLUMNS, poses.T, strict=True)),
+            **{f"{leg}_degC": legs[:, k] for k, leg in enumerate(LEGS)},
+            "platform_degC": [field.platform_degC for field in fields],
+            "fixed_platform_degC": [field.fixed_platform_degC for field in fields],
+            "ladle_shell_degC": [field.shell_degC for field in fields],
+            "hottest_leg_element_degC": [field.leg_elements_degC.max() for field in fields],
         }
-        poses = np.array([pose.to_mm_deg() for pose in self.poses])
-        columns |= dict(zip(("x_mm", "y_mm", "z_mm", "tilt_deg"), poses.T, strict=True))
-        legs = np.array([field.leg_degC for field in fields])
-        columns |= {f"leg{i}_degC": legs[:, k] for k, i in enumerate(CHAINS)}
-        columns["platform_degC"] = [field.platform_degC for field in fields]
-        columns["fixed_platform_degC"] = [field.fixed_platform_degC for field in fields]
-        columns["ladle_shell_degC"] = [field.shell_degC for field in fields]
-        columns["hottest_leg_element_degC"] = [field.leg_elements_degC.max() for field in fields]
         for k, axis in enumerate("xyz"):
             columns[f"{end}_moved_{axis}_mm"] = [difference.translation_m[k] / MM for difference in at_end]
         columns[f"{end}_moved_mm"] = [difference.distance_m / MM for difference in at_end]
         columns[f"{lip}_moved_mm"] = [difference.distance_m / MM for difference in at_lip]
         columns["tilt_moved_mrad"] = [difference.rotation_rad[1] / MRAD for difference in at_end]
-        return pd.DataFrame(columns)
+        return columns
 
     def save(self, path: Path | str) -> Path:
-        """Write one row a time as CSV.
-
-        Raises:
-            OutputError: the file cannot be written.
-        """
+        """Write one row a time as CSV."""
         return write_whole(path, self.to_frame().to_csv(index=False, float_format="%.9g", lineterminator="\n"))
 
     def figures(self) -> dict[str, Any]:
@@ -291,10 +225,6 @@ class ShiftHeat(Result):
 
 
 def heated_drawing(robot: PouringRobot, heat: HeatSection, *, radiation: bool = True) -> HeatedRobot:
-    """Return the drawing of a robot with heat, with or without radiation.
-
-    Raises:
-        BadInputError: the properties do not fit the layout.
-    """
+    """Return the drawing of a robot with heat, with or without radiation."""
     drawing = drawing_of(robot)
     return HeatedRobot(drawing, heat, ThermalNetwork(drawing, heat.thermal_properties(), radiation=radiation))

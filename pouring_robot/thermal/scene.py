@@ -1,21 +1,36 @@
-"""The robot in colours: how far each of its parts moves (the paper's Fig. 8), or how warm it is over a shift."""
+"""The robot in colours: how far each of its parts moves (the paper's Fig. 8), or how warm it is over a shift.
+
+And its bench: its melt warms it.
+"""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
+from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, bodies_at
+from pouring_robot.robot.heat_section import HeatSection
+from pouring_robot.robot.location import LadleLocation, Location
 from pouring_robot.robot.pouring.names import LEGS
+from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
+from pouring_robot.robot.robot import Robot
+from pouring_robot.robot.view.bench import RobotBench, Wish
 from pouring_robot.robot.view.scene import VIEW_DIRECTION, drawn_robot, exaggeration_for
 from pouring_robot.thermal.expansion.displacement import DisplacementField
-from pouring_robot.thermal.network.field import TemperatureField
+from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot
+from pouring_robot.thermal.network.assembly import ThermalNetwork, TransientOptions
+from pouring_robot.thermal.network.parts import TemperatureField
 from pouring_robot.thermal.report import ShiftHeat
 from pouring_robot.viewer import ColourScale, Curve, Scene, SceneArrows, SceneRobot, Step, camera_on
 
 _LEG_INKS = ((0.0, 0.45, 0.70), (0.35, 0.70, 0.90), (0.0, 0.62, 0.45), (0.60, 0.65, 0.10))
+_HEAT, _MELT, _AFTER = "heat", "melt_degC", "after_min"
+_ROUGHLY = TransientOptions(relative_tolerance=1e-3, absolute_tolerance_K=0.1)
+_LONGEST_MIN, _COOLEST, _HOTTEST = 240.0, 1200.0, 1750.0
 
 
 def displacement_scene(robot: PouringRobot, field: DisplacementField, title: str, configuration: FloatArray) -> Scene:
@@ -59,18 +74,13 @@ def shift_scene(robot: PouringRobot, shift: ShiftHeat, title: str) -> Scene:
     minutes, melt = table["time_min"].to_numpy(), table["melt_degC"].to_numpy()
     distances = np.linalg.norm(shifts, axis=1)
     legs = np.array([field.leg_degC for field in shift.fields])
-    steps = [
-        Step(
-            f"{minute:.1f} min",
-            (
-                ("melt", f"{melt[k]:.0f} °C"),
-                *((f"leg {n}, mean", f"{value:.0f} °C") for n, value in enumerate(legs[k], start=1)),
-                ("platform", f"{shift.fields[k].platform_degC:.0f} °C"),
-                (f"{words} moved by heat, x y z", " ".join(f"{v / MM:+.2f}" for v in shifts[k]) + " mm"),
-            ),
-        )
-        for k, minute in enumerate(minutes.tolist())
-    ]
+    steps = []
+    for k, minute in enumerate(minutes.tolist()):
+        means = [(f"leg {n}, mean", f"{value:.0f} °C") for n, value in enumerate(legs[k], start=1)]
+        lip_moved = (f"{words} moved by heat, x y z", " ".join(f"{v / MM:+.2f}" for v in shifts[k]) + " mm")
+        platform = ("platform", f"{shift.fields[k].platform_degC:.0f} °C")
+        steps.append(Step(f"{minute:.1f} min", (("melt", f"{melt[k]:.0f} °C"), *means, platform, lip_moved)))
+    curves = [Curve(f"leg {n + 1}", "°C", legs[:, n], ink) for n, ink in enumerate(_LEG_INKS)]
     scene = Scene(
         title=title,
         robots=(_coloured(drawn, scale, values),),
@@ -78,10 +88,7 @@ def shift_scene(robot: PouringRobot, shift: ShiftHeat, title: str) -> Scene:
         steps=tuple(steps),
         at=minutes,
         axis="time, min",
-        curves=(
-            Curve(f"{words} moved", "mm", distances / MM),
-            *(Curve(f"leg {n + 1}", "°C", legs[:, n], ink) for n, ink in enumerate(_LEG_INKS)),
-        ),
+        curves=(Curve(f"{words} moved", "mm", distances / MM), *curves),
         scale=scale,
         first=int(distances.argmax()),
         exaggeration=exaggeration_for(float(distances.max())),
@@ -145,3 +152,50 @@ def _middles(drawn: SceneRobot) -> FloatArray:
         middle = np.array([*(np.asarray(item.geometry.aabb_center) * np.asarray(item.meshScale)), 1.0])
         places.append((drawn.bodies[:, item.parentJoint] @ item.placement.homogeneous @ middle)[:, :3])
     return np.stack(places, axis=1)
+
+
+class PouringBench(RobotBench):
+    """Adds the temperature of the melt and the time since it came, at zero cold.
+
+    While a slider moves temperatures are taken once, where the ladle should be, and to a kelvin; when it is let go of,
+    by turns with the closure until both are settled.
+    """
+
+    robot: PouringRobot
+
+    def __init__(self, robot: PouringRobot, location: LadleLocation, exaggeration: float | None = None) -> None:
+        """Draw it once; its thermal network is made when it is first warm."""
+        super().__init__(robot, location, exaggeration)
+        self._heat = robot.model.heat or HeatSection()
+        self._network: ThermalNetwork | None = None
+
+    def sliders(self) -> dict[str, Any]:
+        """Return the sliders of any robot and those of the melt."""
+        found = super().sliders()
+        melt = self._heat.melt_degC or self._heat.thermal_properties().melt.temperature.value
+        limits = {"lower": min(_COOLEST, melt), "upper": max(_HOTTEST, melt), "value": melt}
+        time = {"lower": 0.0, "upper": _LONGEST_MIN, "value": 0.0}
+        sliders = [
+            {"id": _MELT, "label": "melt", "unit": "°C", **limits},
+            {"id": _AFTER, "label": "time since the melt came", "unit": "min", **time},
+        ]
+        found["groups"].append({"name": _HEAT, "sliders": sliders})
+        return found
+
+    def located(self, robot: Robot, wish: Wish) -> Location:
+        """Return where the robot stands, as warm as the page wants it."""
+        after = wish.values.get(_AFTER, 0.0)
+        if after <= 0.0 or not isinstance(robot, PouringRobot):
+            return super().located(robot, wish)
+        command = self.command(robot, wish)
+        pose = command if isinstance(command, PlatformPose) else robot.kinematics.forward(
+            dict(zip(robot.nominal_solver.mechanism.loops.drives, command.tolist(), strict=True))
+        )  # fmt: skip
+        if _MELT not in wish.values:
+            raise BadInputError("the page gives no temperature of the melt")
+        heat = self._heat.with_values(melt_degC=wish.values[_MELT], after_min=after)
+        heated = HeatedRobot(robot, heat, self._network)
+        self._network = heated.network
+        if wish.settled:
+            return heated.locate(pose).location
+        return WarmRobot(robot, heated.expansion(heated.field(pose, options=_ROUGHLY)), pose).locate(pose)

@@ -16,8 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pouring_robot.compensation.controller import make_controller
-from pouring_robot.compensation.path import compensate_path
+from pouring_robot.compensation.path import compensate_path, make_controller
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.pouring_robot import load_robot

@@ -37,10 +37,9 @@ from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.view.scene import pose_scene
-from pouring_robot.thermal.bench import PouringBench
 from pouring_robot.thermal.network.history import HeatHistory, PoseSchedule
 from pouring_robot.thermal.report import ShiftHeat, heated_drawing
-from pouring_robot.thermal.scene import shift_scene
+from pouring_robot.thermal.scene import PouringBench, shift_scene
 from pouring_robot.viewer import Scene, serve, write_html
 
 ROOT = Path(__file__).parents[2]

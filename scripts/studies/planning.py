@@ -16,8 +16,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pouring_robot.design.compare import Comparison, compare_with_random
-from pouring_robot.design.planning import Planner
+from pouring_robot.design.planning import Comparison, Planner, compare_with_random
 from pouring_robot.design.request import PlanRequest
 from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.mechanism.poses import MM

@@ -377,7 +377,7 @@ def test_the_picture_of_a_shift_shows_curves_between_the_rows(run, tmp_path, mon
     drawn = []
     figure = new_figure(1.0, 1.0)
     figure.subplots()
-    monkeypatch.setattr("pouring_robot.thermal.plots.shift_picture", lambda shift, _: drawn.append(shift) or figure)
+    monkeypatch.setattr("pouring_robot.thermal.page.shift_picture", lambda shift, _: drawn.append(shift) or figure)
     code, out, _ = run("thermal", "--history", "h.csv", *AT, "--png", "x.png", "--report", "x.html", "--json")
     assert "<svg" in (tmp_path / "x.html").read_text(encoding="utf-8")
     rows, picture = json.loads(out)["rows"], drawn[0]

@@ -4,7 +4,7 @@ import pytest
 
 from pouring_robot.cli.app import main
 from pouring_robot.robot.view.bench import RobotBench
-from pouring_robot.thermal.bench import PouringBench
+from pouring_robot.thermal.scene import PouringBench
 from tests.robot.test_robot import ROBOTS
 from tests.support import ROOT
 

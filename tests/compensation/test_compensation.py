@@ -7,8 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from pouring_robot.compensation.pose import compensate
-from pouring_robot.compensation.result import commands_csv
+from pouring_robot.compensation.pose import commands_csv, compensate
 from pouring_robot.exceptions import CompensationError, UnknownFrameError, UnreachablePoseError
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import DriveOffset, RobotModel

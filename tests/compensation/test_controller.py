@@ -5,8 +5,7 @@ import shutil
 import numpy as np
 import pytest
 
-from pouring_robot.compensation.controller import make_controller, rounded_up
-from pouring_robot.compensation.path import compensate_path
+from pouring_robot.compensation.path import compensate_path, make_controller, rounded_up
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.robot.pouring.poses import PlatformPose

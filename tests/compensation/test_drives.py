@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pouring_robot.compensation.drives import compensate_drives, drives_csv
+from pouring_robot.compensation.pose import compensate_drives, drives_csv
 from pouring_robot.robot.robot import Robot
 from tests.robot.test_robot import commands, crooked
 

@@ -4,9 +4,8 @@ import pytest
 
 from pouring_robot import BadInputError, PlanRequest, Robot, plan_campaign
 from pouring_robot.campaign.plan import read_plan
-from pouring_robot.design.compare import compare_with_random
-from pouring_robot.design.planning import Planner
-from pouring_robot.design.plots import plot
+from pouring_robot.design.planning import Planner, compare_with_random
+from pouring_robot.design.result import plot
 from tests.support import ROOT
 
 

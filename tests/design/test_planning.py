@@ -10,19 +10,18 @@ import pytest
 
 from pouring_robot.campaign.plan import read_plan
 from pouring_robot.cli.app import main
-from pouring_robot.design.columns import Conditions, candidate_poses
-from pouring_robot.design.compare import compare_with_random, random_visits
-from pouring_robot.design.exchange import CandidateSet, choose, log_determinants
-from pouring_robot.design.information import (
+from pouring_robot.design.columns import (
+    Conditions,
+    candidate_poses,
     covariance,
     index_slopes,
     projected_singular_values,
     telling,
 )
-from pouring_robot.design.planning import Planner
-from pouring_robot.design.plots import plot
+from pouring_robot.design.exchange import CandidateSet, choose, log_determinants
+from pouring_robot.design.planning import Planner, compare_with_random, random_visits
 from pouring_robot.design.request import PlanRequest
-from pouring_robot.design.result import UndeterminedError
+from pouring_robot.design.result import UndeterminedError, plot
 from pouring_robot.estimation.identifiability import CRITERIA, base_parameters, observability, observability_index
 from pouring_robot.estimation.noise_level import NoiseLevel
 from pouring_robot.exceptions import BadInputError

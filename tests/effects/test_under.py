@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot import HeatedRobot, PlatformPose, RobotUnderConditions, compensate, compensate_under, robots_under
-from pouring_robot.compensation.drives import compensate_drives
+from pouring_robot.compensation.pose import compensate_drives
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects import all_effects
 from pouring_robot.effects.conditions import learned_in, told

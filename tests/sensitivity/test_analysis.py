@@ -11,7 +11,7 @@ from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from pouring_robot.sensitivity.analysis import sensitivity
-from pouring_robot.sensitivity.request import Request
+from pouring_robot.sensitivity.report import Request
 from scripts.paper.geometry.study import run_study
 from tests.support import ROOT
 

@@ -9,8 +9,7 @@ import scipy.stats
 
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.sweeps import Allocation, ErrorEntry, allocate, allocate_tolerances, group_covariances
-from pouring_robot.sweeps.analysis.allocation import distance_quantiles
-from pouring_robot.sweeps.analysis.tolerances import transfer_matrices
+from pouring_robot.sweeps.analysis.tolerances import distance_quantiles, transfer_matrices
 
 SHARE = 0.9973
 

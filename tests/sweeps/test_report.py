@@ -12,8 +12,7 @@ import pytest
 from pouring_robot.cli.app import main
 from pouring_robot.report.plots import svg_of
 from pouring_robot.sweeps import ErrorEntry, SweepConfig, SweepPlan, open_results, run_sweep, sweep
-from pouring_robot.sweeps.analysis.plots import map_of
-from pouring_robot.sweeps.analysis.report import html_report, report
+from pouring_robot.sweeps.analysis.report import html_report, map_of, report
 from pouring_robot.sweeps.analysis.summary import Distances
 from pouring_robot.sweeps.analysis.tolerances import transfer_matrices
 from tests.support import ROOT

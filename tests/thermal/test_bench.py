@@ -5,8 +5,8 @@ import pytest
 
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.pouring.poses import PlatformPose
-from pouring_robot.thermal.bench import PouringBench
 from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
+from pouring_robot.thermal.scene import PouringBench
 from tests.robot.benches import POSE, ask, check, origins
 
 

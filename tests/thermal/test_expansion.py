@@ -13,11 +13,10 @@ from pouring_robot.robot.model import DriveOffset, JointPlacement, RobotModel
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring.thermal_properties import load_thermal_properties
 from pouring_robot.robot.pouring_robot import PouringRobot
-from pouring_robot.thermal.expansion.bending import LegBending
-from pouring_robot.thermal.expansion.growth import ThermalExpansion
-from pouring_robot.thermal.expansion.warm_robot import WarmRobot
+from pouring_robot.thermal.expansion.growth import LegBending, ThermalExpansion
+from pouring_robot.thermal.expansion.heated_robot import WarmRobot
 from pouring_robot.thermal.network.assembly import ThermalNetwork
-from pouring_robot.thermal.network.field import gradient_across_tube
+from pouring_robot.thermal.network.parts import gradient_across_tube
 from tests.support import CHAINS, oracle_cases, random_poses
 
 POSE = PlatformPose((-0.100, 0.020, -0.600), np.radians(10.0))

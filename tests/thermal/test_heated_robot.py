@@ -9,8 +9,7 @@ from pouring_robot.robot.model import DriveOffset, RobotModel
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
-from pouring_robot.thermal.expansion.heated_robot import SETTLED_M, HeatedRobot
-from pouring_robot.thermal.expansion.warm_robot import WarmRobot, drawing_of
+from pouring_robot.thermal.expansion.heated_robot import SETTLED_M, HeatedRobot, WarmRobot, drawing_of
 from tests.support import random_poses
 
 POSE = PlatformPose((-0.100, 0.020, -0.600), 0.3)

@@ -8,11 +8,9 @@ from pouring_robot.exceptions import BadInputError, DescriptionError, Temperatur
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, load_thermal_properties
 from pouring_robot.thermal.network.assembly import ThermalNetwork
-from pouring_robot.thermal.network.circuit import Circuit, chain_links, laplacian
-from pouring_robot.thermal.network.elements import BarCells, link_boxes, merged
-from pouring_robot.thermal.network.leg_elements import _seen_around
+from pouring_robot.thermal.network.circuit import Circuit, chain_links, laplacian, steady_temperatures
+from pouring_robot.thermal.network.elements import BarCells, _seen_around, link_boxes, merged
 from pouring_robot.thermal.network.parts import radiation_conductances
-from pouring_robot.thermal.network.steady import steady_temperatures
 from pouring_robot.thermal.network.view_factors import Boxes, DiscChords
 from tests.support import random_poses
 

@@ -8,10 +8,9 @@ from pouring_robot.cli.app import main
 from pouring_robot.exceptions import BadInputError, TableError, ThermalFileError
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import Robot
-from pouring_robot.thermal.regression.error_line import Positions
 from pouring_robot.thermal.regression.report import by_axis, read_positions, regress
 from pouring_robot.thermal.regression.table import ErrorTable
-from pouring_robot.thermal.regression.thermal_model import ThermalModel
+from pouring_robot.thermal.regression.thermal_model import Positions, ThermalModel
 from tests.support import ROOT
 
 T = np.linspace(873.15, 1973.15, 8)

@@ -8,10 +8,9 @@ from scipy.constants import Stefan_Boltzmann
 
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, load_thermal_properties
-from pouring_robot.thermal.expansion.truss import TrussMotion
-from pouring_robot.thermal.network import truss as network_of_truss
+from pouring_robot.thermal.expansion import truss as network_of_truss
+from pouring_robot.thermal.expansion.truss import TrussMotion, TrussNetwork
 from pouring_robot.thermal.network.assembly import ThermalNetwork
-from pouring_robot.thermal.network.truss import TrussNetwork
 from pouring_robot.thermal.network.view_factors import Boxes
 
 MELT_K, AMBIENT_K, ALPHA = 1973.15, 293.15, 1.2e-5

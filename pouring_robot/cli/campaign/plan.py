@@ -60,10 +60,9 @@ def plan(
     as_json: options.AsJson = False,
 ) -> None:
     """Choose the poses that determine parameters best, and say how well, before a single measurement."""
-    from pouring_robot.design.compare import compare_with_random
-    from pouring_robot.design.planning import Planner
-    from pouring_robot.design.plots import plot
+    from pouring_robot.design.planning import Planner, compare_with_random
     from pouring_robot.design.request import PlanRequest
+    from pouring_robot.design.result import plot
     from pouring_robot.estimation.noise_level import NoiseLevel
     from pouring_robot.io.files import write_together
     from pouring_robot.robot.tolerances import Tolerances

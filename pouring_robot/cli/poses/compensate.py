@@ -12,8 +12,7 @@ from pouring_robot.exceptions import BadInputError, NoSolutionError, UnknownFram
 
 if TYPE_CHECKING:
     from pouring_robot.cli.poses.heat import ThermalLaw
-    from pouring_robot.compensation.drives import DriveCompensation
-    from pouring_robot.compensation.result import Compensation
+    from pouring_robot.compensation.pose import Compensation, DriveCompensation
     from pouring_robot.effects.under import RobotUnderConditions
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.pouring.poses import PlatformPose
@@ -103,8 +102,8 @@ def _ladle(
 ) -> None:
     from pouring_robot.cli.poses import heat as warm
     from pouring_robot.cli.poses.compensated import commands_table, compensation_lines
+    from pouring_robot.compensation.pose import commands_csv
     from pouring_robot.compensation.pose import compensate as compensated
-    from pouring_robot.compensation.result import commands_csv
     from pouring_robot.robot.pouring.poses import PlatformPose
     from pouring_robot.robot.pouring_robot import PouringRobot
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
@@ -145,8 +144,7 @@ def _ladle(
 def _in_bulk(asked: Asked, robot: PouringRobot, heat: HeatSection | None) -> None:
     """Compensate a whole path, or make the function that does it elsewhere."""
     from pouring_robot.cli.shared.tables import few_rows
-    from pouring_robot.compensation.controller import make_controller
-    from pouring_robot.compensation.path import compensate_path
+    from pouring_robot.compensation.path import compensate_path, make_controller
     from pouring_robot.robot.pose_table import read_poses
     from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
 
@@ -183,7 +181,7 @@ def _in_bulk(asked: Asked, robot: PouringRobot, heat: HeatSection | None) -> Non
 def _tool(asked: Asked, robot: Robot, wanted: Mapping[int, Command], under: RobotUnderConditions | None) -> None:
     """Compensate a robot that is commanded by drive values."""
     from pouring_robot.cli.shared.tables import few_rows
-    from pouring_robot.compensation.drives import compensate_drives, drives_csv
+    from pouring_robot.compensation.pose import compensate_drives, drives_csv
 
     def bring(command: Command, standing: Robot) -> DriveCompensation:
         return compensate_drives(standing, standing.location_of(command), asked.frame)

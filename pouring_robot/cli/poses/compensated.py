@@ -13,7 +13,7 @@ from pouring_robot.robot.location_figures import decimals
 from pouring_robot.robot.pouring.names import DRIVE_JOINTS
 
 if TYPE_CHECKING:
-    from pouring_robot.compensation.result import Compensation
+    from pouring_robot.compensation.pose import Compensation
 
 
 def commands_table(found: Sequence[Compensation]) -> str:

@@ -96,8 +96,7 @@ def _at_once(
     from pouring_robot.robot.export.joints import JointRow
     from pouring_robot.robot.pouring.poses import PlatformPose
     from pouring_robot.robot.pouring_robot import PouringRobot
-    from pouring_robot.thermal.expansion.heated_robot import HeatedRobot
-    from pouring_robot.thermal.expansion.warm_path import locate_path
+    from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, locate_path
 
     if not isinstance(robot, PouringRobot):
         raise BadInputError("--at-once knows the pouring robot only")

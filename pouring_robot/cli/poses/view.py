@@ -70,7 +70,7 @@ def _bench(robot: Robot, commanded: bundles.Commanded, exaggerate: float | None)
     from pouring_robot.robot.location import LadleLocation
     from pouring_robot.robot.pouring_robot import PouringRobot
     from pouring_robot.robot.view.bench import RobotBench
-    from pouring_robot.thermal.bench import PouringBench
+    from pouring_robot.thermal.scene import PouringBench
 
     location = robot.location_of(commanded.of(robot)) if commanded.given else robot.location_in_the_middle()
     if isinstance(robot, PouringRobot) and isinstance(location, LadleLocation):

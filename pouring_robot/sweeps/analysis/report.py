@@ -1,4 +1,4 @@
-"""What a finished sweep says: its figures, lines and tables for terminal and page, and the files beside the store."""
+"""What a finished sweep says: its figures, lines, tables and plots, and the files beside the store."""
 
 from __future__ import annotations
 
@@ -8,41 +8,38 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from pouring_robot.io.files import write_together
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.tables import csv_text
 from pouring_robot.io.threads import one_blas_thread
+from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
-from pouring_robot.report.plots import png_of, svg_of
+from pouring_robot.report.plots import new_figure, png_of, svg_of, tell, tidy
 from pouring_robot.report.result import Result
-from pouring_robot.sweeps.analysis.indices import SobolIndices, sobol_indices
-from pouring_robot.sweeps.analysis.plots import map_of, study_figure
-from pouring_robot.sweeps.analysis.summary import Summary, summarise
+from pouring_robot.sweeps.analysis.summary import SobolIndices, Summary, sobol_indices, summarise
 from pouring_robot.sweeps.analysis.tolerances import AllocatedTolerances, RankedParameter, allocate_tolerances, rank
+from pouring_robot.sweeps.plan import SweepPlan
 from pouring_robot.sweeps.store import PAGE, PICTURE, RANKING, SUMMARY, SweepStore, open_results
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
+
+_SHOWN, _SLICES = 20, 3
+_POINTS = 2000  # of each box at most: the picture shows no more
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SweepReport(Result):
-    """What a finished sweep says.
+    """What a finished sweep says."""
 
-    Attributes:
-        store: where the numbers are.
-        summary: of all samples.
-        ranking: the parameters, the one that matters most first.
-        indices: Sobol indices, of a ``sobol`` study.
-        allocation: the loosest tolerances, if the sweep file asks for them.
-    """
-
-    store: SweepStore
-    summary: Summary
-    ranking: Sequence[RankedParameter]
-    indices: SobolIndices | None
-    allocation: AllocatedTolerances | None
+    store: SweepStore  # where the numbers are
+    summary: Summary  # of all samples
+    ranking: Sequence[RankedParameter]  # the parameters, the one that matters most first
+    indices: SobolIndices | None  # Sobol indices, of a ``sobol`` study
+    allocation: AllocatedTolerances | None  # the loosest tolerances, if the sweep file asks for them
 
     @property
     def headline(self) -> str:
@@ -53,18 +50,12 @@ class SweepReport(Result):
             f"{figures['share_within']:.2%} within {figures['accuracy_mm']:g} mm; {self.ranking[0].name} matters most"
         )
 
-    def to_frame(self) -> pd.DataFrame:
-        """Return the ranking, one row a parameter; the unit of its tolerance stands in its row."""
-        import pandas as pd
-
-        return pd.DataFrame([parameter.row() for parameter in self.ranking])
+    def _table(self) -> Any:
+        """The ranking, one row a parameter; the unit of its tolerance stands in its row."""
+        return [parameter.row() for parameter in self.ranking]
 
     def to_dataset(self) -> xr.Dataset:
-        """Return the numbers: displacement and rotation of every robot at every pose, in m and rad, read when used.
-
-        Raises:
-            SweepStoreError: the results are damaged or gone.
-        """
+        """Return the numbers: displacement and rotation of every robot at every pose, in m and rad, read when used."""
         return open_results(self.store.folder)
 
     def figures(self) -> dict[str, Any]:
@@ -84,12 +75,8 @@ class SweepReport(Result):
         }
 
     def save(self) -> tuple[Path, ...]:
-        """Write summary, ranking, picture and page into the sweep's folder and return their paths.
-
-        Raises:
-            OutputError: the folder cannot be written to.
-        """
-        rows, figure = [parameter.row() for parameter in self.ranking], self.study_figure()
+        """Write summary, ranking, picture and page into the sweep's folder and return their paths."""
+        rows, figure = [parameter.row() for parameter in self.ranking], study_figure(self)
         files: dict[str, str | bytes] = {
             SUMMARY: json.dumps(self.figures(), indent=2, allow_nan=False) + "\n",
             RANKING: csv_text(rows[0], (row.values() for row in rows)),
@@ -98,18 +85,12 @@ class SweepReport(Result):
         }
         return tuple(write_together({self.store.folder / name: content for name, content in files.items()}))
 
-    def study_figure(self) -> Any:
-        """Draw what matters most, and how far the tool is off."""
-        return study_figure(self.store, self.summary, self.ranking)
-
 
 @one_blas_thread()
 def report(store: SweepStore, progress: Progress = say_nothing) -> SweepReport:
     """Reduce, rank and allocate, as the sweep file asks.
 
-    Raises:
-        SweepStoreError: the sweep is not finished, or its store is damaged.
-        NoSolutionError: no tolerances keep the requirement.
+    A sweep that is not finished raises SweepStoreError, tolerances of which none keep the requirement NoSolutionError.
     """
     plan = store.plan
     summary = summarise(store, progress)
@@ -180,7 +161,7 @@ def html_report(found: SweepReport, links: Mapping[str, str]) -> str:
         Paragraph(found.headline, "headline"),
         Lines(summary_lines(found)),
         Paragraph(f"{study}; seed {config.seed}; content of the sweep {plan.content_hash}"),
-        Plot(f"What matters, and how far {frame} is off", svg_of(found.study_figure())),
+        Plot(f"What matters, and how far {frame} is off", svg_of(study_figure(found))),
         Heading("Where in the workspace"),
         Plot(where, svg_of(map_of(plan, found.summary))),
     ]
@@ -190,3 +171,80 @@ def html_report(found: SweepReport, links: Mapping[str, str]) -> str:
     blocks += [Heading(f"The tolerances that matter most ({frame})"), ranking_table(found)]
     title = f"Sweep in {found.store.folder.name}"
     return html_page(title, title, blocks, links=links, data=[config.source] if config.source else [])
+
+
+def study_figure(found: SweepReport) -> Any:
+    """Draw box plots of the errors that matter most, or their shares and how far the tool is off."""
+    figure = new_figure(9.0, 6.0)
+    shown, summary, config = found.ranking[:_SHOWN], found.summary, found.store.plan.config
+    if config.study == "one_at_a_time":
+        axes = figure.subplots()
+        boxes = [_distances_mm(found.store, parameter.name) for parameter in shown]
+        axes.boxplot(boxes, orientation="horizontal", showfliers=False, whis=(0, 100))
+        _name_rows(axes, shown)
+        axes.set_xlabel(f"displacement of {summary.frame} over the poses, mm; each error alone at its tolerance")
+    else:
+        left, right = figure.subplots(1, 2)
+        for bar, p in zip(left.barh(range(1, len(shown) + 1), [p.weight for p in shown]), shown, strict=True):
+            tell(bar, [f"{p.name} ({p.part}): {p.weight:.4g}"])
+        _name_rows(left, shown)
+        left.set_xlabel("total Sobol index" if config.study == "sobol" else "share of the scatter, first order")
+        _cumulative(right, summary)
+    figure.suptitle(f"{config.study.replace('_', ' ')}, {config.kind.replace('_', ' ')}")
+    return figure
+
+
+def map_of(plan: SweepPlan, summary: Summary) -> Any:
+    """Draw how far the tool is off over x and z, in slices of y: RMS over the robots, the largest of a place."""
+    place = plan.poses.start.position / MM
+    off = np.linalg.norm(summary.by_pose.rms_m, axis=1) / MM
+    values = np.unique(place[:, 1].round(3))
+    slices = values if values.size <= _SLICES else np.quantile(place[:, 1], (np.arange(_SLICES) + 0.5) / _SLICES)
+    of_slice = np.abs(place[:, 1, None] - slices).argmin(axis=1)
+    figure = new_figure(3.1 * len(slices) + 1.2, 3.4)
+    panels = figure.subplots(1, len(slices), sharex=True, sharey=True, squeeze=False)[0]
+    for k, panel in enumerate(panels):
+        chosen = np.flatnonzero((of_slice == k) & np.isfinite(off))
+        chosen = chosen[np.argsort(off[chosen], kind="stable")]  # the worst on top
+        x, z = place[chosen, 0], place[chosen, 2]
+        drawn = panel.scatter(x, z, c=off[chosen], s=90, marker="s", vmin=0.0, vmax=np.nanmax(off, initial=1e-9))
+        near = "" if values.size <= _SLICES else "near "
+        at = (", ".join(f"{axis} {v:.0f}" for axis, v in zip("xyz", place[i], strict=True)) for i in chosen)
+        tell(drawn, [f"pose {i + 1}: {words} mm: {off[i]:.3f} mm" for i, words in zip(chosen, at, strict=True)])
+        panel.set(title=f"{near}y = {slices[k]:.0f} mm", xlabel="x [mm]")
+        panel.margins(0.15)
+        tidy(panel)
+    panels[0].set_ylabel("z [mm]")
+    figure.colorbar(drawn, ax=panels, label="mm")
+    return figure
+
+
+def _name_rows(axes: Any, shown: Sequence[RankedParameter]) -> None:
+    axes.set_yticks(range(1, len(shown) + 1), [f"{p.name}  {p.tolerance:.3g} {p.unit}" for p in shown], fontsize=8)
+    axes.invert_yaxis()
+    axes.grid(axis="x", alpha=0.3)
+
+
+def _cumulative(axes: Any, summary: Summary) -> None:
+    counts = summary.distances.counts[:-1]
+    used = counts.nonzero()[0]
+    if used.size:
+        part = slice(max(0, int(used[0]) - 1), int(used[-1]) + 2)
+        axes.plot(summary.distances.edges_m[part] / MM, np.cumsum(counts)[part] / counts.sum())
+    axes.axvline(summary.accuracy_m / MM, linestyle="--", color="tab:red", label="required")
+    axes.set_xlabel(f"displacement of {summary.frame}, mm")
+    axes.set_ylabel("share of robots and poses")
+    axes.set_xscale("log")
+    axes.grid(alpha=0.3)
+    axes.legend()
+
+
+def _distances_mm(store: SweepStore, name: str) -> FloatArray:
+    """Return the distances of one parameter of a one-at-a-time study, evenly thinned out."""
+    plan = store.plan
+    row = plan.names.index(name)
+    block, inside = divmod(row, plan.sample_block)
+    step = -(-len(plan.poses) // _POINTS)
+    parts = [store.read("displacement", plan.chunk((block, j)))[inside, ::step, 0] for j in range(plan.chunk_grid[1])]
+    distances = np.linalg.norm(np.concatenate(parts), axis=-1) / MM
+    return np.asarray(distances[np.isfinite(distances)])

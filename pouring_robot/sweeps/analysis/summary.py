@@ -1,24 +1,31 @@
-"""What a sweep found, in one pass over its chunks: memory for one chunk, and a few numbers a robot and a pose."""
+"""What a sweep found, in one pass over its chunks: memory for one chunk, and a few numbers a robot and a pose.
+
+Of a ``sobol`` study Sobol indices too; where no base sample has a solution, or none moves the ladle, NoSolutionError
+is raised. A chunk that is damaged or not done raises SweepStoreError.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from pouring_robot.batch.structure import BoolArray
+from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.location_figures import without_nan
 from pouring_robot.sweeps.evaluation import NOT_DONE, STATUS_NAMES
-from pouring_robot.sweeps.plan import SweepPlan
+from pouring_robot.sweeps.plan import Chunk
 from pouring_robot.sweeps.store import AXES, SweepStore
 
 SHARES = (0.5, 0.95, 0.9973)
 # Distances are counted in bins a thousandth wide, from a picometre to ten metres; quantiles are as sharp as that.
 _SMALLEST_M, _LARGEST_M, _BIN = 1e-12, 10.0, 1e-3
+_RESAMPLES = 100
+_READ_AT_ONCE = 4_000_000  # numbers, 32 MB
 
 
 class Distances:
@@ -44,17 +51,12 @@ class Distances:
 
 
 class Moments:
-    """Sums over the good samples of each of n rows (a parameter, a robot or a pose).
-
-    Attributes:
-        count, within: number of samples, and of those within the requirement, shape (n,) each.
-        largest_m, sum_m, largest_rad: largest distance, sum of distances, largest rotation, shape (n,) each.
-        squares_m2: sum of squared displacements by axis, shape (n, 3).
-    """
+    """Sums over the good samples of each of n rows (a parameter, a robot or a pose)."""
 
     def __init__(self, rows: int) -> None:
-        self.count, self.largest_m, self.sum_m, self.largest_rad, self.within = np.zeros((5, rows))
-        self.squares_m2 = np.zeros((rows, 3))
+        self.count, self.within = np.zeros((2, rows))  # of samples, and of those within the requirement
+        self.largest_m, self.sum_m, self.largest_rad = np.zeros((3, rows))  # of distances, and of rotations
+        self.squares_m2 = np.zeros((rows, 3))  # sum of squared displacements by axis
 
     def add(self, rows: slice, part: _Part, axis: int) -> None:
         """Add a chunk's samples; ``axis`` is the one that is summed over."""
@@ -76,37 +78,29 @@ class Moments:
         return np.asarray(np.sqrt(self.squares_m2 / np.where(self.count, self.count, np.nan)[:, None]))
 
 
-@dataclass(frozen=True, eq=False)
 class _Part:
     """A chunk as the sums take it: zeros where there is no solution."""
 
-    displacement_m: FloatArray
-    distance_m: FloatArray
-    angle_rad: FloatArray
-    good: BoolArray
-    within: BoolArray
+    def __init__(self, store: SweepStore, chunk: Chunk) -> None:
+        self.status = store.read("status", chunk)
+        self.good = self.status == 0
+        self.displacement_m = np.where(self.good[..., None], store.read("displacement", chunk)[:, :, 0], 0.0)
+        self.distance_m = np.linalg.norm(self.displacement_m, axis=-1)
+        self.angle_rad = np.linalg.norm(np.where(self.good[..., None], store.read("rotation", chunk), 0.0), axis=-1)
+        self.within = self.good & (self.distance_m <= store.plan.accuracy_m)
 
 
 @dataclass(eq=False)
 class Summary:
-    """What a sweep found at its first frame.
-
-    Attributes:
-        frame, accuracy_m: that frame, and the required accuracy.
-        status: number of samples by status name.
-        by_sample: sums over the poses for each robot (one_at_a_time: for each parameter).
-        by_pose: sums over the robots for each pose.
-        distances: all distances.
-        largest_gap_m: largest distance left open in a loop; ``largest_gap_rad``: largest angle.
-    """
+    """What a sweep found at its first frame."""
 
     frame: str
-    accuracy_m: float
-    status: dict[str, int]
-    by_sample: Moments
-    by_pose: Moments
-    distances: Distances
-    largest_gap_m: float = 0.0
+    accuracy_m: float  # required
+    status: dict[str, int]  # number of samples by status name
+    by_sample: Moments  # sums over the poses for each robot (one_at_a_time: for each parameter)
+    by_pose: Moments  # sums over the robots for each pose
+    distances: Distances  # all distances
+    largest_gap_m: float = 0.0  # largest distance left open in a loop; ``largest_gap_rad``: largest angle
     largest_gap_rad: float = 0.0
 
     @property
@@ -145,33 +139,90 @@ class Summary:
 
 
 def summarise(store: SweepStore, progress: Progress = say_nothing) -> Summary:
-    """Read all chunks of a finished sweep once.
-
-    Raises:
-        SweepStoreError: a chunk is damaged or not done.
-    """
+    """Read all chunks of a finished sweep once."""
     plan = store.plan
     counts = np.zeros(NOT_DONE + 1, dtype=np.int64)
     by_sample, by_pose = Moments(plan.draws.count), Moments(len(plan.poses))
     summary = Summary(plan.config.frames[0], plan.accuracy_m, {}, by_sample, by_pose, Distances())
     for done, chunk in enumerate(plan.chunks(), start=1):
-        status = store.read("status", chunk)
-        counts += np.bincount(status.ravel(), minlength=counts.size)
-        part = _part(plan, status, store.read("displacement", chunk)[:, :, 0], store.read("rotation", chunk))
+        part = _Part(store, chunk)
+        counts += np.bincount(part.status.ravel(), minlength=counts.size)
         summary.by_sample.add(slice(*chunk.samples), part, 1)
         summary.by_pose.add(slice(*chunk.poses), part, 0)
-        summary.distances.add(part.distance_m[status == 0])
+        summary.distances.add(part.distance_m[part.good])
         for name in ("gap_m", "gap_rad"):
-            largest = np.where(status == 0, store.read(name, chunk), 0.0).max()
+            largest = np.where(part.good, store.read(name, chunk), 0.0).max()
             setattr(summary, f"largest_{name}", max(getattr(summary, f"largest_{name}"), float(largest)))
         progress("summary", done, plan.chunk_grid[0] * plan.chunk_grid[1])
     summary.status = {STATUS_NAMES.get(k, str(k)): int(n) for k, n in enumerate(counts) if n}
     return summary
 
 
-def _part(plan: SweepPlan, status: Any, displacement: FloatArray, rotation: FloatArray) -> _Part:
-    good = status == 0
-    moved = np.where(good[..., None], displacement, 0.0)
-    distance = np.linalg.norm(moved, axis=-1)
-    angle = np.linalg.norm(np.where(good[..., None], rotation, 0.0), axis=-1)
-    return _Part(moved, distance, angle, good, good & (distance <= plan.accuracy_m))
+@dataclass(frozen=True, eq=False)
+class SobolIndices:
+    """Sobol indices, pooled over poses and coordinates."""
+
+    first: FloatArray  # first-order index, shape (parameters,), as the next three
+    total: FloatArray
+    first_confidence: FloatArray  # half width of the 95 % interval, of one output on average
+    total_confidence: FloatArray
+    first_by_axis: FloatArray  # first-order index pooled over poses for x, y and z, shape (parameters, 3)
+    variance_m2: FloatArray  # total variance by coordinate, mean over the poses, shape (3,)
+    dropped: int  # base samples left out because a robot of theirs had no solution at some pose
+
+
+def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolIndices:
+    r"""Return the Sobol indices of the displacement of a finished ``sobol`` study's first frame, by SALib.
+
+    Each coordinate of the displacement at each pose is an output y with indices of its own. Pooled over outputs they
+    are weighted with the outputs' variances (F. Gamboa et al., Sensitivity analysis for multidimensional and functional
+    outputs, 2014), which makes the pooled first-order index the share of the total scatter:
+
+    .. math:: S_j = \sum_y \mathrm{Var}(y)\, S_{j,y} \Big/ \sum_y \mathrm{Var}(y)
+    """
+    from SALib.analyze import sobol
+
+    plan = store.plan
+    count, dropped, poses = len(plan.names), 0, 0
+    problem = {"num_vars": count, "names": list(plan.names), "bounds": [[0.0, 1.0]] * count}
+    settings = {"calc_second_order": False, "num_resamples": _RESAMPLES}
+    settings["seed"] = plan.config.seed + 1  # SALib takes 0 for no seed
+    weights = np.zeros(3)
+    sums = np.zeros((4, 3, count))  # S1, ST and their confidence by axis, weighted with the variance
+    for outputs in _outputs(store):
+        poses += 1
+        blocks = outputs.reshape(-1, count + 2, 3)
+        sound = np.isfinite(blocks).all(axis=(1, 2))
+        dropped = max(dropped, int((~sound).sum()))
+        for axis in range(3):
+            values = blocks[sound, :, axis].ravel()
+            variance = float(values.var()) if values.size else 0.0
+            if variance > 0.0:
+                found = sobol.analyze(problem, values, **settings)
+                sums[:, axis] += variance * np.array([found[key] for key in ("S1", "ST", "S1_conf", "ST_conf")])
+                weights[axis] += variance
+        progress("Sobol indices", poses, len(plan.poses))
+    if not weights.any():
+        raise NoSolutionError(
+            f"the Sobol indices have nothing to go by: of {plan.config.samples} base samples {dropped} have no "
+            "solution, and the ladle does not move in the others; make the errors smaller"
+        )
+    pooled = sums.sum(axis=1) / max(weights.sum(), np.finfo(float).tiny)
+    by_axis = sums[0] / np.where(weights > 0.0, weights, np.inf)[:, None]
+    first, total, first_confidence, total_confidence = pooled
+    spread = first_confidence, total_confidence, by_axis.T, weights / max(1, poses)
+    return SobolIndices(first, total, *spread, dropped)
+
+
+def _outputs(store: SweepStore) -> Iterator[FloatArray]:
+    """Yield the displacement of all samples at each pose, shape (samples, 3), in m."""
+    plan = store.plan
+    at_once = max(1, _READ_AT_ONCE // (3 * plan.draws.count))
+    for j in range(plan.chunk_grid[1]):
+        first, last = plan.chunk((0, j)).poses
+        for start in range(first, last, at_once):
+            wanted = slice(start - first, min(start + at_once, last) - first)
+            column = [store.read("displacement", plan.chunk((i, j)))[:, wanted, 0] for i in range(plan.chunk_grid[0])]
+            moved = np.concatenate(column)
+            for k in range(moved.shape[1]):
+                yield moved[:, k]

@@ -1,47 +1,196 @@
-"""From the numbers of a sweep to tolerances: which ones matter, and the loosest that keep the requirement."""
+r"""From the numbers of a sweep to tolerances: which ones matter, and the loosest that keep the requirement.
+
+To first order the displacement at pose p is d = G_p e, so its covariance is linear in the squares u_g of the factors
+by which group g of tolerances is loosened:
+
+.. math:: \Sigma_p(u) = \sum_g u_g A_{pg}, \qquad A_{pg} = G_{pg} C_g G_{pg}^T
+
+with C_g the covariance of the group's errors as the sweep file has them. Loosest means largest product of the factors,
+each group weighted with its number of parameters:
+
+.. math:: \max_u \sum_g n_g \log u_g \quad\text{s.t.}\quad w^T \Sigma_p(u)\, w \le (R / k)^2
+          \quad \text{for every pose } p \text{ and direction } w
+
+A concave problem with linear constraints, infinitely many of them, solved by cutting planes: the direction in which a
+pose scatters most, at the poses that violate the requirement most, becomes a constraint; the relaxed problem is a
+geometric program in log u. k is the two-sided normal quantile of the wanted share. In the end all factors are scaled
+alike until the share of the robots whose *distance* (three coordinates, not one) is within R is met at the worst pose.
+Cutting planes that do not settle, and poses at which the robot does not close, raise NoSolutionError.
+"""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy.optimize
+import scipy.special
 from numpy.typing import NDArray
 
 from pouring_robot.batch import BatchCommand, CompiledEngine, engine_for
 from pouring_robot.batch.structure import BoolArray
+from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.location_figures import without_nan
-from pouring_robot.sweeps.analysis.allocation import AllocatedFactors, allocate, group_covariances
-from pouring_robot.sweeps.analysis.indices import SobolIndices
-from pouring_robot.sweeps.analysis.summary import Summary
+from pouring_robot.sweeps.analysis.summary import SobolIndices, Summary
 from pouring_robot.sweeps.config import Allocation
 from pouring_robot.sweeps.plan import SweepPlan
 from pouring_robot.sweeps.store import AXES
 
+_CUTS_A_ROUND = 8
+_ROUNDS = 200
+_TIGHT = 1e-7  # relative violation that counts as none
+_DIRECTIONS = 64
 VERIFIED_POSES = 64
 _CLOSURES_AT_ONCE, _POSES_AT_ONCE = 20_000, 1000
 
 
+@dataclass(frozen=True, eq=False)
+class AllocatedFactors:
+    """Factors on the groups' tolerances."""
+
+    factors: FloatArray  # how many times looser (above 1) or tighter than given, shape (groups,)
+    capped: BoolArray  # whether the cap holds the factor, not the requirement, shape (groups,)
+    quantile_m: FloatArray  # at every pose, the distance that the wanted share of robots keeps, shape (poses,)
+    poses: tuple[int, ...]  # indices of the poses that hold the factors, the worst first
+
+
+def group_covariances(
+    transfer: FloatArray, std: FloatArray, shared: FloatArray, parts: Sequence[int], groups: Sequence[int]
+) -> FloatArray:
+    """Return the covariance of the displacement that each group alone causes, shape (poses, groups, 3, 3), in m².
+
+    ``transfer`` is G, shape (poses, 3, parameters), in m per unit. Of each parameter are given the standard deviation,
+    ``shared``, the root of its correlation with others of its part, (parameters,) each, and the numbers of its part and
+    of its group; correlated parameters share a group.
+    """
+    scaled = transfer * std
+    own = scaled * np.sqrt(1.0 - shared**2)
+    part_of, group_of = np.asarray(parts), np.asarray(groups)
+    result = np.zeros((len(transfer), max(groups) + 1, 3, 3))
+    for g in range(result.shape[1]):
+        columns = group_of == g
+        result[:, g] += np.einsum("pik,pjk->pij", own[:, :, columns], own[:, :, columns])
+        for part in np.unique(part_of[columns]):
+            common = scaled[:, :, columns & (part_of == part)] @ shared[columns & (part_of == part)]
+            result[:, g] += np.einsum("pi,pj->pij", common, common)
+    return result
+
+
+def allocate(
+    covariances: FloatArray,
+    weights: FloatArray,
+    requirement_m: float,
+    share: float,
+    cap: float,
+    progress: Progress = say_nothing,
+) -> AllocatedFactors:
+    """Return the loosest factors.
+
+    Covariances are of each group alone, shape (poses, groups, 3, 3), in m², weights the number of parameters of each
+    group; a share of the robots must keep the requirement at every pose; the cap is the largest factor.
+    """
+    allowed = (requirement_m / scipy.special.ndtri(0.5 + 0.5 * share)) ** 2
+    relative = covariances / allowed
+    squares = _cutting_planes(relative, weights, cap**2, progress)
+    total = np.einsum("g,pgij->pij", squares, covariances)
+    quantiles = distance_quantiles(total, share)
+    scale = min(1.0, requirement_m / float(quantiles.max()))
+    held = np.argsort(-quantiles, kind="stable")
+    tight = [int(p) for p in held[:_CUTS_A_ROUND] if quantiles[p] > 0.99 * quantiles.max()]
+    return AllocatedFactors(scale * np.sqrt(squares), squares > 0.999 * cap**2, scale * quantiles, tuple(tight))
+
+
+def _cutting_planes(relative: FloatArray, weights: FloatArray, cap: float, progress: Progress) -> FloatArray:
+    """Return squares u that maximise the weighted sum of log u with every eigenvalue of Σ u A at most one."""
+    poses, groups = relative.shape[:2]
+    squares = np.full(groups, cap)
+    cuts = np.zeros((0, groups))
+    for rounds in range(1, _ROUNDS + 1):
+        values, vectors = np.linalg.eigh(np.einsum("g,pgij->pij", squares, relative))
+        violation = values[:, -1] - 1.0
+        worst = np.argsort(-violation, kind="stable")[: min(_CUTS_A_ROUND, poses)]
+        worst = worst[violation[worst] > _TIGHT]
+        progress("allocation", rounds, rounds + int(worst.size > 0))
+        if not worst.size:
+            return squares
+        directions = vectors[worst, :, -1]
+        new = np.einsum("pgij,pi,pj->pg", relative[worst], directions, directions)
+        # Cuts that hold with room to spare will not bind again soon, and come back if they do.
+        cuts = np.concatenate([cuts[cuts @ squares > 0.5], new])
+        squares = _relaxed(cuts, weights, cap, squares)
+    raise NoSolutionError(
+        f"the tolerance allocation does not settle in {_ROUNDS} rounds; allocate by part or by entry instead"
+    )
+
+
+def _relaxed(cuts: FloatArray, weights: FloatArray, cap: float, start: FloatArray) -> FloatArray:
+    """Maximise the weighted sum of log u for ``cuts @ u <= 1`` and ``u <= cap``: a geometric program in y = log u."""
+    share = weights / weights.sum()
+    first = np.log(start / max(1.0, float((cuts @ start).max())))
+    constraint = {
+        "type": "ineq",
+        "fun": lambda y: -np.log(cuts @ np.exp(y)),
+        "jac": lambda y: -(cuts * np.exp(y)) / (cuts @ np.exp(y))[:, None],
+    }
+    found = scipy.optimize.minimize(
+        lambda y: -share @ y,
+        first,
+        jac=lambda y: -share,
+        method="SLSQP",
+        bounds=[(None, np.log(cap))] * len(first),
+        constraints=[constraint],
+        options={"maxiter": 500, "ftol": 1e-12},
+    )
+    return np.asarray(np.exp(found.x))
+
+
+def distance_quantiles(covariances: FloatArray, share: float) -> FloatArray:
+    """Return the distance that a normal displacement keeps with a probability.
+
+    The direction of the displacement's deviates is integrated over the sphere; along one direction the distance is chi
+    distributed with three degrees of freedom. Covariances are (n, 3, 3), in m², distances (n,), in m.
+    """
+    variances = np.maximum(np.linalg.eigvalsh(covariances), 0.0)
+    cosines, weights = np.polynomial.legendre.leggauss(_DIRECTIONS)
+    turns = (np.arange(_DIRECTIONS) + 0.5) * np.pi / _DIRECTIONS
+    flat = 1.0 - cosines**2
+    across, beside = (np.outer(flat, part**2).ravel() for part in (np.cos(turns), np.sin(turns)))
+    squares = np.stack([across, beside, np.repeat(cosines**2, _DIRECTIONS)])
+    weight = np.repeat(weights / (2.0 * _DIRECTIONS), _DIRECTIONS)
+    result = np.zeros(len(variances))
+    for k, own in enumerate(variances):
+        if own[-1] > 0.0:
+            result[k] = _quantile(np.sqrt((own / own[-1]) @ squares), weight, share) * np.sqrt(own[-1])
+    return result
+
+
+def _quantile(stretch: FloatArray, weight: FloatArray, share: float) -> float:
+    """Return the quantile of |z| · stretch, z normal in three dimensions, stretch by direction."""
+    safe = np.maximum(stretch, 1e-12)
+
+    def excess(distance: float) -> float:
+        # The distribution of chi with three degrees of freedom.
+        return float(weight @ scipy.special.gammainc(1.5, 0.5 * (distance / safe) ** 2)) - share
+
+    low, high = scipy.special.ndtri(0.5 + 0.5 * share), np.sqrt(2.0 * scipy.special.gammaincinv(1.5, share))
+    return float(scipy.optimize.brentq(excess, 0.9 * low, 1.01 * high, xtol=1e-10))
+
+
 @dataclass(frozen=True)
 class RankedParameter:
-    """How much one tolerance matters at the first frame.
-
-    Attributes:
-        name, unit, part: of the parameter; ``unit`` is mm or mrad.
-        tolerance: largest error, in that unit.
-        weight: what the ranking goes by: the largest displacement in mm (one_at_a_time), the share of the scatter
-            (monte_carlo), the total index (sobol).
-        figures: all measures by name.
-    """
+    """How much one tolerance matters at the first frame."""
 
     name: str
-    unit: str
+    unit: str  # mm or mrad
     part: str
-    tolerance: float
+    tolerance: float  # largest error, in that unit
+    # what the ranking goes by: the largest displacement in mm (one_at_a_time), the share of the scatter (monte_carlo),
+    # the total index (sobol)
     weight: float
-    figures: dict[str, Any]
+    figures: dict[str, Any]  # all measures by name
 
     def row(self) -> dict[str, Any]:
         """Return what stands in the ranking's table; its heading ``unit`` is that of the tolerance."""
@@ -50,12 +199,7 @@ class RankedParameter:
 
 def rank(plan: SweepPlan, summary: Summary, indices: SobolIndices | None = None) -> list[RankedParameter]:
     """Return the parameters of a finished sweep, the one that matters most first."""
-    if plan.config.study == "one_at_a_time":
-        columns, by = _alone(plan, summary), "largest_mm"
-    elif indices is not None:
-        columns, by = _by_indices(indices), "total"
-    else:
-        columns, by = _by_scatter(plan), "share_of_scatter"
+    by, columns = _measures(plan, summary, indices)
     ranked = []
     for k, (p, margin) in enumerate(zip(plan.parameters, plan.draws.margins, strict=True)):
         unit, factor = ("mm", MM) if p.unit == "m" else ("mrad", MRAD)
@@ -64,71 +208,57 @@ def rank(plan: SweepPlan, summary: Summary, indices: SobolIndices | None = None)
     return sorted(ranked, key=lambda r: -r.weight)
 
 
-def _main_axis(strength: FloatArray) -> NDArray[np.str_]:
-    """Return the name of the axis along which each parameter is strongest, by strengths (parameters, 3)."""
-    return np.array([AXES[axis] for axis in np.nan_to_num(strength).argmax(axis=1)])
+def _measures(
+    plan: SweepPlan, summary: Summary, indices: SobolIndices | None
+) -> tuple[str, dict[str, NDArray[np.generic]]]:
+    """Return what the ranking goes by, and all measures by name, (parameters,) each."""
 
+    def main_axis(strength: FloatArray) -> NDArray[np.str_]:
+        return np.array([AXES[axis] for axis in np.nan_to_num(strength).argmax(axis=1)])
 
-def _alone(plan: SweepPlan, summary: Summary) -> dict[str, NDArray[Any]]:
-    rows = summary.by_sample
-    return {
-        "largest_mm": rows.largest_m / MM,
-        "mean_mm": rows.mean_m / MM,
-        "rms_mm": np.linalg.norm(rows.rms_m, axis=1) / MM,
-        "largest_mrad": rows.largest_rad / MRAD,
-        "main_axis": _main_axis(rows.rms_m),
-        "failed": len(plan.poses) - rows.count.astype(int),
-    }
-
-
-def _by_indices(indices: SobolIndices) -> dict[str, NDArray[Any]]:
-    return {
-        "first_order": indices.first,
-        "first_order_ci95": indices.first_confidence,
-        "total": indices.total,
-        "total_ci95": indices.total_confidence,
-        "main_axis": _main_axis(indices.first_by_axis * indices.variance_m2),
-    }
-
-
-def _by_scatter(plan: SweepPlan) -> dict[str, NDArray[Any]]:
-    """Rank by first-order variances: mean over the poses of each error's own, correlation aside."""
+    if plan.config.study == "one_at_a_time":
+        rows = summary.by_sample
+        return "largest_mm", {
+            "largest_mm": rows.largest_m / MM,
+            "mean_mm": rows.mean_m / MM,
+            "rms_mm": np.linalg.norm(rows.rms_m, axis=1) / MM,
+            "largest_mrad": rows.largest_rad / MRAD,
+            "main_axis": main_axis(rows.rms_m),
+            "failed": len(plan.poses) - rows.count.astype(int),
+        }
+    if indices is not None:
+        return "total", {
+            "first_order": indices.first,
+            "first_order_ci95": indices.first_confidence,
+            "total": indices.total,
+            "total_ci95": indices.total_confidence,
+            "main_axis": main_axis(indices.first_by_axis * indices.variance_m2),
+        }
+    # First-order variances: mean over the poses of each error's own, correlation aside.
     std = np.array([margin.std for margin in plan.draws.margins])
     squares = sum(((matrices[:, :3] * std) ** 2).sum(axis=0) for matrices in _matrices(plan)) / len(plan.poses)
     own = squares.sum(axis=0)
     share = own / max(own.sum(), np.finfo(float).tiny)
-    return {"share_of_scatter": share, "rms_mm": np.sqrt(own) / MM, "main_axis": _main_axis(squares.T)}
+    figures = {"share_of_scatter": share, "rms_mm": np.sqrt(own) / MM, "main_axis": main_axis(squares.T)}
+    return "share_of_scatter", figures
 
 
 @dataclass(frozen=True, eq=False)
 class AllocatedTolerances:
-    """The loosest tolerances, and how they did when robots were drawn with them.
+    """The loosest tolerances, and how they did when robots were drawn with them."""
 
-    Attributes:
-        wanted_share, requirement_m: of the robots, at each pose, and the largest distance allowed.
-        names: of the parameters.
-        tolerance: largest error of each, in m or rad, shape (parameters,).
-        factor: new over given tolerance; capped: whether the cap holds it, shape (parameters,) each.
-        worst_poses: indices of the poses that hold the tolerances.
-        predicted_m: at the worst pose, the distance that the wanted share keeps, to first order.
-        machines, poses: robots drawn, and number of poses, the hardest ones, that each of them went to.
-        share_within: of the robots at those poses; ``share_at_worst_pose`` where fewest were within.
-        failed: robots at poses without a solution; they do not count as within.
-    """
-
-    wanted_share: float
-    requirement_m: float
-    names: tuple[str, ...]
-    tolerance: FloatArray
-    factor: FloatArray
+    wanted: Allocation  # how many of the robots, at each pose
+    requirement_m: float  # largest distance allowed
+    names: tuple[str, ...]  # of the parameters
+    tolerance: FloatArray  # largest error of each, in m or rad, shape (parameters,)
+    factor: FloatArray  # new over given tolerance; capped: whether the cap holds it, shape (parameters,) each
     capped: BoolArray
-    worst_poses: tuple[int, ...]
-    predicted_m: float
-    machines: int
-    poses: int
-    share_within: float
+    worst_poses: tuple[int, ...]  # indices of the poses that hold the tolerances
+    predicted_m: float  # at the worst pose, the distance that the wanted share keeps, to first order
+    poses: int  # how many, the hardest ones, each of the robots drawn went to
+    share_within: float  # of the robots at those poses; ``share_at_worst_pose`` where fewest were within
     share_at_worst_pose: float
-    failed: int
+    failed: int  # robots at poses without a solution; they do not count as within
 
     def figures(self) -> dict[str, Any]:
         """Return the figures for people and JSON: mm, mrad (both are thousandths)."""
@@ -138,10 +268,10 @@ class AllocatedTolerances:
         ]
         return {
             "requirement_mm": self.requirement_m / MM,
-            "wanted_share": self.wanted_share,
+            "wanted_share": self.wanted.share,
             "predicted_mm_at_worst_pose": self.predicted_m / MM,
             "verified": {
-                "robots": self.machines,
+                "robots": self.wanted.machines,
                 "poses": self.poses,
                 "share_within": self.share_within,
                 "share_at_worst_pose": self.share_at_worst_pose,
@@ -159,10 +289,6 @@ def allocate_tolerances(
 
     Distributions of the closed-chain sweep keep their shape, its tolerances are scaled. ``wanted``: by default what the
     sweep file says.
-
-    Raises:
-        BadInputError: correlated errors would get factors of their own.
-        NoSolutionError: the search does not settle.
     """
     wanted, draws = wanted or plan.config.allocation or Allocation(), plan.draws
     groups = plan.groups(wanted.by)
@@ -179,9 +305,6 @@ def transfer_matrices(plan: SweepPlan, poses: BatchCommand) -> FloatArray:
 
     Shape (poses, 6, parameters): displacement of the frame's origin in m, rotation vector in rad, in the axes of the
     fixed platform, per m or rad.
-
-    Raises:
-        BatchClosureError: the robot does not close at a pose.
     """
     engine = engine_for(plan.mechanism)
     wanted = [parameter.local for parameter in plan.parameters]
@@ -211,7 +334,7 @@ def _verified(
     """Draw robots with the new tolerances and close them at the hardest poses."""
     factor = found.factors[list(groups)]
     hardest = np.sort(np.argsort(-found.quantile_m, kind="stable")[:VERIFIED_POSES])
-    robots = plan.draws.of_robots(wanted.machines)
+    robots = replace(plan.draws, study="monte_carlo", count=wanted.machines)
     step = max(1, _CLOSURES_AT_ONCE // len(hardest))
     within, failed = np.zeros(len(hardest)), 0
     for first in range(0, wanted.machines, step):
@@ -221,18 +344,10 @@ def _verified(
         within += ((status == 0) & (distance <= plan.accuracy_m)).sum(axis=0)
         failed += int((status != 0).sum())
         progress("verification", first + len(values), wanted.machines)
+    tolerance = np.array([margin.tolerance for margin in plan.draws.margins]) * factor
+    capped, worst, predicted = found.capped[list(groups)], found.poses, float(found.quantile_m.max())
+    accuracy, names, poses = plan.accuracy_m, plan.names, len(hardest)
+    mean, least = (float(one) / wanted.machines for one in (within.mean(), within.min()))
     return AllocatedTolerances(
-        wanted_share=wanted.share,
-        requirement_m=plan.accuracy_m,
-        names=plan.names,
-        tolerance=np.array([margin.tolerance for margin in plan.draws.margins]) * factor,
-        factor=factor,
-        capped=found.capped[list(groups)],
-        worst_poses=found.poses,
-        predicted_m=float(found.quantile_m.max()),
-        machines=wanted.machines,
-        poses=len(hardest),
-        share_within=float(within.mean()) / wanted.machines,
-        share_at_worst_pose=float(within.min()) / wanted.machines,
-        failed=failed,
+        wanted, accuracy, names, tolerance, factor, capped, worst, predicted, poses, mean, least, failed
     )

@@ -5,11 +5,9 @@ it and grow from its origin; the ladle grows from the middle of its trunnion axi
 on a truss that warms and sags they are seen from the hall, and the truss is a part among them.
 """
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -18,8 +16,7 @@ from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.thermal.expansion.heated_robot import WarmState
-from pouring_robot.thermal.expansion.truss import TrussMotion
-from pouring_robot.thermal.network.truss import TrussTemperatures
+from pouring_robot.thermal.expansion.truss import TrussMotion, TrussTemperatures
 
 _ON_A_LEG = 12
 _ON_A_CIRCLE = 16
@@ -30,26 +27,20 @@ MOVED_HEAD = ("part", "mean", "largest", "from fixed platform: mean", "largest")
 
 @dataclass(frozen=True, eq=False)
 class DisplacementField:
-    """Where points of the parts are and how far they have moved.
+    """Where points of the parts are and how far they have moved."""
 
-    Attributes:
-        parts: name of the part that each point belongs to, (n,): ``fixed_platform``, ``leg1`` …, ``platform``,
-            ``ladle``; ``truss`` if it is seen from the hall.
-        points_m, moved_m: on the drawing, in the fixed platform, and their displacement, shape (n, 3) each.
-    """
-
+    # name of the part that each point belongs to, (n,): ``fixed_platform``, ``leg1`` …, ``platform``, ``ladle``;
+    # ``truss`` if it is seen from the hall
     parts: tuple[str, ...]
-    points_m: FloatArray
-    moved_m: FloatArray
+    points_m: FloatArray  # on the drawing, in the fixed platform, shape (n, 3)
+    moved_m: FloatArray  # their displacement, shape (n, 3)
 
     @classmethod
-    def of(cls, state: WarmState, ladle_degC: float | None = None, *, ladle_from_o: bool = False) -> DisplacementField:
+    def of(cls, state: WarmState, ladle_degC: float | None = None, *, ladle_from_o: bool = False) -> Self:
         """Return it for a closed warm robot, or a cold one under loads, against the drawing at the same command.
 
-        Args:
-            state: the robot at its pose.
-            ladle_degC: temperature of the ladle's steel; by default the network's shell, or the drawing's when cold.
-            ladle_from_o: whether the ladle grows from o, which the paper takes for its centre, not from its trunnions.
+        ``ladle_degC``: of the ladle's steel; by default the network's shell, or the drawing's when cold.
+        ``ladle_from_o``: whether the ladle grows from o, which the paper takes for its centre, not from its trunnions.
         """
         robot, expansion, layout = state.robot, state.robot.expansion, state.robot.dimensions
         drives, start = robot.kinematics.inverse(robot.pose), robot.kinematics.configuration(robot.pose)
@@ -83,10 +74,10 @@ class DisplacementField:
         before, after = (np.concatenate(places) for places in zip(*found.values(), strict=True))
         return cls(parts, before, after - before)
 
-    def on(self, truss: TrussMotion) -> DisplacementField:
+    def on(self, truss: TrussMotion) -> Self:
         """Return the same seen from the hall: the truss moves too, and takes everything with it."""
         moved = self.moved_m + truss.carried_m(self.points_m)
-        return DisplacementField(
+        return type(self)(
             (*self.parts, *["truss"] * len(truss.points_m)),
             np.concatenate([self.points_m, truss.points_m]),
             np.concatenate([moved, truss.moved_m]),
@@ -122,17 +113,11 @@ class DisplacementField:
 
 @dataclass(frozen=True, eq=False)
 class MovedParts:
-    """How far every part of a robot on its truss moves.
+    """How far every part of a robot on its truss moves."""
 
-    Attributes:
-        own: of the robot's parts, seen from the fixed platform.
-        truss: where the truss goes.
-        warm: its temperatures; None for a cold one.
-    """
-
-    own: DisplacementField
-    truss: TrussMotion
-    warm: TrussTemperatures | None
+    own: DisplacementField  # of the robot's parts, seen from the fixed platform
+    truss: TrussMotion  # where the truss goes
+    warm: TrussTemperatures | None  # its temperatures; None for a cold one
 
     @functools.cached_property
     def hall(self) -> DisplacementField:

@@ -6,12 +6,13 @@ each U-joint centre moves outwards by α ΔT times its place.
 
 The growth of a driven leg is a drive offset; that of a passive one displaces its prismatic joint along the leg and is
 taken up by it. Measured temperatures can take the place of computed ones, part by part.
-"""
 
-from __future__ import annotations
+A leg that is hotter on one side bends, which is estimated beside: see :class:`LegBending`.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import pinocchio as pin
@@ -24,9 +25,7 @@ from pouring_robot.mechanism.poses import PlacementError
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.names import CHAINS
 from pouring_robot.robot.pouring.thermal_properties import PARTS, ThermalProperties
-from pouring_robot.thermal.network.field import TemperatureField
-
-__all__ = ["PARTS", "ThermalExpansion"]
+from pouring_robot.thermal.network.parts import TemperatureField
 
 
 @dataclass(frozen=True)
@@ -38,23 +37,17 @@ class ThermalExpansion:
     fixed_platform_strain: float = 0.0
 
     @classmethod
-    def from_field(cls, field: TemperatureField, measured_degC: Mapping[str, float] | None = None) -> ThermalExpansion:
-        """Take computed temperatures, and measured means by part (:data:`PARTS`) where there are any.
-
-        Raises:
-            BadInputError: as :meth:`from_temperatures`.
-        """
+    def from_field(cls, field: TemperatureField, measured_degC: Mapping[str, float] | None = None) -> Self:
+        """Take computed temperatures, and measured means by part (:data:`PARTS`) where there are any."""
         legs = {f"leg{i}": float(value) for i, value in zip(CHAINS, field.leg_degC, strict=True)}
         computed = legs | {"platform": field.platform_degC, "fixed_platform": field.fixed_platform_degC}
         return cls.from_temperatures(field.properties, computed | dict(measured_degC or {}))
 
     @classmethod
-    def from_temperatures(cls, properties: ThermalProperties, degC: Mapping[str, float]) -> ThermalExpansion:
+    def from_temperatures(cls, properties: ThermalProperties, degC: Mapping[str, float]) -> Self:
         """Take mean temperatures by part (:data:`PARTS`); parts left out are as warm as in the drawing.
 
-        Raises:
-            BadInputError: a part is unknown.
-            TemperatureError: a temperature lies below absolute zero or is not finite.
+        An unknown part raises BadInputError, a temperature below absolute zero or not finite TemperatureError.
         """
         reference = properties.expansion.reference_temperature.kelvin
         strain = dict.fromkeys(PARTS, 0.0)
@@ -113,3 +106,38 @@ def _axis(mechanism: ClosedChainMechanism, joint: str) -> FloatArray:
     data = model.createData()
     pin.forwardKinematics(model, data, mechanism.with_joint_values(mechanism.neutral_configuration(), {joint: 1.0}))
     return np.array(data.liMi[number].translation - model.jointPlacements[number].translation)
+
+
+@dataclass(frozen=True, eq=False)
+class LegBending:
+    """Estimated bending of the four legs, which the closure leaves out.
+
+    The temperature difference ΔT over the diameter D gives the curvature κ = α ΔT / D, the hot side outside. Between
+    its two U joints the leg bows; the joints follow freely, so the ladle notices three things only: the leg's chord is
+    shorter by ∫∫ κ² (second order, below a micrometre), the lower end is turned against the chord, and of these turns
+    the one about y at leg 4 counts in full, because the tilt drive θ46 sits between that end and the platform.
+    """
+
+    bow_m: FloatArray  # largest distance from the chord, ends free to turn: κ l²/8 where κ is even; shape (4,)
+    # turn of the lower end against the chord, rotation vector in the fixed platform, shape (4, 3)
+    end_rotation_rad: FloatArray
+
+    @classmethod
+    def of(cls, field: TemperatureField) -> Self:
+        """Estimate it from the gradient across the leg elements."""
+        weights, depth, lengths = field.between_joints, field.exposure.from_upper_joint_m, field.exposure.lengths_m
+        # The tangent turns towards the cold side.
+        turning = -field.properties.steel.expansion.value * field.gradient_K_per_m
+        total = np.einsum("le,lek->lk", weights, turning)
+        lever = np.einsum("le,lek->lk", weights * depth, turning)
+        bow = np.linalg.norm(total, axis=1) * lengths / 8.0
+        return cls(bow, np.cross(field.leg_directions, lever / lengths[:, None]))
+
+    @property
+    def tilt_error_rad(self) -> float:
+        """Turn of leg 4's lower end about y: acts as an offset of the tilt drive θ46."""
+        return float(self.end_rotation_rad[3, 1])
+
+    def matters(self, lever_m: float, accuracy_m: float) -> bool:
+        """Return whether the tilt error moves a point ``lever_m`` from the tilt axis by a tenth of the accuracy."""
+        return abs(self.tilt_error_rad) * lever_m > 0.1 * accuracy_m

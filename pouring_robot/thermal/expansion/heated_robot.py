@@ -3,37 +3,103 @@
 Temperatures depend on the pose and the pose on temperatures. Both are settled by turns: temperatures at a closure, the
 closure at these temperatures, until a turn no longer moves the ladle. Inside one closure the temperatures are held.
 What the last turn still moved is reported.
+
+Along a path all poses are closed at once. Temperatures are taken once a pose where the ladle is wanted, or twice: where
+it is commanded, poses near each other sharing theirs, then where it is. Those of one pose start those of the next. What
+this leaves out: legs are taken as long as the drawing's at that place, millimetres off, which is about a kelvin.
 """
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from pouring_robot.batch.samples import BatchClosure, BatchStart
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
+from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.mechanism.closure.solver import ClosureResult
+from pouring_robot.mechanism.closure.solver import ClosureResult, ClosureSolver
+from pouring_robot.mechanism.parameters import drive_parameters
 from pouring_robot.mechanism.poses import PoseDifference
 from pouring_robot.robot.heat_section import HeatSection
-from pouring_robot.robot.location import LadleLocation
+from pouring_robot.robot.location import LadleLocation, as_poses
+from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
-from pouring_robot.thermal.expansion.warm_robot import WarmRobot, drawing_of, passive_lengths
-from pouring_robot.thermal.network.assembly import ThermalNetwork
-from pouring_robot.thermal.network.field import TemperatureField
+from pouring_robot.thermal.expansion.truss import TrussNetwork, TrussTemperatures
+from pouring_robot.thermal.network.assembly import DEFAULT_OPTIONS, ThermalNetwork, TransientOptions, simulate
 from pouring_robot.thermal.network.history import HeatHistory, Placed
-from pouring_robot.thermal.network.transient import DEFAULT_OPTIONS, TransientOptions, simulate
-from pouring_robot.thermal.network.truss import TrussNetwork, TrussTemperatures
+from pouring_robot.thermal.network.parts import TemperatureField
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SETTLED_M = 1e-10
 """A turn of temperatures and closure that moves the platform's origin by less ends the turns."""
 MOST_TURNS = 12
+_NO_LEG = (0.0, 0.0, 0.0, 0.0)
+# Over as many metres and radians a leg's growth changes by 10 µm, which puts the ladle by a tenth of a millimetre where
+# it is weak; legs there are warmer or colder by a thirtieth of a kelvin, which moves the lip by less than 10 µm.
+_STANDS_IN = 0.005
+
+
+class WarmRobot(PouringRobot):
+    """The robot as built, its parts grown by heat: does what :class:`PouringRobot` does, warm.
+
+    Heat is applied first and the geometric error in the joint's displaced frame, so that a U-joint centre stands at its
+    grown nominal place plus its offset. Where the legs that are not driven stand at a pose, their growth displaces a
+    joint; so the robot is made for one pose, and elsewhere the value of such a leg's joint (nothing else) is off by the
+    change of its growth. ``passive_lengths_m``: length without heat of each leg that is not driven, by its prismatic
+    joint; by default that of the drawing at the pose.
+    """
+
+    def __init__(
+        self,
+        robot: PouringRobot,
+        expansion: ThermalExpansion,
+        pose: PlatformPose,
+        passive_lengths_m: Mapping[str, float] | None = None,
+    ) -> None:
+        # Not super().__init__: model, nominal solver and kinematics are the given robot's, and building takes time.
+        self.__dict__.update(vars(robot))
+        self.expansion, self.pose = expansion, pose
+        passive = passive_lengths_m or passive_lengths(robot, robot.kinematics.joint_values(pose))
+        mechanism = robot.kinematics.mechanism.with_stiffness(robot.actual_solver.mechanism.loops.stiffness)
+        for errors in (expansion.placements(robot.kinematics, passive), robot.model.placement_errors()):
+            mechanism = mechanism.displaced({joint: error.to_se3() for joint, error in errors.items()})
+        self.actual_solver = ClosureSolver(mechanism, robot.actual_solver.energy.loads, robot.actual_solver.options)
+
+    def actual_drives(self, drives: Mapping[str, float]) -> dict[str, float]:
+        """Return where the drives stand for commanded values, in m and rad: offset, then grown with the leg."""
+        growth = self.expansion.drive_offsets(drives, self._drive_offsets)
+        return {name: value + growth.get(name, 0.0) for name, value in super().actual_drives(drives).items()}
+
+    def solve(self) -> ClosureResult:
+        """Close the robot at the drive values that a controller commands for its pose."""
+        return self.forward(self.kinematics.inverse(self.pose), near=self.pose)
+
+
+def passive_lengths(robot: PouringRobot, joint_values: Mapping[str, float]) -> dict[str, float]:
+    """Return the value of the prismatic joint of each leg that is not driven, in m, by its name."""
+    drives = robot.nominal_solver.mechanism.loops.drives
+    return {name: value for name, value in joint_values.items() if name.endswith("_s3") and name not in drives}
+
+
+def drawing_of(robot: PouringRobot) -> PouringRobot:
+    """Return the robot of the drawing of the same layout: no geometric errors, no drive offsets, no loads."""
+    bare = robot.model.model_copy(update={"joint_placements": {}, "drive_offsets": {}})
+    return PouringRobot(bare, options=robot.actual_solver.options)
+
 
 Close = Callable[[WarmRobot], Sequence[ClosureResult]]
 """Closes a warm robot: first with the drive values of the last turn, at last with those it then chooses."""
@@ -41,20 +107,13 @@ Close = Callable[[WarmRobot], Sequence[ClosureResult]]
 
 @dataclass(frozen=True, eq=False)
 class WarmState:
-    """Temperatures and robot that belong together.
+    """Temperatures and robot that belong together."""
 
-    Attributes:
-        field: the temperatures; None for a cold robot.
-        robot, result: as built and as warm as that, and its closure.
-        turns: how often temperatures were taken anew.
-        unsettled_m: by how much the last taking of temperatures moved the moving platform's origin, drives held.
-    """
-
-    field: TemperatureField | None
-    robot: WarmRobot
-    result: ClosureResult
-    turns: int
-    unsettled_m: float
+    field: TemperatureField | None  # the temperatures; None for a cold robot
+    robot: WarmRobot  # as built and as warm as that
+    result: ClosureResult  # its closure
+    turns: int  # how often temperatures were taken anew
+    unsettled_m: float  # by how much the last taking of temperatures moved the moving platform's origin, drives held
 
     @functools.cached_property
     def location(self) -> LadleLocation:
@@ -87,13 +146,11 @@ class PoseShares:
 class HeatedRobot:
     """A robot as built, warmed by its melt. Holds solver workspace: one object a thread.
 
-    Args:
-        robot: the robot as built, cold.
-        heat: how warm it is; None: not at all.
-        network: its thermal network; by default made from the robot and the properties of ``heat`` when it is needed.
-
-    Raises:
-        BadInputError: it is another robot than the pouring robot.
+    ``heat``: how warm it is; None: not at all. ``network``: by default made when it is needed, from the robot and the
+    properties of ``heat``; where these do not fit the layout, or it is another robot than the pouring robot,
+    BadInputError is raised. Its methods raise ThermalSolutionError where no temperatures are found,
+    UnreachablePoseError or ClosureError where the robot, warm or cold, cannot take a command, UnknownFrameError for a
+    frame it has not.
     """
 
     def __init__(
@@ -107,17 +164,13 @@ class HeatedRobot:
         self.robot, self.heat = robot, heat
         self._given_network = network
 
-    def built_as(self, robot: PouringRobot) -> HeatedRobot:
+    def built_as(self, robot: PouringRobot) -> Self:
         """Return another robot of the same drawing in the same heat; the network is shared."""
-        return self if robot is self.robot else HeatedRobot(robot, self.heat, self.network)
+        return self if robot is self.robot else type(self)(robot, self.heat, self.network)
 
     @functools.cached_property
     def network(self) -> ThermalNetwork:
-        """The robot's thermal network.
-
-        Raises:
-            BadInputError: the properties do not fit the layout.
-        """
+        """The robot's thermal network."""
         return self._given_network or ThermalNetwork(self.robot, self.properties)
 
     @functools.cached_property
@@ -140,11 +193,7 @@ class HeatedRobot:
     def field(
         self, pose: Placed, near: TemperatureField | None = None, options: TransientOptions = DEFAULT_OPTIONS
     ) -> TemperatureField | None:
-        """Return the temperatures at a pose that is held, or None for a cold robot; ``near`` as the network's.
-
-        Raises:
-            ThermalSolutionError: no temperatures are found.
-        """
+        """Return the temperatures at a pose that is held, or None for a cold robot; ``near`` as the network's."""
         if self.heat is None:
             return None
         if self.after_s is None:
@@ -153,11 +202,7 @@ class HeatedRobot:
         return simulate(self.network, history, pose, options=options)[-1]
 
     def truss(self, state: WarmState) -> TrussTemperatures | None:
-        """Return how warm the truss is over the robot in a state; None for a cold robot.
-
-        Raises:
-            ThermalSolutionError: no temperatures are found.
-        """
+        """Return how warm the truss is over the robot in a state; None for a cold robot."""
         if state.field is None:
             return None
         network = TrussNetwork(self.network)
@@ -170,11 +215,7 @@ class HeatedRobot:
         return ThermalExpansion.from_field(field, self.heat.measured_degC)
 
     def settle(self, pose: PlatformPose, close: Close) -> WarmState:
-        """Take temperatures and closure by turns until a turn no longer moves the ladle; first near a pose.
-
-        Raises:
-            NoSolutionError: what ``close`` raises, or no temperatures are found.
-        """
+        """Take temperatures and closure by turns until a turn no longer moves the ladle; first near a pose."""
         place: Placed = pose
         passive, field = None, None
         before, moved = np.full(3, np.inf), 0.0 if self.heat is None else np.inf
@@ -193,23 +234,12 @@ class HeatedRobot:
         return state
 
     def locate(self, pose: PlatformPose) -> WarmState:
-        """Return the warm robot at a commanded pose; its ``location`` is where the ladle is.
-
-        Raises:
-            UnreachablePoseError: a joint would pass its limits.
-            ClosureError: the robot cannot take these drive values.
-            ThermalSolutionError: no temperatures are found.
-        """
+        """Return the warm robot at a commanded pose; its ``location`` is where the ladle is."""
         drives = self.robot.kinematics.inverse(pose)
         return self.settle(pose, lambda warm: [warm.forward(drives, near=pose)])
 
     def shares(self, state: WarmState, frames: Sequence[str]) -> dict[str, PoseShares]:
-        """Return what geometry and heat do, alone and together, to some frames; heat alone as warm as the whole.
-
-        Raises:
-            NoSolutionError: the cold robot, or the warm drawing, cannot take this command.
-            UnknownFrameError: there is no such frame.
-        """
+        """Return what geometry and heat do, alone and together, to some frames; heat alone as warm as the whole."""
         pose, base = state.robot.pose, state.location.loops.base_frame
         cold = self.robot.locate(pose)
         warm = WarmRobot(drawing_of(self.robot), state.robot.expansion, pose).solve()
@@ -221,3 +251,102 @@ class HeatedRobot:
             )
             for frame in frames
         }
+
+
+def strains_along(heated: HeatedRobot, poses: FloatArray, threads: int = 2, show: Progress = say_nothing) -> FloatArray:
+    """Return how much the parts have grown at poses that are held, (n, 6): legs, moving and fixed platform."""
+    strain = np.zeros((len(poses), 6))
+    if heated.heat is None or not len(poses):
+        return strain
+    done = [0]
+
+    def take(rows: NDArray[np.intp]) -> None:
+        own = HeatedRobot(heated.robot, heated.heat)  # networks keep poses, so each thread has its own
+        field = None
+        for row in rows:
+            x, y, z, tilt = poses[row].tolist()
+            field = own.field(PlatformPose((x, y, z), tilt), field)
+            grown = own.expansion(field)
+            strain[row] = *grown.leg_strain, grown.platform_strain, grown.fixed_platform_strain
+            done[0] += 1
+            show("temperatures", done[0], len(poses))
+
+    pieces = np.array_split(np.arange(len(poses)), min(threads, len(poses)))
+    with one_blas_thread(), ThreadPoolExecutor(len(pieces)) as pool:
+        list(pool.map(take, pieces))
+    return strain
+
+
+class WarmPath:
+    """Closes the robot as built, without loads, its parts grown pose by pose.
+
+    Poses, commanded or wanted, are (n, 4), in m and rad; ``strain`` is their growth as :func:`strains_along` gives it.
+    """
+
+    def __init__(self, heated: HeatedRobot, poses: FloatArray, strain: FloatArray) -> None:
+        robot = heated.robot
+        self.strain, self.engine = strain, robot.engine()
+        self.errors = self._displaced(heated) if strain.any() else None
+        drives = robot.actual_solver.mechanism.loops.drives
+        self.offsets = np.array(list(robot.actual_drives(dict.fromkeys(drives, 0.0)).values()))
+        growing = [f"{leg}_s3" for leg in LEGS]
+        legs = [growing.index(name) if name in growing else -1 for name in drives]
+        self.growth = np.stack([1.0 + strain[:, k] if k >= 0 else np.ones(len(strain)) for k in legs], axis=1)
+        self.command = robot.kinematics.commands(poses)
+
+    def _displaced(self, heated: HeatedRobot) -> FloatArray:
+        """Return what heat displaces of the joints as built, (n, sites * 6): H E = E (E⁻¹ H E), H a shift.
+
+        The growth of a leg that is not driven changes nothing but the value of its own joint.
+        """
+        structure, built = self.engine.structure, heated.robot.model.placement_errors()
+        errors = np.zeros((len(self.strain), structure.site_count, 6))
+        for k, part in ((4, ThermalExpansion(_NO_LEG, 1.0, 0.0)), (5, ThermalExpansion(_NO_LEG, 0.0, 1.0))):
+            for joint, shift in part.placements(heated.robot.kinematics).items():
+                if np.any(shift.translation_m):
+                    turned = built[joint].to_se3().rotation if joint in built else np.eye(3)
+                    way = turned.T @ np.array(shift.translation_m)
+                    errors[:, structure.site(joint), :3] += self.strain[:, k, None] * way
+        return errors.reshape(len(errors), structure.site_count * 6)
+
+    def close(self, drives: FloatArray, start: BatchStart) -> BatchClosure:
+        """Return the closed robot for commanded drives (n, 4), in m and rad: offset, then grown with the leg."""
+        return self.engine.close((drives + self.offsets) * self.growth, start, self.errors)
+
+    def drives_to_end(self, closed: BatchClosure) -> FloatArray:
+        """Return how the end frame follows commanded drives, (n, 6, 4): its origin (m), its rotation vector (rad)."""
+        drives = drive_parameters(self.engine.structure.mechanism)
+        return np.asarray(self.engine.transfer(closed, drives, self.errors).matrix * self.growth[:, None, :])
+
+
+def locate_path(
+    heated: HeatedRobot, poses: ArrayLike, threads: int = 2, show: Progress = say_nothing
+) -> tuple[xr.Dataset, BatchClosure]:
+    """Return where the ladle should be and where it is, warm, for many commanded poses, and the closures as built.
+
+    Poses are x, y, z in m and the tilt in rad, shape (n, 4), best along a path; the dataset is as
+    :meth:`PouringRobot.locate` gives for many. ``threads`` share the temperatures. Poses of another shape, and a robot
+    that carries loads, raise BadInputError.
+    """
+    commanded = place = as_poses(poses)
+    if heated.heat is not None and len(commanded):  # millimetres beside the command shadows fall otherwise
+        rows, row_of = np.unique(_stand_ins(commanded), return_inverse=True)
+        warm = WarmPath(heated, commanded, strains_along(heated, commanded[rows], threads, show)[row_of])
+        closed = warm.close(warm.command.drives, warm.command.start)
+        tilt = np.arctan2(closed.rotation[:, 0, 2], closed.rotation[:, 2, 2])
+        found = np.column_stack([closed.position, tilt])
+        place = np.where(np.isfinite(found), found, commanded)
+    warm = WarmPath(heated, commanded, strains_along(heated, place, threads, show))
+    closed = warm.close(warm.command.drives, warm.command.start)
+    return heated.robot.path_dataset(warm.command, closed), closed
+
+
+def _stand_ins(poses: FloatArray) -> NDArray[np.intp]:
+    """Return for each pose the one before it whose growth says well enough where it stands, or itself, (n,)."""
+    chosen, last = np.arange(len(poses)), 0
+    for row in range(1, len(poses)):
+        if np.abs(poses[row] - poses[last]).max() < _STANDS_IN:
+            chosen[row] = last
+        else:
+            last = row
+    return chosen

@@ -1,4 +1,12 @@
-"""How heat or weight deforms the truss, and where it takes the fixed platform.
+"""How warm the truss above the robot gets, how heat or weight deforms it, and where it takes the fixed platform.
+
+Of the trolley's frame and the two girders it stands on, bars and box girders are cut into cells that conduct, give heat
+to the air, radiate, and see the melt as the platforms do, behind the moving platform's bars; of points spread over the
+melt those of fixed platform and trolley hide some. Inside a girder plates radiate to each other: view factors of a long
+duct are those of crossed strings (H. Hottel and A. Sarofim, Radiative Transfer), surfaces two by two grey. It is a
+network of its own, which takes nothing from the robot's: wheels and bolts pass little, and the trolley's low frame is
+about as warm as the fixed platform under it. End carriages, rails and posts are far away and stay cold. A shield under
+the truss is the property ``truss.exposed``.
 
 A girder that is warmer below than above bows downwards, by the slope of α T over its height, and lies on the two rails
 as a beam on two supports (W. Young and R. Budynas, Roark's Formulas for Stress and Strain, 7th ed., table 8.1). The
@@ -6,35 +14,167 @@ trolley stands on its four wheels where the girders then are. Its uprights grow 
 platform goes with their feet. Everything grows from the middle of the truss.
 """
 
+# ruff: noqa: N815 - units keep their capitals: K, W, degC
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.sparse
+from scipy.constants import Stefan_Boltzmann
 
+from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import IndexArray
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
-from pouring_robot.thermal.network.truss import TrussTemperatures
+from pouring_robot.thermal.network.assembly import ThermalNetwork, integrate
+from pouring_robot.thermal.network.circuit import Circuit, laplacian, steady_temperatures
+from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, link_boxes, merged
+from pouring_robot.thermal.network.history import HeatHistory, Placed
+from pouring_robot.thermal.network.parts import radiation_conductances
+from pouring_robot.thermal.network.view_factors import Boxes
 
-_ALONG = 11
+GIRDER_CELLS, TROLLEY_CELLS = 36, 6
+_MELT_POINTS = 100
 _SIDES = (1.0, -1.0)
+_INSIDE_M = 1e-4
+_ALONG = 11
+
+
+@dataclass(frozen=True, eq=False)
+class TrussTemperatures:
+    """How warm the truss is."""
+
+    # by girder (left, right), plate (bottom, webs below and above, top) and cell, shape (2, 6, cells)
+    girders_degC: FloatArray
+    trolley_degC: FloatArray  # by bar and cell from its lower end, shape (bars, cells)
+    girders: BarCells  # cells of the plates in the fixed platform
+    trolley: BarCells  # cells of the bars, there too
+
+
+class TrussNetwork:
+    """The truss over the melt of a robot's network, which knows its surroundings and what stands in the way.
+
+    Where no temperatures are found it raises ThermalSolutionError.
+    """
+
+    def __init__(self, robot: ThermalNetwork) -> None:
+        self._robot = robot
+        layout = robot.robot.dimensions
+        self._girders = _girder_cells(layout)
+        self._inside = _inside_girders(layout, robot.properties.steel.emissivity.value)
+        urdf = robot.robot.model.nominal_urdf()
+        frame, platform = link_boxes(urdf, "trolley", skip_round=True), link_boxes(urdf, "fixed_platform")
+        up = np.array([0.0, 0.0, layout.truss.platform_drop.metres])
+        frame = Boxes(frame.lower_m + up, frame.upper_m + up)
+        self._trolley = BarCells.cut(frame, TROLLEY_CELLS)
+        pairs = zip((frame.lower_m, frame.upper_m), (platform.lower_m, platform.upper_m), strict=True)
+        self._in_the_way = merged(Boxes(*(np.concatenate(pair) for pair in pairs)))
+        self._density = layout.materials.steel_density.value
+
+    def temperatures(
+        self, pose: Placed, melt_K: float, ambient_K: float, after_s: float | None = None
+    ) -> TrussTemperatures:
+        """Return how warm the truss is where the robot is held, the trolley in the middle of its girders.
+
+        ``after_s``: time since the melt came to the cold robot; None: until nothing changes.
+        """
+        found = []
+        for cells, inside in ((self._girders, self._inside), (self._trolley, None)):
+            circuit = self._circuit(cells, inside, pose)
+            if after_s is None:
+                state = steady_temperatures(circuit, melt_K, ambient_K)
+            else:
+                history = HeatHistory.constant(melt_K - ZERO_CELSIUS_K, ambient_K - ZERO_CELSIUS_K, after_s)
+                cold = np.full(circuit.nodes, ambient_K)
+                _, state = integrate(circuit, history, (0.0, after_s), cold, np.array([after_s]))
+            found.append(state - ZERO_CELSIUS_K)
+        return TrussTemperatures(
+            found[0].reshape(2, -1, GIRDER_CELLS), found[1].reshape(-1, TROLLEY_CELLS), self._girders, self._trolley
+        )
+
+    def _circuit(self, cells: BarCells, inside: scipy.sparse.csc_array | None, pose: Placed) -> Circuit:
+        properties, area = self._robot.properties, cells.face_area_m2.sum(axis=1)
+        steel, on = properties.steel, float(self._robot.radiation)
+        clear = _clear_share(cells.centres_m, self._robot.melt_points_m(pose, _MELT_POINTS), self._in_the_way)
+        view = properties.truss.exposed.value * clear * self._robot.view_area_m2(cells, pose)
+        to_melt, to_ambient = radiation_conductances(
+            area, view, on * steel.emissivity.value, properties.melt.emissivity.value
+        )
+        conducts = laplacian(cells.count, [(a, b, steel.conductivity.value * shape) for a, b, shape in cells.contacts])
+        none, film = np.zeros(cells.count), properties.ambient.film_coefficient.value * area
+        capacity = self._density * steel.heat_capacity.value * cells.volume_m3
+        radiating = None if inside is None else on * inside
+        return Circuit(conducts, none, film, to_melt, to_ambient, capacity, radiating)
+
+
+def _clear_share(starts_m: FloatArray, ends_m: FloatArray, boxes: Boxes) -> FloatArray:
+    """Return which share of the ways from each start (N, 3) to all ends (K, 3) meets no box but its own, shape (N,)."""
+    # Coordinates first: the largest of three arrays is found much faster than that of many threes.
+    at, to = np.ascontiguousarray(starts_m.T)[..., None], np.ascontiguousarray(ends_m.T)[:, None]
+    per_way = 1.0 / (to - at)
+    hidden = np.zeros(per_way.shape[1:], dtype=bool)
+    for lower, upper in zip(boxes.lower_m, boxes.upper_m, strict=True):
+        inside = np.all((lower <= starts_m) & (starts_m <= upper), axis=1)
+        one, other = ((side[:, None, None] - at) * per_way for side in (lower, upper))
+        enters, leaves = np.minimum(one, other).max(axis=0), np.maximum(one, other).min(axis=0)
+        hidden |= (enters < leaves) & (leaves > 0.0) & (enters < 1.0) & ~inside[:, None]
+    return np.asarray(1.0 - hidden.mean(axis=1))
+
+
+def _girder_cells(layout: LayoutEntry) -> BarCells:
+    """Return the cells of both girders' plates in the fixed platform, without the faces inside the boxes."""
+    truss = layout.truss
+    wall, up = truss.girder_wall.metres, truss.platform_drop.metres
+    x, y, z = 0.5 * truss.gauge.metres, 0.5 * truss.girder_width.metres, 0.5 * truss.girder_height.metres
+    plates = [
+        ([-x, -y, -z], [x, y, wall - z]),
+        ([-x, -y, wall - z], [x, wall - y, 0.0]),
+        ([-x, y - wall, wall - z], [x, y, 0.0]),
+        ([-x, -y, 0.0], [x, wall - y, z - wall]),
+        ([-x, y - wall, 0.0], [x, y, z - wall]),
+        ([-x, -y, z - wall], [x, y, z]),
+    ]
+    middles = np.array([[0.0, side * truss.girder_offset.metres, up] for side in _SIDES])
+    lower, upper = (
+        np.concatenate([np.array(corner) + middle for middle in middles]) for corner in zip(*plates, strict=True)
+    )
+    cells = BarCells.cut(Boxes(lower, upper), GIRDER_CELLS)
+    outside = cells.face_centres_m + _INSIDE_M * FACE_NORMALS
+    inside = np.zeros(cells.face_area_m2.shape, dtype=bool)
+    for middle in middles:
+        inside |= np.all(np.abs(outside - middle) < np.array([x, y, z]), axis=2)
+    return replace(cells, face_area_m2=np.where(inside, 0.0, cells.face_area_m2))
+
+
+def _inside_girders(layout: LayoutEntry, emissivity: float) -> scipy.sparse.csc_array:
+    """Return what the plates of each girder radiate to each other, cell by cell along it, in W/K⁴."""
+    truss, wall = layout.truss, layout.truss.girder_wall.metres
+    wide, high = truss.girder_width.metres - 2.0 * wall, truss.girder_height.metres - 2.0 * wall
+    # Corners of the strips in the section, in the order of the plates.
+    corners = np.array([[0.0, 0.0], [wide, 0.0], [0.0, 0.5 * high], [wide, 0.5 * high], [0.0, high], [wide, high]])
+    strips = [(0, 1), (0, 2), (1, 3), (2, 4), (3, 5), (4, 5)]
+    one = np.zeros((len(strips), len(strips)))
+    for i, (a, b) in enumerate(strips):
+        for j, (c, d) in enumerate(strips):
+            ends = corners[[a, b]][:, None] - corners[[c, d]]
+            lengths = np.linalg.norm(ends, axis=2)
+            # Crossed strings less uncrossed ones; which is which follows from the order of the ends.
+            one[i, j] = 0.0 if i == j else 0.5 * abs(lengths[0, 1] + lengths[1, 0] - lengths[0, 0] - lengths[1, 1])
+    one *= Stefan_Boltzmann / (2.0 / emissivity - 1.0) * truss.gauge.metres / GIRDER_CELLS
+    one = np.diag(one.sum(axis=1)) - one
+    return scipy.sparse.csc_array(scipy.sparse.kron(np.eye(len(_SIDES)), np.kron(one, np.eye(GIRDER_CELLS))))
 
 
 @dataclass(frozen=True, eq=False)
 class TrussMotion:
-    """Where the truss goes. All in the fixed platform of the drawing.
+    """Where the truss goes. All in the fixed platform of the drawing."""
 
-    Attributes:
-        points_m, moved_m: along the girders' axes, then at the uprights' axles and feet, shape (n, 3) each.
-        shift_m, turn_rad: of the fixed platform's origin, and a small rotation vector, shape (3,) each.
-    """
-
-    points_m: FloatArray
+    points_m: FloatArray  # along the girders' axes, then at the uprights' axles and feet, shape (n, 3)
     moved_m: FloatArray
-    shift_m: FloatArray
-    turn_rad: FloatArray
+    shift_m: FloatArray  # of the fixed platform's origin, shape (3,)
+    turn_rad: FloatArray  # small rotation vector, shape (3,)
 
     def __add__(self, other: TrussMotion) -> TrussMotion:
         """Return both together."""

@@ -1,4 +1,1 @@
-"""Temperatures of the robot.
-
-Elements and what they see of the melt, a network of conduction and radiation, steady or over time.
-"""
+"""Temperatures: elements and what they see of the melt, a network of conduction and radiation, steady or over time."""

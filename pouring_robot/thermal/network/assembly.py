@@ -4,26 +4,36 @@ The melt's surface, a disc that tilts with the ladle, radiates into the half-spa
 platforms depends on pose and tilt; the moving platform's bars stand in the way, nothing else does. Heat conducts along
 rods and bars, through U joints, and from the melt through lining and shell into the platform; every surface gives heat
 to the surroundings by convection and re-radiation.
+
+Over time C_i dT_i/dt = Q_i(T, t), with Q of :mod:`pouring_robot.thermal.network.circuit`. Capacities span four decades
+(cladding surface to fixed platform) and re-radiation is steep, so the system is stiff: SciPy's stiff solvers with the
+analytic Jacobian. Integration restarts where the pose or the slope of a temperature changes; between these points
+everything is smooth.
 """
 
-# ruff: noqa: N802 - units keep their capitals: K, W, degC
+# ruff: noqa: N802, N815 - units keep their capitals: K, W, degC
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
+import scipy.sparse
+from scipy.integrate import solve_ivp
 
-from pouring_robot.exceptions import BadInputError
+from pouring_robot.exceptions import BadInputError, HistoryError, ThermalSolutionError
 from pouring_robot.io.temperatures import kelvin
+from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import ClosureResult
+from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, load_thermal_properties
 from pouring_robot.robot.pouring_robot import PouringRobot
-from pouring_robot.thermal.network.circuit import Circuit
-from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, LadleSections, link_boxes, merged
-from pouring_robot.thermal.network.field import TemperatureField
-from pouring_robot.thermal.network.history import Placed
-from pouring_robot.thermal.network.leg_elements import LEGS, LegExposure, LegGrid
-from pouring_robot.thermal.network.parts import Bodies, capacities, constant_laplacian, radiation_conductances
-from pouring_robot.thermal.network.steady import steady_temperatures
-from pouring_robot.thermal.network.view_factors import Boxes, DiscChords, hidden_view_factors
+from pouring_robot.thermal.network.circuit import Circuit, steady_temperatures
+from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, LegExposure, LegGrid
+from pouring_robot.thermal.network.history import HeatHistory, Placed, PoseSchedule
+from pouring_robot.thermal.network.parts import Bodies, TemperatureField, radiation_conductances
+from pouring_robot.thermal.network.view_factors import DiscChords, hidden_view_factors
 
 _KEPT_POSES = 32
 
@@ -31,15 +41,12 @@ _KEPT_POSES = 32
 class ThermalNetwork:
     """Temperatures of a robot for a pose and a melt.
 
-    Geometry comes from the robot: U-joint centres from its nominal mechanism, bars from its URDF, sizes from its
-    layout. Holds a cache of poses: one object a thread.
-
-    Args:
-        robot: by default the drawing of the default layout.
-        properties: by default the shipped ``thermal.yaml``.
-        elements_per_leg: of the moving rod, over its full length; the fixed rod is cut to match.
-        elements_per_bar: of each bar of the platforms; by default a fifth of that.
-        radiation: with radiation, or conduction and convection only.
+    Geometry comes from the robot, by default the drawing of the default layout: U-joint centres from its nominal
+    mechanism, bars from its URDF, sizes from its layout; the properties are by default those of the shipped
+    ``thermal.yaml``. The moving rod is cut into ``elements_per_leg`` over its full length, the fixed rod to match, each
+    bar of the platforms by default into a fifth of that. Without radiation there are conduction and convection only.
+    Holds a cache of poses: one object a thread. Temperatures below absolute zero or not finite raise TemperatureError,
+    a part that is connected to nothing ThermalSolutionError.
 
     Raises:
         BadInputError: fewer than four elements, or the ladle's shell leaves no lining.
@@ -63,14 +70,14 @@ class ThermalNetwork:
         self.properties = properties or load_thermal_properties()
         self.radiation = radiation
         entry, urdf = self.robot.dimensions, self.robot.model.nominal_urdf()
-        ladle, bars = LadleSections.of(entry), merged(link_boxes(urdf, "moving_platform"))
-        self._melt_m, self._disc = ladle.melt_centre_m, DiscChords.of(ladle.melt_radius_m)
-        self._bars_in_the_way = Boxes(bars.lower_m - self._melt_m, bars.upper_m - self._melt_m)
         grid = LegGrid.of(entry.leg, elements_per_leg, max(2, round(elements_per_leg / 4)))
         per_bar = elements_per_bar or max(2, elements_per_leg // 5)
-        self.bodies = Bodies.of(urdf, entry, self.properties, grid, per_bar, self._bars_in_the_way)
-        self._laplacian, self._melt_contact = constant_laplacian(self.bodies)
-        self._capacity = capacities(self.bodies)
+        self.bodies = Bodies.of(urdf, entry, self.properties, grid, per_bar)
+        ladle = self.bodies.ladle
+        self._melt_m, self._disc = ladle.melt_centre_m, DiscChords.of(ladle.melt_radius_m)
+        self._bars_in_the_way = self.bodies.in_the_way
+        self._laplacian, self._melt_contact = self.bodies.constant_laplacian()
+        self._capacity = self.bodies.capacities()
         self._kept: dict[tuple[float, ...], tuple[Circuit, LegExposure, FloatArray]] = {}
 
     def steady(
@@ -82,15 +89,8 @@ class ThermalNetwork:
     ) -> TemperatureField:
         """Return the temperatures that a pose settles to when it is held.
 
-        Args:
-            pose: of the nominal robot, or a closure of any robot of this layout.
-            melt_degC: by default that of the properties.
-            ambient_degC: likewise.
-            near: temperatures of a pose nearby, to start from.
-
-        Raises:
-            TemperatureError: a temperature lies below absolute zero or is not finite.
-            ThermalSolutionError: a part is connected to nothing.
+        ``pose``: of the nominal robot, or a closure of any robot of this layout; melt and surroundings are by default
+        those of the properties; ``near``: temperatures of a pose nearby, to start from.
         """
         melt_K, ambient_K = self.temperatures_K(melt_degC, ambient_degC)
         start = None if near is None else near.temperatures_K
@@ -98,11 +98,7 @@ class ThermalNetwork:
         return self.field(pose, found, melt_K, ambient_K)
 
     def temperatures_K(self, melt_degC: float | None, ambient_degC: float | None) -> tuple[float, float]:
-        """Return melt and ambient temperature in K; None stands for that of the properties.
-
-        Raises:
-            TemperatureError: one lies below absolute zero or is not finite.
-        """
+        """Return melt and ambient temperature in K; None stands for that of the properties."""
         melt, ambient = self.properties.melt.temperature.value, self.properties.ambient.temperature.value
         return (
             kelvin(melt if melt_degC is None else melt_degC, "melt"),
@@ -134,7 +130,7 @@ class ThermalNetwork:
         if isinstance(pose, ClosureResult):
             platform = pose.pose("fixed_platform", "moving_platform")
             upper, lower = (
-                np.array([pose.pose("fixed_platform", f"leg{i}_{part}").translation for i in range(1, LEGS + 1)])
+                np.array([pose.pose("fixed_platform", f"{leg}_{part}").translation for leg in LEGS])
                 for part in ("fixed_rod", "moving_rod")
             )
             return upper, lower, np.array(platform.rotation), np.array(platform.translation)
@@ -153,7 +149,7 @@ class ThermalNetwork:
         nodes, moving = bodies.nodes, bodies.moving
         matrix = self._laplacian.copy()
         contact = properties.contact.nut.value * exposure.touching_m2
-        for i in range(LEGS):
+        for i in range(len(LEGS)):
             rod, housing = np.split(nodes.legs[i], [bodies.grid.moving])
             matrix[np.ix_(rod, housing)] -= contact[i]
             matrix[np.ix_(housing, rod)] -= contact[i].T
@@ -194,3 +190,90 @@ class ThermalNetwork:
         faces, middles = ((points - origin) @ rotation for points in (cells.face_centres_m, cells.centres_m))
         factors = hidden_view_factors(faces, middles, normals, self._disc, self._bars_in_the_way)
         return np.asarray(np.sum(cells.face_area_m2 * factors, axis=1))
+
+
+@dataclass(frozen=True)
+class TransientOptions:
+    """How exactly time is followed: settings of ``scipy.integrate.solve_ivp``; tolerances are per step."""
+
+    method: Literal["BDF", "Radau"] = "BDF"
+    relative_tolerance: float = 1e-6
+    absolute_tolerance_K: float = 1e-4
+
+
+DEFAULT_OPTIONS = TransientOptions()
+
+
+@one_blas_thread()
+def simulate(
+    network: ThermalNetwork,
+    history: HeatHistory,
+    poses: Placed | PoseSchedule | Sequence[tuple[float, Placed]],
+    *,
+    start: TemperatureField | None = None,
+    times_s: FloatArray | None = None,
+    options: TransientOptions = DEFAULT_OPTIONS,
+) -> tuple[TemperatureField, ...]:
+    """Follow the temperatures of a robot's network through a history; return them at times, each at the pose then held.
+
+    ``poses``: one pose held throughout, or entries of time and pose; ``start``: temperatures at the start, by default
+    all is as warm as the surroundings; ``times_s``: increasing, within the history, by default its entries.
+
+    Raises:
+        HistoryError: a time to report lies outside the history or out of order, or a pose comes after its end.
+        ThermalSolutionError: the integrator gives up.
+    """
+    schedule = PoseSchedule.of(poses, history.start_s)
+    for row, (time, _) in enumerate(schedule.entries, start=1):
+        if time > history.end_s:
+            raise HistoryError(f"a pose starts at {time:g} s, after the history's end at {history.end_s:g} s", row)
+    wanted = np.array(history.times_s if times_s is None else times_s, dtype=float)
+    if wanted.size == 0 or np.any(np.diff(wanted) <= 0.0):
+        raise HistoryError("the times to report must increase")
+    if wanted[0] < history.start_s or wanted[-1] > history.end_s:
+        span = f"{history.start_s:g} to {history.end_s:g} s"
+        raise HistoryError(f"the times to report, {wanted[0]:g} to {wanted[-1]:g} s, leave the history, {span}")
+    cold = np.full(network.bodies.nodes.count, history.at(history.start_s)[1])
+    state = cold if start is None else start.temperatures_K
+    changes = [time for time, _ in schedule.entries if history.start_s < time < history.end_s]
+    edges = np.unique(np.concatenate([[history.start_s, history.end_s], history.corners_s, changes]))
+    states: list[FloatArray] = []
+    for begin, end in itertools.pairwise(edges):
+        if not np.any(wanted >= begin):
+            break
+        # A time at which the pose changes is reported at the new pose: it belongs to the segment that begins there.
+        inside = wanted[(wanted >= begin) & ((wanted < end) | (end == edges[-1]))]
+        circuit = network.circuit(schedule.at(float(begin)))
+        reported, state = integrate(circuit, history, (float(begin), float(end)), state, inside, options)
+        states += reported
+    return tuple(
+        network.field(schedule.at(float(time)), values, *history.at(float(time)))
+        for time, values in zip(wanted, states, strict=True)
+    )
+
+
+def integrate(
+    circuit: Circuit,
+    history: HeatHistory,
+    span_s: tuple[float, float],
+    state: FloatArray,
+    times_s: FloatArray,
+    options: TransientOptions = DEFAULT_OPTIONS,
+) -> tuple[list[FloatArray], FloatArray]:
+    """Integrate temperatures, (n,), in K, over a smooth stretch; return them at its times and at its end."""
+    inverse = 1.0 / circuit.capacity
+    scale = scipy.sparse.diags_array(inverse).tocsc()
+
+    def slope(time: float, temperatures: FloatArray) -> FloatArray:
+        return np.asarray(inverse * circuit.heat(temperatures, *history.at(time)))
+
+    def jacobian(_time: float, temperatures: FloatArray) -> scipy.sparse.csc_matrix:
+        return scipy.sparse.csc_matrix(scale @ circuit.jacobian(temperatures))
+
+    report = np.append(times_s[times_s < span_s[1]], span_s[1])
+    how = {"method": options.method, "rtol": options.relative_tolerance, "atol": options.absolute_tolerance_K}
+    solution = solve_ivp(slope, span_s, state, t_eval=report, jac=jacobian, **how)
+    if not solution.success:
+        raise ThermalSolutionError(f"{options.method} gives up at {solution.t[-1]:g} s: {solution.message}")
+    states = [np.array(column) for column in solution.y.T]
+    return states if times_s.size == report.size else states[:-1], states[-1]

@@ -17,9 +17,19 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 import scipy.sparse
+import scipy.sparse.linalg
 
+from pouring_robot.exceptions import ThermalSolutionError
+from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import IndexArray
+
+STEP_TOLERANCE_K = 1e-4
+"""Newton ends after a step s shorter than this. What is left is s² times half of curvature over slope of the heat
+flows, at most 12 T² / (2 · 4 T³) = 1.5/T, or with factors kept a hundredth of s at most: it is below 1e-6 K."""
+# After a step shorter than this the next takes the factors of the last: they are off by 3/T of it, a hundredth.
+_FACTORS_KEPT_K = 1.0
+_MAX_ITERATIONS = 60
 
 
 @dataclass(frozen=True)
@@ -45,23 +55,15 @@ class EnergyBalance:
 
 @dataclass(frozen=True, eq=False)
 class Circuit:
-    """The network as numbers. Shapes: n nodes.
+    """The network as numbers. Shapes: n nodes."""
 
-    Attributes:
-        laplacian: conductances between nodes, shape (n, n), in W/K; symmetric, rows sum to zero.
-        melt_contact, film: conductance to the melt and to the surroundings, shape (n,), in W/K.
-        melt_radiation: emissivities times area times view factor times Stefan's constant, shape (n,), in W/K⁴.
-        ambient_radiation: the same to the surroundings, shape (n,), in W/K⁴.
-        capacity: shape (n,), in J/K.
-        radiating: radiation between nodes, shape (n, n), in W/K⁴, on the pattern of a Laplacian; None: there is none.
-    """
-
-    laplacian: FloatArray
-    melt_contact: FloatArray
-    film: FloatArray
-    melt_radiation: FloatArray
-    ambient_radiation: FloatArray
-    capacity: FloatArray
+    laplacian: FloatArray  # conductances between nodes, shape (n, n), in W/K; symmetric, rows sum to zero
+    melt_contact: FloatArray  # conductance to the melt, shape (n,), in W/K
+    film: FloatArray  # conductance to the surroundings, shape (n,), in W/K
+    melt_radiation: FloatArray  # emissivities times area times view factor times Stefan's constant, shape (n,), in W/K⁴
+    ambient_radiation: FloatArray  # the same to the surroundings, shape (n,), in W/K⁴
+    capacity: FloatArray  # shape (n,), in J/K
+    # radiation between nodes, shape (n, n), in W/K⁴, on the pattern of a Laplacian; None: there is none
     radiating: scipy.sparse.csc_array | None = None
 
     @property
@@ -101,12 +103,9 @@ class Circuit:
     def balance(self, temperatures_K: FloatArray, melt_K: float, ambient_K: float) -> EnergyBalance:
         """Return the heat flows of the whole network at temperatures of its nodes, shape (n,)."""
         t = temperatures_K
-        return EnergyBalance(
-            melt_conduction_W=float(self.melt_contact @ (melt_K - t)),
-            melt_radiation_W=float(self.melt_radiation @ (melt_K**4 - t**4)),
-            ambient_film_W=float(self.film @ (t - ambient_K)),
-            ambient_radiation_W=float(self.ambient_radiation @ (t**4 - ambient_K**4)),
-        )
+        from_melt = self.melt_contact @ (melt_K - t), self.melt_radiation @ (melt_K**4 - t**4)
+        to_ambient = self.film @ (t - ambient_K), self.ambient_radiation @ (t**4 - ambient_K**4)
+        return EnergyBalance(*map(float, (*from_melt, *to_ambient)))
 
 
 def chain_links(nodes: IndexArray, conductance: float) -> list[tuple[int, int, float]]:
@@ -121,3 +120,36 @@ def laplacian(count: int, links: Iterable[tuple[int, int, float]]) -> FloatArray
         matrix[[first, second], [first, second]] += conductance
         matrix[[first, second], [second, first]] -= conductance
     return matrix
+
+
+@one_blas_thread()
+def steady_temperatures(
+    circuit: Circuit, melt_K: float, ambient_K: float, near: FloatArray | None = None
+) -> FloatArray:
+    """Return the temperatures at which every node gives off what it takes up, and ``near`` to start from: (n,), in K.
+
+    The negative Jacobian is an M-matrix and every heat flow is concave in the temperatures, so Newton from a start
+    above the solution comes down to it without ever passing it; nothing is hotter than the hotter of melt and
+    surroundings, so that is the start (convergence: Ortega and Rheinboldt, monotone Newton theorem). From anywhere else
+    the first step leads above the solution, so that temperatures of a pose nearby are a start too, and a better one.
+    ThermalSolutionError: a part has no way to melt or surroundings, or Newton does not settle.
+    """
+    temperatures = np.full(circuit.nodes, max(melt_K, ambient_K)) if near is None else near
+    longest = np.inf
+    for _ in range(_MAX_ITERATIONS):
+        heat = circuit.heat(temperatures, melt_K, ambient_K)
+        if longest > _FACTORS_KEPT_K:
+            try:
+                factors = scipy.sparse.linalg.splu(
+                    circuit.jacobian(temperatures), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
+                )
+            except RuntimeError as error:  # exactly singular
+                raise ThermalSolutionError("a part is connected to nothing that takes its heat") from error
+        step = -factors.solve(heat)
+        temperatures = temperatures + step
+        if not np.isfinite(temperatures).all():
+            break
+        longest = float(np.abs(step).max())
+        if longest < STEP_TOLERANCE_K:
+            return np.asarray(temperatures)
+    raise ThermalSolutionError(f"Newton's steps do not settle in {_MAX_ITERATIONS} iterations")

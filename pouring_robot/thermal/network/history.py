@@ -1,4 +1,8 @@
-"""What happens over time: melt and ambient temperature, and the poses that are held."""
+"""What happens over time: melt and ambient temperature, and the poses that are held.
+
+Too few entries, unequal lengths and times that do not increase raise HistoryError, impossible temperatures
+TemperatureError.
+"""
 
 # ruff: noqa: N815 - units keep their capitals: K, W, degC
 from __future__ import annotations
@@ -21,18 +25,13 @@ Placed = PlatformPose | ClosureResult
 """Where the robot stands: a pose of the drawing, or a closure of any robot of its layout."""
 
 _TIMES = {"time_s": 1.0, "time_min": 60.0, "time_h": 3600.0}
-_POSE_COLUMNS = ("x_mm", "y_mm", "z_mm", "tilt_deg")
+POSE_COLUMNS = ("x_mm", "y_mm", "z_mm", "tilt_deg")
 _STRAIGHT_K_PER_S = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class HeatHistory:
-    """Melt and ambient temperature over time, (n,) each, straight lines between two entries or more.
-
-    Raises:
-        HistoryError: too few entries, unequal lengths, or times that do not increase.
-        TemperatureError: a temperature lies below absolute zero or is not finite.
-    """
+    """Melt and ambient temperature over time, (n,) each, straight lines between two entries or more."""
 
     times_s: FloatArray
     melt_degC: FloatArray
@@ -82,11 +81,7 @@ class HeatHistory:
 
 @dataclass(frozen=True)
 class PoseSchedule:
-    """Poses held one after the other, each from its time on; changes between them take no time.
-
-    Raises:
-        HistoryError: no entry, or times that do not increase.
-    """
+    """Poses held one after the other, each from its time on; changes between them take no time."""
 
     entries: tuple[tuple[float, Placed], ...]
 
@@ -131,7 +126,7 @@ def read_shift(
             increase, or a temperature is impossible; names line and column.
     """
     table = read_table(path, "time_min, melt_degC, ambient_degC")
-    table.refuse_others([*_TIMES, "melt_degC", "ambient_degC", *_POSE_COLUMNS])
+    table.refuse_others([*_TIMES, "melt_degC", "ambient_degC", *POSE_COLUMNS])
     time_column, *more = [name for name in table.headings if name in _TIMES] or [""]
     if not time_column or more or "melt_degC" not in table.headings:
         raise table.heading_fault("give one time column (time_s, time_min or time_h) and melt_degC")
@@ -149,11 +144,11 @@ def read_shift(
         history = HeatHistory(times, columns["melt_degC"], ambient)
     except BadInputError as error:
         raise TableError(path, str(error)) from error
-    missing = [name for name in _POSE_COLUMNS if name not in columns]
-    if len(missing) == len(_POSE_COLUMNS):
+    missing = [name for name in POSE_COLUMNS if name not in columns]
+    if len(missing) == len(POSE_COLUMNS):
         return history, None
     if missing:
-        raise table.heading_fault(f"column '{missing[0]}' is missing; a pose needs {', '.join(_POSE_COLUMNS)}")
-    poses = [PlatformPose.from_mm_deg(*map(float, row)) for row in np.transpose([columns[n] for n in _POSE_COLUMNS])]
+        raise table.heading_fault(f"column '{missing[0]}' is missing; a pose needs {', '.join(POSE_COLUMNS)}")
+    poses = [PlatformPose.from_mm_deg(*map(float, row)) for row in np.transpose([columns[n] for n in POSE_COLUMNS])]
     changes = [k for k in range(len(poses)) if k == 0 or poses[k] != poses[k - 1]]
     return history, PoseSchedule(tuple((float(times[k]), poses[k]) for k in changes))

@@ -1,21 +1,30 @@
-"""From bodies to nodes: which node is what, and the parts of the network that no pose changes."""
+"""Which node is what, the parts of the network that no pose changes, and the temperatures found, by part."""
 
-from __future__ import annotations
-
+# ruff: noqa: N802, N815 - units keep their capitals: K, W, degC
 import itertools
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from scipy.constants import Stefan_Boltzmann
 
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import IndexArray
 from pouring_robot.robot.pouring.layout_schema import LayoutEntry
+from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
-from pouring_robot.thermal.network.circuit import chain_links, laplacian
-from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, LadleSections, link_boxes
-from pouring_robot.thermal.network.leg_elements import LEGS, LegGrid
+from pouring_robot.thermal.network.circuit import Circuit, EnergyBalance, chain_links, laplacian
+from pouring_robot.thermal.network.elements import (
+    FACE_NORMALS,
+    BarCells,
+    LadleSections,
+    LegExposure,
+    LegGrid,
+    link_boxes,
+    merged,
+)
 from pouring_robot.thermal.network.view_factors import Boxes, DiscChords, hidden_view_factors
 
 LINING_LAYERS = 5
@@ -24,23 +33,15 @@ _OFF_THE_FACE_M = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class NodeMap:
-    """Which node stands for what.
+    """Which node stands for what."""
 
-    Attributes:
-        legs: nodes of the legs, shape (4, N + F), the moving rod's first.
-        moving_platform, fixed_platform: steel of their cells, shape (P,) and (Q,).
-        cladding: surface of the moving platform's cladding, shape (C,); ``clad_cells`` the cells that have one.
-        lining: layers of the ladle's lining, from the melt outwards.
-        shell: the ladle's shell.
-    """
-
-    legs: IndexArray
-    moving_platform: IndexArray
-    cladding: IndexArray
-    clad_cells: IndexArray
-    fixed_platform: IndexArray
-    lining: IndexArray
-    shell: int
+    legs: IndexArray  # nodes of the legs, shape (4, N + F), the moving rod's first
+    moving_platform: IndexArray  # steel of its cells, shape (P,)
+    cladding: IndexArray  # its surface, shape (C,)
+    clad_cells: IndexArray  # of the moving platform's cells those that have one, shape (C,)
+    fixed_platform: IndexArray  # of its cells, shape (Q,)
+    lining: IndexArray  # layers of the ladle's lining, from the melt outwards
+    shell: int  # the ladle's shell
 
     @property
     def count(self) -> int:
@@ -48,33 +49,26 @@ class NodeMap:
         return self.shell + 1
 
     @classmethod
-    def of(cls, grid: LegGrid, moving_cells: int, clad_cells: IndexArray, fixed_cells: int) -> NodeMap:
+    def of(cls, grid: LegGrid, moving_cells: int, clad_cells: IndexArray, fixed_cells: int) -> Self:
         """Number all nodes."""
-        sizes = (LEGS * len(grid.step_m), moving_cells, len(clad_cells), fixed_cells, LINING_LAYERS)
+        sizes = (len(LEGS) * len(grid.step_m), moving_cells, len(clad_cells), fixed_cells, LINING_LAYERS)
         ends = np.cumsum((0, *sizes))
         legs, moving, cladding, fixed, lining = (np.arange(a, b, dtype=np.intp) for a, b in itertools.pairwise(ends))
-        return cls(legs.reshape(LEGS, len(grid.step_m)), moving, cladding, clad_cells, fixed, lining, int(ends[-1]))
+        return cls(legs.reshape(len(LEGS), -1), moving, cladding, clad_cells, fixed, lining, int(ends[-1]))
 
 
 @dataclass(frozen=True, eq=False)
 class MovingPlatform:
-    """Bars of the moving platform with what they see of the melt; ladle and platform move as one, so it is constant.
+    """Bars of the moving platform with what they see of the melt; ladle and platform move as one, so it is constant."""
 
-    Attributes:
-        cells: in the moving platform's frame, P of them.
-        clad_area_m2: area that sees the melt and is clad, shape (P,); zero for bare bars.
-        bare_area_m2: the remaining area.
-        clad_view_area_m2, bare_view_area_m2: the same areas times their view factors.
-    """
-
-    cells: BarCells
-    clad_area_m2: FloatArray
-    clad_view_area_m2: FloatArray
-    bare_area_m2: FloatArray
-    bare_view_area_m2: FloatArray
+    cells: BarCells  # in the moving platform's frame, P of them
+    clad_area_m2: FloatArray  # area that sees the melt and is clad, shape (P,); zero for bare bars
+    clad_view_area_m2: FloatArray  # the same times its view factor
+    bare_area_m2: FloatArray  # the remaining area
+    bare_view_area_m2: FloatArray  # the same times its view factor
 
     @classmethod
-    def of(cls, cells: BarCells, in_the_way: Boxes, ladle: LadleSections, *, clad: bool) -> MovingPlatform:
+    def of(cls, cells: BarCells, in_the_way: Boxes, ladle: LadleSections, *, clad: bool) -> Self:
         """Look at the melt from every face of the cells; ``in_the_way`` stands in the disc's frame."""
         normals = np.broadcast_to(FACE_NORMALS, (cells.count, 6, 3))
         points = cells.face_centres_m - ladle.melt_centre_m + _OFF_THE_FACE_M * normals
@@ -88,34 +82,35 @@ class MovingPlatform:
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """All bodies of the robot, cut into nodes: legs, bars of both platforms, ladle; with layout and properties."""
+    """All bodies of the robot, cut into nodes: legs, bars of both platforms, ladle; with layout and properties.
+
+    A shell that leaves nothing of the ladle's wall raises BadInputError when the lining is asked for.
+    """
 
     nodes: NodeMap
     grid: LegGrid
     moving: MovingPlatform
     fixed: BarCells
     ladle: LadleSections
+    in_the_way: Boxes  # the moving platform's bars in the disc's frame
     entry: LayoutEntry
     properties: ThermalProperties
 
     @classmethod
-    def of(
-        cls, urdf: str, entry: LayoutEntry, properties: ThermalProperties, grid: LegGrid, bars: int, in_the_way: Boxes
-    ) -> Bodies:
-        """Cut them; ``bars``: cells of each bar, ``in_the_way``: the moving platform's bars in the disc's frame."""
+    def of(cls, urdf: str, entry: LayoutEntry, properties: ThermalProperties, grid: LegGrid, bars: int) -> Self:
+        """Cut them; ``bars``: cells of each bar."""
         ladle, clad = LadleSections.of(entry), properties.moving_platform.cladding_thickness.metres > 0.0
-        moving, fixed = (BarCells.cut(link_boxes(urdf, f"{name}_platform"), bars) for name in ("moving", "fixed"))
+        boxes = [link_boxes(urdf, f"{name}_platform") for name in ("moving", "fixed")]
+        moving, fixed = (BarCells.cut(part, bars) for part in boxes)
+        whole = merged(boxes[0])
+        in_the_way = Boxes(whole.lower_m - ladle.melt_centre_m, whole.upper_m - ladle.melt_centre_m)
         seeing = MovingPlatform.of(moving, in_the_way, ladle, clad=clad)
         nodes = NodeMap.of(grid, moving.count, np.flatnonzero(seeing.clad_area_m2 > 0.0), fixed.count)
-        return cls(nodes, grid, seeing, fixed, ladle, entry, properties)
+        return cls(nodes, grid, seeing, fixed, ladle, in_the_way, entry, properties)
 
     @property
     def lining_m(self) -> float:
-        """What the shell leaves of the ladle's wall.
-
-        Raises:
-            BadInputError: nothing.
-        """
+        """What the shell leaves of the ladle's wall."""
         shell, wall = self.properties.ladle.shell_thickness.metres, self.ladle.wall_m
         if not 0.0 < shell < wall:
             raise BadInputError(
@@ -129,67 +124,60 @@ class Bodies:
         """Thickness of the moving platform's cladding."""
         return self.properties.moving_platform.cladding_thickness.metres
 
+    def constant_laplacian(self) -> tuple[FloatArray, float]:
+        """Return the conductances between nodes that no pose changes, (n, n), and that between melt and lining, in W/K.
 
-def constant_laplacian(bodies: Bodies) -> tuple[FloatArray, float]:
-    """Return the conductances between nodes that no pose changes, and that between melt and first lining layer.
+        Conduction along every rod and bar, across U joints, cladding and lining, from shell through trunnions to the
+        hangers. What changes with the pose is only where the moving rod touches the fixed one.
+        """
+        nodes, grid, moving, fixed, ladle = self.nodes, self.grid, self.moving, self.fixed, self.ladle
+        entry, contact = self.entry, self.properties.contact
+        steel, insulation = (part.conductivity.value for part in (self.properties.steel, self.properties.insulation))
+        rod_per_step, *_, housing_per_step = steel * grid.section_m2 / grid.step_m
+        drop, bearings = np.array([0.0, 0.0, entry.leg.foot_drop.metres]), entry.fixed_platform.bearing_offset.metres
+        # The upper U joint's heat is shared by the two elements of the fixed rod nearest to it.
+        upper_shares = [float(np.interp(0.0, grid.fixed_middles_m, unit)) for unit in np.eye(grid.fixed)]
+        links: list[tuple[int, int, float]] = []
+        for i in range(len(LEGS)):
+            rod, housing = nodes.legs[i, : grid.moving], nodes.legs[i, grid.moving :]
+            links += chain_links(rod, rod_per_step) + chain_links(housing, housing_per_step)
+            foot = moving.cells.nearest(entry.moving_centres.metres[i] - drop)
+            # The joint sits at the rod's end, half an element away from the node.
+            lower_joint = 1.0 / (1.0 / contact.lower_joint.value + 0.5 / rod_per_step)
+            links.append((int(rod[0]), int(nodes.moving_platform[foot]), lower_joint))
+            for side in (-1.0, 1.0):
+                bar = fixed.nearest(entry.fixed_centres.metres[i] + np.array([0.0, side * bearings, 0.0]))
+                for head, share in zip(housing, upper_shares, strict=True):
+                    links.append((int(head), int(nodes.fixed_platform[bar]), 0.5 * share * contact.upper_joint.value))
+        for cells, numbers in ((moving.cells, nodes.moving_platform), (fixed, nodes.fixed_platform)):
+            links += [(int(numbers[a]), int(numbers[b]), steel * shape) for a, b, shape in cells.contacts]
+        for surface, cell in zip(nodes.cladding, nodes.clad_cells, strict=True):
+            across = insulation * float(moving.clad_area_m2[cell]) / self.cladding_m
+            links.append((int(surface), int(nodes.moving_platform[cell]), across))
+        trunnion = steel * ladle.trunnion_area_m2 / ladle.trunnion_length_m
+        hangers = [int(nodes.moving_platform[moving.cells.nearest(point)]) for point in ladle.trunnions_m]
+        links += [(nodes.shell, hanger, trunnion) for hanger in hangers]
+        layer = insulation * ladle.conducting_area_m2 * LINING_LAYERS / self.lining_m
+        links += chain_links(nodes.lining, layer)
+        links.append((int(nodes.lining[-1]), nodes.shell, 2.0 * layer))
+        return laplacian(nodes.count, links), 2.0 * layer
 
-    Conduction along every rod and bar, across U joints, cladding and lining, from shell through trunnions to the
-    hangers. What changes with the pose is only where the moving rod touches the fixed one.
-
-    Returns:
-        The Laplacian, shape (n, n), and a conductance, both in W/K.
-
-    Raises:
-        BadInputError: the shell is as thick as the ladle's whole wall.
-    """
-    nodes, grid, moving, fixed = bodies.nodes, bodies.grid, bodies.moving, bodies.fixed
-    ladle, entry, contact = bodies.ladle, bodies.entry, bodies.properties.contact
-    steel, insulation = (part.conductivity.value for part in (bodies.properties.steel, bodies.properties.insulation))
-    rod_per_step, *_, housing_per_step = steel * grid.section_m2 / grid.step_m
-    links: list[tuple[int, int, float]] = []
-    for i in range(LEGS):
-        rod, housing = nodes.legs[i, : grid.moving], nodes.legs[i, grid.moving :]
-        links += chain_links(rod, rod_per_step) + chain_links(housing, housing_per_step)
-        foot = moving.cells.nearest(entry.moving_centres.metres[i] - np.array([0.0, 0.0, entry.leg.foot_drop.metres]))
-        # The joint sits at the rod's end, half an element away from the node.
-        lower_joint = 1.0 / (1.0 / contact.lower_joint.value + 0.5 / rod_per_step)
-        links.append((int(rod[0]), int(nodes.moving_platform[foot]), lower_joint))
-        bearings = entry.fixed_platform.bearing_offset.metres
-        for side in (-1.0, 1.0):
-            bar = fixed.nearest(entry.fixed_centres.metres[i] + np.array([0.0, side * bearings, 0.0]))
-            for head, share in zip(housing, grid.upper_joint_shares, strict=True):
-                joint = 0.5 * float(share) * contact.upper_joint.value
-                links.append((int(head), int(nodes.fixed_platform[bar]), joint))
-    for cells, numbers in ((moving.cells, nodes.moving_platform), (fixed, nodes.fixed_platform)):
-        links += [(int(numbers[a]), int(numbers[b]), steel * shape) for a, b, shape in cells.contacts]
-    for k, cell in enumerate(nodes.clad_cells):
-        across = insulation * float(moving.clad_area_m2[cell]) / bodies.cladding_m
-        links.append((int(nodes.cladding[k]), int(nodes.moving_platform[cell]), across))
-    trunnion = steel * ladle.trunnion_area_m2 / ladle.trunnion_length_m
-    for point in ladle.trunnions_m:
-        links.append((nodes.shell, int(nodes.moving_platform[moving.cells.nearest(point)]), trunnion))
-    layer = insulation * ladle.conducting_area_m2 * LINING_LAYERS / bodies.lining_m
-    links += chain_links(nodes.lining, layer)
-    links.append((int(nodes.lining[-1]), nodes.shell, 2.0 * layer))
-    return laplacian(nodes.count, links), 2.0 * layer
-
-
-def capacities(bodies: Bodies) -> FloatArray:
-    """Return the heat capacity of every node, shape (n,), in J/K."""
-    nodes, grid, moving, ladle, properties = bodies.nodes, bodies.grid, bodies.moving, bodies.ladle, bodies.properties
-    steel = bodies.entry.materials.steel_density.value * properties.steel.heat_capacity.value
-    insulation = properties.insulation.density.value * properties.insulation.heat_capacity.value
-    capacity = np.zeros(nodes.count)
-    capacity[nodes.legs] = steel * grid.section_m2 * grid.step_m
-    capacity[nodes.moving_platform] = steel * moving.cells.volume_m3
-    capacity[nodes.fixed_platform] = steel * bodies.fixed.volume_m3
-    # Half of the cladding goes with its surface, half with the bar.
-    half = 0.5 * insulation * moving.clad_area_m2[nodes.clad_cells] * bodies.cladding_m
-    capacity[nodes.cladding] = half
-    capacity[nodes.moving_platform[nodes.clad_cells]] += half
-    capacity[nodes.lining] = insulation * ladle.conducting_area_m2 * bodies.lining_m / LINING_LAYERS
-    capacity[nodes.shell] = steel * ladle.outer_area_m2 * properties.ladle.shell_thickness.metres
-    return capacity
+    def capacities(self) -> FloatArray:
+        """Return the heat capacity of every node, shape (n,), in J/K."""
+        nodes, grid, moving, ladle, properties = self.nodes, self.grid, self.moving, self.ladle, self.properties
+        steel = self.entry.materials.steel_density.value * properties.steel.heat_capacity.value
+        insulation = properties.insulation.density.value * properties.insulation.heat_capacity.value
+        capacity = np.zeros(nodes.count)
+        capacity[nodes.legs] = steel * grid.section_m2 * grid.step_m
+        capacity[nodes.moving_platform] = steel * moving.cells.volume_m3
+        capacity[nodes.fixed_platform] = steel * self.fixed.volume_m3
+        # Half of the cladding goes with its surface, half with the bar.
+        half = 0.5 * insulation * moving.clad_area_m2[nodes.clad_cells] * self.cladding_m
+        capacity[nodes.cladding] = half
+        capacity[nodes.moving_platform[nodes.clad_cells]] += half
+        capacity[nodes.lining] = insulation * ladle.conducting_area_m2 * self.lining_m / LINING_LAYERS
+        capacity[nodes.shell] = steel * ladle.outer_area_m2 * properties.ladle.shell_thickness.metres
+        return capacity
 
 
 def radiation_conductances(
@@ -204,3 +192,121 @@ def radiation_conductances(
     seen = melt_emissivity * view_area_m2
     scale = emissivity * Stefan_Boltzmann
     return scale * seen, scale * (area_m2 - seen)
+
+
+@dataclass(frozen=True, eq=False)
+class TemperatureField:
+    """Temperatures at a pose, in K inside and °C by property. Leg arrays run over legs 1 to 4."""
+
+    temperatures_K: FloatArray  # of every node, shape (n,)
+    melt_K: float
+    ambient_K: float
+    bodies: Bodies  # which node is what, elements, materials
+    circuit: Circuit  # the network at this pose
+    exposure: LegExposure  # where the leg elements are and what they see
+    rotation_fixed_platform_to_disc: FloatArray  # shape (3, 3); the disc's axes are the moving platform's
+
+    @property
+    def properties(self) -> ThermalProperties:
+        """Of the materials, as used."""
+        return self.bodies.properties
+
+    @property
+    def degC(self) -> FloatArray:
+        """Every node, shape (n,)."""
+        return np.asarray(self.temperatures_K - ZERO_CELSIUS_K)
+
+    @property
+    def leg_elements_degC(self) -> FloatArray:
+        """Every element of the legs, shape (4, N + F): moving rod from the lower joint upwards, then fixed rod."""
+        return self.degC[self.bodies.nodes.legs]
+
+    @property
+    def between_joints(self) -> FloatArray:
+        """How many metres of the way from joint to joint run through each element, shape (4, N + F)."""
+        return self.bodies.grid.path_weights_m(self.exposure.lengths_m)
+
+    @property
+    def leg_degC(self) -> FloatArray:
+        """Mean over the way from upper to lower U-joint centre, shape (4,): the one that lengthens the leg."""
+        return np.average(self.leg_elements_degC, axis=1, weights=self.between_joints)
+
+    @property
+    def platform_degC(self) -> float:
+        """Mean of the moving platform's steel, by volume."""
+        return float(np.average(self.platform_elements_degC, weights=self.bodies.moving.cells.volume_m3))
+
+    @property
+    def platform_elements_degC(self) -> FloatArray:
+        """Steel of the moving platform's cells, shape (P,)."""
+        return self.degC[self.bodies.nodes.moving_platform]
+
+    @property
+    def cladding_degC(self) -> FloatArray:
+        """Surface of the moving platform's cladding, shape (C,)."""
+        return self.degC[self.bodies.nodes.cladding]
+
+    @property
+    def fixed_platform_degC(self) -> float:
+        """Mean of the fixed platform, by volume."""
+        return float(np.average(self.fixed_platform_elements_degC, weights=self.bodies.fixed.volume_m3))
+
+    @property
+    def fixed_platform_elements_degC(self) -> FloatArray:
+        """Cells of the fixed platform, shape (Q,)."""
+        return self.degC[self.bodies.nodes.fixed_platform]
+
+    @property
+    def shell_degC(self) -> float:
+        """The ladle's steel shell."""
+        return float(self.degC[self.bodies.nodes.shell])
+
+    @property
+    def balance(self) -> EnergyBalance:
+        """Heat flows of the whole network, in W."""
+        return self.circuit.balance(self.temperatures_K, self.melt_K, self.ambient_K)
+
+    @property
+    def gradient_K_per_m(self) -> FloatArray:
+        """Gradient across each leg element, towards its hot side, in the fixed platform; shape (4, N + F, 3).
+
+        The melt heats one side; see :func:`gradient_across_tube`. It settles within minutes and is taken as steady in
+        a transient too.
+        """
+        grid, steel = self.bodies.grid, self.properties.steel
+        radiates = bool(self.circuit.ambient_radiation.any())
+        scale = steel.emissivity.value * Stefan_Boltzmann if radiates else 0.0
+        temperatures = self.temperatures_K[self.bodies.nodes.legs]
+        loss = self.properties.ambient.film_coefficient.value + 4.0 * scale * temperatures**3
+        source = scale * self.properties.melt.emissivity.value * (self.melt_K**4 - self.ambient_K**4)
+        # An element half inside the housing takes half the flux.
+        flux = source * self.exposure.area_m2 / (2.0 * np.pi * grid.outer_m * grid.step_m)
+        per_harmonic = gradient_across_tube(flux, steel.conductivity.value, loss, grid.outer_m, grid.inner_m)
+        return np.asarray(
+            per_harmonic[..., None] * self.exposure.first_harmonic @ self.rotation_fixed_platform_to_disc.T
+        )
+
+    @property
+    def leg_directions(self) -> FloatArray:
+        """Unit vectors from upper to lower U-joint centre, in the fixed platform, shape (4, 3)."""
+        return np.asarray(self.exposure.down @ self.rotation_fixed_platform_to_disc.T)
+
+    @property
+    def leg_difference_K(self) -> FloatArray:
+        """Largest temperature difference from one side of a leg to the other, shape (4,): gradient times diameter."""
+        across = np.linalg.norm(self.gradient_K_per_m, axis=-1) * 2.0 * self.bodies.grid.outer_m
+        return np.asarray((across * (self.between_joints > 0.0)).max(axis=1))
+
+
+def gradient_across_tube(
+    flux_W_per_m2: FloatArray, conductivity: float, loss: FloatArray, outer_m: FloatArray, inner_m: FloatArray
+) -> FloatArray:
+    """Return the gradient that bends a tube which absorbs a flux q cos θ on its outside, in K/m.
+
+    With nothing lost inside, the temperature is (a ρ + b/ρ) cos θ, b = a r², and a follows from q = k a (1 - r²/R²) + h
+    a (R + r²/R). What bends a beam is the first moment of that over its section, a (1 + 2 r²/(R² + r²)). Conductivity
+    is k, in W/mK, the loss h film and linearised re-radiation, in W/m²K, the radii R and r, zero for a solid rod.
+    """
+    hollow = (inner_m / outer_m) ** 2
+    slope = flux_W_per_m2 / (conductivity * (1.0 - hollow) + loss * outer_m * (1.0 + hollow))
+    return np.asarray(slope * (1.0 + 2.0 * hollow / (1.0 + hollow)))

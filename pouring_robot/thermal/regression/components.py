@@ -16,9 +16,8 @@ eigenvectors of the correlation matrix R_P, k sets:
    b_i = \frac{s_y}{s_i} \beta_i, \quad b_0 = \bar y - \sum_i b_i \bar x_i
 """
 
-from __future__ import annotations
-
 import warnings
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,9 +42,6 @@ def variance_inflation_factors(X: ArrayLike) -> FloatArray:
 
     Infinite where the others tell a set exactly, which they always do with no more than k rows. A table of two sets
     gives the paper's VIF of a pair. X: sets as columns, shape (n, k), in any units.
-
-    Raises:
-        ErrorSetError: a set is constant.
     """
     from statsmodels.stats.outliers_influence import variance_inflation_factor
 
@@ -65,32 +61,14 @@ class PrincipalComponentRegression(RegressorMixin, BaseEstimator):  # type: igno
 
     Scikit-learn's scaling, PCA and ordinary least squares, with as many components as carry the wanted share of
     variance. In the paper y is the melt temperature and X the sensitive error sets: equations 19 to 21. A
-    constant set takes no part.
-
-    Args:
-        explained: least cumulative share of variance the components carry, in (0, 1].
-
-    Attributes:
-        eigenvalues_: all λ of the correlation matrix, falling, shape (min(n, k),); they add up to k.
-        cumulative_: their cumulative shares.
-        n_components_: number m of components kept.
-        components_: the components u kept, shape (m, k).
-        regression_: the regression on them; its coefficients are γ s_y, shape (m,).
-        standardised_coef_: β, shape (k,).
-        coef_: b, shape (k,), in units of y per unit of the set.
-        intercept_: b0, in units of y.
+    constant set takes no part. ``explained``: least cumulative share of variance the components carry, in (0, 1].
     """
 
     def __init__(self, explained: float = EXPLAINED_SHARE) -> None:
         self.explained = explained
 
-    def fit(self, X: ArrayLike, y: ArrayLike) -> PrincipalComponentRegression:
-        """Fit y, shape (n,), on the components of X, shape (n, k), n ≥ 2.
-
-        Raises:
-            ErrorSetError: all sets are constant, or the share is out of its range.
-            ValueError: X or y are no finite numbers (scikit-learn's words).
-        """
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Fit y, shape (n,), on the components of X, shape (n, k), n ≥ 2."""
         sets, target = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=2)
         if not 0.0 < self.explained <= 1.0:
             raise ErrorSetError(f"explained = {self.explained}: give a share above 0, up to 1 (usual: 0.85)")
@@ -99,17 +77,19 @@ class PrincipalComponentRegression(RegressorMixin, BaseEstimator):  # type: igno
         if not scaled.any():
             raise ErrorSetError("every set is constant; there is no variance to find components of")
         every = PCA(svd_solver="full").fit(scaled)
+        # all λ of the correlation matrix, falling, shape (min(n, k),); they add up to k
         self.eigenvalues_ = every.explained_variance_ * (1.0 - 1.0 / len(sets))
         self.cumulative_ = np.cumsum(every.explained_variance_ratio_)
         # The last share is 1 up to rounding; a wish for all of it must not run past the end.
         self.n_components_ = 1 + int(np.argmax(self.cumulative_ >= self.explained - 1e-12))
-        self.components_ = every.components_[: self.n_components_]
+        self.components_ = every.components_[: self.n_components_]  # the u kept, shape (m, k)
+        # on them; its coefficients are γ s_y, shape (m,)
         self.regression_ = LinearRegression().fit(scaled @ self.components_.T, target)
         per_scaled = self.components_.T @ self.regression_.coef_
         spread = float(np.std(target))
-        # A constant y has no spread, and then every coefficient is 0.
+        # β, shape (k,). A constant y has no spread, and then every coefficient is 0.
         self.standardised_coef_ = per_scaled / spread if spread > 0.0 else np.zeros_like(per_scaled)
-        self.coef_ = per_scaled / scaler.scale_
+        self.coef_ = per_scaled / scaler.scale_  # b, shape (k,), in units of y per unit of the set; then b0
         self.intercept_ = float(target.mean() - scaler.mean_ @ self.coef_)
         return self
 

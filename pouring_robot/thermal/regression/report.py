@@ -1,11 +1,12 @@
-"""What a table of error sets says: groups, degrees, components, formulas, what each method leaves; and its page."""
+"""What a table of error sets says: groups, degrees, components, formulas, what each method leaves; and its page.
 
-from __future__ import annotations
+A table that is wrong, has too few sets or says some directions only raises TableError; so does one of positions.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -17,40 +18,35 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
 from pouring_robot.report.plots import ASH, COLOURS, new_figure, svg_of, tell, tidy
 from pouring_robot.report.result import Result
-from pouring_robot.thermal.regression.error_line import ErrorLine, Positions, Remains
-from pouring_robot.thermal.regression.joint_model import JointRegression
-from pouring_robot.thermal.regression.methods import HELPS_BELOW, METHODS, NONE, PAPER, POSE, fit_lines, judge, left_out
+from pouring_robot.thermal.regression.joint_model import (
+    HELPS_BELOW,
+    METHODS,
+    NONE,
+    PAPER,
+    POSE,
+    JointRegression,
+    fit_lines,
+    judge,
+    left_out,
+)
 from pouring_robot.thermal.regression.sensitive_sets import SensitiveSetSelector
 from pouring_robot.thermal.regression.table import KINDS, ErrorTable
-from pouring_robot.thermal.regression.thermal_model import AXES, AxisModel, ThermalModel
-
-if TYPE_CHECKING:
-    import pandas as pd
+from pouring_robot.thermal.regression.thermal_model import AXES, AxisModel, ErrorLine, Positions, Remains, ThermalModel
 
 
 @dataclass(frozen=True, eq=False)
 class AxisRegression:
-    """One direction of a table.
+    """One direction of a table."""
 
-    Attributes:
-        table: its error sets.
-        model: the paper's, weighed by equation 21.
-        lines: every method.
-        fitted, unseen: what each leaves of the table it was fitted to, and of sets left out one at a time.
-        method: the one to use.
-    """
-
-    table: ErrorTable
-    model: JointRegression
-    lines: dict[str, ErrorLine]
-    fitted: dict[str, Remains]
-    unseen: dict[str, Remains]
-    method: str
+    table: ErrorTable  # its error sets
+    model: JointRegression  # the paper's, weighed by equation 21
+    lines: dict[str, ErrorLine]  # every method
+    fitted: dict[str, Remains]  # what each leaves of the table it was fitted to
+    unseen: dict[str, Remains]  # what each leaves of sets left out one at a time
+    method: str  # the one to use
 
     @classmethod
-    def of(
-        cls, table: ErrorTable, positions: Positions | None, method: str | None, selector: dict[str, Any]
-    ) -> AxisRegression:
+    def of(cls, table: ErrorTable, positions: Positions | None, method: str | None, selector: dict[str, Any]) -> Self:
         """Fit and judge everything; ``method`` None takes the one that leaves least of sets left out."""
         paper = JointRegression("coefficients", selector=SensitiveSetSelector(**selector))
         model = paper.fit(table.temperature_column, table.errors)
@@ -144,11 +140,9 @@ class RegressionReport(Result):
             words.append(f"{axis or 'error'} {before:.3f} → {left:.3f} ({one.method})")
         return f"rms on sets left out, {next(iter(self.axes.values())).unit}: " + ", ".join(words)
 
-    def to_frame(self) -> pd.DataFrame:
-        """Return one row an axis and method."""
-        import pandas as pd
-
-        return pd.DataFrame(
+    def _table(self) -> Any:
+        """One row an axis and method."""
+        return [
             {
                 "axis": axis,
                 "method": name,
@@ -157,18 +151,14 @@ class RegressionReport(Result):
             }
             for axis, one in self.axes.items()
             for name, left in one.unseen.items()
-        )
+        ]
 
     def figures(self) -> dict[str, Any]:
         """Return everything, ready for JSON."""
         return {"source": self.source, "axes": {axis: one.figures() for axis, one in self.axes.items()}}
 
     def model(self) -> ThermalModel:
-        """Return what a thermal-model file holds.
-
-        Raises:
-            BadInputError: the table holds angles, or does not say its direction.
-        """
+        """Return what a thermal-model file holds."""
         first = next(iter(self.axes.values())).table
         if first.kind != "length" or "" in self.axes:
             raise BadInputError("a thermal model holds lengths along x, y, z: name sets P1_x_mm …, or give --axis")
@@ -197,16 +187,10 @@ def regress(
 ) -> RegressionReport:
     """Regress a table on temperature, direction by direction.
 
-    Args:
-        table: its sets are named ``P1_x`` … where it holds several directions.
-        positions: where the sets were measured, one row a set in the table's order (of each direction).
-        axis: direction of a table whose names do not say it.
-        method: of :data:`METHODS`; by default the one that leaves least of sets left out.
-        selector: settings of :class:`SensitiveSetSelector`.
-
-    Raises:
-        TableError: there are too few sets, or directions have other sets.
-        BadInputError: the method is not known or needs positions.
+    The sets are named ``P1_x`` … where the table holds several directions; ``axis`` is that of a table whose names do
+    not say it. ``positions``: where the sets were measured, one row a set in the table's order (of each direction);
+    ``method``: of :data:`METHODS`, by default the one that leaves least of sets left out; one that is not known or
+    needs positions raises BadInputError. ``selector``: settings of :class:`SensitiveSetSelector`.
     """
     if method is not None and method not in METHODS:
         raise BadInputError(f"method '{method}' is not known; give one of {', '.join(METHODS)}")
@@ -217,11 +201,7 @@ def regress(
 
 
 def by_axis(table: ErrorTable, axis: str = "") -> dict[str, ErrorTable]:
-    """Return a table direction by direction: sets named ``P1_x``, ``P1_y`` … are P1 in x, in y.
-
-    Raises:
-        TableError: some names say a direction and others do not, or directions have other sets.
-    """
+    """Return a table direction by direction: sets named ``P1_x``, ``P1_y`` … are P1 in x, in y."""
     said = {name: name.rpartition("_")[2] for name in table.names if name.rpartition("_")[2] in AXES}
     if not said:
         return {axis: table}
@@ -238,11 +218,7 @@ def by_axis(table: ErrorTable, axis: str = "") -> dict[str, ErrorTable]:
 
 
 def read_positions(path: Path | str, names: tuple[str, ...]) -> Positions:
-    """Read where the sets were measured: a column ``set`` and columns with units, such as x_mm, tilt_deg, or drives.
-
-    Raises:
-        TableError: the file is wrong, a set is missing, or a heading has no unit of length or angle.
-    """
+    """Read where the sets were measured: a column ``set`` and columns with units, such as x_mm, tilt_deg, or drives."""
     table = read_table(path, "set,x_mm,y_mm,z_mm")
     if "set" not in table.headings:
         raise table.heading_fault("one column must be 'set', with the names of the error sets")

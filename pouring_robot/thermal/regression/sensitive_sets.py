@@ -1,4 +1,17 @@
-"""Choice of the sensitive error sets: one a group, by grey relation, with the VIF as guard against collinearity.
+r"""Fuzzy clustering of error sets, and choice of a sensitive one a group, by grey relation, VIF guarding collinearity.
+
+Which poses answer to temperature alike: the paper (5.1.1) builds a fuzzy similarity matrix from correlation
+coefficients, squares it by max–min composition until it no longer changes, and cuts it at a threshold λ. Its formulas
+were lost; these are the textbook's:
+
+.. math::
+   r_{ij} = \left| \frac{\sum_k (x_{ik} - \bar x_i)(x_{jk} - \bar x_j)}
+                        {\sqrt{\sum_k (x_{ik} - \bar x_i)^2 \sum_k (x_{jk} - \bar x_j)^2}} \right|, \qquad
+   (R \circ R)_{ij} = \max_m \min(r_{im}, r_{mj}), \qquad t(R) = R^{2^b} = R^{2^{b+1}}
+
+The entry ij of t(R) is the weakest link of the best path from i to j. Single linkage on the distances 1 − r merges two
+groups at the shortest edge between them, which is the longest edge of that same path: its cophenetic distances are 1 −
+t(R). So SciPy's linkage gives closure, groups and dendrogram at once.
 
 The paper's 5.2.2 (1) and (2): groups {P1} and {P2 … P10}; in the second P8 and P5 come into question, P5's VIF is a
 little lower, the grey degree of P8 is the largest, P8 is taken. The rule made of it here:
@@ -13,23 +26,153 @@ The paper's figures agree with step 2: a first component of 96.99 % in two sets 
 0.9398 between P1 and P8, and VIF = 1 / (1 − r²) = 8.56 < 10.
 """
 
-from __future__ import annotations
-
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator
+from scipy.cluster.hierarchy import cophenet, fcluster, linkage
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial.distance import squareform
+from sklearn.base import BaseEstimator, ClusterMixin
 from sklearn.feature_selection import SelectorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from pouring_robot.thermal.regression.clustering import FuzzyClustering
+from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.thermal.regression.components import variance_inflation_factors
-from pouring_robot.thermal.regression.grey import grey_relational_degree
-from pouring_robot.thermal.regression.table import ErrorSetError
+from pouring_robot.thermal.regression.table import ErrorSetError, standardised
 
+# Two sets this close to r = 1 are one set: what still parts them is rounding, and a group made of it would be chance.
+_SAME = 1e-12
 VIF_LIMIT = 10.0
 """From here on collinearity is called serious (the paper's 5.1.3)."""
+
+
+def fuzzy_similarity(sets: ArrayLike, similarity: str = "absolute") -> FloatArray:
+    """Return the fuzzy similarity of every two sets, from their correlation coefficient r.
+
+    Sets are rows, (k, n); numbers of the symmetric matrix (k, k) are in [0, 1], those on its diagonal 1. "absolute"
+    takes abs(r): a set that falls with temperature tells as much as one that rises; "shifted" (1 + r) / 2: opposite
+    sets are unlike.
+    """
+    rows = np.asarray(sets, dtype=float)
+    scaled = standardised("error set", rows.T)
+    correlation = np.clip(scaled.T @ scaled / (rows.shape[1] - 1), -1.0, 1.0)
+    if similarity not in {"absolute", "shifted"}:
+        raise ErrorSetError(f"similarity '{similarity}' is not known; give 'absolute' or 'shifted'")
+    result: FloatArray = np.abs(correlation) if similarity == "absolute" else (1.0 + correlation) / 2.0
+    result[1.0 - result < _SAME] = 1.0
+    np.fill_diagonal(result, 1.0)
+    return result
+
+
+class FuzzyClustering(ClusterMixin, BaseEstimator):  # type: ignore[misc]
+    """Groups of sets by fuzzy similarity, max–min closure and λ-cut; each row of X is one set.
+
+    An error table has its sets as columns: fit on ``table.errors.T``.
+
+    Args:
+        n_clusters: cut where this many groups appear. Where equal similarities jump over that number, the cut with the
+            largest smaller number is taken, and ``n_clusters_`` tells. Not used with ``lambda_cut``.
+        lambda_cut: two sets are one group where t(R) ≥ λ, in [0, 1].
+        similarity: as in :func:`fuzzy_similarity`.
+    """
+
+    def __init__(self, n_clusters: int = 2, *, lambda_cut: float | None = None, similarity: str = "absolute") -> None:
+        self.n_clusters, self.lambda_cut, self.similarity = n_clusters, lambda_cut, similarity
+
+    def fit(self, X: ArrayLike, y: object = None) -> Self:
+        """Group the rows of X, shape (k, n), two numbers a row or more; y is not used."""
+        rows = validate_data(self, X, dtype=np.float64, ensure_min_features=2)
+        if self.lambda_cut is not None and not 0.0 <= self.lambda_cut <= 1.0:
+            raise ErrorSetError(f"lambda_cut = {self.lambda_cut}: give a threshold between 0 and 1")
+        if self.n_clusters < 1:
+            raise ErrorSetError(f"n_clusters = {self.n_clusters}: give 1 or more")
+        self.similarity_ = fuzzy_similarity(rows, self.similarity)  # R, shape (k, k)
+        self.linkage_, self.closure_, labels = np.empty((0, 4)), np.ones((1, 1)), np.zeros(1, dtype=int)
+        if len(rows) > 1:
+            # SciPy's linkage matrix over the distances 1 − r, shape (k − 1, 4), and t(R), shape (k, k)
+            self.linkage_ = linkage(squareform(1.0 - self.similarity_, checks=False), "single")
+            self.closure_ = 1.0 - squareform(cophenet(self.linkage_))
+            if self.lambda_cut is None:
+                labels = fcluster(self.linkage_, self.n_clusters, "maxclust")
+            else:
+                labels = connected_components(self.closure_ >= self.lambda_cut - _SAME, directed=False)[1]
+        _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+        self.labels_ = np.argsort(np.argsort(first))[inverse]  # group of each set, from 0 in order of first appearance
+        self.n_clusters_ = len(first)
+        together = self.labels_[:, None] == self.labels_
+        # (low, high): the same groups come out for every λ with low < λ ≤ high
+        self.lambda_range_ = (float(self.closure_[~together].max(initial=0.0)), float(self.closure_[together].min()))
+        return self
+
+    def groups(self) -> list[list[int]]:
+        """Return the positions of the sets of each group."""
+        return [np.flatnonzero(self.labels_ == group).tolist() for group in range(self.n_clusters_)]
+
+    def dendrogram(self, names: list[str] | None = None, ax: Any = None) -> dict[str, Any]:
+        """Return, and draw where matplotlib axes are given, SciPy's dendrogram over 1 − λ, a label for each set."""
+        from scipy.cluster.hierarchy import dendrogram
+
+        result: dict[str, Any] = dendrogram(self.linkage_, labels=names, ax=ax, no_plot=ax is None)
+        return result
+
+
+def grey_relational_coefficients(
+    X: ArrayLike, y: ArrayLike, *, resolution: float = 0.5, scaling: str = "range"
+) -> FloatArray:
+    r"""Return ξ of every step of temperature y, (n,), and set, a column of X, shape (n, k), in (0, 1]; η: resolution.
+
+    Deng's formula (the paper's equation 10, which was lost), with the two extremes taken over all sets i and steps k:
+
+    .. math::
+       \xi_i(k) = \frac{\Delta_{\min} + \eta\,\Delta_{\max}}{\Delta_i(k) + \eta\,\Delta_{\max}}, \qquad
+       \Delta_i(k) = |y'_k - x'_{ik}|, \qquad \gamma_i = \frac1n \sum_k \xi_i(k)
+
+    y' and x' are temperature and error without their units. How the paper took the units away is not said. Here each
+    series is spread from 0 to 1 ("range"), so that neither the unit nor the temperature from which an error is counted
+    changes the degree; a set that falls with temperature is turned over first: only likeness of trends is asked for.
+
+    Scaling "range": spread from 0 to 1; "mean": divided by its mean; "initial": divided by its first number; "none": as
+    given (X and y must then share a scale).
+    """
+    sets, steps = np.asarray(X, dtype=float), np.asarray(y, dtype=float)
+    if sets.ndim != 2 or steps.shape != sets.shape[:1]:
+        raise ErrorSetError(f"shapes {sets.shape} and {steps.shape} do not fit; give (n, k) and (n,)")
+    if not 0.0 < resolution <= 1.0:
+        raise ErrorSetError(f"resolution = {resolution}: give a number above 0, up to 1 (usual: 0.5)")
+    trend = standardised("temperature", steps[:, None])
+    distances = np.abs(_scaled(steps[:, None], trend, scaling) - _scaled(sets, trend, scaling))
+    least, most = distances.min(), distances.max()
+    if most == 0.0:
+        return np.ones_like(distances)
+    return np.asarray((least + resolution * most) / (distances + resolution * most))
+
+
+def grey_relational_degree(
+    X: ArrayLike, y: ArrayLike, *, resolution: float = 0.5, scaling: str = "range"
+) -> FloatArray:
+    """Return γ of every set, shape (k,): the mean of its coefficients over the steps.
+
+    A score function in scikit-learn's sense: ``SelectKBest(grey_relational_degree, k=2)``. Arguments and errors as in
+    :func:`grey_relational_coefficients`.
+    """
+    return np.asarray(grey_relational_coefficients(X, y, resolution=resolution, scaling=scaling).mean(axis=0))
+
+
+def _scaled(series: FloatArray, trend: FloatArray, scaling: str) -> FloatArray:
+    """Return the columns (n, k) without units; trend is the standardised temperature, (n, 1)."""
+    if scaling == "none":
+        return series
+    if scaling == "range":
+        scaled = standardised("error set", series)
+        rising = np.where(trend.T @ scaled < 0.0, -1.0, 1.0) * scaled
+        return np.asarray((rising - rising.min(axis=0)) / np.ptp(rising, axis=0))
+    if scaling not in {"mean", "initial"}:
+        raise ErrorSetError(f"scaling '{scaling}' is not known; give 'range', 'mean', 'initial' or 'none'")
+    divisors = series.mean(axis=0) if scaling == "mean" else series[0]
+    if np.any(np.abs(divisors) <= 1e-12 * np.abs(series).max(axis=0)):
+        raise ErrorSetError(f"scaling '{scaling}' would divide by zero; give scaling 'range'")
+    return np.asarray(series / divisors)
 
 
 class SensitiveSetSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]
@@ -38,14 +181,6 @@ class SensitiveSetSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]
     Args:
         n_clusters, lambda_cut, similarity: as in :class:`FuzzyClustering`.
         vif_limit: sets at or above it are passed over where the group has others; above 1.
-
-    Attributes:
-        clustering_: the fitted :class:`FuzzyClustering`.
-        groups_: positions of the sets of each group, in the order they were taken.
-        sensitive_: position of the chosen set of each group, same order, shape (g,).
-        grey_degrees_: grey relational degree of every set, shape (k,).
-        vif_: VIF of every set against the sets chosen before its group's turn, shape (k,); 1 in the first group.
-        guard_held_: whether the chosen set's VIF is below the limit, one a group.
     """
 
     def __init__(
@@ -59,29 +194,25 @@ class SensitiveSetSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]
         self.n_clusters, self.lambda_cut = n_clusters, lambda_cut
         self.similarity, self.vif_limit = similarity, vif_limit
 
-    def fit(self, X: ArrayLike, y: ArrayLike) -> SensitiveSetSelector:
-        """Choose among the columns of X, shape (n, k) with n ≥ 3, by temperature y, shape (n,).
-
-        Raises:
-            ErrorSetError: a set or the temperature is constant, or a setting is out of its range.
-            ValueError: X or y are no finite numbers (scikit-learn's words).
-        """
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Choose among the columns of X, shape (n, k) with n ≥ 3, by temperature y, shape (n,)."""
         sets, temperature = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=3)
         if not self.vif_limit > 1.0:
             raise ErrorSetError(f"vif_limit = {self.vif_limit}: give a number above 1 (usual: 10)")
         clustering = FuzzyClustering(self.n_clusters, lambda_cut=self.lambda_cut, similarity=self.similarity)
-        self.grey_degrees_ = grey_relational_degree(sets, temperature)
+        self.grey_degrees_ = grey_relational_degree(sets, temperature)  # of every set, shape (k,)
         self.clustering_ = clustering.fit(sets.T)
+        # positions of the sets of each group, in the order the groups are taken
         self.groups_ = sorted(clustering.groups(), key=lambda group: (len(group), group[0]))
-        self.vif_ = np.ones(sets.shape[1])
+        self.vif_ = np.ones(sets.shape[1])  # of every set against those chosen before its group's turn, shape (k,)
         chosen: list[int] = []
         for group in self.groups_:
             for i in group:
                 self.vif_[i] = variance_inflation_factors(sets[:, [*chosen, i]])[-1]
             passed = [i for i in group if self.vif_[i] < self.vif_limit] or group
             chosen.append(max(passed, key=lambda i: float(self.grey_degrees_[i])))
-        self.sensitive_ = np.array(chosen)
-        self.guard_held_ = self.vif_[self.sensitive_] < self.vif_limit
+        self.sensitive_ = np.array(chosen)  # position of the chosen set of each group, shape (g,)
+        self.guard_held_ = self.vif_[self.sensitive_] < self.vif_limit  # of each group
         return self
 
     def _get_support_mask(self) -> NDArray[np.bool_]:

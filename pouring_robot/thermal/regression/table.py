@@ -32,30 +32,28 @@ _FLAT = 1e-12
 
 
 class ErrorSetError(BadInputError, ValueError):
-    """Numbers that a regression cannot work on. A ValueError too, which is what scikit-learn's tools expect."""
+    """Numbers that a regression cannot work on. A ValueError too, which is what scikit-learn's tools expect.
+
+    Functions and estimators of this folder raise it where a set or the temperature is constant, a setting is out of its
+    range, or a formula cannot be solved; of what is no table of finite numbers scikit-learn raises its own ValueError.
+    """
 
 
 @dataclass(frozen=True)
 class ErrorTable:
     """Errors of several poses at several melt temperatures.
 
-    Attributes:
-        temperatures_K: melt temperatures in K, shape (n,), all different, in the order they were given.
-        errors: error of pose i at temperature j at [j, i], shape (n, k), in m or rad.
-        names: names of the k error sets, without units.
-        kind: "length" (m) or "angle" (rad).
-        source: file the table came from, or a word for where it was made; errors name it.
-
     Raises:
         TableError: shapes or names do not fit, numbers are not finite, fewer than three rows, temperatures below
-            0 K or not distinct, or a constant column.
+            0 K or not distinct, or a constant column; later, a name that is asked for is none of the table's.
     """
 
+    # melt temperatures in K, shape (n,), all different, in the order they were given
     temperatures_K: FloatArray  # noqa: N815 - the unit is kelvin
-    errors: FloatArray
-    names: tuple[str, ...]
-    kind: str = "length"
-    source: str = "table of error sets"
+    errors: FloatArray  # error of pose i at temperature j at [j, i], shape (n, k), in m or rad
+    names: tuple[str, ...]  # names of the k error sets, without units
+    kind: str = "length"  # "length" (m) or "angle" (rad)
+    source: str = "table of error sets"  # file the table came from, or a word for where it was made; errors name it
 
     def __post_init__(self) -> None:
         temperatures, errors = (np.array(numbers, dtype=float) for numbers in (self.temperatures_K, self.errors))
@@ -84,11 +82,7 @@ class ErrorTable:
         return self.temperatures_K[:, None]
 
     def select(self, names: Sequence[str]) -> ErrorTable:
-        """Return the table of these sets only, in this order.
-
-        Raises:
-            TableError: a name is not in the table.
-        """
+        """Return the table of these sets only, in this order."""
         for name in names:
             if name not in self.names:
                 raise TableError(self.source, f"holds no error set '{name}'; it has {', '.join(self.names)}")
@@ -108,15 +102,11 @@ class ErrorTable:
 
     @classmethod
     def read_csv(cls, path: Path | str, *, temperature_column: str | None = None) -> ErrorTable:
-        """Read a table whose first line names the columns, each with its unit.
+        """Read a table from a CSV file in UTF-8, whose first line names the columns, each with its unit.
 
-        One column is the temperature (``_degC`` or ``_K``); all others are error sets (``_um _mm _m`` or
-        ``_mrad _deg _rad``, not both kinds). Lines with nothing in them are passed over.
-
-        Args:
-            path: the CSV file, UTF-8.
-            temperature_column: heading of the temperature, needed only where several columns are temperatures; the
-                others are then left out.
+        One column is the temperature (``_degC`` or ``_K``); all others are error sets (``_um _mm _m`` or ``_mrad _deg
+        _rad``, not both kinds). Where several columns are temperatures, ``temperature_column`` says which one counts,
+        and the others are left out. Lines with nothing in them are passed over.
 
         Raises:
             TableError: the file cannot be read, a heading is doubled, without unit or of an unknown one, a cell is
@@ -146,11 +136,7 @@ def _flat(columns: FloatArray) -> NDArray[np.bool_]:
 
 
 def standardised(name: str, numbers: ArrayLike) -> FloatArray:
-    """Return the columns of an array (n, k) with mean 0 and sample standard deviation 1.
-
-    Raises:
-        ErrorSetError: a column is constant.
-    """
+    """Return the columns of an array (n, k) with mean 0 and sample standard deviation 1."""
     columns = np.asarray(numbers, dtype=float)
     flat = _flat(columns)
     if flat.any():

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.report.plots import png_of
-from pouring_robot.sensitivity.plots import box_plots, distributions
+from pouring_robot.sensitivity.samples import box_plots, distributions
 from scripts.paper.claims import COLUMNS, Claim
 from scripts.paper.geometry.comparison import AxisRow, Lesson, axis_rows, lesson, parameter_rows
 from scripts.paper.geometry.parameter_claims import PARAMETER_CLAIMS

@@ -7,7 +7,7 @@ import numpy as np
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.poses import MM
 from pouring_robot.report.plots import ASH, BRICK, STEEL, new_figure, png_of, tidy
-from pouring_robot.thermal.plots import draw_legs
+from pouring_robot.thermal.page import draw_legs
 from scripts.paper.thermal.regression import compare, joint_of
 from scripts.paper.thermal.study import LADLE_STEEL_DEGC, ThermalStudy
 

@@ -38,10 +38,9 @@ import numpy as np
 from scipy.stats import binomtest
 
 from pouring_robot.mechanism.arrays import FloatArray
-from pouring_robot.thermal.regression.error_line import Remains
-from pouring_robot.thermal.regression.joint_model import JointRegression
-from pouring_robot.thermal.regression.methods import fit_lines, judge
+from pouring_robot.thermal.regression.joint_model import JointRegression, fit_lines, judge
 from pouring_robot.thermal.regression.table import ErrorTable
+from pouring_robot.thermal.regression.thermal_model import Remains
 
 AMBIENT_K = 293.15
 MELT_K = 1973.15

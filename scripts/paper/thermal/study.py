@@ -21,15 +21,13 @@ from pouring_robot.robot.pouring.poses import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.displacement import DisplacementField
 from pouring_robot.thermal.expansion.growth import ThermalExpansion
-from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmState
+from pouring_robot.thermal.expansion.heated_robot import HeatedRobot, WarmRobot, WarmState
 from pouring_robot.thermal.expansion.truss import TrussMotion
-from pouring_robot.thermal.expansion.warm_robot import WarmRobot
 from pouring_robot.thermal.network.assembly import ThermalNetwork
-from pouring_robot.thermal.network.field import TemperatureField
-from pouring_robot.thermal.regression.error_line import Positions, Remains
-from pouring_robot.thermal.regression.joint_model import JointRegression
-from pouring_robot.thermal.regression.methods import COMPONENTS, MEAN, PAPER, fit_lines, judge
+from pouring_robot.thermal.network.parts import TemperatureField
+from pouring_robot.thermal.regression.joint_model import COMPONENTS, MEAN, PAPER, JointRegression, fit_lines, judge
 from pouring_robot.thermal.regression.table import ErrorTable
+from pouring_robot.thermal.regression.thermal_model import Positions, Remains
 from scripts.paper.tables import load_tables
 from scripts.paper.thermal.regression import joint_of
 
