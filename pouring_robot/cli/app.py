@@ -28,23 +28,9 @@ from pouring_robot.io.threads import one_blas_thread_from_the_start
 _MODULES = {
     path.rpartition(".")[2]: path
     for path in (
-        "examples",
-        "robots",
-        "robot",
-        "poses.pose",
-        "poses.path",
-        "poses.view",
-        "campaign",
-        "diagnose",
-        "effects",
-        "calibrate",
-        "poses.compensate",
-        "sensitivity",
-        "sweep",
-        "thermal",
-        "regress",
-        "export",
-    )
+        "examples robots robot poses.pose poses.path poses.view campaign diagnose effects calibrate poses.compensate "
+        "sensitivity sweep thermal regress export"
+    ).split()
 }
 _COMMANDS = tuple(_MODULES)
 _FAULT = 70  # an error of the program itself, as ``sysexits.h`` counts it

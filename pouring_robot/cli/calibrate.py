@@ -6,11 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pouring_robot.cli.shared import options, progress
-from pouring_robot.cli.shared.tables import plain_table
+from pouring_robot.cli.shared.tables import print_table
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from pouring_robot.calibration.calibrate import Calibration
     from pouring_robot.report.page import Table
 
@@ -65,34 +63,32 @@ def calibrate(
         show("writing", 0, 0)
         written = found.save(out)
     if as_json:
-        options.print_figures(calibration_metrics(found), written)
-        return
-    console = options.console()
-    _print(console, found)
-    options.print_written(console, written)
+        return options.print_figures(calibration_metrics(found), written)
+    _print(found)
+    options.print_written(written)
 
 
-def _print(console: Console, found: Calibration) -> None:
+def _print(found: Calibration) -> None:
     from pouring_robot.calibration import report
     from pouring_robot.calibration.summary import next_measurements, notes_of, warnings_of
 
     def show(table: Table, most: int | None = None) -> None:
-        console.print(plain_table(table.head, table.rows[:most], table.left))
+        print_table(table.head, table.rows[:most], table.left)
 
-    console.print(report.headline(found), style="bold")
+    options.say(report.headline(found), style="bold")
     for line in warnings_of(found):
-        console.print(f"warning: {line}", style="yellow")
-    console.print(report.split_line(found))
+        options.say(f"warning: {line}", style="yellow")
+    options.say(report.split_line(found))
     show(report.gap_table(found))
     for line in (*report.performance_lines(found), report.ladle_line(found)):
-        console.print(line)
+        options.say(line)
     combinations = report.combination_table(found, report.WIDTH)
     if combinations.rows:
         show(report.effect_table(found))
         show(combinations, report.SHOWN)
         if len(combinations.rows) > report.SHOWN:
-            console.print(f"{len(combinations.rows) - report.SHOWN} more in the report, and each parameter by itself")
-    options.print_notes(console, notes_of(found))
-    console.print("next:")
+            options.say(f"{len(combinations.rows) - report.SHOWN} more in the report, and each parameter by itself")
+    options.print_notes(notes_of(found))
+    options.say("next:")
     for line in next_measurements(found):
-        console.print(f"  {line}")
+        options.say(f"  {line}")

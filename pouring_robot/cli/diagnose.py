@@ -6,12 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from pouring_robot.cli.shared import options, progress
-from pouring_robot.cli.shared.tables import plain_table
+from pouring_robot.cli.shared.tables import print_lines, print_table
 from pouring_robot.exceptions import DiagnosisError
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from pouring_robot.diagnosis.diagnose import Diagnosis
 
 OutFolder = Annotated[
@@ -68,20 +66,17 @@ def diagnose(
         show("writing the report", 0, 0)
         written = found.save(out)
     if as_json:
-        options.print_figures(diagnosis_metrics(found, str(out / MODEL)), written)
-        return
-    console = options.console()
-    _print(console, found)
-    options.print_written(console, sorted(written, key=lambda path: path.name == METRICS))
+        return options.print_figures(diagnosis_metrics(found, str(out / MODEL)), written)
+    _print(found)
+    options.print_written(sorted(written, key=lambda path: path.name == METRICS))
 
 
-def _print(console: Console, diagnosis: Diagnosis) -> None:
+def _print(diagnosis: Diagnosis) -> None:
     from pouring_robot.diagnosis.report.sentences import gap_sentence, gap_table, headline, sections
 
-    console.print(headline(diagnosis), style="bold")
-    console.print(gap_sentence(diagnosis))
-    console.print(plain_table(*gap_table(diagnosis), left=(0, 1)))
+    options.say(headline(diagnosis), style="bold")
+    options.say(gap_sentence(diagnosis))
+    print_table(*gap_table(diagnosis), left=(0, 1))
     for heading, lines in sections(diagnosis):
-        console.print(f"{heading}:", style="bold")
-        for line in lines:
-            options.print_indented(console, line.strip(), 2 + len(line) - len(line.lstrip()))
+        options.say(f"{heading}:", style="bold")
+        print_lines(lines)

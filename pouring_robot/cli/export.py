@@ -42,17 +42,16 @@ def export(
     closed = ClosedRobot.of(built, commanded.of(robot_of(built)) if commanded.given else None)
     files = exported_files(closed, out, form, zero_here=zero_here, absolute_meshes=absolute_meshes)
     options.refuse_present([file for file in files if file.exists()])
-    console = options.console()
-    options.print_written(console, reversed(write_together(files)))
+    options.print_written(reversed(write_together(files)))
     result, gap = closed.result, closed.over_workspace() if form == "urdf" else None
-    console.print(f"closed: left open {result.gap_m / MM:.2g} mm and {result.gap_rad / MRAD:.2g} mrad at most")
+    options.say(f"closed: left open {result.gap_m / MM:.2g} mm and {result.gap_rad / MRAD:.2g} mrad at most")
     if gap:
         loops = closed.mechanism.loops
-        console.print(
+        options.say(
             f"the tree carries '{loops.end_frame}' on one chain: '{loops.working_frame}' is right here; with the joint "
             f"values of {gap.poses} poses of the workspace it is {gap.rms_m / MM:.2g} mm rms and "
             f"{gap.largest_m / MM:.2g} mm at most off"
         )
     note = None if built.robot else stale_mesh_note(load_layout(built.layout, built.layouts_path))
     followers = {(m.joint, m.leader): m.ratio for m in closed.mechanism.mimics} if form in ("sdf", "drake") else {}
-    options.print_notes(console, [*([note] if note else []), *mimic_notes(followers)])
+    options.print_notes([*([note] if note else []), *mimic_notes(followers)])

@@ -59,9 +59,7 @@ def regress(
     if report is not None:
         written.append(write_whole(report, pages.html_report(found)))
     if as_json:
-        options.print_figures(found.figures(), written)
-        return
-    console = options.console()
-    console.print(found.headline, style="bold")
-    print_blocks(console, pages.blocks(found))
-    options.print_written(console, written)
+        return options.print_figures(found.figures(), written)
+    options.say(found.headline, style="bold")
+    print_blocks(pages.blocks(found))
+    options.print_written(written)

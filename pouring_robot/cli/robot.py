@@ -29,12 +29,11 @@ def init(urdf: Urdf, out: Out = None) -> None:
     options.refuse_present([path])
     text, found = first_robot(urdf, path)  # whatever does not load is refused before a file is written
     write_whole(path, text)
-    console = options.console()
     drives = ", ".join(f"{drive.column} ({drive.command})" for drive in found.drives)
     frames = f"{found.loops.base_frame} to {found.loops.end_frame}"
-    console.print(f"{found.name}: {frames}, {len(found.drives)} drives: {drives}")
-    options.print_written(console, (path,))
-    console.print(f"next: read its comments, then pouring-robot robots --robot {path}")
+    options.say(f"{found.name}: {frames}, {len(found.drives)} drives: {drives}")
+    options.print_written((path,))
+    options.say(f"next: read its comments, then pouring-robot robots --robot {path}")
 
 
 def _two(help_: str) -> Any:
@@ -89,11 +88,10 @@ def new(
     written = write_together({layouts: layout.file_text(), model: own.file_text(out)})
     middle = PouringRobot(RobotModel.load(model)).location_in_the_middle()
     written += write_drawings([middle], page, png, None)
-    console = options.console()
     for line in lines:
-        console.print(line)
-    options.print_written(console, written)
-    console.print(f"next: pouring-robot robots --model {model}")
+        options.say(line)
+    options.print_written(written)
+    options.say(f"next: pouring-robot robots --model {model}")
 
 
 def _asked(key: str, usual: Any) -> Any:

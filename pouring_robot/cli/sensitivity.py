@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from pouring_robot.cli.shared import bundles, options, progress
-from pouring_robot.cli.shared.tables import plain_table
+from pouring_robot.cli.shared.tables import print_table
 
 Limits = tuple[float, float] | None
 OutFolder = Annotated[
@@ -62,19 +62,16 @@ def sensitivity(
         found = studied(which.read(), request, show)
         written = found.save(out) if out is not None else []
     if as_json:
-        options.print_figures(found.figures(), written)
-        return
-    console = options.console()
-    console.print(found.headline, style="bold")
+        return options.print_figures(found.figures(), written)
+    options.say(found.headline, style="bold")
     table = report.errors_table(found)
     title = "each error alone" + (": closed robot, and the open branch of eq. 5" if len(found.samples) > 1 else "")
-    console.print(plain_table(table.head, table.rows[:_SHOWN], (0, 1, 6), title=title))
-    if len(found.parameters) > _SHOWN:
-        console.print(f"… and {len(found.parameters) - _SHOWN} weaker ones (--out DIR, --json)")
+    beyond = "weaker ones (--out DIR, --json)"
+    print_table(table.head, table.rows, (0, 1, 6), title=title, most=_SHOWN, beyond=beyond)
     controls = report.control_lines(found)
     for line in controls[:_PARTS_SHOWN]:
-        options.print_indented(console, line)
+        options.print_indented(line)
     if len(controls) > _PARTS_SHOWN:
-        console.print(f"  … and {len(controls) - _PARTS_SHOWN} more parts (--out DIR, --json)")
-    console.print(report.missed_line(found))
-    options.print_written(console, written)
+        options.say(f"  … and {len(controls) - _PARTS_SHOWN} more parts (--out DIR, --json)")
+    options.say(report.missed_line(found))
+    options.print_written(written)

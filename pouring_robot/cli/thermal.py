@@ -101,7 +101,7 @@ def thermal(
     A pose is given by --at-mm and held until nothing changes (or --after-min); a shift by --history. Geometric errors
     of a model file take no part; its heat section does.
     """
-    from pouring_robot.cli.shared.tables import plain_table, print_blocks
+    from pouring_robot.cli.shared.tables import print_blocks, print_table
     from pouring_robot.io.files import write_whole
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.pouring.poses import PlatformPose
@@ -177,19 +177,17 @@ def thermal(
         if field is not None:
             measured |= {"displacement": {"under": moved.under, **field.figures()}}
         names = {"layout": ladle.model.layout, "radiation": not conduction_only, "written": list(map(str, written))}
-        options.print_json(content | measured | names)
-        return
-    console = options.console()
-    console.print(found.headline, style="bold")
-    console.print(title)
-    print_blocks(console, page.blocks(found))
+        return options.print_json(content | measured | names)
+    options.say(found.headline, style="bold")
+    options.say(title)
+    print_blocks(page.blocks(found))
     if field is not None:
-        console.print(plain_table(MOVED_HEAD, field.rows(), title=f"moved under {moved.under}: mm"))
-        console.print(field.truss_line)
+        print_table(MOVED_HEAD, field.rows(), title=f"moved under {moved.under}: mm")
+        options.say(field.truss_line)
     if heat.measured_degC:
         told = ", ".join(f"{part} {value:g} degC" for part, value in heat.measured_degC.items())
-        console.print(f"measured temperatures of the model file take the place of computed ones in growth: {told}")
-    options.print_written(console, written)
+        options.say(f"measured temperatures of the model file take the place of computed ones in growth: {told}")
+    options.print_written(written)
 
 
 def _shift(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -113,27 +114,23 @@ class Layer:
 
     def meet(self, directions: Floats) -> Hits:
         """Return what each ray from the eye meets first; directions of shape (rows, columns, 3), unit."""
-        shape = directions.shape[:2]
         flat = np.ascontiguousarray(directions.reshape(-1, 3))
         answer = self._scene.run(np.zeros_like(flat), flat, output=1)
         met = np.flatnonzero(answer["primID"] >= 0)
         face = answer["primID"][met]
-        depth = np.full(len(flat), _FAR, dtype=np.float32)
-        depth[met] = answer["tfar"][met]
-        part = np.full(len(flat), -1, dtype=np.int32)
-        part[met] = self._part[face]
+        depth, part = answer["tfar"][met], self._part[face]
         first, second, third = (self._normals[self._faces[face, corner]] for corner in range(3))
         u, v = answer["u"][met, None], answer["v"][met, None]
         normal = _unit((1 - u - v) * first + u * second + v * third)
         normal *= np.where(np.einsum("ij,ij->i", normal, flat[met]) > 0, np.float32(-1), np.float32(1))[:, None]
-        normals = np.zeros_like(flat)
-        normals[met] = normal
-        colours = np.zeros_like(flat)
-        colours[met] = self._colours[part[met]]
-        plane = np.zeros(len(flat), dtype=np.float32)
-        plane[met] = depth[met] * np.einsum("ij,ij->i", normal, flat[met])
-        places = (depth.reshape(shape), part.reshape(shape), normals.reshape(*shape, 3), colours.reshape(*shape, 3))
-        return Hits(*places, plane.reshape(shape))
+        plane = depth * np.einsum("ij,ij->i", normal, flat[met])
+
+        def full(values: npt.NDArray[Any], empty: float | np.float32 = 0.0) -> npt.NDArray[Any]:
+            laid_out = np.full((len(flat), *values.shape[1:]), empty, dtype=values.dtype)
+            laid_out[met] = values
+            return laid_out.reshape(*directions.shape[:2], *values.shape[1:])
+
+        return Hits(full(depth, _FAR), full(part, -1), full(normal), full(self._colours[part]), full(plane))
 
     def daylight(self, directions: Floats, hits: Hits, reach_m: float) -> tuple[Floats, Floats]:
         """Return how open hits of rays are to their surroundings and how much key light reaches them, 0 to 1.

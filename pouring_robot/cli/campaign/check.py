@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from pouring_robot.cli.shared import bundles, options
-from pouring_robot.cli.shared.tables import plain_table
+from pouring_robot.cli.shared.tables import print_table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-    from rich.console import Console
 
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "cyan"}
 
@@ -37,34 +35,33 @@ def check(
     if as_json:
         options.print_figures(figures, written)
     else:
-        console = options.console()
-        _print_summary(console, figures)
-        options.print_written(console, written)
+        _print_summary(figures)
+        options.print_written(written)
     refuse_errors(campaign, found.flags)
 
 
-def _print_summary(console: Console, figures: dict[str, Any]) -> None:
+def _print_summary(figures: dict[str, Any]) -> None:
     sessions = ", ".join(f"{name} ({rows})" for name, rows in list(figures["sessions"].items())[:12])
-    console.print(
+    options.say(
         f"{figures['file']}: {figures['rows']} rows of {figures['seen']}, {figures['usable_rows']} usable, "
         f"{figures['distinct_poses']} distinct poses"
     )
-    console.print(f"sessions (rows): {sessions}")
+    options.say(f"sessions (rows): {sessions}")
     rows = []
     for name, values in figures["ranges"].items():
         if not name.startswith("approach"):
             digits = 4 if values["unit"] == "rad" else 2
             ends = (f"{values[end]:.{digits}f}" for end in ("least", "largest"))
             rows.append((name, values["unit"].replace("degC", "°C"), *ends, str(values["missing"] or "")))
-    console.print(plain_table(("column", "unit", "least", "largest", "missing"), rows, (0, 1)))
+    print_table(("column", "unit", "least", "largest", "missing"), rows, (0, 1))
     for line in _lines(figures):
-        console.print(line)
+        options.say(line)
     if not figures["flags"]:
-        console.print("checks: nothing found")
+        options.say("checks: nothing found")
     for flag in figures["flags"]:
         severity = flag["severity"]
-        console.print(f"{severity}: {flag['message']}", style=_STYLES[severity])
-        console.print(f"    → {flag['mend']}")
+        options.say(f"{severity}: {flag['message']}", style=_STYLES[severity])
+        options.say(f"    → {flag['mend']}")
 
 
 def _lines(figures: dict[str, Any]) -> Iterator[str]:

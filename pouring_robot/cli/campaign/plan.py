@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from pouring_robot.cli.shared import bundles, options, progress
-from pouring_robot.cli.shared.tables import plain_table
+from pouring_robot.cli.shared.tables import print_table
 from pouring_robot.exceptions import BadInputError
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 _COMPARED, _SHOWN = 25, 25
 
@@ -95,36 +92,32 @@ def plan(
     written = write_together({out: found.csv()} | ({png: plot(found)} if png else {}))
     figures = found.figures() | {"random_plans": comparison.figures()}
     if as_json:
-        options.print_figures(figures, written)
-        return
-    console = options.console()
-    _print_expected(console, figures, present.model.definition.tool_words[1].removeprefix("the "))
-    options.print_written(console, written)
+        return options.print_figures(figures, written)
+    _print_expected(figures, present.model.definition.tool_words[1].removeprefix("the "))
+    options.print_written(written)
 
 
-def _print_expected(console: Console, figures: dict[str, Any], tip: str) -> None:
+def _print_expected(figures: dict[str, Any], tip: str) -> None:
     ladle, compared = figures["ladle"], figures["random_plans"]
     sides = ", ".join(f"{axis} {value:.3f}" for axis, value in ladle["rms_by_axis_mm"].items())
     at = " ".join(f"{name} {value:.1f}" for name, value in ladle["worst_at"].items())
-    console.print(
+    options.say(
         f"{tip}, seen by the tracker: known to {ladle['rms_mm']:.4f} mm and {ladle['rms_mrad']:.4f} mrad RMS "
         f"over the workspace ({sides} mm), {ladle['worst_mm']:.4f} mm at worst, at {at}",
         style="bold",
         soft_wrap=True,
     )
-    console.print(
+    options.say(
         f"random plans of as many poses: {compared['median_rms_mm']:.4f} mm and {compared['median_rms_mrad']:.4f} mrad "
         f"(median of {compared['count']}); this one has {compared['ratio_mm']:.0%} of that",
         soft_wrap=True,
     )
     indices = ", ".join(f"{name} {value:.4g}" for name, value in figures["indices"].items())
-    console.print(f"observability (per mm, mrad; larger is better): {indices}")
+    options.say(f"observability (per mm, mrad; larger is better): {indices}")
     rows = [[p["name"], f"{p['std']:.4g}", p["unit"]] for p in figures["parameters"]]
-    title = "expected standard deviation"
-    console.print(plain_table(("parameter", "std", "unit"), rows[:_SHOWN], title=title, wrap=True))
-    if len(rows) > _SHOWN:
-        console.print(f"… and {len(rows) - _SHOWN} more (--json has all)")
+    title, head = "expected standard deviation", ("parameter", "std", "unit")
+    print_table(head, rows, title=title, wrap=True, most=_SHOWN, beyond="more (--json has all)")
     if figures["left_out"]:
         left = figures["left_out"]
         named = ", ".join(left[:8]) + (f" and {len(left) - 8} more (--json has all)" if len(left) > 8 else "")
-        console.print(f"left out, because those above show the same: {named}")
+        options.say(f"left out, because those above show the same: {named}")

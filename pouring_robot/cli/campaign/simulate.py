@@ -64,7 +64,7 @@ def simulate(
     if truth:
         files[truth] = measured.truth_text(which.model).encode()
     write_together(files)
-    options.print_written(options.console(), files)
+    options.print_written(files)
 
 
 def _frame(figures: Frame | None) -> Any:

@@ -235,28 +235,31 @@ def is_quiet() -> bool:
     return _QUIET.get()
 
 
-def console() -> Console:
-    """Return the console that tables and notes are printed on."""
+def say(what: Any, style: str | None = None, *, soft_wrap: bool | None = None) -> None:
+    """Print a text or a table, unless nothing but errors and JSON is to be printed."""
+    _console().print(what, style=style, soft_wrap=soft_wrap)
+
+
+def _console() -> Console:
     from rich.console import Console
 
     # A figure must never be cut: on a narrow terminal long rows wrap instead.
     return Console(width=max(Console().width, 120), markup=False, highlight=False, quiet=_QUIET.get())
 
 
-def print_notes(console: Console, notes: Iterable[str]) -> None:
+def print_notes(notes: Iterable[str]) -> None:
     """Print notes, one line each."""
     for note in notes:
-        console.print(f"note: {note}")
+        say(f"note: {note}")
 
 
-def print_written(console: Console, written: Iterable[Path]) -> None:
+def print_written(written: Iterable[Path]) -> None:
     """Say which files were written, one line each."""
     for path in written:
-        console.print(f"wrote {path}")
+        say(f"wrote {path}")
 
 
-def print_indented(console: Console, line: str, by: int = 2) -> None:
+def print_indented(line: str, by: int = 2) -> None:
     """Print a line indented, and as far as it wraps too."""
-    space = " " * by
-    folded = textwrap.fill(line, console.width, initial_indent=space, subsequent_indent=space, break_on_hyphens=False)
-    console.print(folded)
+    width, space = _console().width, " " * by
+    say(textwrap.fill(line, width, initial_indent=space, subsequent_indent=space, break_on_hyphens=False))
