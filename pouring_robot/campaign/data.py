@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pouring_robot.campaign import columns
-from pouring_robot.campaign.metadata import CampaignMetadata, metadata_path, read_metadata
-from pouring_robot.campaign.writer import campaign_files
+from pouring_robot.campaign.metadata import CampaignMetadata, campaign_files, metadata_path, read_metadata
 from pouring_robot.exceptions import BadInputError, CampaignError, PouringRobotError, closest
 from pouring_robot.io.files import check_outputs, write_together
 from pouring_robot.io.quantities import Quantity, read_quantities

@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pouring_robot.cli.shared import options, progress
-from pouring_robot.cli.shared.tables import print_table
+from pouring_robot.cli.shared import bundles, options, progress
+from pouring_robot.cli.shared.tables import print_blocks
 
 if TYPE_CHECKING:
     from pouring_robot.calibration.calibrate import Calibration
-    from pouring_robot.report.page import Table
 
 OutFolder = Annotated[
     Path, options.results_folder("calibrated.yaml", "calibration.json", "report.html", what="URDF with meshes")
@@ -48,7 +47,7 @@ def calibrate(
     from pouring_robot.estimation.map_fit import FitOptions
     from pouring_robot.robot.tolerances import Tolerances
 
-    present = options.model_of(model, robot)
+    present = bundles.Which(model, robot).read()
     options.say_left_out(present, model, warm=True)
     data = Campaign.read(campaign, present.definition)
     chosen = CalibrationOptions(
@@ -69,23 +68,22 @@ def calibrate(
 
 
 def _print(found: Calibration) -> None:
+    from dataclasses import replace
+
     from pouring_robot.calibration import report
     from pouring_robot.calibration.summary import next_measurements, notes_of, warnings_of
-
-    def show(table: Table, most: int | None = None) -> None:
-        print_table(table.head, table.rows[:most], table.left)
 
     options.say(report.headline(found), style="bold")
     for line in warnings_of(found):
         options.say(f"warning: {line}", style="yellow")
     options.say(report.split_line(found))
-    show(report.gap_table(found))
+    print_blocks([report.gap_table(found)])
     for line in (*report.performance_lines(found), report.ladle_line(found)):
         options.say(line)
     combinations = report.combination_table(found, report.WIDTH)
     if combinations.rows:
-        show(report.effect_table(found))
-        show(combinations, report.SHOWN)
+        first = replace(combinations, rows=combinations.rows[: report.SHOWN])
+        print_blocks([report.effect_table(found), first])
         if len(combinations.rows) > report.SHOWN:
             options.say(f"{len(combinations.rows) - report.SHOWN} more in the report, and each parameter by itself")
     options.print_notes(notes_of(found))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from pouring_robot.cli.shared import options, progress
+from pouring_robot.cli.shared import bundles, options, progress
 from pouring_robot.cli.shared.tables import print_lines, print_table
 from pouring_robot.exceptions import DiagnosisError
 
@@ -51,7 +51,7 @@ def diagnose(
     from pouring_robot.diagnosis.diagnose import diagnose as run
     from pouring_robot.diagnosis.report.export import METRICS, MODEL, diagnosis_metrics
 
-    present = options.model_of(model, robot)
+    present = bundles.Which(model, robot).read()
     chosen = DiagnosisOptions(
         exclude=tuple(dict.fromkeys(exclude or ())), hold_out=hold_out, false_names=false_names, next_count=next_count
     )

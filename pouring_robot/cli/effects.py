@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from typing import TYPE_CHECKING, Any
 
-from pouring_robot.cli.shared import options
+from pouring_robot.cli.shared import bundles, options
 
 if TYPE_CHECKING:
     from pouring_robot.robot.model import RobotModel
@@ -15,7 +15,7 @@ _SHOWN = 6
 
 def effects(robot: options.RobotFile = None, as_json: options.AsJson = False) -> None:
     """List the effects that a diagnosis can name: what happens, what the campaign must hold, parameters."""
-    found = _library(options.model_of(None, robot))
+    found = _library(bundles.Which(robot=robot).read())
     if as_json:
         return options.print_json({"effects": found})
     for item in found:

@@ -40,8 +40,15 @@ class Which:
         return self != Which()
 
     def read(self) -> RobotModel:
-        """Return its model."""
-        return options.model_of(self.model, self.robot, self.layout)
+        """Return the model of a model file, or the drawing of a robot file or of a layout."""
+        from pouring_robot.robot.model import RobotModel
+
+        given = [f"--{name}" for name, value in vars(self).items() if value]
+        if len(given) > 1:
+            raise BadInputError(f"give {' or '.join(given)}, not both: a model file names its robot and its layout")
+        if self.robot is not None:
+            return RobotModel.for_robot(self.robot)
+        return RobotModel(layout=self.layout) if self.layout else RobotModel.of(self.model)
 
     def built(self, *, warm: bool = False, under: bool = False) -> Robot:
         """Return the robot, cold and without what depends on conditions.

@@ -194,18 +194,6 @@ def refuse_conditional(robot: Robot, option: str) -> None:
         )
 
 
-def model_of(model: Path | None, robot: Path | None, layout: str | None = None) -> RobotModel:
-    """Return the model of a model file, or the drawing of a robot file or of a layout."""
-    from pouring_robot.robot.model import RobotModel
-
-    given = [name for name, value in (("--model", model), ("--robot", robot), ("--layout", layout)) if value]
-    if len(given) > 1:
-        raise BadInputError(f"give {' or '.join(given)}, not both: a model file names its robot and its layout")
-    if robot is not None:
-        return RobotModel.for_robot(robot)
-    return RobotModel(layout=layout) if layout else RobotModel.of(model)
-
-
 def say_left_out(model: RobotModel, file: Path | str | None, *, warm: bool = False, under: bool = False) -> None:
     """Say on standard error what a command leaves out of a model file: heat, and effects that depend on conditions."""
     for line in () if _QUIET.get() else model.left_out("this command", str(file), warm=warm, under=under):
