@@ -75,12 +75,10 @@ class Campaign(Result):
     conditions: Mapping[str, FloatArray] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        rows = int(np.asarray(self.lines).size)
+        object.__setattr__(self, "lines", read_only(np.array(self.lines, dtype=np.int64)))
+        rows = len(self)
         if rows == 0:
             raise BadInputError("a campaign needs at least one row")
-        lines = np.array(self.lines, dtype=np.int64)
-        lines.flags.writeable = False
-        object.__setattr__(self, "lines", lines)
         if {len(self.samples), len(self.sessions), len(self.distance_from) or rows} != {rows}:
             raise BadInputError(f"a campaign of {rows} rows needs as many samples and sessions")
         for name, parts in columns.array_names(self.robot).items():

@@ -2,8 +2,7 @@
 
 import io
 import math
-import operator
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -96,19 +95,13 @@ class _Section(StrictModel):
             given = [name for name in per_unit if getattr(self, name) is not None]
             if len(given) > 1:
                 raise ValueError(f"'{given[0]}' and '{given[1]}' say the same thing; keep one")
-            found[fact] = None
-            for key in given:
-                found[fact] = _each(getattr(self, key), per_unit[key], operator.truediv)
+            found[fact] = (np.array(getattr(self, given[0])) / per_unit[given[0]]).tolist() if given else None
         return found
 
     @pydantic.model_validator(mode="after")
     def _unambiguous(self) -> Self:
         self.facts()
         return self
-
-
-def _each(value: float | Triple, per: float, change: Callable[[float, float], float]) -> float | list[float]:
-    return [change(one, per) for one in value] if isinstance(value, tuple) else change(value, per)
 
 
 def _section(name: str, **more: Any) -> tuple[Any, _Section]:
@@ -182,7 +175,8 @@ def metadata_text(metadata: CampaignMetadata) -> str:
         for fact, per_unit in units.items():
             (key, per), value = next(iter(per_unit.items())), getattr(metadata, fact)
             if value is not None:
-                content.setdefault(name, {})[key] = _each(value, per, lambda one, per: float(f"{one * per:.12g}"))
+                told = [float(f"{one * per:.12g}") for one in np.ravel(value).tolist()]
+                content.setdefault(name, {})[key] = told if isinstance(value, tuple) else told[0]
     if metadata.reference_temperature_degC is not None:
         content[_TEMPERATURE] = metadata.reference_temperature_degC
     stream = io.StringIO()

@@ -19,13 +19,12 @@ from pouring_robot.campaign.nominal import PoseStack, nominal_poses
 from pouring_robot.checks.columns import distinct_poses
 from pouring_robot.checks.flags import DataFlag, FlagCode, found, where
 from pouring_robot.checks.units_and_axes import DRIVE_MISTAKES, TURN_MISTAKES, Comparison, Mistake, position_mistakes
-from pouring_robot.estimation.frames.fit import FrameFit, fit_frames
+from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.estimation.frames.sessions import in_one_frame
 from pouring_robot.estimation.frames.starts import FEWEST_ROWS
 from pouring_robot.exceptions import CampaignError, FrameFitError
 from pouring_robot.mechanism.arrays import FloatArray, evenly
 from pouring_robot.mechanism.poses import MM
-from pouring_robot.mechanism.rotations import rotation_matrices
 from pouring_robot.robot.description.drawing import Drawing
 
 _SUSPECT_M, _SUSPECT_TURN_RAD = 1e-3, 5e-4
@@ -55,7 +54,8 @@ def in_frames_of_their_own(campaign: Campaign, poses: PoseStack) -> tuple[Campai
     metadata = campaign.metadata.model_copy(update={"frames": PER_SESSION})
     try:
         together = in_one_frame(dataclasses.replace(campaign, metadata=metadata), poses)
-        before, after = (_misfit_m(one, poses) for one in (campaign, together))
+        compared = (Comparison(c.drives, poses, c.position_m, c.rotation_vector_rad) for c in (campaign, together))
+        before, after = (one.fit(1.0).position_scale_m for one in compared)
     except (CampaignError, FrameFitError):
         return campaign, []  # too few rows to say
     moved = float(np.nanmax(np.linalg.norm(together.position_m - campaign.position_m, axis=1)))
@@ -66,13 +66,6 @@ def in_frames_of_their_own(campaign: Campaign, poses: PoseStack) -> tuple[Campai
         f"{before / MM:.3g} mm a coordinate, with frames of their own by {after / MM:.3g} mm"
     )
     return together, [found(campaign, FlagCode.APART_SESSIONS, message, metrics={"apart_m": moved})]
-
-
-def _misfit_m(campaign: Campaign, poses: PoseStack) -> float:
-    vectors = campaign.rotation_vector_rad
-    return fit_frames(
-        poses, campaign.position_m, None if vectors is None else rotation_matrices(vectors)
-    ).position_scale_m
 
 
 def metres_per_rad(campaign: Campaign) -> float:

@@ -27,7 +27,7 @@ from pouring_robot.io.threads import one_blas_thread_from_the_start
 # By name, in the order of use, as on the help page: the module that each stands in, imported when it is asked for.
 _MODULES = {path.rpartition(".")[2]: path for path in (
     "examples", "robots", "robot", "poses.pose", "poses.path", "poses.view", "campaign", "diagnose", "effects",
-    "calibrate", "poses.compensate", "sensitivity", "sweep", "thermal", "regress", "export",
+    "calibrate", "poses.compensate", "sensitivity", "sweep", "poses.thermal", "regress", "export",
 )}  # fmt: skip
 _COMMANDS = tuple(_MODULES)
 _FAULT = 70  # an error of the program itself, as ``sysexits.h`` counts it

@@ -17,14 +17,13 @@ OutFolder = Annotated[
 Parameters = Annotated[
     list[str] | None,
     options.opt(
-        "--parameters",
         "What to identify: geometry (default), centres, axes, all, dh, a group, or a pattern such as 'leg1_s1.*'; may "
         "be given more than once. Each group is kept only where it helps held-out rows.",
         metavar="SET",
     ),
 ]
-LossName = Annotated[Literal["huber", "soft_l1", "linear"], options.opt("--loss", "How outliers count.")]
-KeepAll = Annotated[bool, options.opt("--keep-all", "Keep all parameters, whether or not they help.")]
+LossName = Annotated[Literal["huber", "soft_l1", "linear"], options.opt("How outliers count.")]
+KeepAll = Annotated[bool, options.opt("Keep all parameters, whether or not they help.", "--keep-all")]
 
 
 def calibrate(

@@ -18,45 +18,39 @@ Frame = tuple[float, float, float, float, float, float]
 
 def plan(
     *,
-    out: Annotated[Path, options.writes("--out", "Plan to write; 'campaign simulate' reads it.", metavar="FILE.csv")],
-    poses: Annotated[int, options.opt("--poses", "How many poses.", metavar="N")] = 30,
+    out: Annotated[Path, options.writes("Plan to write; 'campaign simulate' reads it.", "FILE.csv")],
+    poses: Annotated[int, options.opt("How many poses.", metavar="N")] = 30,
     parameters: Annotated[
         list[str] | None,
         options.opt(
-            "--parameters",
             "What to determine: a set (geometry, centres, axes, dh, all), a group, a name or pattern such as "
             "'leg?_s1.t?'; may be repeated. Default: drives and U-joint centres as far as they can be told apart.",
             metavar="PATTERN",
         ),
     ] = None,
-    criterion: Annotated[str, options.opt("--criterion", "What the plan is best in.", metavar="D|O1..O5")] = "D",
+    criterion: Annotated[str, options.opt("What the plan is best in.", metavar="D|O1..O5")] = "D",
     which: bundles.Which,
-    sigma_mm: Annotated[float, options.opt("--sigma-mm", "Noise of a measured coordinate.")] = 0.05,
-    sigma_mrad: Annotated[float, options.opt("--sigma-mrad", "Noise of a rotation component.")] = 0.05,
-    position_only: Annotated[bool, options.opt("--position-only", "No rotations will be measured.")] = False,
+    sigma_mm: Annotated[float, options.opt("Noise of a measured coordinate.")] = 0.05,
+    sigma_mrad: Annotated[float, options.opt("Noise of a rotation component.")] = 0.05,
+    position_only: Annotated[bool, options.opt("No rotations will be measured.", "--position-only")] = False,
     target_mm: Annotated[
-        tuple[float, float, float],
-        options.opt("--target-mm", "About where the target sits on the moving platform.", metavar="X Y Z"),
+        tuple[float, float, float], options.opt("About where the target sits on the moving platform.", metavar="X Y Z")
     ] = (0.0, 0.0, 0.0),
-    priors: Annotated[bool, options.opt("--priors", "Tolerances count as known beforehand.")] = False,
+    priors: Annotated[bool, options.opt("Tolerances count as known beforehand.", "--priors")] = False,
     tolerances: options.TolerancesFile = None,
-    both_sides: Annotated[
-        int, options.opt("--both-sides", "Visit K of the poses from both sides: finds backlash.", metavar="K")
-    ] = 0,
+    both_sides: Annotated[int, options.opt("Visit K of the poses from both sides: finds backlash.", metavar="K")] = 0,
     loads: Annotated[
-        tuple[float, float] | None,
-        options.opt("--loads", "Melt in kg to choose from: finds how the drives yield.", metavar="A B"),
+        tuple[float, float] | None, options.opt("Melt in kg to choose from: finds how the drives yield.", metavar="A B")
     ] = None,
     temperatures: Annotated[
-        tuple[float, float] | None,
-        options.opt("--temperatures", "Leg temperatures in °C: finds how the legs grow.", metavar="A B"),
+        tuple[float, float] | None, options.opt("Leg temperatures in °C: finds how the legs grow.", metavar="A B")
     ] = None,
     reduce: Annotated[
-        bool, options.opt("--reduce", "Leave out parameters that measurements cannot tell from others.")
+        bool, options.opt("Leave out parameters that measurements cannot tell from others.", "--reduce")
     ] = False,
-    candidates: Annotated[int, options.opt("--candidates", "About how many poses to choose from.")] = 2000,
-    starts: Annotated[int, options.opt("--starts", "How many random plans the search starts from.")] = 4,
-    seed: Annotated[int, options.opt("--seed", "Seed of everything random.")] = 0,
+    candidates: Annotated[int, options.opt("About how many poses to choose from.")] = 2000,
+    starts: Annotated[int, options.opt("How many random plans the search starts from.")] = 4,
+    seed: Annotated[int, options.opt("Seed of everything random.")] = 0,
     png: options.PngFile = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -197,31 +191,27 @@ def _lines(figures: dict[str, Any]) -> Iterator[str]:
         yield f"the poses do not tell of the frames: {text.removeprefix('+')}"
 
 
-def _seen(name: str, what: str) -> Any:
-    return options.opt(name, f"{what}: mm, rotation vector in degrees.", metavar="X Y Z RX RY RZ")
+def _seen(what: str) -> Any:
+    return options.opt(f"{what}: mm, rotation vector in degrees.", metavar="X Y Z RX RY RZ")
 
 
 def simulate(
     *,
-    out: Annotated[Path, options.writes("--out", "Table to write, .csv or .parquet; YAML beside.")],
-    plan: Annotated[
-        Path | None, options.reads("--plan", "Poses as 'path' reads them, and any condition columns.")
-    ] = None,
-    random: Annotated[int | None, options.opt("--random", "N poses all over the workspace.", metavar="N")] = None,
-    seed: Annotated[int, options.opt("--seed", "Seed of everything random.", min=0)] = 0,
+    out: Annotated[Path, options.writes("Table to write, .csv or .parquet; YAML beside.")],
+    plan: Annotated[Path | None, options.reads("Poses as 'path' reads them, and any condition columns.")] = None,
+    random: Annotated[int | None, options.opt("N poses all over the workspace.", metavar="N")] = None,
+    seed: Annotated[int, options.opt("Seed of everything random.", min=0)] = 0,
     which: bundles.Which,
     under: bundles.Under,
-    noise_mm: Annotated[float, options.opt("--noise-mm", "Noise of a coordinate.")] = 0.05,
-    noise_mrad: Annotated[float, options.opt("--noise-mrad", "Noise of a rotation component.")] = 0.05,
-    position_only: Annotated[bool, options.opt("--position-only", "Measure no rotations.")] = False,
-    outliers: Annotated[int, options.opt("--outliers", "Rows with a gross error.", metavar="N", min=0)] = 0,
-    outlier_mm: Annotated[float, options.opt("--outlier-mm", "Size of a gross error.")] = 5.0,
-    lost: Annotated[float, options.opt("--lost", "Share of measured cells left empty.", metavar="SHARE")] = 0.0,
-    tracker_frame: Annotated[Frame | None, _seen("--tracker-frame", "Fixed platform seen from the tracker")] = None,
-    target_frame: Annotated[Frame | None, _seen("--target-frame", "Target seen from the moving platform")] = None,
-    truth: Annotated[
-        Path | None, options.writes("--truth", "Write what was hidden (frames, outliers) as JSON.")
-    ] = None,
+    noise_mm: Annotated[float, options.opt("Noise of a coordinate.")] = 0.05,
+    noise_mrad: Annotated[float, options.opt("Noise of a rotation component.")] = 0.05,
+    position_only: Annotated[bool, options.opt("Measure no rotations.", "--position-only")] = False,
+    outliers: Annotated[int, options.opt("Rows with a gross error.", metavar="N", min=0)] = 0,
+    outlier_mm: Annotated[float, options.opt("Size of a gross error.")] = 5.0,
+    lost: Annotated[float, options.opt("Share of measured cells left empty.", metavar="SHARE")] = 0.0,
+    tracker_frame: Annotated[Frame | None, _seen("Fixed platform seen from the tracker")] = None,
+    target_frame: Annotated[Frame | None, _seen("Target seen from the moving platform")] = None,
+    truth: Annotated[Path | None, options.writes("Write what was hidden (frames, outliers) as JSON.")] = None,
 ) -> None:
     """Measure a robot as built without having it: a campaign with noise, outliers and unknown frames."""
     from pouring_robot.campaign.plan import random_plan, read_plan

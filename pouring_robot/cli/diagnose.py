@@ -17,20 +17,16 @@ OutFolder = Annotated[
 ]
 Exclude = Annotated[
     list[str] | None,
-    options.opt(
-        "--exclude", "An effect that is not to be named (see `pouring-robot effects`); repeatable.", metavar="EFFECT"
-    ),
+    options.opt("An effect that is not to be named (see `pouring-robot effects`); repeatable.", metavar="EFFECT"),
 ]
 FalseNames = Annotated[
     float,
     options.opt(
-        "--false-names",
-        "Rate of false names that is accepted where nothing is missing; thresholds follow from it.",
-        metavar="RATE",
+        "Rate of false names that is accepted where nothing is missing; thresholds follow from it.", metavar="RATE"
     ),
 ]
 NextCount = Annotated[
-    int, options.opt("--next", "How many measurements to suggest, as the plan next.csv.", metavar="N", min=1, max=75)
+    int, options.opt("How many measurements to suggest, as the plan next.csv.", "--next", metavar="N", min=1, max=75)
 ]
 
 

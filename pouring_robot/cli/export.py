@@ -9,7 +9,7 @@ from pouring_robot.exceptions import BadInputError
 OutFolder = Annotated[Path, options.results_folder(what="the description and its meshes")]
 Form = Annotated[
     Literal["urdf", "mjcf", "sdf", "drake"],
-    options.opt("--format", "sdf: loops are joints, as Gazebo classic reads; drake: SDF whose loops are bushings."),
+    options.opt("sdf: loops are joints, as Gazebo classic reads; drake: SDF whose loops are bushings.", "--format"),
 ]
 
 
@@ -18,8 +18,8 @@ def export(
     out: OutFolder,
     form: Form = "urdf",
     commanded: bundles.Commanded,
-    zero_here: Annotated[bool, options.opt("--zero-here", "URDF: count all joints from this pose.")] = False,
-    absolute_meshes: Annotated[bool, options.opt("--absolute-meshes", "URDF: address meshes from /.")] = False,
+    zero_here: Annotated[bool, options.opt("URDF: count all joints from this pose.", "--zero-here")] = False,
+    absolute_meshes: Annotated[bool, options.opt("URDF: address meshes from /.", "--absolute-meshes")] = False,
     which: bundles.Which,
 ) -> None:
     """Write the robot as built, closed at a pose: description, meshes, joint values, and how the tree closes.

@@ -20,17 +20,17 @@ def sensitivity(
     which: bundles.Which,
     poses: Annotated[int, typer.Option(min=2, max=200_000, help="Poses all over the workspace.")] = 10_000,
     seed: Annotated[int, typer.Option(min=0, help="Seed of their drawing.")] = 2022,
-    length_mm: Annotated[float, options.opt("--length-mm", "Size of every length error.")] = 0.2,
-    angle_mrad: Annotated[float, options.opt("--angle-mrad", "Size of every angle error.")] = 4.0,
-    limit_mm: Annotated[float, options.opt("--limit-mm", "Errors beyond it are those to control.")] = 1.0,
-    x_mm: Annotated[Limits, options.opt("--x-mm", "Range of x.", metavar="LOW HIGH")] = None,
-    y_mm: Annotated[Limits, options.opt("--y-mm", "Range of y.", metavar="LOW HIGH")] = None,
-    z_mm: Annotated[Limits, options.opt("--z-mm", "Range of z.", metavar="LOW HIGH")] = None,
-    tilt_deg: Annotated[Limits, options.opt("--tilt-deg", "Range of the tilt.", metavar="LOW HIGH")] = None,
+    length_mm: Annotated[float, options.opt("Size of every length error.")] = 0.2,
+    angle_mrad: Annotated[float, options.opt("Size of every angle error.")] = 4.0,
+    limit_mm: Annotated[float, options.opt("Errors beyond it are those to control.")] = 1.0,
+    x_mm: Annotated[Limits, options.opt("Range of x.", metavar="LOW HIGH")] = None,
+    y_mm: Annotated[Limits, options.opt("Range of y.", metavar="LOW HIGH")] = None,
+    z_mm: Annotated[Limits, options.opt("Range of z.", metavar="LOW HIGH")] = None,
+    tilt_deg: Annotated[Limits, options.opt("Range of the tilt.", metavar="LOW HIGH")] = None,
     parameters: Annotated[
-        list[str] | None, options.opt("--parameters", "Set, group, name or pattern; repeatable.", metavar="NAME")
+        list[str] | None, options.opt("Set, group, name or pattern; repeatable.", metavar="NAME")
     ] = None,
-    frame: Annotated[str | None, options.opt("--frame", "Whose displacement counts.", metavar="NAME")] = None,
+    frame: Annotated[str | None, options.opt("Whose displacement counts.", metavar="NAME")] = None,
     out: OutFolder = None,
     as_json: options.AsJson = False,
 ) -> None:

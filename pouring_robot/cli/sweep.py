@@ -17,15 +17,11 @@ _SHOWN = 15
 
 def sweep(
     config: Annotated[Path, options.argument("CONFIG.yaml", "Sweep file; see examples/sweep.yaml.")],
-    out: Annotated[Path, options.opt("--out", "Folder for the results; made if it is absent.", metavar="DIR")],
-    resume: Annotated[bool, options.opt("--resume", "Go on with a sweep that was stopped.")] = False,
-    overwrite: Annotated[bool, options.opt("--overwrite", "Begin anew in place of a sweep that is there.")] = False,
-    workers: Annotated[
-        int, options.opt("--workers", "Processes on this machine (default: this one).", metavar="N", min=0)
-    ] = 0,
-    scheduler: Annotated[
-        str | None, options.opt("--scheduler", "Compute on this Dask cluster instead.", metavar="ADDRESS")
-    ] = None,
+    out: Annotated[Path, options.opt("Folder for the results; made if it is absent.", metavar="DIR")],
+    resume: Annotated[bool, options.opt("Go on with a sweep that was stopped.", "--resume")] = False,
+    overwrite: Annotated[bool, options.opt("Begin anew in place of a sweep that is there.", "--overwrite")] = False,
+    workers: Annotated[int, options.opt("Processes on this machine (default: this one).", metavar="N", min=0)] = 0,
+    scheduler: Annotated[str | None, options.opt("Compute on this Dask cluster instead.", metavar="ADDRESS")] = None,
     robot: options.RobotFile = None,
     as_json: options.AsJson = False,
 ) -> None:

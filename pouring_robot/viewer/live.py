@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import socket
 import threading
 from types import TracebackType
 from typing import Any, Protocol, Self
@@ -53,7 +52,13 @@ class LiveView:
         self._clients: set[_Words] = set()  # touched by the server's thread alone
         shown = page(scene, live=True, bench=bench.sliders() if bench else None)
         self._settings: dict[str, Any] = {"page": shown, "bench": bench, "clients": self._clients}
-        self._sockets = _listen_on(port)
+        try:
+            if not 0 <= port <= 65535:
+                raise OSError("ports go from 0 to 65535")
+            self._sockets = tornado.netutil.bind_sockets(port, LOOPBACK)
+        except OSError as error:
+            reason, mend = error.strerror or error, "choose another port, or 0 for a free one"
+            raise BadInputError(f"cannot listen on {LOOPBACK} port {port}: {reason}; {mend}") from error
         self.url = f"http://{LOOPBACK}:{self._sockets[0].getsockname()[1]}/"
         self._loop = asyncio.new_event_loop()
         self._closing = threading.Event()
@@ -67,8 +72,8 @@ class LiveView:
             self.close()
             for one in self._sockets:
                 one.close()
-            reason = self._failure or f"its server did not start within {_PATIENCE_S:g} s"
-            raise BadInputError(f"cannot show the page at {self.url}: {reason}; try again, or write it with --html")
+            why = self._failure or f"its server did not start within {_PATIENCE_S:g} s"
+            raise BadInputError(f"cannot show the page at {self.url}: {why}; try again, or write it with --html")
 
     def wait(self, timeout_s: float | None = None) -> bool:
         """Block until the view is closed, the time is over (s) or Ctrl-C; return whether it was closed."""
@@ -118,19 +123,6 @@ class LiveView:
 
 
 serve = LiveView  # read as what the program does
-
-
-def _listen_on(port: int) -> list[socket.socket]:
-    """Return sockets that listen on the loopback address and no other."""
-    try:
-        if not 0 <= port <= 65535:
-            raise OSError("ports go from 0 to 65535")
-        return list(tornado.netutil.bind_sockets(port, LOOPBACK))
-    except OSError as error:
-        raise BadInputError(
-            f"cannot listen on {LOOPBACK} port {port}: {error.strerror or error}; "
-            "choose another port, or 0 for a free one"
-        ) from error
 
 
 class _Page(tornado.web.RequestHandler):

@@ -108,7 +108,10 @@ def film(scene: Scene) -> Content:
         "steps": [{"label": step.label, "caption": step.caption} for step in scene.steps],
         "at": at.tolist(),
         "axis": scene.axis,
-        "curves": [{"unit": c.unit, "values": _finite(c.values), "colour": c.colour} for c in scene.curves],
+        "curves": [
+            {"unit": c.unit, "values": [v if np.isfinite(v) else None for v in c.values.tolist()], "colour": c.colour}
+            for c in scene.curves
+        ],
     }
 
 
@@ -192,10 +195,6 @@ def _cameras(scene: Scene, overview: Camera) -> dict[str, Camera]:
             overview, eye_m=place + _CLOSER * (overview.eye_m - overview.target_m), target_m=place
         )
     return found
-
-
-def _finite(values: Vector) -> list[float | None]:
-    return [value if np.isfinite(value) else None for value in values.tolist()]
 
 
 def _floats(values: Vector | Sequence[float]) -> str:

@@ -15,16 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.files import write_whole
 from pouring_robot.viewer.raycast import Floats, Hits, Layer, Mask, View, edge_mask, lit_colours
-from pouring_robot.viewer.scene import (
-    SKY_BOTTOM,
-    SKY_TOP,
-    LegendEntry,
-    Scene,
-    at_step,
-    exaggeration_text,
-    legend,
-    length_text,
-)
+from pouring_robot.viewer.scene import SKY_BOTTOM, SKY_TOP, LegendEntry, Scene, at_step, exaggeration_text, legend
 from pouring_robot.viewer.solids import arrow_ends, camera_on, solids, view_height
 
 Pixels = npt.NDArray[np.uint8]
@@ -185,7 +176,7 @@ def _label_arrows(picture: Image.Image, scene: Scene, view: View) -> None:
         if np.isfinite(right):
             sheet.text(
                 (right + 1.3 * unit, float(tip[1])),
-                length_text(at_step(item.vectors_m, scene.first)),
+                f"{float(np.linalg.norm(at_step(item.vectors_m, scene.first))) * 1e3:.2f} mm",
                 font=_font(round(1.1 * unit), True),
                 fill=_bytes(tuple(0.8 * value for value in item.colour)),
                 anchor="lm",

@@ -34,18 +34,14 @@ class Asked:
     frame: Annotated[
         str | None,
         options.opt(
-            "--frame",
             "What shall be right: moving_platform (default), ladle or ladle_lip; of another robot its tool.",
             metavar="NAME",
         ),
     ] = None
-    out: Annotated[Path | None, options.writes("--out", "Write the commands, one row a pose.", metavar="FILE.csv")] = (
-        None
-    )
+    out: Annotated[Path | None, options.writes("Write the commands, one row a pose.", "FILE.csv")] = None
     at_once: options.AtOnce = False
     header: Annotated[
-        Path | None,
-        options.writes("--header", "Write a C function that compensates, in place of poses.", metavar="FILE.h"),
+        Path | None, options.writes("Write a C function that compensates, in place of poses.", "FILE.h")
     ] = None
     as_json: options.AsJson = False
 

@@ -48,6 +48,28 @@ class ThermalLaw:
         beyond = f", BEYOND the {low:g} to {high:g} degC it was fitted to" if self.model.beyond(self.melt_degC) else ""
         return f"thermal model of {self.model.source}, melt {self.melt_degC:g} degC{beyond}"
 
+    def sum_mm(self, robot: Robot, command: Command, full: Location) -> dict[str, list[float]]:
+        """Return theory, geometry, heat, their sum (the paper's Fig. 13) and the full closure, in mm."""
+        if not isinstance(command, PlatformPose):
+            raise BadInputError("a thermal model is for a pose: give --at-mm and --tilt-deg")
+        end = full.loops.end_frame or ""
+        parts: dict[str, FloatArray] = {
+            "theory": np.array(command.position_m),
+            "geometry": np.asarray(robot.location_of(command).difference(end).translation_m),
+            "heat": self.moves_m(command),
+        }
+        parts["sum"] = sum(parts.values(), start=np.zeros(3))
+        parts["full_closure"] = parts["theory"] + full.difference(end).translation_m
+        parts["sum_misses_by"] = parts["sum"] - parts["full_closure"]
+        return {name: (np.asarray(shift) / MM).tolist() for name, shift in parts.items()}
+
+    def print_sum(self, parts: dict[str, list[float]]) -> None:
+        """Print it beside the full closure."""
+        rows = [(name.replace("_", " "), *(f"{value:+.3f}" for value in shift)) for name, shift in parts.items()]
+        # A title of the table would be broken at the table's width.
+        say(f"the paper's sum for the platform, mm; {self.words}", style="italic")
+        print_table(("", "x", "y", "z"), rows)
+
 
 def thermal_law(path: Path | None, robot: Robot, heat: HeatSection | None) -> ThermalLaw | None:
     """Return the thermal model of a file at the temperature of the melt; None without a file."""
@@ -59,35 +81,6 @@ def thermal_law(path: Path | None, robot: Robot, heat: HeatSection | None) -> Th
     same = heat or HeatSection()
     melt = same.melt_degC if same.melt_degC is not None else same.thermal_properties().melt.temperature.value
     return ThermalLaw(ThermalModel.load(path), melt, same)
-
-
-def print_sum(law: ThermalLaw | None, robot: Robot, command: Command, full: Location) -> None:
-    """Print the paper's sum, theory + geometry + heat (its Fig. 13), beside the full closure, if there is a law."""
-    if law is None:
-        return
-    parts = sum_figures(law, robot, command, full)["paper_sum_mm"]
-    rows = [(name.replace("_", " "), *(f"{value:+.3f}" for value in shift)) for name, shift in parts.items()]
-    # A title of the table would be broken at the table's width.
-    say(f"the paper's sum for the platform, mm; {law.words}", style="italic")
-    print_table(("", "x", "y", "z"), rows, (0,))
-
-
-def sum_figures(law: ThermalLaw | None, robot: Robot, command: Command, full: Location) -> dict[str, Any]:
-    """Return theory, geometry, heat, their sum and the full closure in mm, ready for JSON; nothing without a law."""
-    if law is None:
-        return {}
-    if not isinstance(command, PlatformPose):
-        raise BadInputError("a thermal model is for a pose: give --at-mm and --tilt-deg")
-    end = full.loops.end_frame or ""
-    parts: dict[str, FloatArray] = {
-        "theory": np.array(command.position_m),
-        "geometry": np.asarray(robot.location_of(command).difference(end).translation_m),
-        "heat": law.moves_m(command),
-    }
-    parts["sum"] = sum(parts.values(), start=np.zeros(3))
-    parts["full_closure"] = parts["theory"] + full.difference(end).translation_m
-    parts["sum_misses_by"] = parts["sum"] - parts["full_closure"]
-    return {"paper_sum_mm": {name: (np.asarray(shift) / MM).tolist() for name, shift in parts.items()}}
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,11 +37,11 @@ def pose(
     if as_json:
         figures = location_figures(location, dexterity, weakness)
         figures |= {**found.model.named, "notes": notes, "written": [str(path) for path in written]}
-        return options.print_json(figures | warmth.figures() | warm.sum_figures(law, present, command, location))
-    options.say(location.headline, style="bold")
-    options.say(locations.drives_line(location))
-    options.say(locations.location_table(location))
+        sums = {"paper_sum_mm": law.sum_mm(present, command, location)} if law else {}
+        return options.print_json(figures | warmth.figures() | sums)
+    locations.print_location(location)
     warmth.print()
-    warm.print_sum(law, present, command, location)
+    if law:
+        law.print_sum(law.sum_mm(present, command, location))
     locations.print_closure_note(location, dexterity, weakness, notes)
     options.print_written(written)

@@ -4,11 +4,8 @@ import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from rich.table import Table
-
 from pouring_robot.cli.shared.options import print_notes, say
 from pouring_robot.cli.shared.tables import plain_table
-from pouring_robot.exceptions import BadInputError
 from pouring_robot.mechanism.jacobians import AxisWeakness, Dexterity
 from pouring_robot.mechanism.poses import MM, MRAD
 from pouring_robot.robot.location import LadleLocation, Location, drive_words
@@ -20,11 +17,13 @@ def _cells(values: Iterable[float], digits: int = 3, *, sign: bool = False) -> l
     return [decimals(value, digits, sign=sign) for value in values]
 
 
-def location_table(location: Location) -> Table:
-    """Return nominal and actual pose of the end body and its tools, such as the ladle and its lip.
+def print_location(location: Location) -> None:
+    """Print the commanded drives, nominal and actual pose of the end body and its tools, such as ladle and lip.
 
     Attitudes are rotation vectors, of poses in degrees as they are typed, of errors in mrad.
     """
+    say(location.headline, style="bold")
+    say(f"drives: {'  '.join(drive_words(location.nominal.mechanism, location.drives))}")
     rows: list[list[str]] = []
     for frame in location.loops.reported_frames:
         nominal, actual = location.poses(frame)
@@ -39,12 +38,7 @@ def location_table(location: Location) -> Table:
     table = plain_table(head, rows, (0, 1), title=f"in {seen}'s frame: mm, deg; errors: mm, mrad")
     for row in table.rows[2::3]:
         row.style = "bold"
-    return table
-
-
-def drives_line(location: Location) -> str:
-    """Return the commanded drives, in mm and degrees, as in the JSON output."""
-    return f"drives: {'  '.join(drive_words(location.nominal.mechanism, location.drives))}"
+    say(table)
 
 
 def location_notes(robot: Robot, html: Path | None, png: Path | None, *, model_file: bool) -> list[str]:
@@ -107,20 +101,3 @@ def print_closure_note(
         if location.outside_workspace_rad:
             beyond.append(f"tilt by {math.degrees(location.outside_workspace_rad):.2f} deg")
         say(f"note: the pose is outside the workspace box: {', '.join(beyond)}")
-
-
-def write_drawings(
-    locations: Sequence[Location], html: Path | None, png: Path | None, exaggerate: float | None, *, warm: bool = False
-) -> list[Path]:
-    """Write the page and the picture that were asked for, and return what was written."""
-    if not (html or png):
-        if exaggerate is not None:
-            raise BadInputError("--exaggerate enlarges the errors of a drawing; ask for one with --html or --png")
-        return []
-    # The drawing libraries take half a second to import; only commands that draw pay for it.
-    from pouring_robot.robot.view.scene import pose_scene
-    from pouring_robot.viewer import write_html, write_png
-
-    scene = pose_scene(locations, exaggerate, "as built, warm" if warm else "as built")
-    written = [write_html(scene, html)] if html else []
-    return written + ([write_png(scene, png)] if png else [])

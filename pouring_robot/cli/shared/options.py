@@ -69,19 +69,19 @@ def _new_png(context: typer.Context, path: Path | None) -> Path | None:
 _WRITES: set[Callable[..., Path | None]] = {_new, _new_png}
 
 
-def opt(name: str, help: str, **more: Any) -> Any:
-    """Return an option."""
-    return typer.Option(name, help=help, **more)
+def opt(help: str, *name: str, **more: Any) -> Any:
+    """Return an option, which is called as its parameter is unless it has a name of its own."""
+    return typer.Option(*name, help=help, **more)
 
 
-def reads(name: str, help: str, metavar: str = "FILE") -> Any:
+def reads(help: str, metavar: str = "FILE") -> Any:
     """Return the option of a file to read, which must be there."""
-    return typer.Option(name, metavar=metavar, help=help, callback=there)
+    return typer.Option(metavar=metavar, help=help, callback=there)
 
 
-def writes(name: str, help: str, metavar: str = "FILE") -> Any:
+def writes(help: str, metavar: str = "FILE") -> Any:
     """Return the option of a file to write; one that is there is only replaced with ``--overwrite``."""
-    return typer.Option(name, metavar=metavar, help=help, callback=_new)
+    return typer.Option(metavar=metavar, help=help, callback=_new)
 
 
 def argument(metavar: str, help: str) -> Any:
@@ -122,51 +122,41 @@ def refuse_present(files: Iterable[Path]) -> None:
 
 AtMm = Annotated[
     tuple[float, float, float] | None,
-    opt("--at-mm", "Commanded position of the platform, or of a robot's end frame.", metavar="X Y Z"),
+    opt("Commanded position of the platform, or of a robot's end frame.", metavar="X Y Z"),
 ]
-TiltDeg = Annotated[float | None, opt("--tilt-deg", "Commanded tilt about y.", metavar="T")]
+TiltDeg = Annotated[float | None, opt("Commanded tilt about y.", metavar="T")]
 RotationDeg = Annotated[
-    tuple[float, float, float] | None,
-    opt("--rotation-deg", "Commanded attitude of an end frame: a rotation vector.", metavar="RX RY RZ"),
+    tuple[float, float, float] | None, opt("Commanded attitude of an end frame: a rotation vector.", metavar="RX RY RZ")
 ]
 Drives = Annotated[
-    str | None,
-    opt("--drives", "Commanded joint values of the drives, in the robot's order: mm, deg.", metavar='"V V ..."'),
+    str | None, opt("Commanded joint values of the drives, in the robot's order: mm, deg.", metavar='"V V ..."')
 ]
-ModelFile = Annotated[Path | None, reads("--model", "Model file of the robot as built (default: the drawing).")]
-RobotFile = Annotated[Path | None, reads("--robot", "Robot file, robot.yaml, of another robot than the pouring robot.")]
-LayoutName = Annotated[str | None, opt("--layout", "Layout of the dimensions file (default: paper).", metavar="NAME")]
-AsJson = Annotated[bool, opt("--json", "Print JSON instead of a table.")]
+ModelFile = Annotated[Path | None, reads("Model file of the robot as built (default: the drawing).")]
+RobotFile = Annotated[Path | None, reads("Robot file, robot.yaml, of another robot than the pouring robot.")]
+LayoutName = Annotated[str | None, opt("Layout of the dimensions file (default: paper).", metavar="NAME")]
+AsJson = Annotated[bool, opt("Print JSON instead of a table.", "--json")]
 CampaignFile = Annotated[Path, argument("CAMPAIGN", "CSV or Parquet table; the YAML of the same stem lies beside it.")]
-TolerancesFile = Annotated[Path | None, reads("--tolerances", "Tolerances of the parts (default: the shipped).")]
-HoldOutBy = Annotated[
-    Literal["auto", "session", "time", "region"], opt("--hold-out", "What block takes no part in the fit.")
-]
-HtmlFile = Annotated[Path | None, writes("--html", "Write a self-contained meshcat page.")]
-ReportFile = Annotated[Path | None, writes("--report", "Write what is printed, with plots, as a page.")]
-PngFile = Annotated[
-    Path | None, opt("--png", "Write a picture; no screen is needed.", metavar="FILE", callback=_new_png)
-]
-AtOnce = Annotated[bool, opt("--at-once", "All poses at once, hundreds of times faster; temperatures are taken once.")]
-JointsFile = Annotated[Path | None, writes("--joints", "Write the values of all joints, m and rad, as .csv or .json.")]
-Exaggeration = Annotated[float | None, opt("--exaggerate", "Draw errors this many times larger.", metavar="FACTOR")]
-MeltDegC = Annotated[float | None, opt("--melt-degC", "Temperature of the melt; makes the robot warm.", metavar="T")]
+TolerancesFile = Annotated[Path | None, reads("Tolerances of the parts (default: the shipped).")]
+HoldOutBy = Annotated[Literal["auto", "session", "time", "region"], opt("What block takes no part in the fit.")]
+HtmlFile = Annotated[Path | None, writes("Write a self-contained meshcat page.")]
+ReportFile = Annotated[Path | None, writes("Write what is printed, with plots, as a page.")]
+PngFile = Annotated[Path | None, opt("Write a picture; no screen is needed.", metavar="FILE", callback=_new_png)]
+AtOnce = Annotated[bool, opt("All poses at once, hundreds of times faster; temperatures are taken once.", "--at-once")]
+JointsFile = Annotated[Path | None, writes("Write the values of all joints, m and rad, as .csv or .json.")]
+Exaggeration = Annotated[float | None, opt("Draw errors this many times larger.", metavar="FACTOR")]
+MeltDegC = Annotated[float | None, opt("Temperature of the melt; makes the robot warm.", "--melt-degC", metavar="T")]
 AmbientDegC = Annotated[
-    float | None, opt("--ambient-degC", "Temperature of the surroundings; makes the robot warm.", metavar="T")
+    float | None, opt("Temperature of the surroundings; makes the robot warm.", "--ambient-degC", metavar="T")
 ]
-Steady = Annotated[bool, opt("--steady", "Warm, after so long that nothing changes any more.")]
-AfterMin = Annotated[
-    float | None, opt("--after-min", "Warm, so long after the melt came to the cold robot.", metavar="MIN")
-]
-ThermalModelFile = Annotated[
-    Path | None, reads("--thermal-model", "What heat adds by a regression, from 'regress --out'.")
-]
-Cold = Annotated[bool, opt("--cold", "Leave out the heat that the model file tells of.")]
+Steady = Annotated[bool, opt("Warm, after so long that nothing changes any more.", "--steady")]
+AfterMin = Annotated[float | None, opt("Warm, so long after the melt came to the cold robot.", metavar="MIN")]
+ThermalModelFile = Annotated[Path | None, reads("What heat adds by a regression, from 'regress --out'.")]
+Cold = Annotated[bool, opt("Leave out the heat that the model file tells of.", "--cold")]
 Conditions = Annotated[
     list[str] | None,
-    opt("--condition", "A condition of what the model learned, as a campaign's column; repeat.", metavar="NAME=VALUE"),
+    opt("A condition of what the model learned, as a campaign's column; repeat.", metavar="NAME=VALUE"),
 ]
-Overwrite = Annotated[bool, opt("--overwrite", "Replace files that are there.", is_eager=True, callback=_may_overwrite)]
+Overwrite = Annotated[bool, opt("Replace files that are there.", "--overwrite", is_eager=True, callback=_may_overwrite)]
 Quiet = Annotated[
     bool, typer.Option("--quiet", "-q", is_eager=True, callback=_be_quiet, help="Print nothing but errors and JSON.")
 ]
