@@ -2,7 +2,7 @@
 
 import io
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
@@ -16,7 +16,7 @@ from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.files import write_whole
 from pouring_robot.viewer.raycast import Floats, Hits, Layer, Mask, View, edge_mask, lit_colours
 from pouring_robot.viewer.scene import SKY_BOTTOM, SKY_TOP, LegendEntry, Scene, at_step, exaggeration_text, legend
-from pouring_robot.viewer.solids import arrow_ends, camera_on, solids, view_height
+from pouring_robot.viewer.solids import Solid, arrow_ends, camera_on, solids, view_height
 
 Pixels = npt.NDArray[np.uint8]
 
@@ -67,62 +67,58 @@ def draw(scene: Scene, size: tuple[int, int] = PICTURE_SIZE) -> Image.Image:
     # The panel hides the left of the picture; what the camera looks at comes to the middle of the rest.
     middle = 0.5 * width + min(0.5 * panel_end, 0.17 * width)
     view = View(camera, width * _SAMPLES, height * _SAMPLES, middle * _SAMPLES)
-    stage = _Stage(scene, view)
+    layers = _layers(scene, view)
     with ThreadPoolExecutor(min(_THREADS, os.cpu_count() or 1)) as pool:
-        bands = list(pool.map(stage.band, range(0, height, _BAND)))
+        bands = list(pool.map(lambda row: _band(view, layers, row), range(0, height, _BAND)))
     picture = Image.fromarray(np.concatenate(bands), mode="RGB")
     write_panel(picture)
     _label_arrows(picture, scene, View(camera, width, height, middle))
     return picture
 
 
-class _Stage:
-    """The solids of a scene, sorted by how they are laid over each other."""
+def _layers(scene: Scene, view: View) -> list[Layer]:
+    """Return the solids of a scene by how they are laid over each other: opaque, each translucent robot, arrows."""
+    found: dict[tuple[int, str], list[Solid]] = {}
+    for body in solids(scene):
+        ghost = body.opacity < 1.0 and not body.on_top
+        found.setdefault((2 if body.on_top else int(ghost), body.group if ghost else ""), []).append(body)
+    return [Layer(found[key], view) for key in sorted(found, key=lambda key: key[0])]
 
-    def __init__(self, scene: Scene, view: View) -> None:
-        self._view = view
-        bodies = solids(scene)
-        on_top = [body for body in bodies if body.on_top]
-        opaque = [body for body in bodies if body.opacity == 1.0 and not body.on_top]
-        ghosts = [body for body in bodies if body.opacity < 1.0 and not body.on_top]
-        groups = dict.fromkeys(body.group for body in ghosts)
-        self._opaque = [Layer(opaque, view)] if opaque else []
-        self._ghosts = [Layer([body for body in ghosts if body.group == group], view) for group in groups]
-        self._on_top = [Layer(on_top, view)] if on_top else []
 
-    def band(self, first_pixel_row: int) -> Pixels:
-        """Return some rows of the picture, shape (rows, columns, 3), 0 to 255.
+def _band(view: View, layers: Sequence[Layer], first_pixel_row: int) -> Pixels:
+    """Return some rows of the picture, shape (rows, columns, 3), 0 to 255.
 
-        Bands fit into the processor's cache and can be drawn at the same time. Each is drawn with a margin,
-        in which edges and soft shadows find their neighbours, and then trimmed.
-        """
-        first = first_pixel_row * _SAMPLES
-        last = min(first + _BAND * _SAMPLES, self._view.rows)
-        top, bottom = max(first - _MARGIN, 0), min(last + _MARGIN, self._view.rows)
-        samples = self._composite(self._view.directions(top, bottom), top)[first - top : last - top]
-        rows, columns = (last - first) // _SAMPLES, self._view.columns // _SAMPLES
-        pixels = samples.reshape(rows, _SAMPLES, columns, _SAMPLES, 3).mean(axis=(1, 3))
-        return np.asarray(np.round(255 * np.clip(pixels, 0, 1)), dtype=np.uint8)
+    Bands fit into the processor's cache and can be drawn at the same time. Each is drawn with a margin,
+    in which edges and soft shadows find their neighbours, and then trimmed.
+    """
+    first = first_pixel_row * _SAMPLES
+    last = min(first + _BAND * _SAMPLES, view.rows)
+    top, bottom = max(first - _MARGIN, 0), min(last + _MARGIN, view.rows)
+    samples = _composite(view, layers, top, bottom)[first - top : last - top]
+    rows, columns = (last - first) // _SAMPLES, view.columns // _SAMPLES
+    pixels = samples.reshape(rows, _SAMPLES, columns, _SAMPLES, 3).mean(axis=(1, 3))
+    return np.asarray(np.round(255 * np.clip(pixels, 0, 1)), dtype=np.uint8)
 
-    def _composite(self, directions: Floats, top: int) -> Floats:
-        """Lay background, solid bodies, translucent bodies and arrows over each other."""
-        rows, columns = directions.shape[:2]
-        samples = _background(self._view, top, rows)
-        nearest = np.full((rows, columns), np.inf, dtype=np.float32)
-        for layer in self._opaque:
+
+def _composite(view: View, layers: Sequence[Layer], top: int, bottom: int) -> Floats:
+    """Lay background, solid bodies, translucent bodies and arrows over each other."""
+    directions, rows = view.directions(top, bottom), bottom - top
+    samples = _background(view, top, rows)
+    nearest = np.full((rows, view.columns), np.inf, dtype=np.float32)
+    for layer in layers:
+        part = _overlap(layer, top, rows)
+        if layer.bodies[0].on_top:
+            hits = layer.meet(directions[part])
+            _over(samples[part], lit_colours(layer.camera, directions[part], hits), hits.mask, 1.0)
+            _over(samples[part], 0.4 * hits.colour, edge_mask(hits), 0.6)
+        elif layer.bodies[0].opacity < 1.0:
+            _lay_ghost(samples[part], layer, directions[part], nearest[part])
+        else:  # soft shadows need the whole band
             hits = layer.meet(directions)
             _over(samples, _shaded(layer, directions, hits), hits.mask, 1.0)
             _over(samples, 0.35 * hits.colour, edge_mask(hits), 0.6)
             nearest = hits.depth
-        for layer in self._ghosts:
-            part = _overlap(layer, top, rows)
-            _lay_ghost(samples[part], layer, directions[part], nearest[part])
-        for layer in self._on_top:
-            part = _overlap(layer, top, rows)
-            hits = layer.meet(directions[part])
-            _over(samples[part], lit_colours(layer.camera, directions[part], hits), hits.mask, 1.0)
-            _over(samples[part], 0.4 * hits.colour, edge_mask(hits), 0.6)
-        return samples
+    return samples
 
 
 def _overlap(layer: Layer, top: int, rows: int) -> tuple[slice, slice]:

@@ -27,12 +27,12 @@ if TYPE_CHECKING:
     from pouring_robot.robot.pouring_robot import PouringRobot
     from pouring_robot.robot.robot import Robot
 
-_QUIET, _OVERWRITE = ContextVar("quiet", default=False), ContextVar("overwrite", default=False)
+QUIET, _OVERWRITE = ContextVar("quiet", default=False), ContextVar("overwrite", default=False)
 _OUTPUTS = f"{__name__}.outputs"
 
 
 def _be_quiet(wanted: bool) -> bool:
-    _QUIET.set(wanted)
+    QUIET.set(wanted)
     return wanted
 
 
@@ -186,7 +186,7 @@ def refuse_conditional(robot: Robot, option: str) -> None:
 
 def say_left_out(model: RobotModel, file: Path | str | None, *, warm: bool = False, under: bool = False) -> None:
     """Say on standard error what a command leaves out of a model file: heat, and effects that depend on conditions."""
-    for line in () if _QUIET.get() else model.left_out("this command", str(file), warm=warm, under=under):
+    for line in () if QUIET.get() else model.left_out("this command", str(file), warm=warm, under=under):
         print(f"note: {line}", file=sys.stderr)
 
 
@@ -208,11 +208,6 @@ def written(path: Path | None, text: Callable[[], str]) -> list[Path]:
     return [] if path is None else [write_whole(path, text())]
 
 
-def is_quiet() -> bool:
-    """Return whether nothing but errors and JSON is to be printed."""
-    return _QUIET.get()
-
-
 def say(what: Any, style: str | None = None, *, soft_wrap: bool | None = None) -> None:
     """Print a text or a table, unless nothing but errors and JSON is to be printed."""
     _console().print(what, style=style, soft_wrap=soft_wrap)
@@ -222,7 +217,7 @@ def _console() -> Console:
     from rich.console import Console
 
     # A figure must never be cut: on a narrow terminal long rows wrap instead.
-    return Console(width=max(Console().width, 120), markup=False, highlight=False, quiet=_QUIET.get())
+    return Console(width=max(Console().width, 120), markup=False, highlight=False, quiet=QUIET.get())
 
 
 def print_notes(notes: Iterable[str]) -> None:
