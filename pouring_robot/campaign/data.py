@@ -365,14 +365,14 @@ def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray
 def arrays_from(quantities: Mapping[str, FloatArray], robot: RobotDefinition) -> dict[str, Any]:
     """Return drives, approach, measurement and conditions of a campaign from its columns, (n,) each by quantity name.
 
-    Of drives and positions absent ones become NaN; of the others, what is absent or empty becomes None.
+    Of drives and positions absent ones become NaN; of the others, what is absent or empty is left out.
     """
+    known = {name: values for name, values in quantities.items() if np.isfinite(values).any()}
+    absent = np.full(next(iter(quantities.values())).size, np.nan)
     arrays: dict[str, Any] = {
-        array: columns.stacked(quantities, names) for array, names in columns.array_names(robot).items()
+        array: np.stack([quantities.get(name, absent) for name in names], axis=-1)
+        for array, names in columns.array_names(robot).items()
+        if array == "position_m" or not known.keys().isdisjoint(names)
     }
-    arrays = {n: v if n == "position_m" or np.isfinite(v).any() else None for n, v in arrays.items()}
-    conditions = [name for name in columns.condition_names(robot) if name in quantities]
-    return arrays | {
-        "drives": robot.drive_values(quantities),
-        "conditions": {name: quantities[name] for name in conditions if np.isfinite(quantities[name]).any()},
-    }
+    conditions = {name: known[name] for name in columns.condition_names(robot) if name in known}
+    return arrays | {"drives": robot.drive_values(quantities), "conditions": conditions}

@@ -162,7 +162,3 @@ def _caught(error: BaseException, arguments: Sequence[str]) -> str:
         print(details, file=sys.stderr)
         kept = "please report it with the lines above"
     return f"{what}{where}; {kept}"
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
